@@ -1,8 +1,8 @@
 """Clock of the data acquisition. Other modules of `daq` must not use the time functions of the host.
 
-A `Simulation` can replace the host's clock in a process. The threads of the daemon then run in turn. Each thread runs
-until it waits here, and the simulation chooses the next thread and advances the time. Hours of recording are simulated
-in seconds, and a seed reproduces a run.
+A `ClockSimulation` can replace the host's clock in a process. The threads of the daemon then run in turn. Each thread
+runs until it waits here, and the simulation chooses the next thread and advances the time. Hours of recording are
+simulated in seconds, and a seed reproduces a run.
 
 `now_ns` and similar names refer directly to functions of the host, so that a timestamp costs a module look-up and a
 call. Always call `clock.now_ns()`, and never import or store the function itself.
@@ -46,7 +46,7 @@ def wall_time() -> datetime:
     return datetime.fromtimestamp(wall_ns() / 1e9, UTC)
 
 
-class Simulation(Protocol):
+class ClockSimulation(Protocol):
     """Replacement for the host's clock, which also schedules the threads."""
 
     def now_ns(self) -> int:
@@ -71,16 +71,16 @@ class Simulation(Protocol):
         """Return whether the body of a registered thread has finished."""
 
 
-_simulation: Simulation | None = None
+_simulation: ClockSimulation | None = None
 
 
-def _simulated() -> Simulation | None:
+def _simulated() -> ClockSimulation | None:
     """Return the simulation of the current thread, if any."""
     return _simulation if _simulation is not None and _simulation.runs() else None
 
 
 @contextmanager
-def replaced_by(simulation: Simulation) -> Iterator[None]:
+def replaced_by(simulation: ClockSimulation) -> Iterator[None]:
     """Replace the host's clock in this process by a simulation. Threads must not be waiting here at that time."""
     global now_ns, now_s, wall_ns, boot_ns, worked_s, sleep, _simulation
     before = now_ns, now_s, wall_ns, boot_ns, worked_s, sleep, _simulation

@@ -93,14 +93,14 @@ class Term(Part):
     named: bool = False
 
 
-class Parameter(Part):
+class CovarianceParameter(Part):
     """Meaning of a covariance row: index of a term from 0, and a field of the effect, or `times`."""
 
     term: Annotated[int, Field(ge=0)]
     field: Annotated[str, Field(max_length=40)]
 
 
-class Judged(Part):
+class ModelAssessment(Part):
     """Assessment of the model by the diagnosis, as rms of the readings in µm.
 
     `condition` is the condition of the diagnosis. `place` is the basis: another place, runs or poses held out, or the
@@ -151,9 +151,9 @@ class CalibratedModel(Part):
     calibrated_um: float
     held_out_um: float | None = None
     widened: Annotated[float, Field(ge=1)] = 1.0
-    judged: Judged | None = Field(default=None, exclude_if=lambda value: value is None)
+    judged: ModelAssessment | None = Field(default=None, exclude_if=lambda value: value is None)
     terms: tuple[Term, ...] = Field(max_length=_MOST_TERMS)
-    parameters: tuple[Parameter, ...] = Field(max_length=_MOST_TERMS)
+    parameters: tuple[CovarianceParameter, ...] = Field(max_length=_MOST_TERMS)
     factor: str
 
     @classmethod
@@ -169,7 +169,7 @@ class CalibratedModel(Part):
         return self.model_dump_json(indent=1).encode()
 
     @model_validator(mode="after")
-    def _whole(self) -> Self:
+    def _check_parameters(self) -> Self:
         for parameter in self.parameters:
             if parameter.term >= len(self.terms):
                 raise ValueError(

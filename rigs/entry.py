@@ -23,17 +23,17 @@ _WRONG_ENVIRONMENT = 4
 
 def rig() -> None:
     """Run the command `rig`."""
-    _hold_packages("rig", "rigs", "daq", "analysis")
+    _require_packages("rig", "rigs", "daq", "analysis")
     import_module("analysis.cli").main()
 
 
 def rigd() -> None:
     """Run the daemon `rigd`."""
-    _hold_packages("rigd", "rigs", "daq")
+    _require_packages("rigd", "rigs", "daq")
     import_module("daq.service.rigd").main()
 
 
-def _hold_packages(program: str, *packages: str) -> None:
+def _require_packages(program: str, *packages: str) -> None:
     """Exit with a single-line error if a package is missing or hidden by a foreign package."""
     for package in packages:
         spec = find_spec(package)
@@ -54,5 +54,5 @@ def __getattr__(name: str) -> Any:
     """Return a name of the public API, which is the API of `analysis`. `import rig_metrology` needs no other name."""
     if name.startswith("__"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    _hold_packages("import rig_metrology", "rigs", "daq", PACKAGE_OF_API)
+    _require_packages("import rig_metrology", "rigs", "daq", PACKAGE_OF_API)
     return getattr(import_module(PACKAGE_OF_API), name)

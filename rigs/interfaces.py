@@ -37,7 +37,7 @@ class Interface:
     modem: str = ""
 
 
-def known() -> list[Interface]:
+def list_interfaces() -> list[Interface]:
     """Return all interfaces in the order of the schemas, starting with the gauges."""
     return [_interface(model, "gauge") for model in models(Gauge)] + [
         _interface(model, "robot") for model in models(Feedback)

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from rigs.arms import arm_files, rig_text_of
-from rigs.calibration import MOST_CALIBRATION_BYTES, TIMES, CalibratedModel, CalibrationFile, Parameter
+from rigs.calibration import MOST_CALIBRATION_BYTES, TIMES, CalibratedModel, CalibrationFile, CovarianceParameter
 from rigs.effects import AnyEffect
 from rigs.errors import FileError, RigPlace
 from rigs.files import of_newer_rig, read_bytes, read_text
@@ -36,7 +36,7 @@ _LEAST_DEG, _MOST_DEG = -1000.0, 1000.0
 """Limits of joint angles: controllers count at most three turns."""
 
 
-def hold_plausible(calibrated: CalibratedModel, rig: Rig, where: str) -> None:
+def require_plausible(calibrated: CalibratedModel, rig: Rig, where: str) -> None:
     """Check that a calibration can belong to the rig. Raises FileError."""
     for why in _reasons(calibrated, rig):
         raise FileError(where, why, _REMEDY)
@@ -67,7 +67,7 @@ def _reasons(calibrated: CalibratedModel, rig: Rig) -> Iterator[str]:
             yield f"the uncertainty of {parameter.field} of term {parameter.term} is {sd:.3g}, which is implausible"
 
 
-def _widest(calibrated: CalibratedModel, parameter: Parameter) -> float:
+def _widest(calibrated: CalibratedModel, parameter: CovarianceParameter) -> float:
     effect = calibrated.terms[parameter.term].effect
     if parameter.field != TIMES:
         return _bound(effect, parameter.field)
@@ -95,7 +95,7 @@ class Hidden(Part):
     eccentricity_mm: Vector | None = None
     """Position of the base-ball relative to the circle centre, in the world frame. None: the value of the rig file."""
 
-    def within(self, rig: Rig) -> Rig:
+    def apply_to(self, rig: Rig) -> Rig:
         """Return a rig with these effects and this eccentricity of the circle."""
         tests = rig.tests
         if tests.circle and self.eccentricity_mm:
@@ -119,10 +119,10 @@ def find(name: str | Path) -> Path:
 
     An arm of the library is a rig that has neither gauges nor tests. Raises FileError that lists the shipped rigs.
     """
-    return _found(name, {**arm_files(), **shipped()}, "rig file", "rig", shipped())
+    return _find_file(name, {**arm_files(), **shipped()}, "rig file", "rig", shipped())
 
 
-def _found(
+def _find_file(
     name: str | Path, files: Mapping[str, Path], kind: str, short: str, offered: Mapping[str, Path] | None = None
 ) -> Path:
     path = Path(name)
@@ -156,7 +156,7 @@ def load(name: str | Path) -> tuple[Rig, str]:
     if rig.calibration:
         calibration_path = path.parent / rig.calibration.file
         content = _calibration(calibration_path, rig.calibration)
-        hold_plausible(content, rig, str(calibration_path))
+        require_plausible(content, rig, str(calibration_path))
         rig = rig.with_calibration(rig.calibration, content)
     return rig, text
 
@@ -278,7 +278,7 @@ def load_hidden(name: str | Path) -> Hidden:
     The file contains `effects`, `eccentricity_mm` or both, or is a rig file with effects. Raises FileError or
     RigFileError.
     """
-    path = _found(name, shipped_effects(), "file of effects", "one")
+    path = _find_file(name, shipped_effects(), "file of effects", "one")
     root, data = read_yaml(_text(path), str(path))
     if isinstance(data, list):
         data = {"effects": data}

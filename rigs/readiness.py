@@ -24,7 +24,7 @@ _ADD_PART: dict[PartName, str] = {
 
 
 @dataclass(frozen=True)
-class Missing:
+class MissingEntry:
     """A part that a test needs and a rig file lacks.
 
     key: place in the file. problem: text that follows the name of the file. remedy: part to add.
@@ -46,14 +46,14 @@ def gauges_needed(test: TestName) -> tuple[str, ...]:
     return ("g1",) if test in get_args(DrivenTest) else ()
 
 
-def missing_for(rig: Rig, test: TestName) -> tuple[Missing, ...]:
+def missing_for(rig: Rig, test: TestName) -> tuple[MissingEntry, ...]:
     """Return the parts missing in a rig file for driving and measuring a test; none for a test of other packages."""
     arm = missing_arm(rig) if gauges_needed(test) else ()
     part = _missing_part(rig, TEST_PARTS[test]) if test in TEST_PARTS else ()
     return (*arm, *missing_gauges(rig, test), *part)
 
 
-def missing_gauges(rig: Rig, test: TestName) -> tuple[Missing, ...]:
+def missing_gauges(rig: Rig, test: TestName) -> tuple[MissingEntry, ...]:
     """Return the gauges that a test needs and a rig file lacks."""
     needed, present = gauges_needed(test), dict(rig.gauges)
     lacking = [name for name in needed if name not in present]
@@ -61,15 +61,15 @@ def missing_gauges(rig: Rig, test: TestName) -> tuple[Missing, ...]:
         return ()
     if not present:
         problem = f"has no gauges, which are needed for {', '.join(get_args(DrivenTest))}"
-        return (Missing("gauges", problem, "add gauges and feedback to the rig file"),)
+        return (MissingEntry("gauges", problem, "add gauges and feedback to the rig file"),)
     problem = f"has only one gauge, but {' and '.join(CIRCLES)} need two: an angle is the difference of two distances"
-    return (Missing("gauges.g2", problem, "add gauges.g2 with its interface, port and offset_mm"),)
+    return (MissingEntry("gauges.g2", problem, "add gauges.g2 with its interface, port and offset_mm"),)
 
 
-def _missing_part(rig: Rig, part: PartName) -> Iterator[Missing]:
+def _missing_part(rig: Rig, part: PartName) -> Iterator[MissingEntry]:
     """Yield the missing part of `tests`, if the rig file lacks it."""
     if getattr(rig.tests, part) is None:
-        yield Missing(f"tests.{part}", f"the rig file has no tests.{part}", _ADD_PART[part])
+        yield MissingEntry(f"tests.{part}", f"the rig file has no tests.{part}", _ADD_PART[part])
 
 
 def require_part(rig: Rig, declared: P | None, part: PartName) -> P:
@@ -79,7 +79,7 @@ def require_part(rig: Rig, declared: P | None, part: PartName) -> P:
     return declared
 
 
-def unmeasurable(rig: Rig) -> tuple[Missing, ...]:
+def unmeasurable(rig: Rig) -> tuple[MissingEntry, ...]:
     """Return the gauges missing for the declared tests; empty if the rig file has no gauges at all.
 
     Some gauges, but too few for a declared test, are a mistake in the file.
@@ -92,7 +92,7 @@ def unmeasurable(rig: Rig) -> tuple[Missing, ...]:
 
 def readiness_lines(rig: Rig) -> list[str]:
     """Return a line with the tests that are ready, and a line for each missing part with the tests that need it."""
-    lacks: dict[Missing, list[str]] = {}
+    lacks: dict[MissingEntry, list[str]] = {}
     for test in get_args(TestName):
         for missing in missing_for(rig, test):
             lacks.setdefault(missing, []).append(test)
@@ -114,11 +114,11 @@ def require_instruments(rig: Rig, test: TestName) -> None:
         raise missing.error(rig)
 
 
-def missing_arm(rig: Rig) -> Iterator[Missing]:
+def missing_arm(rig: Rig) -> Iterator[MissingEntry]:
     """Yield the reasons for an arm that cannot drive the tests of the ball link."""
     if (axes := len(rig.robot.axes)) != DRIVEN_AXES:
         problem = f"is an arm of {axes} axes, but circles, hemispheres and their programs need {DRIVEN_AXES}"
-        yield Missing("robot.axes", problem, "measure poses or touches: docs/any-arm.md")
+        yield MissingEntry("robot.axes", problem, "measure poses or touches: docs/any-arm.md")
     if rig.robot.rail:
         problem = "is an arm on a rail, but circles, hemispheres and their programs need a fixed arm"
-        yield Missing("robot.rail", problem, "measure poses or touches, or remove robot.rail")
+        yield MissingEntry("robot.rail", problem, "measure poses or touches, or remove robot.rail")

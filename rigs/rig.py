@@ -18,7 +18,7 @@ from rigs.schema.feedback import Feedback, NoFeedback, carries_signal
 from rigs.schema.gauges import NO_GAUGES, Gauges
 from rigs.schema.limits import Limits
 from rigs.schema.part import Part
-from rigs.schema.probe import Ball, Link, Temperature
+from rigs.schema.probe import Ball, BallLink, Temperature
 from rigs.schema.robot import Robot
 from rigs.schema.vocabulary import DRIVEN_AXES, MOST_AXES, MakerName, maker_named, maker_of, makers
 
@@ -41,7 +41,7 @@ class Rig(Part):
     feedback: Feedback = Field(default_factory=NoFeedback)  # type: ignore[assignment]
     """Source of the joint angles: with gauges, on its own for touches, or none."""
     ball: Ball | None = None
-    link: Link | None = None
+    link: BallLink | None = None
     temperature: Temperature | None = None
     tests: Tests = Tests()
     effects: tuple[AnyEffect, ...] = ()
@@ -97,7 +97,7 @@ class Rig(Part):
         return self.with_calibration(rig.calibration, rig._calibrated) if self.calibration == rig.calibration else self
 
     @property
-    def beside(self) -> dict[str, bytes]:
+    def companion_files(self) -> dict[str, bytes]:
         """Companion files of the rig by name: the calibration, if loaded."""
         return {self.calibration.file: self._calibrated.content} if self.calibration and self._calibrated else {}
 

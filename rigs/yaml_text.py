@@ -79,19 +79,19 @@ def data_of(text: str) -> Any:
 
 def flow(value: Any) -> str:
     """Format a value as single-line YAML. Integers have no decimal point."""
-    whole = _whole(value)
+    whole = _with_whole_numbers(value)
     text: str = yaml.safe_dump(whole, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
     return text.strip().removesuffix("\n...").strip()
 
 
-def _whole(value: Any) -> Any:
+def _with_whole_numbers(value: Any) -> Any:
     match value:
         case float():  # including those of numpy, which PyYAML rejects
             return int(value) if value.is_integer() and abs(value) < _LARGEST_WHOLE else float(value)
         case dict():
-            return {key: _whole(item) for key, item in value.items()}
+            return {key: _with_whole_numbers(item) for key, item in value.items()}
         case list() | tuple():
-            return [_whole(item) for item in value]
+            return [_with_whole_numbers(item) for item in value]
     return value
 
 

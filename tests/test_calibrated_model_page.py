@@ -17,7 +17,7 @@ from analysis.correction.work import tool_poses
 from analysis.report.diagnosis_report import write_extended
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import model_of
-from rigs.calibration import CalibratedModel, Parameter, Term, packed_factor
+from rigs.calibration import CalibratedModel, CovarianceParameter, Term, packed_factor
 from rigs.effects import AnyEffect, Effect
 from rigs.load import load
 from rigs.rig import Rig
@@ -79,8 +79,8 @@ Q = np.random.default_rng(7).uniform(-2.0, 2.0, (25, 6))
 def calibrated(named: list[Effect], terms: list[tuple[Effect, float]]) -> CalibratedModel:
     every = [Term(effect=one, times=1.0, named=True) for one in named]
     every += [Term(effect=one, times=times) for one, times in terms]
-    parameters = [Parameter(term=k, field=size_field(one)) for k, one in enumerate(named)]
-    parameters += [Parameter(term=len(named) + k, field="times") for k in range(len(terms))]
+    parameters = [CovarianceParameter(term=k, field=size_field(one)) for k, one in enumerate(named)]
+    parameters += [CovarianceParameter(term=len(named) + k, field="times") for k in range(len(terms))]
     sd = [*(0.1 * float(getattr(one, size_field(one))) for one in named), *(0.3 for _ in terms)]
     root = np.tril(np.random.default_rng(3).uniform(-0.3, 0.3, (len(sd), len(sd))), -1) + np.eye(len(sd))
     return CalibratedModel(

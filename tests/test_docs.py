@@ -22,7 +22,7 @@ import analysis
 from analysis.cli.commands import all_imported, app
 from daq.service.rigd import app as rigd_app
 from rigs.arms import arm_names
-from rigs.interfaces import NO_DEFAULT, Interface, known, models, name_of
+from rigs.interfaces import NO_DEFAULT, Interface, list_interfaces, models, name_of
 from rigs.load import SHIPPED, parse
 from rigs.rig import Rig
 from rigs.schema.gauges import Gauge
@@ -134,7 +134,9 @@ def _choices(name: str) -> set[str]:
     return {word for kind in kinds for word in kind if isinstance(word, str)}
 
 
-@pytest.mark.parametrize("interface", [one for one in known() if one.kind == "gauge"], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "interface", [one for one in list_interfaces() if one.kind == "gauge"], ids=lambda one: one.name
+)
 def test_the_table_of_gauges_is_the_schema(interface: Interface) -> None:
     what, line, keys = _rows()[interface.name]
     assert line == ("to be given" if interface.line == NO_DEFAULT else interface.line)
@@ -145,7 +147,7 @@ def test_the_table_of_gauges_is_the_schema(interface: Interface) -> None:
 
 
 def test_the_table_of_gauges_names_no_other() -> None:
-    assert list(_rows()) == [one.name for one in known() if one.kind == "gauge"]
+    assert list(_rows()) == [one.name for one in list_interfaces() if one.kind == "gauge"]
 
 
 def _options(command: Any) -> Iterator[Any]:
@@ -200,7 +202,7 @@ def test_every_key_of_the_schema_is_listed() -> None:
 def test_every_interface_and_effect_has_a_section() -> None:
     headings = set(re.findall(r"^##+ [\w., ]+: (\w+)$", _page("rig-file-reference"), re.M))
     effects = {path.stem for path in (ROOT / "rigs" / "effects").glob("*.py")} - {"__init__"}
-    assert headings == {one.name for one in known()} | effects
+    assert headings == {one.name for one in list_interfaces()} | effects
 
 
 def test_every_link_within_the_page_has_its_heading() -> None:
@@ -223,7 +225,7 @@ def _wire_peers() -> Any:
 
 
 def test_every_interface_has_a_section_and_every_peer_an_interface() -> None:
-    names = {one.name for one in known()}
+    names = {one.name for one in list_interfaces()}
     sections = dict(re.findall(r"^### (\w+)\n(.*?)(?=^#)", _page("interfaces"), re.M | re.S))
     assert set(sections) >= names
     for peer in _wire_peers().PEERS:

@@ -10,7 +10,7 @@ import pytest
 
 from analysis.apps.emulate.robot import EmulatedRobot
 from daq.acquisition.streams import ROBOT, streams_of
-from daq.apps.emulate.emulated_cell import Cell
+from daq.apps.emulate.emulated_cell import EmulatedInstruments
 from daq.apps.emulate.instruments import emulated, instruments_of
 from daq.protocol.conversation import Device
 from rigs.load import load, parse
@@ -40,7 +40,7 @@ def counted() -> dict[str, int]:
     return {name: int(keys) for name, keys in re.findall(r"^\| ([^|]+?) \| (\d+) \| \d+ \| \d+ \|$", PAGE, re.M)}
 
 
-def set_up(gauges: str, robot: str, cell: Cell, hand: Pushed, path: Path) -> int:
+def set_up(gauges: str, robot: str, cell: EmulatedInstruments, hand: Pushed, path: Path) -> int:
     """The page's own `rig init cell.yaml`, told what emulated ports do not show, and the sensors' zero; the keys that a
     person pressed."""
     ports = [port for place, port in cell.ports.items() if place != "feedback"]
@@ -69,7 +69,9 @@ def set_up(gauges: str, robot: str, cell: Cell, hand: Pushed, path: Path) -> int
     return person.keys
 
 
-def at_ports(rig: Rig, cell: Cell, made: Mapping[str, Callable[[], Device]]) -> dict[str, Callable[[], Device]]:
+def at_ports(
+    rig: Rig, cell: EmulatedInstruments, made: Mapping[str, Callable[[], Device]]
+) -> dict[str, Callable[[], Device]]:
     """What makes the instrument at each port that a rig file names, by its streams. made: of the cell, by its own."""
     true = {name: stream for stream in made for name in stream.split("_")} | {"feedback": ROBOT}
     by_port = {port: made[true[name]] for name, port in cell.ports.items()}

@@ -123,7 +123,7 @@ def save_run(run: Measured, directory: str | Path) -> Path:
         raise FileError(
             str(run.path), "is a recorded run, but only the table was read", "copy the directory of the run"
         )
-    write_table_run(run.run, path, run.rig.beside)
+    write_table_run(run.run, path, run.rig.companion_files)
     return path
 
 
@@ -156,7 +156,7 @@ def simulate(
     model, text = load(rig)
     if effects is not None:
         hidden = load_hidden(effects) if isinstance(effects, str | Path) else Hidden(effects=tuple(effects))
-        model = hidden.within(model)
+        model = hidden.apply_to(model)
     with named_by(rig, model):
         return simulated_run(model, text, _test(test), _direction(direction), seed)
 

@@ -50,17 +50,17 @@ def calibrate(
     """Calibrate the model of a robot, validate it on data not used for the fit, and write a rig file."""
     import analysis
     from analysis.cli.console import progress_of
-    from analysis.cli.diagnose import by_use, say_correct, with_commands_here
+    from analysis.cli.diagnose import say_correct, split_by_role, with_commands_here
     from analysis.cli.several import end_with, load_runs, with_tables, worst
-    from analysis.report.diagnosis_report import hold_new, write_model
+    from analysis.report.diagnosis_report import refuse_existing_rig, write_model
     from analysis.report.diagnosis_screen import as_screen
     from analysis.report.plain_console import PlainConsole
     from rigs.load import load
 
     if output:
-        hold_new(output)
+        refuse_existing_rig(output)
     runs, hold_out, unseen = (with_tables(paths or (), rig_file) for paths in (runs, hold_out, unseen))
-    parts = [load_runs(paths) for paths in by_use(runs, hold_out or (), unseen or ())]
+    parts = [load_runs(paths) for paths in split_by_role(runs, hold_out or (), unseen or ())]
     end_with(worst([error for _, errors in parts for error in errors]))
     measured, judges, elsewhere = (runs_of_use for runs_of_use, _ in parts)
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)

@@ -135,9 +135,9 @@ def interfaces(
 
     from analysis.report.listings import interfaces_table
     from analysis.report.plain_console import PlainConsole
-    from rigs.interfaces import known
+    from rigs.interfaces import list_interfaces
 
-    drivers = known()
+    drivers = list_interfaces()
     if as_json:
         say_json({"interfaces": [asdict(driver) for driver in drivers]})
     else:

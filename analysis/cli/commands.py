@@ -196,7 +196,7 @@ def taking_all(option: str) -> type[Command]:
     return TakingAll
 
 
-class Group(TyperGroup):
+class CommandGroup(TyperGroup):
     """Group of commands with plain flags and, if NO_COLOR is set, plain messages.
 
     rich respects NO_COLOR for tables and help; `echo` of typer follows the context instead.
@@ -215,7 +215,7 @@ class Group(TyperGroup):
             super().format_help(ctx, formatter)
 
 
-class _Program(Group):
+class _RigCommands(CommandGroup):
     """The commands of `rig` as listed; only the called command is imported."""
 
     def __init__(self, **attributes: Any) -> None:
@@ -232,7 +232,7 @@ class _Program(Group):
 
 
 app = typer.Typer(
-    cls=_Program,
+    cls=_RigCommands,
     context_settings=_HELP,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -261,7 +261,7 @@ def imported(name: str) -> TyperCommand | TyperGroup:
     import_module(f"analysis.apps.{_APPS[file]}.cli_{file}" if file in _APPS else f"analysis.cli.{file}")
     if name in _ADDED:
         import_module(_ADDED[name])
-    narrow = typer.Typer(cls=Group, context_settings=_HELP)
+    narrow = typer.Typer(cls=CommandGroup, context_settings=_HELP)
     narrow.registered_commands = [
         info
         for info in app.registered_commands

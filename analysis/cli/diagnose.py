@@ -65,11 +65,11 @@ def diagnose(
     runs, hold_out, unseen = (with_tables(paths or (), rig_file) for paths in (runs, hold_out, unseen))
     # check before any computation; the import of the picture module takes half a second and happens only here
     if output:
-        from analysis.report.diagnosis_report import hold_empty
+        from analysis.report.diagnosis_report import require_empty
         from analysis.report.html_page import is_page
 
         if not is_page(output):
-            hold_empty(output)
+            require_empty(output)
     rig_and_text = load(rig_file) if rig_file else None
     errors: list[RigError] = []
 
@@ -78,7 +78,7 @@ def diagnose(
         errors.extend(bad)
         return loaded
 
-    measured, judges, elsewhere = map(read, by_use(runs, hold_out or (), unseen or ()))
+    measured, judges, elsewhere = map(read, split_by_role(runs, hold_out or (), unseen or ()))
     if not measured:
         end_with(worst(errors))
     rig, text = rig_and_text or (measured[0].rig, measured[0].run.manifest.rig_text)
@@ -98,7 +98,7 @@ def diagnose(
     end_with(worst(errors))
 
 
-def by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path]) -> tuple[list[Path], ...]:
+def split_by_role(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path]) -> tuple[list[Path], ...]:
     """Return the paths of the runs used, the held-out runs and the unseen runs. Raises UseError if no run is used."""
     from analysis.cli.several import runs_below
 

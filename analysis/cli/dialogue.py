@@ -19,7 +19,7 @@ Busy = Callable[[str], AbstractContextManager[Callable[[str], None]]]
 """Context that shows the current step and yields a function to change it."""
 
 
-class Stopped(Exception):
+class DialogueEnded(Exception):
     """The operator ended the questions by Ctrl-D or by closing the terminal."""
 
 
@@ -60,7 +60,7 @@ class Dialogue:
                     self.say(f"error: {line}")
 
     def line(self, prompt: str) -> str:
-        """Return the typed line, stripped of blanks. Raises Stopped."""
+        """Return the typed line, stripped of blanks. Raises DialogueEnded."""
         self.screen.write(prompt)
         self.screen.flush()
         return self._typed()
@@ -89,7 +89,7 @@ class Dialogue:
             return ""
         if not typed:
             self.screen.write("\n")
-            raise Stopped
+            raise DialogueEnded
         return typed.strip()
 
 

@@ -92,14 +92,14 @@ def import_(
 
     operator = operator_or_user(operator)
     if test:
-        _hold_options(test, direction, topic, socket)
+        _refuse_other_options(test, direction, topic, socket)
 
     def make_run(table: Path) -> None:
         files = [file_of(source) for source in (tables if join else [table])]
         run = output / table.stem if len(tables) > 1 and not join else output
         refuse_existing(run)
         kind = test or _by_its_columns(files[0], rig_file)
-        _hold_options(kind, direction, topic, socket)
+        _refuse_other_options(kind, direction, topic, socket)
         refuse_two_arms(files[0], kind)
         label: Any = {"direction": direction, "operator": operator, "placement": placement, "joints": joints}
         if join or map_file or needs_map(files[0], kind, socket):
@@ -125,7 +125,7 @@ def _by_its_columns(table: Path, rig_file: str) -> TestName:
     return test
 
 
-def _hold_options(test: TestName, direction: Direction | None, topic: str, socket: str) -> None:
+def _refuse_other_options(test: TestName, direction: Direction | None, topic: str, socket: str) -> None:
     """Raise UseError for an option that does not apply to a test."""
     from analysis.intake.table_map import MAPPED
 

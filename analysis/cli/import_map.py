@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from analysis.cli.console import progress_of, say
 from analysis.cli.dialogue import Dialogue, has_keyboard
 from analysis.intake.imports import is_plain, propose_map, read_mapped
-from analysis.intake.map_proposal import Proposal, Question, Reading
+from analysis.intake.map_proposal import MapProposal, Question, TableReading
 from analysis.intake.table_map import MAPPED, TableMap, load_map, map_text, value_text
 from analysis.intake.touch_map import needs_touch_map, propose_touch_map
 from analysis.runs.table_layout import JointSource
@@ -110,8 +110,8 @@ def _say_map(table_map: TableMap) -> None:
         say(f"  {line}", err=True)
 
 
-def _answer_of(question: Question) -> Callable[[str], Reading]:
-    def read(text: str) -> Reading:
+def _answer_of(question: Question) -> Callable[[str], TableReading]:
+    def read(text: str) -> TableReading:
         if not text.isdigit() or not 1 <= int(text) <= len(question.readings):
             raise UseError(question.key, f"{text!r} is not a number of the list", f"give 1 to {len(question.readings)}")
         return question.readings[int(text) - 1]
@@ -119,7 +119,7 @@ def _answer_of(question: Question) -> Callable[[str], Reading]:
     return read
 
 
-def _refuse(proposal: Proposal, run: Path, files: Sequence[Path]) -> None:
+def _refuse(proposal: MapProposal, run: Path, files: Sequence[Path]) -> None:
     """Write the map, mark the open questions, and raise FileError: no terminal is available for answers."""
     path = Path(f"{run.name}.map.yaml")  # not next to the run, since every file in that directory counts as a run
     choices = {

@@ -14,7 +14,7 @@ from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow, location
 from rigs.errors import UseError
 
 if TYPE_CHECKING:
-    from analysis.movement.result import Moved
+    from analysis.movement.result import MovementResult
 
 
 @command(app, "rig moved runs/before-* --new runs/after-*", cls=taking_all("--new"))
@@ -42,13 +42,13 @@ def moved(
 
     RUN… are reference runs of touches, poses or circles. A few new
     readings of the same sockets or targets are enough."""
-    from analysis.report.html_page import hold_page
+    from analysis.report.html_page import check_page_file
     from analysis.report.movement_report import as_screen, write_page
     from analysis.report.plain_console import PlainConsole
 
     if output:
-        hold_page(output)
-    found, title = _found(runs, new or [], rig_file, plan=plan)
+        check_page_file(output)
+    found, title = _find_movement(runs, new or [], rig_file, plan=plan)
     if as_json:
         say_json(found.to_dict())
     else:
@@ -58,7 +58,9 @@ def moved(
         say(f"wrote {output}", err=True)
 
 
-def _found(runs: list[Path], new: list[Path], rig_file: str | None, *, plan: bool) -> tuple[Moved, str]:
+def _find_movement(
+    runs: list[Path], new: list[Path], rig_file: str | None, *, plan: bool
+) -> tuple[MovementResult, str]:
     """Return the result and the name of the rig."""
     from analysis.cli.console import progress_of
     from analysis.cli.several import distinct, end_with, load_runs, runs_below, worst

@@ -97,14 +97,14 @@ def _fit(first: Rig, second: Rig, texts: tuple[str, str], table: Path, output: P
     from analysis.pair.fit_pair import fit_pair, pair_of
     from analysis.pair.pair_table import read_pair_table
     from analysis.pair.result import result_of
-    from analysis.report.diagnosis_report import hold_new
+    from analysis.report.diagnosis_report import refuse_existing_rig
     from analysis.report.pair_report import as_screen
     from analysis.report.pair_report import write as write_pair
     from analysis.report.plain_console import PlainConsole
 
     paths = [output / f"{rig.name}.yaml" for rig in (first, second)] if output else []
     for path in paths:
-        hold_new(path)
+        refuse_existing_rig(path)
     touches = read_pair_table(table, first, second)
     with progress_of("fitting both arms"):
         fit = fit_pair(pair_of(first, second, touches, str(table)))

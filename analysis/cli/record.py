@@ -11,14 +11,14 @@ from typing import Annotated, Literal
 import typer
 
 from analysis.cli import completion
-from analysis.cli.commands import Group, app, command
+from analysis.cli.commands import CommandGroup, app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, direction_option, operator_or_user
 from rigs.errors import RigError
 from rigs.schema.vocabulary import Direction, TestName
 from rigs.text import as_argument
 
-record = typer.Typer(cls=Group, no_args_is_help=True, help="Start and stop a recording of the running daemon.")
+record = typer.Typer(cls=CommandGroup, no_args_is_help=True, help="Start and stop a recording of the running daemon.")
 app.add_typer(record, name="record")
 
 _MOST_ROWS = 2_000_000

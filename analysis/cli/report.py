@@ -48,14 +48,14 @@ def report(
     from analysis.cli.console import progress_of
     from analysis.cli.diagnose import with_commands_here
     from analysis.cli.several import end_with, evaluated, runs_below, say_doubts, worst
-    from analysis.report.html_page import hold_page, hold_pdf, is_pdf
+    from analysis.report.html_page import check_page_file, check_pdf_output, is_pdf
     from analysis.report.page.page_content import gather
     from analysis.report.page.write_page import Heading, write_page
     from rigs.load import load
 
     heading = Heading(serial, customer, order)
     heading.check()
-    (hold_pdf if is_pdf(output) else hold_page)(output)
+    (check_pdf_output if is_pdf(output) else check_page_file)(output)
     model = load(rig_file)[0] if rig_file else None
     paths = [run.resolve() for run in runs_below(runs)]
     results, errors = evaluated(paths, jobs=jobs, scheduler=scheduler)

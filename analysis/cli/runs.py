@@ -17,7 +17,7 @@ from analysis.cli.several import end_with, for_each, over_runs, worst
 from rigs.schema.vocabulary import Direction, DrivenTest
 
 if TYPE_CHECKING:
-    from daq.store import Verdict
+    from daq.store import VerificationResult
 
 
 @command(app, "rig runs /var/lib/rigd-cell/runs")
@@ -126,7 +126,7 @@ def verify(
 
     not_whole = []
 
-    def show(verdict: Verdict) -> None:
+    def show(verdict: VerificationResult) -> None:
         for line in verdict.lines:
             say(line, err=True)
         if seal and verdict.seal != seal.lower():
@@ -141,16 +141,18 @@ def verify(
     end_with(max(worst(errors), 3 if not_whole else 0))
 
 
-def judged(path: Path) -> Verdict:
+def judged(path: Path) -> VerificationResult:
     """Return the integrity verdict of a local or remote run. Raises RigError if a remote run cannot be fetched."""
     from dataclasses import replace
 
-    from analysis.runs.batch.fetched import fetched, named
+    from analysis.runs.batch.fetched import fetched, restore_run_path
     from daq.store import judge
 
     with fetched(path) as directory:
         verdict = judge(directory)
-    return replace(verdict, path=path, problems=tuple(named(problem, directory, path) for problem in verdict.problems))
+    return replace(
+        verdict, path=path, problems=tuple(restore_run_path(problem, directory, path) for problem in verdict.problems)
+    )
 
 
 @command(app, "rig relabel runs/lap-3 --direction cw")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from analysis.cli.console import say, say_error
-from analysis.runs.batch.outcomes import Failed, Item, Value
+from analysis.runs.batch.outcomes import FailedItem, Item, Value
 from rigs.errors import FileError, RigError
 
 if TYPE_CHECKING:
@@ -74,9 +74,9 @@ def over_runs(
                 count = f" ({number} of {len(runs)})" if len(runs) > 1 else ""
                 with progress_of(f"{doing} {run}{count}", is_still=jobs != 1 or scheduler is not None):
                     outcome = next(outcomes)
-                if isinstance(outcome, Failed) and isinstance(outcome.error, StoreLost):
+                if isinstance(outcome, FailedItem) and isinstance(outcome.error, StoreLost):
                     raise outcome.error
-                if isinstance(outcome, Failed):
+                if isinstance(outcome, FailedItem):
                     say_error(outcome.error)
                     errors.append(outcome.error)
                 else:

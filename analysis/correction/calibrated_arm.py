@@ -93,7 +93,7 @@ class CalibratedArm:
             raise FileError("q_deg", problem, "give a row for each posture")
         q = np.radians(angles)
         q[:, self._axes :] = angles[:, self._axes :]
-        return ArmPoses(tool_poses(self._model, q), self._u_mm(q), covered(self._known, q))
+        return ArmPoses(tool_poses(self._model, q), self._u_mm(q), covered(self._pose_uncertainty, q))
 
     def inverse(self, T: Array, near_deg: Array | None = None) -> ArmAngles:
         """Return joint angles that move the tool of the calibrated arm to poses T (n, 4, 4), or (4, 4), lengths in mm.
@@ -124,7 +124,7 @@ class CalibratedArm:
         for row, pose in enumerate(poses):
             if (angles := solved(pose, start)) is not None:
                 q[row], reached[row], start = angles, True, angles
-        u_mm, inside = np.full(len(poses), np.nan), covered(self._known, q)
+        u_mm, inside = np.full(len(poses), np.nan), covered(self._pose_uncertainty, q)
         u_mm[reached] = self._u_mm(q[reached])
         turned = np.full(len(poses), np.nan)
         turned[reached] = np.degrees(turned_rad(tool_poses(self._model, q[reached]), poses[reached]))
@@ -137,7 +137,7 @@ class CalibratedArm:
         return replace(whole, effects=tuple(effect for effect in whole.effects if effect.compensation().use != "none"))
 
     @cached_property
-    def _known(self) -> PoseUncertainty:
+    def _pose_uncertainty(self) -> PoseUncertainty:
         return pose_uncertainty(self.rig, supports(self.rig))
 
     @property
@@ -151,8 +151,8 @@ class CalibratedArm:
             return np.full(len(q), np.nan)
         uncorrected = [effect for effect in model_of(self.rig).effects if effect.compensation().use == "none"]
         stays = left_out_mm(self.rig, uncorrected, q)
-        u_mm: Array = np.hypot(position_u_mm(self._known, q), np.linalg.norm(stays, axis=1))
-        return where_known(self._known, q, u_mm)
+        u_mm: Array = np.hypot(position_u_mm(self._pose_uncertainty, q), np.linalg.norm(stays, axis=1))
+        return where_known(self._pose_uncertainty, q, u_mm)
 
     def _solved(self, pose: Array, near: Array) -> Array | None:
         """Return the angles (axes,) rad, near others, with the tool of an arm of six or more axes at a pose (4, 4)."""

@@ -116,7 +116,7 @@ class NotCorrected:
 
 
 @dataclass(frozen=True)
-class Corrected:
+class CorrectedTargets:
     """Targets of a path with their corrections.
 
     `done` (n,): mask of corrected targets; `left`: the remaining targets. `q` (n, 6) rad: corrected angles. `T` (n, 4,
@@ -144,7 +144,9 @@ class Corrected:
     error: WorkError | None
 
 
-def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequence[NotCorrected] = ()) -> Corrected:
+def corrected(
+    rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequence[NotCorrected] = ()
+) -> CorrectedTargets:
     """Return targets, given as nominal angles q (n, 6) rad, corrected for the correctable effects.
 
     Exceptions: targets without angles, beyond limits, or at a singularity.
@@ -177,7 +179,7 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
     taught_mm = rest_mm(before, nominal, (tool_places(rig, used, taught), frame))
     sizes_mm = np.array([distance, taught_mm, u_mm, u_frame_mm, stays_mm])
     sizes_mm = sizes_mm if inside is None else sizes_mm[:, inside]
-    return Corrected(
+    return CorrectedTargets(
         angles,
         forward(arm, angles),
         spread(distance),

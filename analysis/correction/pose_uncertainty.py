@@ -46,7 +46,7 @@ class CalibratedUncertainty:
     others: tuple[Support, ...] = ()
 
     @cached_property
-    def _kept(self) -> list[int]:
+    def _effective_parameters(self) -> list[int]:
         """Indices of the parameters of posture-dependent terms, which move the tool."""
         terms = self.calibrated.terms
         return [
@@ -58,7 +58,7 @@ class CalibratedUncertainty:
     @cached_property
     def _root(self) -> Array:
         """Root (p, r) of the covariance of these parameters."""
-        rows = self.calibrated.root[self._kept]
+        rows = self.calibrated.root[self._effective_parameters]
         values, vectors = np.linalg.eigh(rows @ rows.T)
         root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
         return root
@@ -76,7 +76,7 @@ class CalibratedUncertainty:
     @property
     def factor(self) -> Array:
         """A root (p, P) of the covariance of the parameters of `pose_derivatives`, a row in the unit of each."""
-        return np.asarray(self.calibrated.root[self._kept])
+        return np.asarray(self.calibrated.root[self._effective_parameters])
 
     def pose_derivatives(self, model: Model, q: Array) -> Array:
         """Return the derivatives (p, n, 6) of the tool pose, mm and rad, by the parameters of posture-dependent terms
@@ -104,8 +104,8 @@ class CalibratedUncertainty:
                 changes[effect] = change(effect)
             return changes[effect]
 
-        derivatives = np.zeros((len(self._kept), len(q), 6))
-        for row, k in enumerate(self._kept):
+        derivatives = np.zeros((len(self._effective_parameters), len(q), 6))
+        for row, k in enumerate(self._effective_parameters):
             parameter = self.calibrated.parameters[k]
             effect: Any = self.calibrated.terms[parameter.term].effect
             if parameter.field == TIMES:
@@ -263,7 +263,7 @@ def places_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array)
         rows = slice(begin, begin + _ROWS)
         if begin:
             moves = uncertainty.pose_displacements(q[rows])[:, :, :3]
-        stays = frame.rest(moves, tool_poses(model_of(rig, ()), q[rows]), motions)
+        stays = frame.remove_motions(moves, tool_poses(model_of(rig, ()), q[rows]), motions)
         squares[:, rows] = (moves**2).sum(axis=(0, 2)), (stays**2).sum(axis=(0, 2))
     in_base, in_frame = np.sqrt(squares + uncertainty.unexplained_mm**2)
     return in_base, in_frame

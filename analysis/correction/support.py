@@ -168,7 +168,7 @@ def why_nothing(rig: Rig) -> str:
     return f"{why} an unknown cause remains, {judged.unexplained_um:.0f} µm; {remainder} {where}"
 
 
-def hold_verdict(rig: Rig, rig_file: str, *, anyway: bool) -> None:
+def require_usable_model(rig: Rig, rig_file: str, *, anyway: bool) -> None:
     """Raise FileError if a rig's model must not be used for correction, unless `anyway`."""
     if (why := why_nothing(rig)) and not anyway:
         remedy = f"plan the next measurement: rig plan {as_argument(rig_file)}; --anyway writes the files with a remark"

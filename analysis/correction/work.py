@@ -223,7 +223,7 @@ class TaughtFrame:
         motions: Array = moves.reshape(len(moves), inverse.shape[1]) @ inverse.T
         return motions
 
-    def rest(self, moves: Array, poses: Array, motions: Array) -> Array:
+    def remove_motions(self, moves: Array, poses: Array, motions: Array) -> Array:
         """Return displacements (k, n, 3) mm at poses (n, 4, 4) less the motions (k, 9)."""
         displacements: Array = moves - np.einsum("nij,kj->kni", self._columns(poses), motions)
         return displacements
@@ -238,7 +238,7 @@ def rest_moves_mm(places: Array, nominal: Array, taught: tuple[Array, Array] | N
     T = best_rigid(places_taught, poses[:, :3, 3])  # exact for a large rotation, about which the other terms are linear
     frame, off = TaughtFrame(poses), in_frame(T, places_taught) - poses[:, :3, 3]
     moves = (in_frame(T, places) - nominal[:, :3, 3])[None]
-    displacements_mm: Array = frame.rest(moves, nominal, frame.motions(off[None]))[0]
+    displacements_mm: Array = frame.remove_motions(moves, nominal, frame.motions(off[None]))[0]
     return displacements_mm
 
 

@@ -172,7 +172,7 @@ def columns_of(rows: Iterator[Row], names: list[str], layout: Layout, problems: 
 
 def column_type(name: str, layout: Layout) -> ColumnType:
     """Return the type of a column in a table with a given layout."""
-    if name not in layout.known or name in WORDS or name == SOCKET:
+    if name not in layout.known_columns or name in WORDS or name == SOCKET:
         return "string"
     return "int64" if name in COUNTS else "double"
 
@@ -180,7 +180,7 @@ def column_type(name: str, layout: Layout) -> ColumnType:
 def _values(
     name: str, texts: Sequence[str], lines: np.ndarray, layout: Layout, problems: Problems
 ) -> Sequence[Value | None] | Array:
-    if name not in layout.known:
+    if name not in layout.known_columns:
         return [as_it_was(text) for text in texts]
     if column_type(name, layout) == "double" and (parsed := numbers(texts)) is not None:
         return parsed

@@ -60,7 +60,7 @@ _ZYZ = ("zyz", "zxz")
 @dataclass(frozen=True)
 class TurnReading:
     """An interpretation of columns as an orientation, in the column order of the form
-    (`analysis.intake.table_map.Turn`).
+    (`analysis.intake.table_map.TurnColumns`).
     """
 
     columns: tuple[str, ...]
@@ -68,7 +68,7 @@ class TurnReading:
 
 
 @dataclass(frozen=True)
-class Group:
+class ColumnGroup:
     """Columns that belong together.
 
     unit: as stated in the file, or "". of_controller: whether the robot may have computed the values.
@@ -81,10 +81,10 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Seen:
+class PlaceColumns:
     """A place and the possible interpretations of the orientation, possibly none. turn_unit: as stated."""
 
-    place: Group
+    place: ColumnGroup
     turns: tuple[TurnReading, ...] = ()
     turn_unit: str = ""
 
@@ -93,9 +93,9 @@ class Seen:
 class Groups:
     """Candidate columns of a table. near: columns of joints for a different number of axes, for a message."""
 
-    joints: tuple[Group, ...]
-    seen: tuple[Seen, ...]
-    residuals: tuple[Group, ...]
+    joints: tuple[ColumnGroup, ...]
+    seen: tuple[PlaceColumns, ...]
+    residuals: tuple[ColumnGroup, ...]
     near: tuple[str, ...] = ()
 
 
@@ -132,7 +132,7 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
     named = [name for name in names if not _NAMELESS.fullmatch(name.column)]
     axes = len(axis_names)
     numbered = [_as_named(raw, group, axis_names) for group in _numbered(named, axes)]
-    joints = list({group.columns: group for group in (*numbered, *_called(named, axis_names))}.values())
+    joints = list({group.columns: group for group in (*numbered, *_groups_by_axis_name(named, axis_names))}.values())
     near = tuple(name for count in (5, 7, 8) for group in _numbered(named, count) for name in group.columns)
     if not joints and not near:
         by_role: dict[Role, list[_Name]] = defaultdict(list)
@@ -149,7 +149,7 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
         alike = [turn for turn in turns if turn[0].role == place.role]
         units = {group.unit for group, _ in alike}
         readings = tuple(reading for _, ways in alike for reading in ways)
-        seen.append(Seen(place, readings, units.pop() if len(units) == 1 else ""))
+        seen.append(PlaceColumns(place, readings, units.pop() if len(units) == 1 else ""))
     seen += _vectors(unused)
     residuals = tuple(place for place in places if place.role == "residual")
     used = (
@@ -163,7 +163,7 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
     return Groups(tuple(joints), tuple(seen), residuals, near)
 
 
-def _as_named(raw: RawTable, group: Group, axis_names: Sequence[str]) -> Group:
+def _as_named(raw: RawTable, group: ColumnGroup, axis_names: Sequence[str]) -> ColumnGroup:
     """Return numbered joint columns in axis order, if adjacent name columns identify the joints.
 
     `rostopic echo -p` writes a JointState as field.name0 … and field.position0 …, in the order of the sender.
@@ -174,7 +174,7 @@ def _as_named(raw: RawTable, group: Group, axis_names: Sequence[str]) -> Group:
             axis_calls = [str(raw.cells[column][0].as_py()) for column in name_columns]
             order = dict(zip(axis_calls, group.columns, strict=True))
             called = [_name(name, "") for name in order]
-            for ordered in (*_called(called, axis_names), *_numbered(called, len(axis_names))):
+            for ordered in (*_groups_by_axis_name(called, axis_names), *_numbered(called, len(axis_names))):
                 return replace(group, columns=tuple(order[name] for name in ordered.columns))
     return group
 
@@ -193,12 +193,12 @@ def _name(column: str, unit_line: str) -> _Name:
     return _Name(column, tuple(words), unit or _UNITS.get(stated, ""))
 
 
-def _group(names: Sequence[_Name]) -> Group:
+def _group(names: Sequence[_Name]) -> ColumnGroup:
     units = {name.unit for name in names}
     words = {word for name in names for word in name.words}
     of_controller = bool(words & _CONTROLLER) and not words & _INSTRUMENT
     unit = units.pop() if len(units) == 1 else ""
-    return Group(tuple(name.column for name in names), names[0].role, unit, of_controller)
+    return ColumnGroup(tuple(name.column for name in names), names[0].role, unit, of_controller)
 
 
 def _templates(names: Sequence[_Name]) -> dict[tuple[str, ...], dict[int, _Name]]:
@@ -219,7 +219,7 @@ def _in_order(numbered: dict[int, _Name], count: int) -> list[_Name] | None:
     return None
 
 
-def _numbered(names: Sequence[_Name], count: int, words_of_joints: frozenset[str] = _JOINT_WORDS) -> list[Group]:
+def _numbered(names: Sequence[_Name], count: int, words_of_joints: frozenset[str] = _JOINT_WORDS) -> list[ColumnGroup]:
     """Return columns numbered consecutively from 0 or 1. words_of_joints: terms of which the name must contain at
     least one; any name if empty.
     """
@@ -232,7 +232,7 @@ def _numbered(names: Sequence[_Name], count: int, words_of_joints: frozenset[str
     return groups
 
 
-def _called(names: Sequence[_Name], axis_names: Sequence[str]) -> list[Group]:
+def _groups_by_axis_name(names: Sequence[_Name], axis_names: Sequence[str]) -> list[ColumnGroup]:
     """Return columns named after the axes of the arm or of a Universal Robots arm, with any prefix and suffix.
 
     The names determine the order, since the columns of a message are often sorted alphabetically.
@@ -256,11 +256,11 @@ def _called(names: Sequence[_Name], axis_names: Sequence[str]) -> list[Group]:
     return list({group.columns: group for group in groups}.values())
 
 
-_Turns = list[tuple[Group, tuple[TurnReading, ...]]]
+_Turns = list[tuple[ColumnGroup, tuple[TurnReading, ...]]]
 """Columns of an orientation, with the possible interpretations."""
 
 
-def _lettered(names: Sequence[_Name]) -> tuple[list[Group], _Turns]:
+def _lettered(names: Sequence[_Name]) -> tuple[list[ColumnGroup], _Turns]:
     """Return places and orientations with columns that differ by a letter or word: x, y, z; qx … qw; roll, pitch,
     yaw; A, B, C.
     """
@@ -343,7 +343,7 @@ def _matrices(names: Sequence[_Name]) -> _Turns:
     return []
 
 
-def _vectors(names: Sequence[_Name]) -> Iterator[Seen]:
+def _vectors(names: Sequence[_Name]) -> Iterator[PlaceColumns]:
     """Yield poses with numbered columns: 6 (place and angles), 7 (place and quaternion), 12 or 16 (matrix)."""
     for numbered in _templates(names).values():
         for count in (6, 7, 12, 16):
@@ -360,36 +360,42 @@ def _vectors(names: Sequence[_Name]) -> Iterator[Seen]:
         rows = [[f"{r}{c}" for c in range(first, first + 4)] for r in range(first, first + 3)]
         if all(place in matrix for row in rows for place in row):
             turn = tuple(matrix[row[k]].column for row in rows for k in range(3))
-            yield Seen(_group([matrix[row[3]] for row in rows]), (TurnReading(turn, "matrix"),))
+            yield PlaceColumns(_group([matrix[row[3]] for row in rows]), (TurnReading(turn, "matrix"),))
 
 
-def _poses(columns: Sequence[str]) -> Iterator[Seen]:
+def _poses(columns: Sequence[str]) -> Iterator[PlaceColumns]:
     """Yield the interpretations of consecutive columns as a pose."""
     c = list(columns)
     match len(c):
         case 3:
-            yield Seen(Group(tuple(c), "unsaid"))
+            yield PlaceColumns(ColumnGroup(tuple(c), "unsaid"))
         case 6:
             # Names do not indicate the axes of these three angles.
             turned = (TurnReading(tuple(c[3:]), f"moving {order}") for order in (*_ORDERS, *_ZYZ))
-            yield Seen(Group(tuple(c[:3]), "unsaid"), tuple(dict.fromkeys((*_angle_readings(c[3:]), *turned))))
+            yield PlaceColumns(
+                ColumnGroup(tuple(c[:3]), "unsaid"), tuple(dict.fromkeys((*_angle_readings(c[3:]), *turned)))
+            )
         case 7:
             x, y, z, w = c[3:]
             turns = (TurnReading((x, y, z, w), "quaternion"), TurnReading((y, z, w, x), "quaternion"))
-            yield Seen(Group(tuple(c[:3]), "unsaid"), turns)
+            yield PlaceColumns(ColumnGroup(tuple(c[:3]), "unsaid"), turns)
         case 12 | 16:
             rows = [0, 1, 2, 4, 5, 6, 8, 9, 10]
-            yield Seen(Group((c[3], c[7], c[11]), "unsaid"), (TurnReading(tuple(c[k] for k in rows), "matrix"),))
+            yield PlaceColumns(
+                ColumnGroup((c[3], c[7], c[11]), "unsaid"), (TurnReading(tuple(c[k] for k in rows), "matrix"),)
+            )
             if len(c) == 16:
                 down = [0, 4, 8, 1, 5, 9, 2, 6, 10]
-                yield Seen(Group(tuple(c[12:15]), "unsaid"), (TurnReading(tuple(c[k] for k in down), "matrix"),))
+                yield PlaceColumns(
+                    ColumnGroup(tuple(c[12:15]), "unsaid"), (TurnReading(tuple(c[k] for k in down), "matrix"),)
+                )
             else:
-                yield Seen(Group(tuple(c[9:]), "unsaid"), (TurnReading(tuple(c[:9]), "matrix"),))
+                yield PlaceColumns(ColumnGroup(tuple(c[9:]), "unsaid"), (TurnReading(tuple(c[:9]), "matrix"),))
 
 
 def _by_position(
     raw: RawTable, columns: list[str], axes: int, joints: bool, seen: bool
-) -> tuple[list[Group], list[Seen]]:
+) -> tuple[list[ColumnGroup], list[PlaceColumns]]:
     """Return groups of unnamed columns by count, with the joints before or after the pose."""
     if columns and columns[0] == raw.names[0] and len(columns) - int(joints) * axes in (4, 7, 8, 13, 17):
         columns = columns[1:]  # a counter or a time
@@ -397,8 +403,8 @@ def _by_position(
     if not joints:
         return [], list(_poses(columns))
     if not seen or pose == 0:
-        return [Group(tuple(columns), "unsaid")] if pose == 0 else [], []
+        return [ColumnGroup(tuple(columns), "unsaid")] if pose == 0 else [], []
     if pose not in (3, 6, 7, 12, 16):
         return [], []
-    groups = [Group(tuple(columns[:axes]), "unsaid"), Group(tuple(columns[pose:]), "unsaid")]
+    groups = [ColumnGroup(tuple(columns[:axes]), "unsaid"), ColumnGroup(tuple(columns[pose:]), "unsaid")]
     return groups, [*_poses(columns[axes:]), *_poses(columns[:pose])]

@@ -14,7 +14,7 @@ import numpy as np
 from analysis.robot.description.rig_section import flange_poses, largest_difference, random_postures, robot_text
 from analysis.robot.geometry.pose_setup import fit_constants, fit_setup
 from analysis.robot.kinematics.arm import Array, arm_of, forward, without_setup
-from rigs.arms import Arm
+from rigs.arms import LibraryArm
 from rigs.errors import FileError
 from rigs.schema.robot import Robot
 
@@ -36,7 +36,7 @@ class ControllerConstants:
     words: str
 
 
-def controller_constants(arm: Arm, q: Array, xyz_mm: Array, R: Array | None, where: str) -> ControllerConstants:
+def controller_constants(arm: LibraryArm, q: Array, xyz_mm: Array, R: Array | None, where: str) -> ControllerConstants:
     """Fit the constants of a library arm to flange poses computed by the controller.
 
     q: joint angles (n, axes) rad. xyz_mm: places (n, 3). R: orientations (n, 3, 3), if reported. Raises FileError if no

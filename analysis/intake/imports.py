@@ -9,14 +9,14 @@ from pathlib import Path
 
 from analysis.intake.cells import Problems, TableFileError
 from analysis.intake.cube_stops import with_joints
-from analysis.intake.map_proposal import Proposal, propose
+from analysis.intake.map_proposal import MapProposal, propose
 from analysis.intake.mapped import MappedPoses, poses_of, table_by
 from analysis.intake.raw_table import RawTable, is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
 from analysis.intake.read import check_sequence, header_names, read_file, read_head, read_whole
 from analysis.intake.readers import reader_of
 from analysis.intake.table_map import MAPPED, TableMap, map_text
 from analysis.procedures.checks.check_runs import doubts_of, refuse_impossible
-from analysis.procedures.shared.evaluate import evaluation_of, hold_alive
+from analysis.procedures.shared.evaluate import evaluation_of, require_live_gauges
 from analysis.robot.geometry.iso_cube import cube_of
 from analysis.runs.loading import Measured, measured_of
 from analysis.runs.table_format import format_of
@@ -61,7 +61,7 @@ def read_table(
         placement=placement,
         only_commanded=joints == "commanded" and MEASURED[0] not in read.table.column_names,
     )
-    return _held(run, rig, str(source), read.doubts)
+    return _check_against_rig(run, rig, str(source), read.doubts)
 
 
 def is_plain(path: Path, test: TestName) -> bool:
@@ -76,7 +76,7 @@ def is_plain(path: Path, test: TestName) -> bool:
     return len(ours) > 1 and (test != MAPPED or bool(ours - set(PLACE) and ours & set(PLACE)))
 
 
-def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", topic: str = "") -> Proposal:
+def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", topic: str = "") -> MapProposal:
     """Propose the column map of the files of a pose measurement, checked with the arm of a rig file.
 
     topic: topic of the poses in a bag, if it has several. Raises FileError if the files are not such a table, or do not
@@ -97,9 +97,9 @@ def poses_of_controller(files: Sequence[Path], rig: Rig) -> MappedPoses:
     return poses_of(raw, proposal.table_map)
 
 
-def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[Proposal, RawTable]:
+def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[MapProposal, RawTable]:
     """Return the proposed map of files, and the joined table."""
-    _hold_standing(rig, str(files[0]))
+    _refuse_rail(rig, str(files[0]))
     tables, layouts = [], []
     for path in files:
         data, chosen, _ = _stands_in(read_whole(path), str(path), rig, topic)
@@ -130,7 +130,7 @@ def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, st
     return data, "", ()
 
 
-def _hold_standing(rig: Rig, where: str) -> None:
+def _refuse_rail(rig: Rig, where: str) -> None:
     """Raise FileError for an arm on a rail, since a map does not contain the position of the rail."""
     if rig.robot.rail:
         problem = "has columns other than those of docs/tables.md, and a map does not give the position of the rail"
@@ -164,7 +164,7 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
             )
         table_map = table_map.model_copy(update={"joints": table_map.commanded, "commanded": None})
     data = [read_whole(path) for path in files]
-    _hold_standing(rig, where)
+    _refuse_rail(rig, where)
     stands = [
         _stands_in(content, str(path), rig, layout.topic)
         for path, content, layout in zip(files, data, table_map.files, strict=True)
@@ -199,10 +199,10 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
     )
     doubts = [doubt for *_, of_file in stands for doubt in of_file]
     doubts += [f"{left_out} rows are in only one of the files, and are ignored"] if left_out else []
-    return _held(run, rig, where, doubts)
+    return _check_against_rig(run, rig, where, doubts)
 
 
-def _held(run: Run, rig: Rig, where: str, doubts: Iterable[str]) -> Measured:
+def _check_against_rig(run: Run, rig: Rig, where: str, doubts: Iterable[str]) -> Measured:
     """Check a run against the rig, and add reasons for a later rejection to the doubts."""
     measured = measured_of(run, rig)
     refuse_impossible(measured, where)
@@ -210,7 +210,7 @@ def _held(run: Run, rig: Rig, where: str, doubts: Iterable[str]) -> Measured:
     try:
         evaluation_of(table.test).require_evaluable(table, rig, where)
         columns = zip(format_of(table.test).gauges, table.readings.T, strict=False)
-        hold_alive(where, **{f"{gauge}_mm": column for gauge, column in columns})
+        require_live_gauges(where, **{f"{gauge}_mm": column for gauge, column in columns})
     except FileError as error:  # report it now
         refused = [str(error)]
     reasons = (*doubts, *refused, *measured.doubts)

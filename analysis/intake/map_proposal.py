@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from analysis.intake.cells import TableFileError
-from analysis.intake.column_groups import Group, Groups, Seen, groups_of, is_of_controller, is_of_spot
+from analysis.intake.column_groups import ColumnGroup, Groups, PlaceColumns, groups_of, is_of_controller, is_of_spot
 from analysis.intake.cube_stops import with_joints
 from analysis.intake.mapped import MappedPoses, fits_in_parts, meant, poses_of, spread_of
 from analysis.intake.raw_table import RawTable
-from analysis.intake.table_map import TO_MM, Angles, Layout, Lengths, Residual, TableMap, Turn
+from analysis.intake.table_map import TO_MM, Angles, FileLayout, Lengths, Residual, TableMap, TurnColumns
 from analysis.procedures.checks.meanings import AS_WELL, CLEARLY, FEWEST, RIGHT_MM, RIGHT_SHARE, fit_nearest, left_mm
 from analysis.procedures.checks.place import NO_INSTRUMENT_MM, OF_CONTROLLER, SPARE
 from analysis.robot.geometry.iso_cube import cube_of
@@ -59,7 +59,7 @@ _LENGTHS = ("mm", "m", "in", "cm")
 
 
 @dataclass(frozen=True)
-class Reading:
+class TableReading:
     """An interpretation of a part of the table, with the residual.
 
     left: rms of the best four fifths, in mm or degrees. share: for places also relative to their spread, to compare
@@ -72,7 +72,7 @@ class Reading:
     words: str
     share: float = 0.0
 
-    def line(self, next_best: Reading | None = None) -> str:
+    def line(self, next_best: TableReading | None = None) -> str:
         """Return the interpretation and the residual as text, with the next best for comparison."""
         text = f"{self.words}{self._leaves()}"
         return f"{text}; the next best, {next_best.words}{next_best._leaves()}" if next_best else text
@@ -95,11 +95,11 @@ class Question:
 
     key: str
     asks: str
-    readings: tuple[Reading, ...]
+    readings: tuple[TableReading, ...]
 
 
 @dataclass(frozen=True)
-class Proposal:
+class MapProposal:
     """A map, the open questions, and the results of the checks as text. Open keys have their likeliest value in the
     map.
     """
@@ -109,12 +109,12 @@ class Proposal:
     checked: tuple[str, ...]
     rows: int
 
-    def answered(self, question: Question, reading: Reading) -> Proposal:
+    def answered(self, question: Question, reading: TableReading) -> MapProposal:
         """Return the proposal with a question answered."""
         table_map = self.table_map.model_copy(update={question.key: reading.value})
         return replace(self, table_map=table_map, questions=tuple(q for q in self.questions if q is not question))
 
-    def assumed(self) -> Proposal:
+    def assumed(self) -> MapProposal:
         """Return the proposal with the likeliest answer to every question. The map records the assumptions for every
         analysis.
         """
@@ -132,7 +132,7 @@ class _Judge:
 
     raw: RawTable
     bare: Arm
-    layouts: tuple[Layout, ...]
+    layouts: tuple[FileLayout, ...]
     join: str
     checked: list[str] = field(default_factory=list)
     questions: list[Question] = field(default_factory=list)
@@ -141,9 +141,9 @@ class _Judge:
     def map_of(self, joints: Angles, place: Lengths, residual: Residual | None = None, **keys: Any) -> TableMap:
         return TableMap(files=self.layouts, join=self.join, joints=joints, place=place, residual=residual, **keys)
 
-    def reading(self, table_map: TableMap, words: str, steps: int = _SCREEN_STEPS) -> Reading:
+    def reading(self, table_map: TableMap, words: str, steps: int = _SCREEN_STEPS) -> TableReading:
         """Return an interpretation of joints and place with the residual against the arm."""
-        nothing = Reading(table_map, np.inf, "mm", words, np.inf)
+        nothing = TableReading(table_map, np.inf, "mm", words, np.inf)
         try:
             poses = poses_of(self.raw, table_map)
         except TableFileError:
@@ -154,7 +154,7 @@ class _Judge:
             return nothing
         apart = spread_of(xyz_mm)
         rms_mm = left_mm(self.bare, q, xyz_mm, steps)
-        return Reading(table_map, rms_mm, "mm", words, rms_mm / apart if apart else np.inf)
+        return TableReading(table_map, rms_mm, "mm", words, rms_mm / apart if apart else np.inf)
 
 
 def _plain(number: float) -> str:
@@ -162,7 +162,7 @@ def _plain(number: float) -> str:
     return f"{number:.0f}" if number >= 100 else f"{number:.3g}"
 
 
-def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Proposal:
+def propose(raw: RawTable, layouts: Sequence[FileLayout], join: str, rig: Rig) -> MapProposal:
     """Propose the column map of a table of poses for the arm of a rig.
 
     Raises FileError if columns of joints or places are missing, or if no interpretation fits the arm.
@@ -201,12 +201,12 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
         meanings = ("target - measured", "measured - target")
         values = [table_map.residual.model_copy(update={"meaning": meaning}) for meaning in meanings]
         words = [f"{_short(table_map.residual.columns)} is {meaning}" for meaning in meanings]
-        readings = tuple(Reading(value, np.nan, "mm", text) for value, text in zip(values, words, strict=True))
+        readings = tuple(TableReading(value, np.nan, "mm", text) for value, text in zip(values, words, strict=True))
         asks = "the file does not define the residual, and both readings fit the arm"
         judge.questions.append(Question("residual", asks, readings))
     if judge.assumed:
         table_map = table_map.model_copy(update={"assumed": tuple(judge.assumed)})
-    return Proposal(table_map, tuple(judge.questions), tuple(judge.checked), len(raw.lines))
+    return MapProposal(table_map, tuple(judge.questions), tuple(judge.checked), len(raw.lines))
 
 
 def _stops_of_cube(raw: RawTable, groups: Groups, rig: Rig) -> RawTable | None:
@@ -262,7 +262,7 @@ def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
         raise FileError(raw.where, problem, "name the measured ones in a map (--map)")
 
 
-def _places(groups: Groups) -> tuple[list[Seen], Group | None]:
+def _places(groups: Groups) -> tuple[list[PlaceColumns], ColumnGroup | None]:
     """Return the places to read, and the residual columns to add if no column contains measured places."""
     apart = [pose for pose in groups.seen if not pose.place.of_controller and pose.place.role != "commanded"]
     seen = apart or groups.seen  # poses reported by the robot only if nothing else was measured
@@ -277,8 +277,8 @@ def _places(groups: Groups) -> tuple[list[Seen], Group | None]:
 
 
 def _placed(
-    judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen], residual: Group | None
-) -> tuple[TableMap, Seen]:
+    judge: _Judge, joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns], residual: ColumnGroup | None
+) -> tuple[TableMap, PlaceColumns]:
     """Return the map of joints and place, and the selected place. Open points become questions of the judge."""
     candidates = _readings(judge, joints, seen, residual, stated=True)
     overruled = None
@@ -295,7 +295,7 @@ def _placed(
     (best, chosen), *others = candidates
     judge.checked.append(best.line(others[0][0] if others else None))
     if not best.fits:
-        _hold_faulty(judge, best, [reading for reading, _ in candidates])
+        _accept_faulty_arm(judge, best, [reading for reading, _ in candidates])
     if overruled:
         _ask(
             judge,
@@ -310,8 +310,8 @@ def _placed(
         best = _hardly_moved(judge, candidates[0])
     if chosen.place.of_controller or named:
         words = f"the robot computed the poses, so they are not a measurement: do not import; {OF_CONTROLLER}"
-        by_robot = Reading(None, np.nan, "mm", words)
-        measured = Reading(best.value.place, best.left, "mm", "an instrument measured the poses")
+        by_robot = TableReading(None, np.nan, "mm", words)
+        measured = TableReading(best.value.place, best.left, "mm", "an instrument measured the poses")
         asks = f"{named or _short(chosen.place.columns)} looks like poses reported by the robot; who measured them?"
         judge.questions.append(Question("place", asks, (by_robot, measured)))
     elif residual is None and best.left < _COMPUTED_MM and _is_nominal(judge.bare, poses_of(judge.raw, best.value)):
@@ -323,7 +323,7 @@ def _placed(
     return table_map, chosen
 
 
-def _hold_faulty(judge: _Judge, best: Reading, readings: Sequence[Reading]) -> None:
+def _accept_faulty_arm(judge: _Judge, best: TableReading, readings: Sequence[TableReading]) -> None:
     """Accept the best interpretation as that of a faulty arm although it does not fit the nominal arm.
 
     Raises FileError if it fits in parts, if a different interpretation fits clearly better, or if the error is too
@@ -356,7 +356,7 @@ def _is_nominal(bare: Arm, poses: MappedPoses) -> bool:
     return fitted.spare < SPARE or max(fitted.rms_mm, NO_INSTRUMENT_MM) > _SHARE_OF_CONSTANTS * nominal_mm
 
 
-def _hardly_moved(judge: _Judge, taken: tuple[Reading, Seen]) -> Reading:
+def _hardly_moved(judge: _Judge, taken: tuple[TableReading, PlaceColumns]) -> TableReading:
     """Return the likeliest interpretation of poses with small joint motion.
 
     If a different interpretation fits clearly better, it becomes a question. If both fit equally, the column names are
@@ -368,7 +368,7 @@ def _hardly_moved(judge: _Judge, taken: tuple[Reading, Seen]) -> Reading:
         return best
     first = ways[0]
     if CLEARLY * max(first.left_mm, _FLOOR_MM) < best.left and not first.remedy:
-        second = Reading(first.table_map, first.left_mm, "mm", f"{best.words}, with {first.words}", first.share)
+        second = TableReading(first.table_map, first.left_mm, "mm", f"{best.words}, with {first.words}", first.share)
         _ask(
             judge,
             [(second, seen), taken],
@@ -383,10 +383,10 @@ def _hardly_moved(judge: _Judge, taken: tuple[Reading, Seen]) -> Reading:
     return best
 
 
-def _ask(judge: _Judge, candidates: Sequence[tuple[Reading, Seen]], asks: str) -> None:
+def _ask(judge: _Judge, candidates: Sequence[tuple[TableReading, PlaceColumns]], asks: str) -> None:
     """Add a question for each key with different values in the candidates, likeliest first."""
     for key in ("joints", "place", "turn", "sees"):
-        values: dict[str, Reading] = {}
+        values: dict[str, TableReading] = {}
         for reading, _ in candidates:
             value = getattr(reading.value, key)
             values.setdefault(repr(value), replace(reading, value=value))
@@ -396,8 +396,13 @@ def _ask(judge: _Judge, candidates: Sequence[tuple[Reading, Seen]], asks: str) -
 
 
 def _readings(
-    judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen], residual: Group | None, *, stated: bool
-) -> list[tuple[Reading, Seen]]:
+    judge: _Judge,
+    joints: Sequence[ColumnGroup],
+    seen: Sequence[PlaceColumns],
+    residual: ColumnGroup | None,
+    *,
+    stated: bool,
+) -> list[tuple[TableReading, PlaceColumns]]:
     """Return all interpretations of joints and place, best first. stated: trust the units stated in the file."""
     candidates = []
     for group, pose in product(joints, seen):
@@ -418,14 +423,18 @@ def _readings(
     return _judged(judge, candidates)
 
 
-def _judged(judge: _Judge, candidates: list[tuple[Reading, Seen]]) -> list[tuple[Reading, Seen]]:
+def _judged(
+    judge: _Judge, candidates: list[tuple[TableReading, PlaceColumns]]
+) -> list[tuple[TableReading, PlaceColumns]]:
     """Return the interpretations in order of fit, the best few after a complete fit."""
     candidates.sort(key=lambda candidate: candidate[0].share)
     best = [(judge.reading(reading.value, reading.words, _STEPS), pose) for reading, pose in candidates[:_SHOWN]]
     return sorted(best, key=lambda candidate: candidate[0].share) + candidates[_SHOWN:]
 
 
-def _from_tool(judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen]) -> list[tuple[Reading, Seen]]:
+def _from_tool(
+    judge: _Judge, joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns]
+) -> list[tuple[TableReading, PlaceColumns]]:
     """Return interpretations for an instrument on the tool that observes the cell: camera and hand-eye pairs."""
     candidates = []
     for group, pose in product(joints, seen):
@@ -445,8 +454,11 @@ def _from_tool(judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen]) -> 
 
 
 def _otherwise(
-    judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen], candidates: list[tuple[Reading, Seen]]
-) -> tuple[tuple[Reading, Seen] | None, list[tuple[Reading, Seen]]]:
+    judge: _Judge,
+    joints: Sequence[ColumnGroup],
+    seen: Sequence[PlaceColumns],
+    candidates: list[tuple[TableReading, PlaceColumns]],
+) -> tuple[tuple[TableReading, PlaceColumns] | None, list[tuple[TableReading, PlaceColumns]]]:
     """Return interpretations with reordered or reversed columns or a left-handed frame, and the interpretation they
     overrule.
 
@@ -465,7 +477,7 @@ def _otherwise(
     # A zero wrong by 180° is equivalent to a reversed next axis; a map can state the latter.
     if any(way[0].share < AS_WELL * ways[0][0].share and not way[0].remedy for way in ways):
         ways = [way for way in ways if not way[0].remedy]
-    read = [(Reading(way.table_map, way.left_mm, "mm", f"{named}, with {way.words}", way.share), pose)
+    read = [(TableReading(way.table_map, way.left_mm, "mm", f"{named}, with {way.words}", way.share), pose)
             for way, _, named, pose in ways]  # fmt: skip
     if not read or not read[0][0].fits:
         return None, [*candidates, *read]
@@ -481,23 +493,23 @@ def _units(stated: str, units: tuple[Any, ...]) -> tuple[Any, ...]:
     return (stated,) if stated in (*_ANGLES, *TO_MM) else units
 
 
-def _turns(seen: Seen) -> list[Turn]:
+def _turns(seen: PlaceColumns) -> list[TurnColumns]:
     turns = []
     for reading in seen.turns:
         if reading.form in ("quaternion", "matrix"):
-            turns.append(Turn(columns=reading.columns, form=reading.form))
+            turns.append(TurnColumns(columns=reading.columns, form=reading.form))
         else:
             for unit in _units(seen.turn_unit, ("deg", "rad")):
-                turns.append(Turn(columns=reading.columns, form=reading.form, unit=unit))
+                turns.append(TurnColumns(columns=reading.columns, form=reading.form, unit=unit))
     return turns
 
 
-def _turn_words(turn: Turn) -> str:
+def _turn_words(turn: TurnColumns) -> str:
     words = f"{turn.form} {_short(turn.columns)}"
     return f"{words} in {turn.unit}" if turn.unit else words
 
 
-def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
+def _turned(judge: _Judge, table_map: TableMap, seen: PlaceColumns) -> TableMap:
     """Return the map with the orientation that fits. If none or several fit, add a question."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
@@ -505,7 +517,7 @@ def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
     T = forward(judge.bare, base.q)
     setup = fit_nearest(judge.bare, base.q, base.xyz_mm, _STEPS)[1]
     R_base = setup.T_world_base[:3, :3]
-    candidates: list[tuple[Reading, Rotation]] = []
+    candidates: list[tuple[TableReading, Rotation]] = []
     for turn in _turns(seen):
         try:
             poses = poses_of(judge.raw, table_map.model_copy(update={"turn": turn}))
@@ -520,8 +532,8 @@ def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
             off = np.asarray((tool * tool[kept].mean().inv()).magnitude())
             kept = np.argsort(off)[: max(int(_KEPT * len(T)), 6)]
         rms_deg = float(np.degrees(np.sqrt(np.mean(off[kept] ** 2))))
-        candidates.append((Reading(turn, rms_deg, "°", f"turn as {_turn_words(turn)}"), poses.turn))
-    readings, distinct = list[Reading](), list[Rotation]()
+        candidates.append((TableReading(turn, rms_deg, "°", f"turn as {_turn_words(turn)}"), poses.turn))
+    readings, distinct = list[TableReading](), list[Rotation]()
     for reading, turns in sorted(candidates, key=lambda candidate: candidate[0].left):
         # Skip interpretations with the same orientation in every row as a better candidate.
         if all((turns * earlier.inv()).magnitude().max() > 1e-6 for earlier in distinct):
@@ -531,7 +543,7 @@ def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
         return table_map
     best, *others = readings
     judge.checked.append(best.line(others[0] if others else None))
-    none = Reading(None, np.nan, "°", "turn missing: only places are imported")
+    none = TableReading(None, np.nan, "°", "turn missing: only places are imported")
     rivals = [reading for reading in others if reading.left < CLEARLY * max(best.left, _FLOOR_DEG)]
     if best.left > _RIGHT_DEG:
         asks = f"the readings of the turn do not fit the arm within {_RIGHT_DEG:g}°; ignore the turn, or use which?"

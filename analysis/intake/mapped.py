@@ -16,7 +16,7 @@ import pyarrow as pa
 
 from analysis.intake.cells import Problems, TableFileError, TableProblem, value
 from analysis.intake.raw_table import RawTable
-from analysis.intake.table_map import MAPPED, TO_MM, TO_UNIT, Angles, TableMap, Turn
+from analysis.intake.table_map import MAPPED, TO_MM, TO_UNIT, Angles, TableMap, TurnColumns
 from analysis.procedures.checks.checks_of_test import Meaning
 from analysis.procedures.checks.meanings import FEWEST, RIGHT_MM, RIGHT_SHARE, left_mm, meanings
 from analysis.robot.kinematics.arm import Arm, Array, forward
@@ -75,7 +75,7 @@ def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
     return MappedPoses(q, xyz, turn, commanded)
 
 
-def turn_of(raw: RawTable, turn: Turn, problems: Problems) -> Rotation:
+def turn_of(raw: RawTable, turn: TurnColumns, problems: Problems) -> Rotation:
     """Read the orientations of a table with the map; invalid orientations become problems."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
@@ -104,7 +104,7 @@ def turn_of(raw: RawTable, turn: Turn, problems: Problems) -> Rotation:
     return Rotation.from_euler(order.upper() if way == "moving" else order, values, degrees=degrees)
 
 
-def _none(turn: Turn) -> Array:
+def _none(turn: TurnColumns) -> Array:
     """Return the identity in the form of a turn, which replaces invalid values until they are reported."""
     if turn.form == "quaternion":
         return np.array([0.0, 0.0, 0.0, 1.0])
@@ -136,7 +136,7 @@ def table_by(
         if poses.commanded is not None:
             named |= _columns("q{}_commanded_deg", np.degrees(poses.commanded))
     else:
-        named = _named(raw, table_map, test, axes, direction)
+        named = _mapped_columns(raw, table_map, test, axes, direction)
     used = set(table_map.used())
     for name in raw.names:
         if name not in used:
@@ -149,7 +149,9 @@ def _columns(template: str, values: Array) -> Columns:
     return {template.format(axis): pa.array(column) for axis, column in enumerate(values.T, start=1)}
 
 
-def _named(raw: RawTable, table_map: TableMap, test: TestName, axes: int, direction: Direction | None) -> Columns:
+def _mapped_columns(
+    raw: RawTable, table_map: TableMap, test: TestName, axes: int, direction: Direction | None
+) -> Columns:
     layout, stated = format_of(test).layout(axes), table_map.columns
     driven = any(name in layout.required for name in joint_columns(1))
     joints = list(_columns("q{}_deg", np.zeros((1, len(table_map.joints.columns))))) if table_map.joints else []
@@ -158,13 +160,13 @@ def _named(raw: RawTable, table_map: TableMap, test: TestName, axes: int, direct
     if missing or (driven and table_map.joints is None):
         problem = f"does not name a column for {', '.join(missing[:6]) or 'the joints'}, which a {test} table needs"
         raise FileError("the map", problem, "add columns: {NAME: {column: COLUMN OF THE FILE, unit: UNIT}}")
-    if unknown := [name for name in (*stated, *table_map.constants) if name not in layout.known]:
+    if unknown := [name for name in (*stated, *table_map.constants) if name not in layout.known_columns]:
         problem = f"names {unknown[0]}, which no {test} table has"
-        raise UseError("the map", problem, f"known are {', '.join(layout.known)}")
+        raise UseError("the map", problem, f"known are {', '.join(layout.known_columns)}")
     problems = Problems()
     angles = np.degrees(_radians(raw, table_map.joints, problems)) if table_map.joints else np.empty((0, 0))
     named: Columns = {}
-    for name in layout.known:
+    for name in layout.known_columns:
         if name in joints:
             named[name] = pa.array(angles[:, joints.index(name)])
         elif name in stated:

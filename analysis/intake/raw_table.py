@@ -1,7 +1,7 @@
 """A table file in the format of an instrument: detection of separators, decimals, comments, header and units, with
 cells as text.
 
-pyarrow splits the lines. The detected `Layout` becomes part of the map, so that the operator can correct it.
+pyarrow splits the lines. The detected `FileLayout` becomes part of the map, so that the operator can correct it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import pyarrow.csv as pa_csv
 
 from analysis.intake.cells import Problems, TableFileError, TableProblem, value
 from analysis.intake.read import refuse_other_formats
-from analysis.intake.table_map import SEPARATORS, Layout, Separator
+from analysis.intake.table_map import SEPARATORS, FileLayout, Separator
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.csv_tables import LARGEST
 from daq.store.chunk import array_of
@@ -163,7 +163,7 @@ def _texts_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, byte
         yield sheet.title, written.getvalue().encode()
 
 
-def text_of(data: bytes, where: str, layout: Layout | None = None) -> tuple[list[str], Layout]:
+def text_of(data: bytes, where: str, layout: FileLayout | None = None) -> tuple[list[str], FileLayout]:
     """Return the lines of a file and their encoding. Raises FileError if the file is not text."""
     encoding = layout.encoding if layout else "utf-8"
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
@@ -180,10 +180,10 @@ def text_of(data: bytes, where: str, layout: Layout | None = None) -> tuple[list
         encoding, text = "cp1252", data.decode("cp1252", errors="replace")
     if "\0" in text:
         raise FileError(where, "contains zero bytes, which a text file cannot", "give the table as UTF-8 text")
-    return re.split(r"\r\n|\n|\r", text), Layout(encoding=encoding)
+    return re.split(r"\r\n|\n|\r", text), FileLayout(encoding=encoding)
 
 
-def layout_of(lines: Sequence[str], encoding: str, where: str) -> Layout:
+def layout_of(lines: Sequence[str], encoding: str, where: str) -> FileLayout:
     """Detect the layout of the lines of a file. Raises FileError if they are not a table of numbers."""
     comment = next((mark for line in lines[:1000] for mark in _COMMENTS if line.lstrip().startswith(mark)), "")
     rows = [k for k, line in enumerate(lines) if line.strip() and not (comment and line.lstrip().startswith(comment))]
@@ -218,7 +218,7 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> Layout:
     if first is None:
         raise FileError(where, "has non-numeric cells in every row", "give a table of measurements")
     header, units = _header(lines, first, rows, comment, mark, fields, numeric)
-    return Layout(
+    return FileLayout(
         encoding=encoding,
         separator=separator,
         decimal="comma" if comma else "point",
@@ -259,7 +259,7 @@ def _is_number(cell: str, comma: bool) -> bool:
     return bool(_POINT.match(cell.replace(",", ".", 1) if comma else cell))
 
 
-def read_raw(lines: Sequence[str], layout: Layout, where: str) -> RawTable:
+def read_raw(lines: Sequence[str], layout: FileLayout, where: str) -> RawTable:
     """Split the lines of a file by the layout. Raises TableFileError for rows of different lengths."""
     mark = SEPARATORS[layout.separator]
     fields = len(_fields("".join(lines[layout.first_line - 1 : layout.first_line]), mark))
@@ -307,7 +307,7 @@ def read_raw(lines: Sequence[str], layout: Layout, where: str) -> RawTable:
     return RawTable(where, tuple(names), tuple(units), cells, np.array(kept) + 1, comma)
 
 
-def _names(lines: Sequence[str], layout: Layout, body: str, mark: str) -> tuple[list[str], list[str]]:
+def _names(lines: Sequence[str], layout: FileLayout, body: str, mark: str) -> tuple[list[str], list[str]]:
     """Return the unique names of the columns, and their units."""
     count = len(_fields(body, mark))
 
@@ -381,7 +381,7 @@ def _index(table: RawTable, join: str) -> dict[str, int]:
     return {key: row for row, key in enumerate(keys)}
 
 
-def read_files(files: Sequence[tuple[Path, bytes]], layouts: Sequence[Layout], join: str) -> tuple[RawTable, int]:
+def read_files(files: Sequence[tuple[Path, bytes]], layouts: Sequence[FileLayout], join: str) -> tuple[RawTable, int]:
     """Return the joined table of the files of a measurement, read with the layouts of the map, and the number of
     unmatched rows.
     """

@@ -66,7 +66,7 @@ def check_sequence(
 
     lines: line numbers of the rows (n,).
     """
-    columns_of_test = format_of(test).layout().known
+    columns_of_test = format_of(test).layout().known_columns
     if "t_s" in columns_of_test and "t_s" in columns:
         t_s = columns["t_s"].to_numpy()
         timed = np.flatnonzero(np.isfinite(t_s))
@@ -156,8 +156,8 @@ def check_header(
     missing = [name for name in layout.required if name not in names and not (direction_given and name == "direction")]
     if len(missing) == len(layout.required) and all(re.fullmatch(_CELL, name) for name in names):
         raise FileError(where, "lacks a header line", f"insert this first line: {','.join(layout.required)}")
-    problems += [TableProblem(1, name, _missing(name, names, layout, test)) for name in missing]
-    if not format_of(test).gauges and RAIL in names and RAIL not in layout.known:
+    problems += [TableProblem(1, name, _missing_column_problem(name, names, layout, test)) for name in missing]
+    if not format_of(test).gauges and RAIL in names and RAIL not in layout.known_columns:
         fact = "the arm of the rig file has no rail; add robot.rail to the rig file, or rename this column"
         problems.append(TableProblem(1, RAIL, fact))
     for group in layout.together:
@@ -170,13 +170,13 @@ def check_header(
         raise TableFileError(where, problems, f"a {test} table needs {','.join(layout.required)}{mapped}")
 
 
-def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str:
+def _missing_column_problem(name: str, names: list[str], layout: Layout, test: TestName) -> str:
     # Find an extra column that may be the missing one: with the same stem (g1_inch for g1_mm) or similar spelling.
     # Column names of other tests are not candidates.
-    of_any = {column for test in TESTS for column in format_of(test).layout().known}
+    of_any = {column for test in TESTS for column in format_of(test).layout().known_columns}
     extras = [extra for extra in names if extra not in of_any]
     of_same_stem = [extra for extra in extras if _stem(extra) == _stem(name)]
-    taken = {_stem(column) for column in layout.known}
+    taken = {_stem(column) for column in layout.known_columns}
     alike = difflib.get_close_matches(name, [extra for extra in extras if _stem(extra) not in taken], n=1)
     near = next(iter(of_same_stem + alike), None)
     if near:

@@ -40,7 +40,7 @@ TurnForm = Annotated[str, StringConstraints(pattern=r"^(quaternion|rotation vect
 TURN_COLUMNS = {"quaternion": 4, "rotation vector": 3, "matrix": 9}
 
 
-class Layout(Part):
+class FileLayout(Part):
     """Layout of a text file. Lines count from 1; 0 means none. sheet: of a workbook; topic: of the poses in a bag."""
 
     encoding: Literal["utf-8", "utf-16", "cp1252"] = "utf-8"
@@ -78,7 +78,7 @@ class Residual(Lengths):
     meaning: Literal["target - measured", "measured - target"]
 
 
-class Turn(Part):
+class TurnColumns(Part):
     """Orientation of the tool. Columns: a quaternion x, y, z, w; a matrix by rows; or angles in the order of their
     axes.
     """
@@ -88,7 +88,7 @@ class Turn(Part):
     unit: AngleUnit | None = None
 
     @model_validator(mode="after")
-    def _whole(self) -> Turn:
+    def _check_form(self) -> TurnColumns:
         if re.search("xx|yy|zz", self.form):
             raise ValueError(f"{self.form} turns about the same axis twice in a row; write xyz, zyx, zyz …")
         count = TURN_COLUMNS.get(self.form, 3)
@@ -102,7 +102,7 @@ class Turn(Part):
         return self
 
 
-class Column(Part):
+class MappedColumn(Part):
     """A column of the file that supplies a column of docs/tables.md, and the unit if different."""
 
     column: Name
@@ -119,16 +119,16 @@ class TableMap(Part):
     measured joints are unknown. assumed: unconfirmed assumptions.
     """
 
-    files: Annotated[tuple[Layout, ...], Field(min_length=1, max_length=8)]
+    files: Annotated[tuple[FileLayout, ...], Field(min_length=1, max_length=8)]
     join: Annotated[str, StringConstraints(max_length=200)] = ""
     joints: Angles | None = None
     commanded: Angles | None = None
     place: Lengths | None = None
     residual: Residual | None = None
-    turn: Turn | None = None
+    turn: TurnColumns | None = None
     sees: Literal["the tool", "from the tool"] = "the tool"
     stops: Literal["of the cube"] | None = None
-    columns: dict[Name, Column] = Field(default_factory=dict, max_length=100)
+    columns: dict[Name, MappedColumn] = Field(default_factory=dict, max_length=100)
     constants: dict[Name, Name] = Field(default_factory=dict, max_length=10)
     only_commanded: bool = False
     assumed: tuple[Name, ...] = ()

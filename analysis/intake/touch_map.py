@@ -13,7 +13,7 @@ import numpy as np
 from analysis.intake.column_groups import groups_of
 from analysis.intake.raw_table import RawTable, layout_of, read_raw, text_of
 from analysis.intake.read import header_names, read_head, read_whole
-from analysis.intake.table_map import Angles, Column, TableMap
+from analysis.intake.table_map import Angles, MappedColumn, TableMap
 from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import SOCKET, joint_columns, second_joint_columns
 from rigs.errors import FileError
@@ -52,9 +52,9 @@ def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> Tabl
     optional = [name for name in format_of(test).layout(len(rig.robot.axes)).optional if name in raw.names]
     joints = _joints(raw, rig, set(optional))
     column = next((name for name in raw.names if name.strip().lower() == SOCKET), None)
-    columns = {name: Column(column=name) for name in optional}
+    columns = {name: MappedColumn(column=name) for name in optional}
     if column and not socket:
-        return TableMap(files=(layout,), joints=joints, columns={SOCKET: Column(column=column), **columns})
+        return TableMap(files=(layout,), joints=joints, columns={SOCKET: MappedColumn(column=column), **columns})
     return TableMap(files=(layout,), joints=joints, columns=columns, constants={SOCKET: socket or _only(rig, where)})
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.evidence.observation import ObservedRun
-from analysis.movement.changes import Step, find_step
+from analysis.movement.changes import MovementStep, find_step
 from analysis.movement.runs import observed
 from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Mask
@@ -68,7 +68,7 @@ def _of_group(rig: Rig, runs: Sequence[Measured]) -> tuple[Movement | None, list
     return movement, masks
 
 
-def _movement(runs: Sequence[Measured], where: int, row: int, step: Step, piece: ObservedRun) -> Movement:
+def _movement(runs: Sequence[Measured], where: int, row: int, step: MovementStep, piece: ObservedRun) -> Movement:
     found, names = step.found, [run.run.manifest.name for run in runs]
     rows = runs[where].table.rows
     from_, to = (

@@ -38,14 +38,14 @@ covered by other effects of a diagnosis.
 
 
 @dataclass(frozen=True)
-class Step:
+class MovementStep:
     """A change from a given reading on: index of the first reading after it in time order, and the cause."""
 
     first: int
     found: CauseOdds
 
 
-def find_step(runs: Sequence[ObservedRun], order: Integers) -> Step | None:
+def find_step(runs: Sequence[ObservedRun], order: Integers) -> MovementStep | None:
     """Return the movement among runs of places with common set-ups; None if no movement is found.
 
     order (m,): position in time of each reading, in the sequence of the runs.
@@ -68,7 +68,7 @@ def find_step(runs: Sequence[ObservedRun], order: Integers) -> Step | None:
     if found is None or found.what in ("nothing", "other", "pair"):
         return None
     moves_mm = np.abs(compared.shifts[found.cause].columns @ compared.posterior.estimates[found.cause].mean).max()
-    return Step(first, found) if moves_mm > _TIMES_SCATTER * reference.scatter_mm else None
+    return MovementStep(first, found) if moves_mm > _TIMES_SCATTER * reference.scatter_mm else None
 
 
 def _thinned(runs: Sequence[ObservedRun]) -> list[ObservedRun]:

@@ -241,7 +241,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Posterior:
+class CausePosterior:
     """Probabilities of causes, likeliest first, with estimates. `wild`: row of the reading that is probably an
     outlier, or None.
     """
@@ -253,7 +253,7 @@ class Posterior:
 
 def posterior(
     predictions: Sequence[Prediction], shifts: Mapping[Cause, Shift], sd_mm: Array, row: Integers
-) -> Posterior:
+) -> CausePosterior:
     """Return the posterior of no movement, of the given causes with their shifts of the readings (n,) mm, and of an
     unknown change.
 
@@ -277,7 +277,7 @@ def posterior(
         best = max(probability, key=lambda cause: probability[cause])
     wild = wild_row.get(best) if wild_log.get(best, -np.inf) > estimates[best].log_evidence + np.log(20) else None
     ordered = dict(sorted(probability.items(), key=lambda item: -item[1]))
-    return Posterior(ordered, estimates, wild)
+    return CausePosterior(ordered, estimates, wild)
 
 
 def _normalised(

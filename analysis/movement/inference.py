@@ -11,9 +11,9 @@ from analysis.diagnosis.evidence.observation import ObservedRun, parts
 from analysis.diagnosis.evidence.setups import fit_setups, folds_of
 from analysis.movement.causes import NOTHING, Cause, prior_of
 from analysis.movement.evidence import (
+    CausePosterior,
     Conditioned,
     LinearReadings,
-    Posterior,
     Prediction,
     Shift,
     condition,
@@ -145,17 +145,17 @@ def _near(left: Array, readings: LinearReadings) -> Mask:
 
 
 @dataclass(frozen=True)
-class Compared:
+class ReferenceComparison:
     """New readings compared with a reference: runs, predictions, effects of the causes, and posterior."""
 
     runs: tuple[ObservedRun, ...]
     readings: LinearReadings
     predictions: tuple[Prediction, ...]
     shifts: Mapping[Cause, Shift]
-    posterior: Posterior
+    posterior: CausePosterior
 
     @property
-    def named(self) -> Cause | None:
+    def identified_cause(self) -> Cause | None:
         """The cause with odds of at least 20 to 1; None if there is none. Causes that the readings cannot show are
         added to "nothing".
         """
@@ -184,7 +184,7 @@ class Compared:
         return found
 
 
-def compare(reference: Reference, new: Sequence[ObservedRun]) -> Compared:
+def compare(reference: Reference, new: Sequence[ObservedRun]) -> ReferenceComparison:
     """Return the odds of each cause from new readings in set-ups of the reference."""
     runs = [replace(run, model=reference.place.model) for run in selected(new)]
     readings = linearise(runs, reference.place)
@@ -203,4 +203,4 @@ def compare(reference: Reference, new: Sequence[ObservedRun]) -> Compared:
             break
         shifts |= {cause: shift_of(runs, reference.place, cause, about) for cause, about in large.items()}
         found = posterior(predictions, shifts, readings.sd_mm, readings.row)
-    return Compared(tuple(runs), readings, tuple(predictions), shifts, found)
+    return ReferenceComparison(tuple(runs), readings, tuple(predictions), shifts, found)

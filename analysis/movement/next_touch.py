@@ -15,7 +15,7 @@ import numpy as np
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.movement.causes import LEVELS, NOTHING, Cause, prior_of
 from analysis.movement.evidence import LinearReadings, Prediction, likeliest
-from analysis.movement.inference import Compared, Reference, square_to_name
+from analysis.movement.inference import Reference, ReferenceComparison, square_to_name
 from analysis.movement.linearise import day_columns, shift_of
 from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array
@@ -25,7 +25,7 @@ _REMAINING = 1e-3
 
 
 @dataclass(frozen=True)
-class Posture:
+class ReferencePosture:
     """A reading of the reference to repeat: set-up, row in the file, and joint angles (axes,) rad."""
 
     setup: str
@@ -52,7 +52,7 @@ class Candidates:
     runs: tuple[ObservedRun, ...]
     readings: LinearReadings
     shifts: Mapping[Cause, Array]
-    postures: tuple[Posture, ...]
+    postures: tuple[ReferencePosture, ...]
 
 
 def candidates_of(reference: Reference) -> Candidates:
@@ -64,7 +64,7 @@ def candidates_of(reference: Reference) -> Candidates:
     ])  # fmt: skip
     readings = every.rows(of_places)
     postures = tuple(
-        Posture(run.setup, int(run.table.rows[row]), angles, 0.0)
+        ReferencePosture(run.setup, int(run.table.rows[row]), angles, 0.0)
         for run in runs
         for row, angles in zip(_table_rows(run), run.path.q[run.samples], strict=True)
     )
@@ -78,7 +78,9 @@ def _table_rows(run: ObservedRun) -> list[int]:
     return [int(row) for row in apart.argmin(axis=1)]
 
 
-def next_posture(reference: Reference, candidates: Candidates, compared: Compared | None) -> Posture | None:
+def next_posture(
+    reference: Reference, candidates: Candidates, compared: ReferenceComparison | None
+) -> ReferencePosture | None:
     """Return the posture expected to separate the remaining causes best; None if there are no postures."""
     count = len(candidates.postures)
     if not count:
@@ -107,7 +109,7 @@ def next_posture(reference: Reference, candidates: Candidates, compared: Compare
 _SAME_RAD = 0.02
 
 
-def _remaining(reference: Reference, compared: Compared | None) -> dict[Cause, float]:
+def _remaining(reference: Reference, compared: ReferenceComparison | None) -> dict[Cause, float]:
     if compared is None:
         every = prior_of([NOTHING, *reference.causes])
     else:
@@ -120,7 +122,7 @@ def _remaining(reference: Reference, compared: Compared | None) -> dict[Cause, f
     return kept if len(kept) > 1 else every
 
 
-def _joined(candidates: Candidates, compared: Compared | None) -> tuple[LinearReadings, Array, int]:
+def _joined(candidates: Candidates, compared: ReferenceComparison | None) -> tuple[LinearReadings, Array, int]:
     """Return the readings taken and those of all candidates together, their changes between days, and the number of
     known entries.
     """
@@ -130,7 +132,9 @@ def _joined(candidates: Candidates, compared: Compared | None) -> tuple[LinearRe
     return joint, day_columns(runs, joint), len(new.residual)
 
 
-def _columns(cause: Cause, candidates: Candidates, compared: Compared | None, joint: LinearReadings) -> Array:
+def _columns(
+    cause: Cause, candidates: Candidates, compared: ReferenceComparison | None, joint: LinearReadings
+) -> Array:
     if cause == NOTHING:
         return np.empty((len(joint.sd_mm), 0))
     parts = [candidates.shifts[cause]]
@@ -140,7 +144,7 @@ def _columns(cause: Cause, candidates: Candidates, compared: Compared | None, jo
 
 
 def _predicted(
-    prediction: Prediction, columns: Array, cause: Cause, compared: Compared | None, known: int, count: int
+    prediction: Prediction, columns: Array, cause: Cause, compared: ReferenceComparison | None, known: int, count: int
 ) -> tuple[Array, Array]:
     """Return mean (c, k) and covariance (c, k, k) of the reading at each candidate under a cause, given the readings
     taken.

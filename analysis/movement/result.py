@@ -11,9 +11,9 @@ from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.evidence.setups import FRAME
 from analysis.movement.causes import NOTHING, OTHER, Cause, What
 from analysis.movement.evidence import Estimate
-from analysis.movement.inference import MOST_MM, NAMED, Compared, Reference, compare, study
+from analysis.movement.inference import MOST_MM, NAMED, Reference, ReferenceComparison, compare, study
 from analysis.movement.linearise import angles_of, tool_places, with_cause
-from analysis.movement.next_touch import Candidates, Lever, Posture, candidates_of, hidden_causes, next_posture
+from analysis.movement.next_touch import Candidates, Lever, ReferencePosture, candidates_of, hidden_causes, next_posture
 from analysis.procedures.facts import facts_of
 from analysis.robot.geometry.pose_setup import frame
 from analysis.robot.kinematics.arm import Array, forward
@@ -64,7 +64,7 @@ class CauseOdds:
 
 
 @dataclass(frozen=True)
-class Moved:
+class MovementResult:
     """Movement between a reference and new readings.
 
     cannot_separate: causes between which the readings do not decide. next_posture: posture to touch next, None if a
@@ -74,7 +74,7 @@ class Moved:
     causes: tuple[CauseOdds, ...]
     named: CauseOdds | None
     cannot_separate: tuple[CauseOdds, ...]
-    next_posture: Posture | None
+    next_posture: ReferencePosture | None
     hidden: tuple[Lever, ...]
     readings: int
     reference_readings: int
@@ -115,7 +115,7 @@ def short_name(cause: Cause) -> str:
     return name.partition(FRAME)[0]
 
 
-def what_moved(reference_runs: list[ObservedRun], new: list[ObservedRun], *, plan: bool = False) -> Moved:
+def what_moved(reference_runs: list[ObservedRun], new: list[ObservedRun], *, plan: bool = False) -> MovementResult:
     """Infer the movement between reference runs and new runs of an arm, with a common model and touches split by
     socket.
 
@@ -140,11 +140,11 @@ def what_moved(reference_runs: list[ObservedRun], new: list[ObservedRun], *, pla
 
 
 def moved_of(
-    reference: Reference, compared: Compared | None, *, plan: bool = False, doubts: tuple[str, ...] = ()
-) -> Moved:
+    reference: Reference, compared: ReferenceComparison | None, *, plan: bool = False, doubts: tuple[str, ...] = ()
+) -> MovementResult:
     """Return the result of a comparison, or of a plan before the first reading."""
     causes = [] if compared is None else _causes(reference, compared)
-    named = causes[0] if compared is not None and compared.named is not None else None
+    named = causes[0] if compared is not None and compared.identified_cause is not None else None
     rivals = () if named else tuple(cause for cause in causes if cause.posterior > 1 - NAMED)
     candidates = candidates_of(reference)
     hidden = tuple(hidden_causes(reference, candidates))
@@ -152,7 +152,7 @@ def moved_of(
     if (plan or compared is not None) and named is None:
         step = _next(reference, candidates, compared, rivals, hidden)
     wild = None if compared is None or compared.posterior.wild is None else compared.posterior.wild + 1
-    return Moved(
+    return MovementResult(
         tuple(causes), named, rivals, step, hidden,
         sum(len(run.rows) for run in compared.runs) if compared else 0, sum(len(run.rows) for run in reference.runs),
         reference.scatter_mm, _vector(reference.place.centre_mm), wild,
@@ -160,7 +160,7 @@ def moved_of(
     )  # fmt: skip
 
 
-def _zero_bounds(compared: Compared | None) -> tuple[float, ...]:
+def _zero_bounds(compared: ReferenceComparison | None) -> tuple[float, ...]:
     """Return the largest error in degrees of each zero that is compatible with the readings."""
     estimates = compared.posterior.estimates.items() if compared else ()
     return tuple(
@@ -173,10 +173,10 @@ def _zero_bounds(compared: Compared | None) -> tuple[float, ...]:
 def _next(
     reference: Reference,
     candidates: Candidates,
-    compared: Compared | None,
+    compared: ReferenceComparison | None,
     rivals: tuple[CauseOdds, ...],
     hidden: tuple[Lever, ...],
-) -> Posture | None:
+) -> ReferencePosture | None:
     """Return the next posture; None if only causes remain that no posture shows."""
     invisible = {lever.cause for lever in hidden}
     if rivals and all(rival.cause in invisible or rival.cause == NOTHING for rival in rivals):
@@ -184,7 +184,7 @@ def _next(
     return next_posture(reference, candidates, compared)
 
 
-def _causes(reference: Reference, compared: Compared) -> list[CauseOdds]:
+def _causes(reference: Reference, compared: ReferenceComparison) -> list[CauseOdds]:
     found: list[CauseOdds] = []
     for cause, probability in compared.posterior.probability.items():
         if probability < _SHOWN and len(found) >= 1:
@@ -212,12 +212,12 @@ def _sized(reference: Reference, cause: Cause, probability: float, estimate: Est
     shift, turn = estimate.mean[:3], estimate.mean[3:]
     return CauseOdds(
         cause, probability, _vector(shift), _vector(np.degrees(turn)) if len(turn) else None, None,
-        _along(shift, estimate.cov[:3, :3]),
-        float(np.degrees(_along(turn, estimate.cov[3:, 3:]))) if len(turn) else None, point,
+        _length_uncertainty(shift, estimate.cov[:3, :3]),
+        float(np.degrees(_length_uncertainty(turn, estimate.cov[3:, 3:]))) if len(turn) else None, point,
     )  # fmt: skip
 
 
-def _along(vector: Array, cov: Array) -> float:
+def _length_uncertainty(vector: Array, cov: Array) -> float:
     """Return the standard uncertainty of the length of a vector (3,)."""
     direction = vector / max(float(np.linalg.norm(vector)), 1e-12)
     return float(np.sqrt(direction @ cov @ direction))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from analysis.diagnosis.evidence.observation import ObservedRun, by_socket
 from analysis.diagnosis.evidence.placements import observe_runs
-from analysis.movement.result import Moved, what_moved
+from analysis.movement.result import MovementResult, what_moved
 from analysis.procedures.facts import shows_joints
 from analysis.runs.loading import Measured
 from rigs.errors import FileError
@@ -23,7 +23,9 @@ def observed(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
     return [part for run in observe_runs(rig, with_joints) for part in by_socket(run)]
 
 
-def what_moved_in(rig: Rig, reference: Sequence[Measured], new: Sequence[Measured], *, plan: bool = False) -> Moved:
+def what_moved_in(
+    rig: Rig, reference: Sequence[Measured], new: Sequence[Measured], *, plan: bool = False
+) -> MovementResult:
     """Infer the movement between reference runs and new runs.
 
     If all new runs have a different placement name, it is treated as that of the reference. Raises FileError if the

@@ -81,7 +81,7 @@ def arm_terms(rig: Rig) -> tuple[Term, ...]:
 
     Constants that only move the base frame or the ball are left out: all of axis 1, the zero and d of the last axis.
     """
-    axes, build = rig.robot.axes, rig.robot.built
+    axes, build = rig.robot.axes, rig.robot.design
     scope = Scope(False, (), tuple(axis.alpha_deg for axis in axes), (1.0,) * len(axes), False, rig.robot.payload_kg)
     forms = [form for cls in VOCABULARY.values() for seat in cls.forms(scope) for form in seat]
     grouped = [(group, form) for group in GROUPS for form in forms if _group_of(form, rig) == group]

@@ -13,7 +13,15 @@ from analysis.pair.fit_pair import FittedPair
 from analysis.pair.result import PairResult
 from analysis.robot.geometry.pose_setup import frame
 from analysis.robot.kinematics.arm import Array, roll_pitch_yaw
-from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Judged, Parameter, PlacedSetUp, packed_factor
+from rigs.calibration import (
+    TIMES,
+    CalibratedModel,
+    CalibratedRun,
+    CovarianceParameter,
+    ModelAssessment,
+    PlacedSetUp,
+    packed_factor,
+)
 from rigs.calibration import Term as CalibratedTerm
 from rigs.distribution import version
 from rigs.edit import Keys, Value, with_values
@@ -33,7 +41,7 @@ def calibrations(fit: FittedPair, result: PairResult, table: Path) -> tuple[Cali
     run = CalibratedRun(name=table.name, sha256=hashlib.sha256(table.read_bytes()).hexdigest())
     before_um = 1000 * result.before_mm
     judged = [
-        Judged(
+        ModelAssessment(
             condition="uncalibrated", place="held_out", before_um=before_um, names_um=before_um,
             whole_um=1000 * result.left_mm, handed_um=1000 * result.left_mm, noise_um=1000 * result.scatter_mm,
             unexplained_um=1000 * unexplained,
@@ -50,7 +58,13 @@ def calibrations(fit: FittedPair, result: PairResult, table: Path) -> tuple[Cali
 
 
 def _calibration(
-    fit: FittedPair, arm: PairArm, columns: slice, q: Array, point_mm: Array, run: CalibratedRun, judged: Judged
+    fit: FittedPair,
+    arm: PairArm,
+    columns: slice,
+    q: Array,
+    point_mm: Array,
+    run: CalibratedRun,
+    judged: ModelAssessment,
 ) -> CalibratedModel:
     terms = tuple(
         CalibratedTerm(effect=term.effect, times=float(times))
@@ -63,7 +77,7 @@ def _calibration(
         joints_deg=tuple(zip(angles.min(axis=0).tolist(), angles.max(axis=0).tolist(), strict=True)),
         setups={_SETUP: PlacedSetUp(T_instrument_world=frames[0], T_tool_target=frames[1])},
         before_um=judged.before_um, calibrated_um=judged.whole_um, held_out_um=judged.handed_um, judged=judged,
-        terms=terms, parameters=tuple(Parameter(term=k, field=TIMES) for k in range(len(terms))),
+        terms=terms, parameters=tuple(CovarianceParameter(term=k, field=TIMES) for k in range(len(terms))),
         factor=packed_factor(_root(fit.posterior.cov[columns, columns])),
     )  # fmt: skip
 

@@ -17,7 +17,7 @@ from analysis.pair.pair_table import PairTable
 from analysis.robot.geometry.pose_setup import frame
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 from rigs.errors import FileError
-from rigs.schema.declared_tests import SocketDistance
+from rigs.schema.declared_tests import KnownSocketDistance
 
 SETUP = 9
 """Set-up unknowns before those of the sockets."""
@@ -52,7 +52,7 @@ class Pair:
     first: PairArm
     second: PairArm
     table: PairTable
-    distances: tuple[SocketDistance, ...]
+    distances: tuple[KnownSocketDistance, ...]
     where: str
 
     @property

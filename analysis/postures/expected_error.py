@@ -150,7 +150,9 @@ def expected_errors(
     if knowledge != "calibrated":
         first, of_all = _first_turns(solution, len(q))
         moves = typical_displacements(rig, np.concatenate([taught, q[first]]))
-        remaining = frame.rest(moves[:, len(taught) :], at_postures[first], frame.motions(moves[:, : len(taught)]))
+        remaining = frame.remove_motions(
+            moves[:, len(taught) :], at_postures[first], frame.motions(moves[:, : len(taught)])
+        )
         square += np.einsum("kni,kni->n", remaining, remaining)[of_all]
     rising, falling = _plays(rig, q, typical=knowledge != "calibrated")
     square += _time_square(rig, q)
@@ -196,7 +198,7 @@ def _rest_square(
     single = None if factor is None else factor.astype(np.float32)  # half the time, and u needs three digits
     motions, square = frame.motions(np.ascontiguousarray(moves_at(taught)[:, :, :3])), np.zeros(len(q))
     for rows in blocks(len(q), _ROWS):
-        moves = frame.rest(moves_at(q[rows])[:, :, :3], poses[rows], motions)
+        moves = frame.remove_motions(moves_at(q[rows])[:, :, :3], poses[rows], motions)
         if single is not None and len(moves):
             flat = moves.reshape(len(moves), -1).astype(np.float32)
             moves = (single @ flat).reshape(len(single), -1, 3).astype(float)

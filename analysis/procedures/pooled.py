@@ -84,13 +84,15 @@ def pooled(group: Sequence[Result]) -> list[Pooled]:
     for title in dict.fromkeys(result.title for result in group):
         runs, left_out = _of_one_setup([result for result in group if result.title == title])
         if len(runs) > 1:
-            means.append(Pooled(title, tuple(runs), tuple(left_out), between([run.figures for run in runs])))
+            means.append(
+                Pooled(title, tuple(runs), tuple(left_out), figures_between_runs([run.figures for run in runs]))
+            )
         elif left_out:
             means.append(Pooled(title, tuple(runs), tuple(left_out), {}))
     return means
 
 
-def between(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, BetweenRuns]:
+def figures_between_runs(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, BetweenRuns]:
     """Return the figures common to all runs, over the runs. The u of a mean is at least the smallest u of a run, part
     of which (the gauges' time and baseline) is common to all runs."""
     over_runs = {}
@@ -179,8 +181,8 @@ def pairs_of(group: Sequence[Result]) -> Pairs | None:
     figures: dict[str, Quantity | BetweenRuns] = {**pairs[0].figures}
     lag = pairs[0].lag
     if len(pairs) > 1:
-        figures = {**between([of_pair.figures for of_pair in pairs])}
-        lag = between([{"lag_ms": of_pair.lag} for of_pair in pairs])["lag_ms"].mean
+        figures = {**figures_between_runs([of_pair.figures for of_pair in pairs])}
+        lag = figures_between_runs([{"lag_ms": of_pair.lag} for of_pair in pairs])["lag_ms"].mean
     return Pairs(tuple(runs), figures, lag, tuple(refused))
 
 

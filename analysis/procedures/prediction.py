@@ -12,7 +12,7 @@ from typing import Protocol, TypeVar
 from analysis.procedures.facts import no_joints_error, shows_joints
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import Model, Path, SetUp, moved
-from analysis.robot.model.scene import Scene
+from analysis.robot.model.scene import ModelScene
 from analysis.runs.parts_of_tests import TestPart, part_of
 from analysis.runs.tables import Table
 from rigs.rig import Rig
@@ -33,7 +33,7 @@ class Prediction(TestPart, Protocol[T_contra]):
         """Return the motion of a table: as recorded, or with the approaches required by the test."""
 
     @abstractmethod
-    def read(self, model: Model, table: T_contra, path: Path, scene: Scene, setup: SetUp) -> Array:
+    def read(self, model: Model, table: T_contra, path: Path, scene: ModelScene, setup: SetUp) -> Array:
         """Return readings (m, k): gauges in mm; for places T_instrument_target, (m, 16) row by row."""
 
 
@@ -64,6 +64,6 @@ def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:
     return read(model, table, path, moved(model, path), setup)
 
 
-def read(model: Model, table: Table, path: Path, scene: Scene, setup: SetUp) -> Array:
+def read(model: Model, table: Table, path: Path, scene: ModelScene, setup: SetUp) -> Array:
     """Return readings (m, k) mm like `predict` from an existing scene, because a set-up does not change the tool."""
     return prediction_of(table).read(model, table, path, scene, setup)

@@ -153,15 +153,15 @@ def read_and_evaluated(path: Path) -> Result:
 
 def figures_alone(path: Path) -> Result:
     """Evaluate a run directory, without keeping its rows. Raises FileError."""
-    return _alone(path, None)
+    return _evaluate_in_parts(path, None)
 
 
 def figures_again(borrower: Borrower) -> tuple[int, Result]:
     """Read and evaluate a run with borrowed noise; return its index, and the result without rows. Raises FileError."""
-    return borrower.place, _alone(borrower.measured.path, borrower.noise)
+    return borrower.place, _evaluate_in_parts(borrower.measured.path, borrower.noise)
 
 
-def _alone(path: Path, like: tuple[LapNoise, LapNoise] | None) -> Result:
+def _evaluate_in_parts(path: Path, like: tuple[LapNoise, LapNoise] | None) -> Result:
     """Evaluate a run directory without keeping its rows, a long circle in parts."""
     with fetched(path) as directory:
         in_parts = long_circle(directory, path)

@@ -15,7 +15,7 @@ from analysis.diagnosis.judge.acts import FOUND, Act
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.plan.naming_tests import JOINED
 from analysis.report.answer_words import AnswerWords
-from analysis.report.diagnosis_words import micrometres, percent, sure, with_uncertainty, within
+from analysis.report.diagnosis_words import micrometres, percent, size_in_words, sure, with_uncertainty
 from analysis.report.texts import Texts, texts_of
 from rigs.effects import Effect, size_field
 from rigs.schema.effect import label_of, name_of
@@ -102,15 +102,15 @@ class ActWords:
             lines = [line for k in act.parts for line in self.diagnosis.budget[k].shown_together]
             others = [line for line in lines if line.label != label]
             if 0 < len(others) < len(lines):
-                sentences.append(self.texts("act_uncovers", others="; ".join(words.alone(others))))
+                sentences.append(self.texts("act_uncovers", others="; ".join(words.describe_parts_alone(others))))
         sentences += [
             self.texts(
                 falls if act.removes else f"act_{key}", before=micrometres(before),
-                after=within(act.remains_um, act.remains_u_um), place=self.texts(f"place_{act.place}"),
+                after=size_in_words(act.remains_um, act.remains_u_um), place=self.texts(f"place_{act.place}"),
             )
         ]  # fmt: skip
         if act.with_before_um is not None:
-            after = within(act.with_before_um, act.with_before_u_um)
+            after = size_in_words(act.with_before_um, act.with_before_u_um)
             sentences.append(self.texts("act_with_before", after=after))
         return " ".join(sentences)
 

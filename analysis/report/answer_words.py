@@ -21,8 +21,8 @@ from analysis.diagnosis.judge.result import (
     Diagnosis,
     Named,
     fault_rivals,
+    is_certain_part,
     is_sure,
-    is_there,
     likely_rivals,
 )
 from analysis.procedures.shared.quantity import quantity_of
@@ -32,8 +32,8 @@ from analysis.report.diagnosis_words import (
     percent,
     plain,
     size,
+    size_in_words,
     sure,
-    within,
 )
 from analysis.report.movement_words import movement_sentence
 from analysis.report.texts import Texts, texts_of
@@ -63,7 +63,7 @@ def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
         if part.share > LARGE_SHARE
         and part.kind not in ("scatter", "unexplained")
         and part not in faults
-        and (is_there(diagnosis, part) or part.members)
+        and (is_certain_part(diagnosis, part) or part.members)
     ]
 
 
@@ -184,9 +184,9 @@ class AnswerWords:
         """Return the name of a budget part, with the parts that cancel some of it."""
         return self._with_cancelled(part, self.short_name(part))
 
-    def alone(self, parts: Sequence[BudgetPart]) -> list[str]:
+    def describe_parts_alone(self, parts: Sequence[BudgetPart]) -> list[str]:
         """Return a phrase with the individual rms in µm for each of several parts that partly cancel."""
-        return [self.texts("alone", part=self.short_name(part), um=within(part.um, part.u_um)) for part in parts]
+        return [self.texts("alone", part=self.short_name(part), um=size_in_words(part.um, part.u_um)) for part in parts]
 
     def _with_cancelled(self, part: BudgetPart, words: str) -> str:
         others = ", ".join(map(self.short_name, part.shown_together[1:]))

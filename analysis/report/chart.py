@@ -53,7 +53,7 @@ LOOKS: dict[Role, Look] = {
 
 
 @dataclass(frozen=True)
-class Line:
+class ChartLine:
     """Values y (n,) at x (n,), drawn as a line or as points.
 
     half (n,): half length of the error bars, if any. steps (steps, n): values at each step of an animated chart; y is
@@ -70,7 +70,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Mark:
+class CircleMark:
     """A labelled place on the circle, in degrees."""
 
     at_deg: float
@@ -91,8 +91,8 @@ class Chart:
     x_label: str
     y_label: str
     unit: str
-    lines: tuple[Line, ...]
-    marks: tuple[Mark, ...] = ()
+    lines: tuple[ChartLine, ...]
+    marks: tuple[CircleMark, ...] = ()
     shaded: tuple[tuple[float, float], ...] = ()
     ticks: tuple[tuple[float, str], ...] = ()
     panels: tuple[str, ...] = ()
@@ -160,7 +160,7 @@ class SphereChart:
         largest = max(float(np.abs(self.deviation_mm).max()), float(np.abs(self.grid_deviation_mm).max()), 1e-9)
         return 0.2 * self.radius_mm / largest
 
-    def drawn(self, direction: Array, deviation_mm: Array) -> Array:
+    def chart_points(self, direction: Array, deviation_mm: Array) -> Array:
         """Return the drawn positions (..., 3) mm of points in a direction (..., 3) with a deviation (...) mm."""
         place: Array = direction * (self.radius_mm + self.magnified * deviation_mm)[..., None]
         return place
@@ -169,7 +169,7 @@ class SphereChart:
 Picture = Chart | SphereChart
 
 
-def marks_of(turns: Sequence[tuple[float, int]], texts: Texts) -> tuple[Mark, ...]:
+def marks_of(turns: Sequence[tuple[float, int]], texts: Texts) -> tuple[CircleMark, ...]:
     """Return a mark for each reversal, given as angle in degrees and axis number. Close marks share the label of the
     first.
     """
@@ -181,7 +181,7 @@ def marks_of(turns: Sequence[tuple[float, int]], texts: Texts) -> tuple[Mark, ..
             groups.append([turn])
     names = [texts("marked", axes=", ".join(str(axis) for _, axis in group)) for group in groups]
     return tuple(
-        Mark(at_deg, name if place == 0 else "")
+        CircleMark(at_deg, name if place == 0 else "")
         for group, name in zip(groups, names, strict=True)
         for place, (at_deg, _) in enumerate(group)
     )

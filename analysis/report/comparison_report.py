@@ -17,7 +17,7 @@ from analysis.diagnosis.judge.comparison import Compared, Comparison
 from analysis.report.diagnosis_picture import disagreement_picture
 from analysis.report.diagnosis_screen import places_table
 from analysis.report.model_charts import compared_chart
-from analysis.report.plain_console import right, whole
+from analysis.report.plain_console import fold_long_words, right
 from analysis.report.run_pictures import distinctly_named
 from analysis.report.stairs import stairs_of_model, stairs_table
 from analysis.report.still_chart import Sheet, as_png, part_of
@@ -49,7 +49,7 @@ def as_tables(compared: Compared) -> RenderableType:
             table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
         table.add_row("correlation of the curves", "", f"{comparison.correlation:.4f}", "")
         table.add_row("unexplained, rms of the readings", "", f"{comparison.rms_um:.2f} µm", "")
-        tables.append(whole(table))
+        tables.append(fold_long_words(table))
     where: list[RenderableType] = []
     # the model of all runs with the fitted set-ups, and the residual after each of the effects
     if compared.disagreement is not None:

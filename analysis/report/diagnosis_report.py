@@ -18,7 +18,7 @@ from analysis.report.diagnosis_words import rival_names
 from analysis.runs.written_files import Writer, holding, refuse_existing, write_all_new
 from rigs.calibration import CalibratedModel, CalibrationFile
 from rigs.edit import extended
-from rigs.effects import Effect, Found
+from rigs.effects import Effect, EffectProvenance
 from rigs.errors import FileError
 from rigs.schema.effect import name_of
 from rigs.text import as_argument
@@ -30,7 +30,7 @@ def with_origin(effect: Effect, runs: Sequence[str], sd: Mapping[str, float], ga
     Values are rounded to nine digits, uncertainties to three and gaps to the nanometre, because people read this file.
     """
     before, after = gap_um
-    origin = Found(
+    origin = EffectProvenance(
         date=dt.datetime.now(dt.UTC).date(),
         runs=tuple(runs),
         sd={field: float(f"{value:.3g}") for field, value in sd.items() if math.isfinite(value)},
@@ -41,8 +41,9 @@ def with_origin(effect: Effect, runs: Sequence[str], sd: Mapping[str, float], ga
     return effect.model_copy(update={"found": origin, **rounded})
 
 
-def beside(effect: Effect, **additions: object) -> Effect:
-    """Return an effect with additional provenance: `rivals`, `together`, `correlation` or `joints_deg` of `Found`."""
+def with_provenance(effect: Effect, **additions: object) -> Effect:
+    """Return an effect with additional provenance: `rivals`, `together`, `correlation` or `joints_deg` of
+    `EffectProvenance`."""
     origin = effect.found
     return effect if origin is None else effect.model_copy(update={"found": origin.model_copy(update=additions)})
 
@@ -72,7 +73,7 @@ def write_extended(
     return write_all_new(output.parent, extended_files(text, effects, output, calibrated))
 
 
-def hold_new(output: Path) -> None:
+def refuse_existing_rig(output: Path) -> None:
     """Raise FileError if a rig file or the calibration already exists. Call it before any computation."""
     for path in (output, calibration_path(output)):
         refuse_existing(path)
@@ -95,7 +96,7 @@ def calibration_file(name: str, content: bytes) -> CalibrationFile:
         raise FileError(name, problem, "use letters, digits, -, _ and . in the name of --output") from None
 
 
-def hold_empty(directory: Path) -> None:
+def require_empty(directory: Path) -> None:
     """Raise FileError unless a directory is empty or absent."""
     try:
         if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
@@ -144,7 +145,7 @@ def write_model(diagnosis: Diagnosis, text: str, output: Path) -> list[Path]:
 def _origins(diagnosis: Diagnosis) -> list[Effect]:
     """Return the written faults with their provenance."""
     return [
-        beside(
+        with_provenance(
             with_origin(named.effect, diagnosis.runs, named.sd, (named.gap_without_um, diagnosis.train.after_um)),
             rivals=tuple(rival_names(named)),
             together=tuple(name_of(twin) for twin in named.twins),

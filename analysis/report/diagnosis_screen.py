@@ -12,7 +12,7 @@ from rich.text import Text
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.judge.acts import Doubt
-from analysis.diagnosis.judge.residuals import Place
+from analysis.diagnosis.judge.residuals import ResidualPlace
 from analysis.diagnosis.judge.result import Condition, Diagnosis
 from analysis.report.act_words import acts_in_words
 from analysis.report.answer_words import AnswerWords, shown_parts
@@ -41,7 +41,7 @@ from rigs.text import counted
 _MOST_PLACES = 6
 
 
-def places_table(where: Sequence[Place]) -> list[RenderableType]:
+def places_table(where: Sequence[ResidualPlace]) -> list[RenderableType]:
     """Return a table of the worst places, each with the axis that reverses there."""
     if not where:
         return [Text("nowhere by more than the noise")]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
-from analysis.diagnosis.judge.remains import Remains
-from analysis.diagnosis.judge.residuals import Curve, Place, ResidualBand
-from analysis.diagnosis.judge.result import Gap, Member, Named, Rival, likely_rivals
+from analysis.diagnosis.judge.remains import ResidualSummary
+from analysis.diagnosis.judge.residuals import Curve, ResidualBand, ResidualPlace
+from analysis.diagnosis.judge.result import Gap, GroupMember, Named, Rival, likely_rivals
 from analysis.procedures.shared.quantity import Quantity, parameters_of, quantity_of
 from analysis.report.texts import Texts
 from rigs.effects import Effect, size_field
@@ -36,7 +36,7 @@ def with_uncertainty(effect: Effect, field: str, sd: Mapping[str, float], times:
     return str(Quantity(quantity.value, times * quantity.u, quantity.unit))
 
 
-def size(named: Named | Rival | Member, times: float = 1.0) -> str:
+def size(named: Named | Rival | GroupMember, times: float = 1.0) -> str:
     """Return the size of a named effect, a rival or a group member ± `times` the standard uncertainty."""
     return with_uncertainty(named.effect, size_field(named.effect), named.sd, times)
 
@@ -87,7 +87,7 @@ def beside_u(um: float, u_um: float) -> str:
     return f"{um:.1f} ± {u_um:.1f}" if u_um > 0 else f"{um:.1f}"
 
 
-def within(um: float, u_um: float) -> str:
+def size_in_words(um: float, u_um: float) -> str:
     """Return a size in µm ± standard uncertainty; "< u" if much smaller than u."""
     if not math.isfinite(um):
         return "–"
@@ -96,12 +96,12 @@ def within(um: float, u_um: float) -> str:
     return f"{micrometres(um).removesuffix(' µm')} ± {micrometres(u_um)}" if u_um > 0 else micrometres(um)
 
 
-def runs_of(place: Place | Curve | ResidualBand) -> str:
+def runs_of(place: ResidualPlace | Curve | ResidualBand) -> str:
     """Return test and direction: `yaw acw`, `radial`."""
     return f"{place.test} {place.direction}" if place.direction else place.test
 
 
-def stretch(place: Place) -> str:
+def stretch(place: ResidualPlace) -> str:
     """Return the range on the circle or the targets of a place: `231–243°`, `targets 3–7`."""
     low, high = place.from_deg, place.to_deg
     if place.test not in CIRCLES:
@@ -133,7 +133,7 @@ optimistic.
 """
 
 
-def remains_lines(remains: Remains, texts: Texts) -> list[str]:
+def remains_lines(remains: ResidualSummary, texts: Texts) -> list[str]:
     """Return the residual at validation places, and the subjects that explain it or not."""
     shares = {texts(f"remains_{looked.subject}"): looked.share for looked in remains.looked if looked.share is not None}
     shown = [f"{subject} {percent(share)}" for subject, share in shares.items() if share >= _FOUND]
@@ -144,7 +144,7 @@ def remains_lines(remains: Remains, texts: Texts) -> list[str]:
     return [whole, " ".join(filter(None, (goes_with, against)))]
 
 
-def remains_rows(remains: Remains, texts: Texts) -> list[tuple[str, str]]:
+def remains_rows(remains: ResidualSummary, texts: Texts) -> list[tuple[str, str]]:
     """Return a row for each tested subject with the explained share, or the reason for a missing share."""
 
     def words(share: float | None) -> str:

@@ -27,7 +27,7 @@ def is_page(file: Path) -> bool:
     return file.suffix.lower() in (".html", ".htm")
 
 
-def hold_page(file: Path) -> None:
+def check_page_file(file: Path) -> None:
     """Raise UseError unless the suffix is that of an HTML page, since browsers go by the suffix.
 
     Raises FileError if the file exists and was not written by rig.
@@ -78,7 +78,7 @@ def is_pdf(file: Path) -> bool:
     return file.suffix.lower() == ".pdf"
 
 
-def hold_pdf(file: Path) -> None:
+def check_pdf_output(file: Path) -> None:
     """Check that a PDF can be written, before a diagnosis of several minutes.
 
     Raises CellError with the remedy if WeasyPrint or Pango is missing, and FileError if the file exists and was not

@@ -17,11 +17,11 @@ from rigs.text import counted, plain
 if TYPE_CHECKING:
     from analysis.correction.versions import Version
     from daq.store import RunInfo
-    from rigs.arms import Arm
+    from rigs.arms import LibraryArm
     from rigs.interfaces import Interface
 
 
-def arms_table(arms: Sequence[Arm]) -> RenderableType:
+def arms_table(arms: Sequence[LibraryArm]) -> RenderableType:
     """Return a row for each arm: name, model, repeatability, and availability of masses."""
     name, model = Column("name", no_wrap=True), Column("arm", overflow="fold")
     table = Table(name, model, right("repeatability"), "masses", header_style="bold")
@@ -32,7 +32,7 @@ def arms_table(arms: Sequence[Arm]) -> RenderableType:
     return Group(table, Text(f"{len(arms)} arms; rig arms NAME shows the robot section and the sources of an arm"))
 
 
-def arm_object(arm: Arm) -> dict[str, Any]:
+def arm_object(arm: LibraryArm) -> dict[str, Any]:
     """Return an arm as a JSON object."""
     return {
         "name": arm.name,
@@ -46,7 +46,7 @@ def arm_object(arm: Arm) -> dict[str, Any]:
     }
 
 
-def arm_section(arm: Arm) -> str:
+def arm_section(arm: LibraryArm) -> str:
     """Return the robot section of an arm, with the sources of the numbers as comments."""
     repeatability = f", repeatability {arm.repeatability_mm:g} mm" if arm.repeatability_mm else ""
     head = [f"{arm.maker} {arm.model}{repeatability}", *([arm.note] if arm.note else []), f"frames: {arm.frames}"]

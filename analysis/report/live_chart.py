@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.report.chart import LOOKS, Chart, Line, Picture, SphereChart
+from analysis.report.chart import LOOKS, Chart, ChartLine, Picture, SphereChart
 from analysis.robot.kinematics.arm import Array
 from rigs.text import plain_values
 
@@ -63,7 +63,7 @@ def _chart(chart: Chart) -> dict[str, Any]:
     return {"data": data, "layout": layout, "height": 520 if chart.frame == "plane" else 340}
 
 
-def _trace(line: Line, unit: str) -> dict[str, Any]:
+def _trace(line: ChartLine, unit: str) -> dict[str, Any]:
     look = LOOKS[line.role]
     trace: dict[str, Any] = {
         "type": "scatter",
@@ -116,7 +116,7 @@ def _polar(chart: Chart) -> dict[str, Any]:
 
 def _sphere(chart: SphereChart) -> dict[str, Any]:
     """Return the measured surface with grid lines, the translucent least-squares sphere, and the targets."""
-    x, y, z = np.moveaxis(chart.drawn(chart.grid, chart.grid_deviation_mm), -1, 0)
+    x, y, z = np.moveaxis(chart.chart_points(chart.grid, chart.grid_deviation_mm), -1, 0)
     smooth = np.moveaxis(chart.grid * chart.radius_mm, -1, 0)
     sphere, surface, targets = chart.words
     limit = float(np.abs(chart.deviation_mm).max())
@@ -131,7 +131,7 @@ def _sphere(chart: SphereChart) -> dict[str, Any]:
         "colorbar": {"title": {"text": "mm"}, "thickness": 12, "len": 0.7},
         **{name: _numbers(values) for name, values in zip("xyz", (x, y, z), strict=True)},
     }  # fmt: skip
-    at = np.moveaxis(chart.drawn(chart.targets, chart.deviation_mm), -1, 0)
+    at = np.moveaxis(chart.chart_points(chart.targets, chart.deviation_mm), -1, 0)
     dots = {
         "type": "scatter3d", "mode": "markers", "name": targets, "marker": {"size": 3, "color": "#000000"},
         "text": list(chart.names), "hovertemplate": "%{text}<extra></extra>",

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.diagnosis.judge.comparison import Compared, Comparison, Disagreement
-from analysis.diagnosis.judge.residuals import Curve, Map, Place
+from analysis.diagnosis.judge.residuals import Curve, Map, ResidualPlace
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.procedures.facts import labels_of
 from analysis.procedures.repeatability.evaluate import SIDES, RepeatabilityResult
 from analysis.procedures.results import Result
-from analysis.report.chart import Chart, Line, Role, marks_of, stretches
+from analysis.report.chart import Chart, ChartLine, Role, marks_of, stretches
 from analysis.report.diagnosis_words import runs_of
 from analysis.report.stairs import stairs_of
 from analysis.report.texts import Texts
@@ -55,14 +55,14 @@ def compared_chart(before: Sequence[Comparison], after: Sequence[Comparison], te
     # Places of a repeatability run: each target from outside and from inside
     targets = result.found.targets if isinstance(result.found, RepeatabilityResult) else ()
     places = [f"{target} {_ARROWS[side]}" for target in targets for side in SIDES]
-    x, measured, simulated = _means(before)
+    x, measured, simulated = _mean_curves(before)
     drawn: list[tuple[str, Role, Array]] = [("measured", "measured", measured), ("simulated", "model", simulated)]
-    drawn += [("simulated_with", "after", _means(after)[2])] if after else []
+    drawn += [("simulated_with", "after", _mean_curves(after)[2])] if after else []
     return Chart(
         texts("chart_simulated", what=result.title), texts("caption_simulated"),
         "straight" if is_angle else "targets", texts(_ALONG[labels_of(result.measured.table.test).along]),
         f"{texts('error')} / {unit}", unit,
-        tuple(Line(texts(name), role, x, factor * values, points=not is_angle) for name, role, values in drawn),
+        tuple(ChartLine(texts(name), role, x, factor * values, points=not is_angle) for name, role, values in drawn),
         ticks=tuple((float(place), name) for place, name in enumerate(places)),
     )  # fmt: skip
 
@@ -76,7 +76,7 @@ def _of_title(runs: Sequence[Comparison], title: str) -> list[Comparison]:
     return [comparison for comparison in runs if comparison.result.title == title]
 
 
-def _means(runs: Sequence[Comparison]) -> tuple[Array, Array, Array]:
+def _mean_curves(runs: Sequence[Comparison]) -> tuple[Array, Array, Array]:
     """Return positions (n,) and mean measured and simulated curves (n,), over the runs with the same positions as
     the first.
     """
@@ -98,7 +98,7 @@ class Strand:
     part: str
     phi_deg: Array
     steps_um: Array
-    places: tuple[Place, ...]
+    places: tuple[ResidualPlace, ...]
 
     @property
     def before_um(self) -> Array:
@@ -174,10 +174,10 @@ def strand_charts(residuals: Diagnosis | Disagreement, texts: Texts) -> tuple[li
             name = texts("chart_place", what=name, number=drawn[name])
         steps, x = strand.steps_um, strand.phi_deg
         so_far = steps[0] - steps
-        lines = [Line(texts("measured"), "measured", x, steps[0])]
+        lines = [ChartLine(texts("measured"), "measured", x, steps[0])]
         if len(steps) > 1:
-            lines.append(Line(texts("so_far"), "model", x, so_far[-1], steps=so_far))
-            lines.append(Line(texts("still_left"), "after", x, steps[-1], steps=steps))
+            lines.append(ChartLine(texts("so_far"), "model", x, so_far[-1], steps=so_far))
+            lines.append(ChartLine(texts("still_left"), "after", x, steps[-1], steps=steps))
         title = texts("chart_simulated" if len(steps) > 1 else "chart_gap", what=name)
         labels = texts("circle_angle"), f"{texts('gap')} / µm"
         marks = marks_of(strand.curve.turns, texts)
@@ -196,8 +196,8 @@ def maps_of(residuals: Diagnosis | Disagreement) -> list[tuple[Map, Array]]:
 def target_chart(target_map: Map, steps_um: Array, texts: Texts) -> Chart:
     """Return a chart of the residuals at targets by reading: `steps_um` is (steps, readings)."""
     x = np.arange(1.0, len(target_map.before_um) + 1)
-    lines = [Line(texts("gap_before"), "measured", x, steps_um[0], points=True)]
+    lines = [ChartLine(texts("gap_before"), "measured", x, steps_um[0], points=True)]
     if len(steps_um) > 1:
-        lines.append(Line(texts("still_left"), "after", x, steps_um[-1], points=True, steps=steps_um))
+        lines.append(ChartLine(texts("still_left"), "after", x, steps_um[-1], points=True, steps=steps_um))
     title, y_label = texts("chart_gap", what=target_map.test), f"{texts('gap')} / µm"
     return Chart(title, texts("caption_gap_targets"), "targets", texts("reading_number"), y_label, "µm", tuple(lines))

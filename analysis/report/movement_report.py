@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from analysis.movement.result import Moved
+from analysis.movement.result import MovementResult
 from analysis.report.diagnosis_words import sure
 from analysis.report.html_page import environment, write_html
 from analysis.report.movement_words import headline, name_of, remarks, size_of, what_to_do
@@ -19,7 +19,7 @@ _MOST_CAUSES = 8
 COLUMNS = ("cause", "probability", "size ± u", "at the middle of the work, x, y, z")
 
 
-def rows_of(moved: Moved) -> list[tuple[str, str, str, str]]:
+def rows_of(moved: MovementResult) -> list[tuple[str, str, str, str]]:
     """Return a row for each cause, likeliest first."""
     return [
         (
@@ -34,7 +34,7 @@ def _at(point: Vector) -> str:
     return ", ".join(f"{value:+.2f}" for value in point) + " mm"
 
 
-def as_screen(moved: Moved) -> RenderableType:
+def as_screen(moved: MovementResult) -> RenderableType:
     """Return the answer, the recommended action, the causes and the remarks."""
     sure = moved.named is not None
     colour = "bold yellow" if not sure or (moved.named and moved.named.what != "nothing") else "bold green"
@@ -48,14 +48,14 @@ def as_screen(moved: Moved) -> RenderableType:
     return Group(*parts, Text(footer(moved), style="dim"))
 
 
-def footer(moved: Moved) -> str:
+def footer(moved: MovementResult) -> str:
     """Return the numbers of readings, their scatter, and the middle of the work."""
     counts = f"{moved.readings} new readings, {moved.reference_readings} of the reference"
     at = ", ".join(f"{value:.0f}" for value in moved.centre_mm)
     return f"{counts} · scatter {moved.scatter_mm:.3f} mm · middle of the work at {at} mm"
 
 
-def write_page(moved: Moved, path: Path, title: str) -> None:
+def write_page(moved: MovementResult, path: Path, title: str) -> None:
     """Write the page. Raises FileError if it cannot be written."""
     html = environment().get_template("moved.html").render(
         title=title, headline=headline(moved), act=what_to_do(moved), columns=COLUMNS, rows=rows_of(moved),

@@ -9,8 +9,8 @@ import numpy as np
 
 from analysis.diagnosis.evidence.movements import Movement
 from analysis.movement.causes import Cause
-from analysis.movement.next_touch import Lever, Posture
-from analysis.movement.result import CauseOdds, Moved, short_name
+from analysis.movement.next_touch import Lever, ReferencePosture
+from analysis.movement.result import CauseOdds, MovementResult, short_name
 from analysis.report.texts import Texts, texts_of
 from rigs.schema.part import Vector
 
@@ -83,7 +83,7 @@ def odds(probability: float) -> str:
     return f"more than {_MOST_ODDS} to 1" if ratio > _MOST_ODDS else f"{ratio:.0f} to 1"
 
 
-def headline(moved: Moved) -> str:
+def headline(moved: MovementResult) -> str:
     """Return the answer: the moved item, the size and direction of the movement, and the odds."""
     named = moved.named
     if not moved.readings:
@@ -120,7 +120,7 @@ _DO = {
 }
 
 
-def what_to_do(moved: Moved) -> str:
+def what_to_do(moved: MovementResult) -> str:
     """Return the recommended action."""
     named = moved.named
     if named is not None:
@@ -143,7 +143,7 @@ def _act(cause: Cause, *, of_tracker: bool) -> str:
     return _DO["base_tracker" if cause.what == "base" and of_tracker else cause.what]
 
 
-def next_words(posture: Posture) -> str:
+def next_words(posture: ReferencePosture) -> str:
     """Return the posture to touch next."""
     angles = ", ".join(f"J{k} {np.degrees(angle):.1f}" for k, angle in enumerate(posture.angles, start=1))
     place = posture.setup.rpartition("socket ")[2] if "socket " in posture.setup else ""
@@ -161,7 +161,7 @@ def hidden_words(lever: Lever) -> str:
     return f"{name[0].upper()}{name[1:]} is not shown here: {small}. {remedy}."
 
 
-def remarks(moved: Moved) -> list[str]:
+def remarks(moved: MovementResult) -> list[str]:
     """Return further remarks for the reader."""
     lines = list(moved.doubts)
     named = moved.named

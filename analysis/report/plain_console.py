@@ -41,10 +41,10 @@ def bare_table(*headings: str | Column) -> Table:
     table = Table(*headings, box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
     for column in table.columns:
         column.no_wrap |= column.justify == "right"
-    return whole(table)
+    return fold_long_words(table)
 
 
-def whole(table: Table) -> Table:
+def fold_long_words(table: Table) -> Table:
     """Fold long entries in the cells of a table, which rich would otherwise truncate with an ellipsis."""
     for column in table.columns:
         column.overflow = "fold"

@@ -15,7 +15,7 @@ from rich.text import Text
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.judge.result import ODDS
-from analysis.diagnosis.plan.detectability import Detectability, Plan, SeparatingTest
+from analysis.diagnosis.plan.detectability import Detectability, SeparatingTest, TestSetCapability
 from analysis.diagnosis.plan.expected import (
     ASSUMED_JOINT_DEG,
     DETECTABLE,
@@ -25,7 +25,7 @@ from analysis.diagnosis.plan.expected import (
     is_separable,
 )
 from analysis.procedures.shared.quantity import quantity_of
-from analysis.report.plain_console import right, whole
+from analysis.report.plain_console import fold_long_words, right
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import name_of
 from rigs.schema.vocabulary import CIRCLES, TestName
@@ -37,7 +37,7 @@ _MOST_PAIRS = 6
 """Number of pairs listed for a group of connected names, nearest first."""
 
 
-def as_table(plan: Plan) -> RenderableType:
+def as_table(plan: TestSetCapability) -> RenderableType:
     """Return detectable, indistinguishable and undetectable effects, and the most useful further test."""
     tests = ", ".join(plan.tests)
     ways = ", circles in both directions" if set(CIRCLES) & set(plan.tests) else ""
@@ -62,7 +62,7 @@ def as_table(plan: Plan) -> RenderableType:
         text += f", detects {best.shows} of {len(plan.undetectable)} hidden names; {best.why}"
         advice.append(Text(text, style="bold"))
     assumed = (Text(noise_in_words(plan.tests)), Text(arm_in_words(plan.level)))
-    tables = (_axes(plan), Text(), whole(table), _alike(plan), _hidden(plan))
+    tables = (_axes(plan), Text(), fold_long_words(table), _alike(plan), _hidden(plan))
     return Group(head, *assumed, Text(words), *tables, *advice)
 
 
@@ -87,7 +87,7 @@ def _small(sight: Detectability) -> bool:
     return not sight.hidden and sight.limit <= FAULT * healthy_size(sight.effect)
 
 
-def _axes(plan: Plan) -> Table:
+def _axes(plan: TestSetCapability) -> Table:
     """Return a table of the smallest detectable sizes of joint effects, a column for each axis, within 80 columns."""
     kinds = _by_seat(plan, joints=True)
     most = max([6, *(int(axis) for by_axis in kinds.values() for axis in by_axis)])
@@ -102,7 +102,7 @@ def _axes(plan: Plan) -> Table:
         cells = [_limit(by_axis.get(str(axis), ()), "\n") for axis in axes]
         below = "\n  its worst order" if any("\n" in cell.plain for cell in cells) else ""
         table.add_row(f"{kind} {_unit(first.effect)}{below}", f"{healthy_size(first.effect):g}", *cells)
-    return whole(table)
+    return fold_long_words(table)
 
 
 def _unit(effect: Effect) -> str:
@@ -113,7 +113,7 @@ def _title(of: str) -> str:
     return f"{of}: smallest size that shows at {DETECTABLE:g} σ"
 
 
-def _by_seat(plan: Plan, *, joints: bool) -> dict[str, dict[str, list[Detectability]]]:
+def _by_seat(plan: TestSetCapability, *, joints: bool) -> dict[str, dict[str, list[Detectability]]]:
     """Group detectabilities by effect (link constants also by field), then by axis or gauge. Orders of the same gear
     stay together.
     """
@@ -135,7 +135,7 @@ def _limit(sights: Sequence[Detectability], between: str = " … ") -> Text:
     return Text(low if low == high else f"{low}{between}{high}", style=style)
 
 
-def _alike(plan: Plan) -> RenderableType:
+def _alike(plan: TestSetCapability) -> RenderableType:
     if not plan.pairs:
         return Text("all detectable effects can be distinguished", style="green")
     title = f"cannot be distinguished ({ODDS:g} to 1, at the size at which they show as faults)"
@@ -159,7 +159,7 @@ def _alike(plan: Plan) -> RenderableType:
             kinds = ", ".join(group)
             table.add_row("", "", Text(f"{len(pairs) - _MOST_PAIRS} more pairs, with --json, of {kinds}", style="dim"))
         table.add_section()
-    return whole(table)
+    return fold_long_words(table)
 
 
 def _kind(name: str) -> str:
@@ -167,7 +167,7 @@ def _kind(name: str) -> str:
     return name.partition(" order ")[0]
 
 
-def _hidden(plan: Plan) -> RenderableType:
+def _hidden(plan: TestSetCapability) -> RenderableType:
     if not plan.hidden:
         return Text("every effect is detected", style="green")
     columns = ("names", Column("why", ratio=1), Column("shown by", ratio=1))
@@ -185,10 +185,10 @@ def _hidden(plan: Plan) -> RenderableType:
             ends = dict.fromkeys((f"{min(sigmas):.2g}", f"{max(sigmas):.2g}"))  # a single value if both are equal
             text = f"{test}, {' … '.join(ends)} σ at a healthy size"
         table.add_row("\n".join(names), why, text)
-    return whole(table)
+    return fold_long_words(table)
 
 
-def as_object(plan: Plan) -> dict[str, Any]:
+def as_object(plan: TestSetCapability) -> dict[str, Any]:
     """Return the plan as a JSON object with sizes in their usual units."""
     return {
         "tests": list(plan.tests),

@@ -10,8 +10,8 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from analysis.diagnosis.plan.detectability import Judgement
-from analysis.diagnosis.plan.proposal import SET_UP_MIN, Proposal, ProposedCircle
-from analysis.report.plain_console import right, whole
+from analysis.diagnosis.plan.proposal import SET_UP_MIN, CircleProposal, ProposedCircle
+from analysis.report.plain_console import fold_long_words, right
 from analysis.report.plan_report import noise_in_words
 from analysis.runs.written_files import refuse_existing
 from rigs.edit import Keys, Value, with_values
@@ -25,7 +25,7 @@ _MOST_DIGITS = 2
 """Maximum number of digits in a circle number."""
 
 
-def as_table(proposal: Proposal) -> RenderableType:
+def as_table(proposal: CircleProposal) -> RenderableType:
     """Return the proposed circles, their benefit, and the effects that stay untestable."""
     head = f"beside {', '.join(proposal.tests)}, {proposal.runs} runs each: circles within {proposal.minutes:g} min"
     parts: list[RenderableType] = [Text(head, style="bold"), Text(noise_in_words(CIRCLES))]
@@ -42,7 +42,7 @@ def as_table(proposal: Proposal) -> RenderableType:
             table.add_row(
                 f"{number}. {circle.candidate.words}", f"{circle.candidate.minutes:.0f}", names or "–", pairs or "–"
             )
-        parts.append(whole(table))
+        parts.append(fold_long_words(table))
     else:
         parts.append(Text("within this time, further circles do not make more effects detectable", style="yellow"))
     judgements = {"before": proposal.before} | ({"with them": proposal.after} if proposal.circles else {})
@@ -55,19 +55,19 @@ def as_table(proposal: Proposal) -> RenderableType:
     return Group(*parts)
 
 
-def _testable(proposal: Proposal, circle: ProposedCircle) -> list[str]:
+def _testable(proposal: CircleProposal, circle: ProposedCircle) -> list[str]:
     """Return the names that a circle makes testable. The full judgement of all circles, which fits shapes, has to
     agree.
     """
     return [name for name in circle.testable if name not in proposal.after.undetectable]
 
 
-def _separated(proposal: Proposal, circle: ProposedCircle) -> list[tuple[str, str]]:
+def _separated(proposal: CircleProposal, circle: ProposedCircle) -> list[tuple[str, str]]:
     alike = {frozenset(pair.names) for pair in proposal.after.pairs}
     return [pair for pair in circle.separated if frozenset(pair) not in alike]
 
 
-def as_object(proposal: Proposal, written: list[Path]) -> dict[str, Any]:
+def as_object(proposal: CircleProposal, written: list[Path]) -> dict[str, Any]:
     """Return the proposal as a JSON object."""
     return {
         "tests": list(proposal.tests),
@@ -107,7 +107,7 @@ def _circle(rig: Rig) -> dict[str, Any]:
     return rig.tests.circle.model_dump(mode="json")
 
 
-def hold_free(rig: Rig, directory: Path) -> None:
+def refuse_earlier_proposal(rig: Rig, directory: Path) -> None:
     """Raise FileError if a directory already contains proposed circles of a rig. Call it first: a proposal takes
     minutes.
     """
@@ -115,7 +115,7 @@ def hold_free(rig: Rig, directory: Path) -> None:
         refuse_existing(path)
 
 
-def write(proposal: Proposal, text: str, directory: Path) -> list[Path]:
+def write(proposal: CircleProposal, text: str, directory: Path) -> list[Path]:
     """Write a rig file for each proposed circle: the given text with the values of the circle.
 
     Raises FileError if a file exists.

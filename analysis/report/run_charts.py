@@ -15,7 +15,7 @@ from analysis.procedures.results import Result
 from analysis.procedures.shared.reduction import PHI
 from analysis.procedures.shared.result_curves import CircleCurve, PathCurve, PoseCurve, RadialCurve, RepeatabilityCurve
 from analysis.procedures.shared.scatter_figures import poses_of_cube
-from analysis.report.chart import Chart, Frame, Line, Picture, Role, SphereChart, marks_of
+from analysis.report.chart import Chart, ChartLine, Frame, Picture, Role, SphereChart, marks_of
 from analysis.report.texts import Texts
 from analysis.robot.geometry.iso_cube import FROM_CENTRE, cube_of
 from analysis.robot.kinematics.arm import Array, Mask, arm_of
@@ -49,7 +49,7 @@ def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
                 if curves := [curve for curve in of_role if isinstance(curve, CircleCurve)]:  # draw the mean
                     many = f" ({texts('mean_of_runs', count=len(curves))})" if len(curves) > 1 else ""
                     values = [curve.error_deg if part == "angle" else 1e3 * curve.deviation_mm for curve in curves]
-                    lines.append(Line(f"{role}{many}", role, np.degrees(PHI), np.mean(values, axis=0)))
+                    lines.append(ChartLine(f"{role}{many}", role, np.degrees(PHI), np.mean(values, axis=0)))
             title = texts(f"chart_{part}_{frame}", test=texts.test(test))
             caption = texts(f"caption_{part}_{frame}")
             y_label = f"{texts(label)} / {unit}"
@@ -71,12 +71,12 @@ def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
         whole_turn = abs(q[:, axis].max() - q[:, axis].min()) > 300.0
         if not whole_turn:  # a joint that makes a full turn would dwarf the others
             curve = np.interp(at_deg, phi_deg, q[:, axis])
-            lines.append(Line(texts.axis(robot, axis + 1), role, at_deg, curve - curve.mean()))
+            lines.append(ChartLine(texts.axis(robot, axis + 1), role, at_deg, curve - curve.mean()))
             at = [reversal.phi_deg for reversal in group[0].reversals if reversal.joint == axis + 1]
             squares += [(phi, float(np.interp(phi, at_deg, curve - curve.mean()))) for phi in at]
     if squares:
         phi, angle_deg = np.array(squares).T
-        lines.append(Line(texts("turns_back"), "model", phi, angle_deg, points=True))
+        lines.append(ChartLine(texts("turns_back"), "model", phi, angle_deg, points=True))
     title, labels = texts("chart_joints"), (texts("circle_angle"), texts("joint_angle"))
     return Chart(title, texts("caption_joints"), "straight", *labels, "°", tuple(lines), marks)
 
@@ -140,7 +140,9 @@ def _hemisphere(result: Result, curve: RadialCurve, texts: Texts) -> list[Pictur
     ways: tuple[tuple[str, Role, Mask], ...] = (("measured", "measured", used), ("not_used", "sixth", ~used))
     x, y, half_um = curve.target.astype(float), 1e3 * curve.deviation_mm, 500 * curve.spread_mm
     lines = tuple(
-        Line(texts(name), role, x[at], y[at], points=True, half=half_um[at] if "spread_mm" in result.figures else None)
+        ChartLine(
+            texts(name), role, x[at], y[at], points=True, half=half_um[at] if "spread_mm" in result.figures else None
+        )
         for name, role, at in ways
         if at.any()
     )
@@ -157,7 +159,7 @@ def _repeatability(result: Result, curve: RepeatabilityCurve, texts: Texts) -> C
     lines = []
     for side, aside, role in (("out", -0.12, "acw"), ("in", 0.12, "cw")):
         on_side = curve.approach == side
-        lines.append(Line(texts(f"from_{side}"), role, place[on_side] + aside, away_um[on_side], points=True))  # type: ignore[arg-type]
+        lines.append(ChartLine(texts(f"from_{side}"), role, place[on_side] + aside, away_um[on_side], points=True))  # type: ignore[arg-type]
     ticks = tuple((float(k), str(target)) for k, target in enumerate(targets))
     y_label = f"{texts('reading')} / µm"
     caption = texts("caption_repeatability")
@@ -170,7 +172,7 @@ def _poses(result: Result, curve: PoseCurve, texts: Texts) -> list[Picture]:
     directions.
     """
     view, number = _cube_view(result), np.arange(1.0, len(curve.distance_mm) + 1)
-    line = Line(texts("measured"), "measured", number, curve.distance_mm, points=True)
+    line = ChartLine(texts("measured"), "measured", number, curve.distance_mm, points=True)
     labels = texts("pose"), f"{texts('error_position')} / mm"
     charts = [] if view is None else [_plane(view, "chart_cube", texts, points=True)]
     charts.append(Chart(texts("chart_pose"), texts("caption_pose"), "targets", *labels, "mm", (line,)))
@@ -178,7 +180,7 @@ def _poses(result: Result, curve: PoseCurve, texts: Texts) -> list[Picture]:
     for axis in curve.axes:
         ways: tuple[tuple[str, Role, Array], ...] = (("up", "acw", axis.up_deg), ("down", "cw", axis.down_deg))
         lines = tuple(
-            Line(texts(f"turned_{way}"), role, axis.angle_deg[reached], 1e3 * off[reached], points=True)
+            ChartLine(texts(f"turned_{way}"), role, axis.angle_deg[reached], 1e3 * off[reached], points=True)
             for way, role, off in ways
             if (reached := np.isfinite(off)).any()
         )
@@ -189,8 +191,8 @@ def _poses(result: Result, curve: PoseCurve, texts: Texts) -> list[Picture]:
 
 def _plane(view: _PlaneView, title: str, texts: Texts, *, points: bool) -> Chart:
     """Return a chart of commanded and attained positions on the plane of the cube, with magnified deviations."""
-    attained = Line(texts("attained"), "cw", view.attained_mm[:, 0], view.attained_mm[:, 1], points=points)
-    command = Line(texts("commanded"), "quiet", view.command_mm[:, 0], view.command_mm[:, 1], points=points)
+    attained = ChartLine(texts("attained"), "cw", view.attained_mm[:, 0], view.attained_mm[:, 1], points=points)
+    command = ChartLine(texts("commanded"), "quiet", view.command_mm[:, 0], view.command_mm[:, 1], points=points)
     caption = texts("caption_plane", times=f"{view.times:g}")
     labels = f"{texts('level')} / mm", f"{texts('rising')} / mm"
     return Chart(texts(title), caption, "plane", *labels, "mm", (attained, command))
@@ -216,7 +218,7 @@ def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
     lines = []
     for name, role in zip(names, roles, strict=False):
         rows = curve.path == name
-        lines.append(Line(texts(f"path_{name}"), role, 100 * curve.share[rows], 1e3 * curve.at_mm[rows]))
+        lines.append(ChartLine(texts(f"path_{name}"), role, 100 * curve.share[rows], 1e3 * curve.at_mm[rows]))
     labels = f"{texts('along_path')} / %", f"{texts('error_path')} / µm"
     along = Chart(texts("chart_along"), texts("caption_along"), "targets", *labels, "µm", tuple(lines))
     return [plane, along]

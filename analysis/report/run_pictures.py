@@ -20,7 +20,7 @@ from analysis.procedures.results import Result, by_test
 from analysis.procedures.shared.lap_curve import at_resolution
 from analysis.procedures.shared.reduction import PHI
 from analysis.procedures.shared.result_curves import PoseCurve
-from analysis.report.chart import Chart, Line, Picture, SphereChart, marks_of
+from analysis.report.chart import Chart, ChartLine, Picture, SphereChart, marks_of
 from analysis.report.run_charts import target_charts
 from analysis.report.still_chart import Sheet, as_png, part_of
 from analysis.report.texts import LEADING, label, texts_of
@@ -127,8 +127,10 @@ def raw_chart(result: Result, circle: CircleResult) -> Chart:
     many = counted(circle.laps.count, "lap")
     at_deg, whole = np.tile(_PHI_DEG, len(circle.curve.laps)), np.linspace(0, 2 * np.pi, 361)
     lines = (
-        Line(f"readings, {many}", circle.laps.direction, at_deg, np.degrees(circle.curve.laps).ravel(), points=True),
-        Line(
+        ChartLine(
+            f"readings, {many}", circle.laps.direction, at_deg, np.degrees(circle.curve.laps).ravel(), points=True
+        ),
+        ChartLine(
             f"sine, amplitude {circle.figures['amplitude_deg']}", "sixth", np.degrees(whole),
             np.degrees(circle.sine(whole)),
         ),
@@ -142,14 +144,14 @@ def error_chart(result: Result, circle: CircleResult) -> Chart:
     If there are several laps, each is shown too.
     """
     each = np.degrees(at_resolution(circle.curve.laps - circle.sine(PHI))) if circle.laps.count > 1 else ()
-    laps = tuple(Line("" if k else "each lap", "quiet", _PHI_DEG, lap) for k, lap in enumerate(each))
-    mean = Line(
+    laps = tuple(ChartLine("" if k else "each lap", "quiet", _PHI_DEG, lap) for k, lap in enumerate(each))
+    mean = ChartLine(
         f"error band {circle.figures['band_deg']}", circle.laps.direction, _PHI_DEG, np.degrees(circle.residual)
     )
     chart = _circle_chart(result, circle, "error / °", (*laps, mean))
     return replace(chart, marks=marks_of([(turn.phi_deg, turn.joint) for turn in result.reversals], texts_of("en")))
 
 
-def _circle_chart(result: Result, circle: CircleResult, y_label: str, lines: tuple[Line, ...]) -> Chart:
+def _circle_chart(result: Result, circle: CircleResult, y_label: str, lines: tuple[ChartLine, ...]) -> Chart:
     title = f"{circle.laps.direction} · {result.name}"
     return Chart(title, "", "straight", texts_of("en")("circle_angle"), y_label, "°", lines)

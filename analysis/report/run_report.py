@@ -11,7 +11,7 @@ from rich.text import Text
 
 from analysis.procedures.pooled import Pooled, pairs_of, pooled
 from analysis.procedures.results import Result, by_test
-from analysis.report.plain_console import right, whole
+from analysis.report.plain_console import fold_long_words, right
 from analysis.report.run_object import (
     TruthComparison,
     all_agree,
@@ -58,7 +58,7 @@ def as_tables(
         together = pooled(group)
         repeated = [means for means in together if means.figures]
         if repeated and not truths:
-            parts.append(_means(repeated))
+            parts.append(_table_of_means(repeated))
         if each or truths or len(repeated) < len({result.title for result in group}):
             parts.append(_Abreast(group, truth_of))
         each_word = "; ± of single runs with --each" if repeated and not each else ""
@@ -78,29 +78,30 @@ def as_tables(
     return Group(*parts)
 
 
-def _means(repeated: Sequence[Pooled]) -> Table:
+def _table_of_means(repeated: Sequence[Pooled]) -> Table:
     """Return a table of means over runs, a column for each direction."""
     rig = repeated[0].runs[0].measured.rig.name
     title = f"{rig} · mean over runs ± standard uncertainty of the mean"
-    columns = (right(_over(mean.title, f"{len(mean.runs)} runs")) for mean in repeated)
+    columns = (right(_stack_texts(mean.title, f"{len(mean.runs)} runs")) for mean in repeated)
     table = Table("", *columns, title=title, title_style="dim", header_style="bold")
     for name in in_order(name for mean in repeated for name in mean.figures):
         figures = [mean.figures.get(name) for mean in repeated]
         cells = [
-            _over(str(figure.mean), f"sd {figure.in_sd} {figure.mean.sign}") if figure else "" for figure in figures
+            _stack_texts(str(figure.mean), f"sd {figure.in_sd} {figure.mean.sign}") if figure else ""
+            for figure in figures
         ]
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
-    return whole(table)
+    return fold_long_words(table)
 
 
-def _over(text: str, below: str, style: str = "dim") -> Text:
+def _stack_texts(text: str, below: str, style: str = "dim") -> Text:
     """Return a text with a second text below, in a different style."""
     return Text.assemble(text, "\n", (below, style))
 
 
 def _table(group: Sequence[Result], truth_of: dict[int, dict[str, TruthComparison]]) -> Table:
     title = f"{group[0].measured.rig.name} · value ± standard uncertainty"
-    columns = (right(_over(result.title, result.name)) for result in group)
+    columns = (right(_stack_texts(result.title, result.name)) for result in group)
     table = Table("", *columns, title=title, title_style="dim", header_style="bold")
     for name in in_order(name for result in group for name in result.figures):
         cells: list[str | Text] = []
@@ -109,11 +110,11 @@ def _table(group: Sequence[Result], truth_of: dict[int, dict[str, TruthCompariso
             cell: str | Text = "" if figure is None else str(figure)
             if figure is not None and comparison is not None:
                 true = f"truth {figure.rounded(comparison.truth)} ({comparison.deviation_u:+.1f}u)"
-                cell = _over(str(figure), true, "green" if abs(comparison.deviation_u) <= 2 else "red")
+                cell = _stack_texts(str(figure), true, "green" if abs(comparison.deviation_u) <= 2 else "red")
             cells.append(cell)
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
     table.add_row("samples", *(str(result.found.samples) for result in group), style="dim")
     if any(result.measured.u_lag_s for result in group):  # uncertainty of the time of the gauges relative to the robot
         lags = (f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group)
         table.add_row("time, gauges to robot", *lags, style="dim")
-    return whole(table)
+    return fold_long_words(table)

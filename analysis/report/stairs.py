@@ -9,7 +9,7 @@ from rich.table import Column, Table
 
 from analysis.diagnosis.judge.comparison import Disagreement
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.diagnosis.judge.staircase import Left, Staircase
+from analysis.diagnosis.judge.staircase import ModelResidual, Staircase
 from analysis.report.answer_words import AnswerWords
 from analysis.report.diagnosis_words import plain
 from analysis.report.plain_console import bare_table, right
@@ -24,7 +24,7 @@ class Stair:
     """A step by name, with the residual at each place."""
 
     name: str
-    left: tuple[Left, ...]
+    left: tuple[ModelResidual, ...]
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def stairs_of(diagnosis: Diagnosis, texts: Texts | None = None) -> Stairs | None
         count = len(step.parts)
         part = texts("smaller_parts", count=count) if count > 1 else words.part_name(diagnosis.budget[step.parts[0]])
         names.append(texts("step_with", part=part))
-    return _named(diagnosis.staircase, [texts("step_first"), *names])
+    return _name_stairs(diagnosis.staircase, [texts("step_first"), *names])
 
 
 def stairs_of_model(disagreement: Disagreement) -> Stairs | None:
@@ -61,15 +61,15 @@ def stairs_of_model(disagreement: Disagreement) -> Stairs | None:
     texts, rig = texts_of("en"), disagreement.rig
     parts = [*(plain(rig, effect) for effect in rig.effects), texts("step_calibration")]
     names = [texts("step_with", part=parts[step.parts[0]]) for step in disagreement.staircase.steps[1:]]
-    return _named(disagreement.staircase, [texts("step_bare"), *names])
+    return _name_stairs(disagreement.staircase, [texts("step_bare"), *names])
 
 
-def _named(staircase: Staircase, names: Sequence[str]) -> Stairs:
+def _name_stairs(staircase: Staircase, names: Sequence[str]) -> Stairs:
     lefts = [tuple(filter(None, (step.used, step.held_out, step.unseen))) for step in staircase.steps]
     return Stairs(staircase.places, tuple(map(Stair, names, lefts)))
 
 
-def left_words(residue: Left) -> str:
+def left_words(residue: ModelResidual) -> str:
     """Return a residual ± standard uncertainty in µm; "< u" if much smaller than u."""
     if residue.um < residue.u_um / 2:
         return f"< {residue.u_um:.1f}"

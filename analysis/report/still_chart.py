@@ -24,7 +24,7 @@ from matplotlib.path import Path
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.text import Text
 
-from analysis.report.chart import LOOKS, Chart, Frame, Line, Picture, SphereChart
+from analysis.report.chart import LOOKS, Chart, ChartLine, Frame, Picture, SphereChart
 from analysis.robot.kinematics.arm import Array
 from rigs.text import plain_lines
 
@@ -98,7 +98,7 @@ def still(picture: Picture) -> str:
     """Return a chart as SVG; equal data give equal text."""
     with mpl.rc_context(_STYLE):
         sheet = Sheet(*_size_inch(picture))
-        _drawn(sheet, picture)
+        _draw_picture(sheet, picture)
         written = io.StringIO()
         sheet.savefig(written, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
     # Shorten the SVG: coordinates to a tenth of a point (0.04 mm on paper), no metadata, no comments
@@ -119,7 +119,7 @@ def part_of(picture: Picture, note: str = "") -> Part:
     def draw(sheet: SubFigure) -> None:
         with mpl.rc_context({"font.size": 8.0}):
             sheet.suptitle("\n".join(words), fontsize=8.5, x=0.01, ha="left")
-            _drawn(sheet, picture)
+            _draw_picture(sheet, picture)
 
     return 1.3 * _size_inch(picture)[1] + 0.15 * len(words), draw
 
@@ -133,7 +133,7 @@ def _size_inch(picture: Picture) -> tuple[float, float]:
     return 3.4 if picture.frame == "polar" else 6.9, _HEIGHTS_INCH[picture.frame]
 
 
-def _drawn(sheet: FigureBase, picture: Picture) -> None:
+def _draw_picture(sheet: FigureBase, picture: Picture) -> None:
     if isinstance(picture, SphereChart):
         _sphere(sheet, picture)
     elif picture.frame == "polar":
@@ -201,7 +201,7 @@ def _lay_out(axes: Axes, chart: Chart, *, shared: bool = False) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _draw(axes: Axes, line: Line) -> None:
+def _draw(axes: Axes, line: ChartLine) -> None:
     look = LOOKS[line.role]
     if not line.points:
         every = max(1, len(line.x) // _MOST_NODES)
@@ -254,9 +254,9 @@ def _sphere(sheet: FigureBase, chart: SphereChart) -> None:
     assert isinstance(axes, Axes3D)  # noqa: S101 - for the type checker
     sphere, surface, targets = chart.words
     axes.plot_wireframe(*np.moveaxis(chart.grid * chart.radius_mm, -1, 0), color=_GREY, lw=0.4, label=sphere)
-    measured = np.moveaxis(chart.drawn(chart.grid, chart.grid_deviation_mm), -1, 0)
+    measured = np.moveaxis(chart.chart_points(chart.grid, chart.grid_deviation_mm), -1, 0)
     axes.plot_wireframe(*measured, color=LOOKS["measured"].light, lw=0.8, label=surface)
-    at = np.moveaxis(chart.drawn(chart.targets, chart.deviation_mm), -1, 0)
+    at = np.moveaxis(chart.chart_points(chart.targets, chart.deviation_mm), -1, 0)
     axes.plot(*at, ls="", marker="o", ms=2.5, color="black", label=targets)
     axes.set_box_aspect((2.0, 2.0, 1.0), zoom=0.85)  # proportions of a hemisphere
     axes.view_init(elev=28, azim=-45)

@@ -13,7 +13,7 @@ from analysis.report.texts import Texts
 
 
 @dataclass(frozen=True)
-class Cause:
+class BarSegment:
     """A segment of the stacked bar: name, share of the error from 0 to 1, the same in words, and class of the part,
     empty if unclassified."""
 
@@ -61,7 +61,7 @@ class Summary:
     headline: str
     unknowns: tuple[str, ...]
     error: ErrorChange
-    causes: tuple[Cause, ...]
+    causes: tuple[BarSegment, ...]
     next: str
     command: str = ""
 

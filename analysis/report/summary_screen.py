@@ -9,7 +9,7 @@ from rich.padding import Padding
 from rich.segment import Segment
 from rich.text import Text
 
-from analysis.report.summary import Cause, Summary
+from analysis.report.summary import BarSegment, Summary
 from analysis.report.texts import Texts
 
 BAR_WIDTH = 40
@@ -22,7 +22,7 @@ _FILLS = "█▓▒░"
 class StackedBar:
     """Stacked bar for a terminal, at most as wide as the terminal."""
 
-    causes: tuple[Cause, ...]
+    causes: tuple[BarSegment, ...]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Yield the bar in a line."""

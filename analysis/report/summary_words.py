@@ -13,7 +13,7 @@ from analysis.report.act_words import ActWords, command, without_idle_mounts
 from analysis.report.answer_words import AnswerWords, has_model, is_complete, large_parts, part_of
 from analysis.report.diagnosis_words import size, sure
 from analysis.report.movement_words import movement_sentence
-from analysis.report.summary import Cause, ErrorChange, Summary, driven_error, error_size
+from analysis.report.summary import BarSegment, ErrorChange, Summary, driven_error, error_size
 from analysis.report.texts import Texts, texts_of
 
 _MOST_CAUSES = 3
@@ -145,16 +145,16 @@ class _SummaryWords:
         return replace(change, now=now, after=error_size(after_um, gap.left_u_um), basis=texts(f"basis_{place}"))
 
     @property
-    def causes(self) -> list[Cause]:
+    def causes(self) -> list[BarSegment]:
         """The largest parts of the error, and the sum of all others."""
         parts = [part for part in self.diagnosis.budget[:_MOST_CAUSES] if part.share >= _LEAST_SHARE]
         causes = [
-            Cause(self.answer.short_name(part), min(part.share, 1.0), _tenths_percent(part.share), part.rank or "")
+            BarSegment(self.answer.short_name(part), min(part.share, 1.0), _tenths_percent(part.share), part.rank or "")
             for part in parts
         ]
         rest = 1.0 - sum(cause.share for cause in causes)
         if causes and rest >= _TENTH_PERCENT:
-            causes.append(Cause(self.texts("other_causes"), rest, _tenths_percent(rest)))
+            causes.append(BarSegment(self.texts("other_causes"), rest, _tenths_percent(rest)))
         return causes
 
 

@@ -113,7 +113,7 @@ class Aligned:
 
 
 @dataclass(frozen=True)
-class Track:
+class InstrumentTrack:
     """Values (n, k) of an instrument at increasing times (n,) ns, with common and individual (n,) uncertainty in s.
 
     inside (n,): mask of the rows in the requested part of a run, None for all rows.
@@ -127,7 +127,7 @@ class Track:
 
 
 @dataclass(frozen=True)
-class Seen:
+class InstrumentObservations:
     """Observations about an instrument in a run, or in a part of a run.
 
     restarts, wrong, wanders_s, held, arrived, doubts: as in `Instants`.
@@ -154,13 +154,13 @@ class Seen:
     after: int = 0
     has_rows: bool = True
 
-    def then(self, later: Seen) -> Seen:
+    def then(self, later: InstrumentObservations) -> InstrumentObservations:
         """Combine the observations of two successive parts of a run."""
         counts = ("restarts", "wrong", "doubtful", "odd", "stalled", "dropped")
         sums = {name: getattr(self, name) + getattr(later, name) for name in counts}
         most = {doubt.form: doubt for doubt in sorted((*self.doubts, *later.doubts), key=lambda doubt: doubt.ms)}
         between = self.after + later.before if self.has_rows and later.has_rows else 0
-        return Seen(
+        return InstrumentObservations(
             **sums,
             wanders_s=max(self.wanders_s, later.wanders_s),
             held=self.held or later.held,
@@ -186,11 +186,11 @@ class Joined:
 
     rows_ns: Array
     inside: slice
-    gauges: tuple[Track, ...]
-    robot: Track
+    gauges: tuple[InstrumentTrack, ...]
+    robot: InstrumentTrack
     u_lag_s: float
     own_u_s: Array
-    seen: Mapping[str, Seen]
+    seen: Mapping[str, InstrumentObservations]
 
     @property
     def g_mm(self) -> Array:
@@ -205,7 +205,9 @@ class Joined:
 class NotTogether(FileError):
     """Gauges and robot have no common time. seen: observations of each instrument, in a part of a run."""
 
-    def __init__(self, where: str, problem: str, remedy: str, seen: Mapping[str, Seen] | None = None) -> None:
+    def __init__(
+        self, where: str, problem: str, remedy: str, seen: Mapping[str, InstrumentObservations] | None = None
+    ) -> None:
         super().__init__(where, problem, remedy)
         self.seen = seen or {}
 
@@ -267,7 +269,7 @@ def join(path: Path, streams: Streams, test: TestName, rig: Rig, part: tuple[flo
 
 def _read(
     path: Path, streams: Streams, test: TestName, rig: Rig, part: tuple[float, float] | None
-) -> tuple[dict[str, Track], dict[str, Seen]]:
+) -> tuple[dict[str, InstrumentTrack], dict[str, InstrumentObservations]]:
     """Read gauges and robot of a run, or those with readings in a part. Raises FileError."""
     tracks, seen = {}, {}
     for name in [*gauges_of(test, rig), "robot"]:
@@ -282,7 +284,7 @@ def _read(
         except NotTogether:
             if part is None:
                 raise
-            seen[name] = replace(seen.get(name, Seen()), has_rows=False)
+            seen[name] = replace(seen.get(name, InstrumentObservations()), has_rows=False)
     return tracks, seen
 
 
@@ -291,14 +293,14 @@ def gauges_of(test: TestName, rig: Rig) -> list[str]:
     return [name for name, _ in rig.gauges] if test in CIRCLES else ["g1"]
 
 
-def doubts_of(seen: Mapping[str, Seen], rows: int) -> list[str]:
+def doubts_of(seen: Mapping[str, InstrumentObservations], rows: int) -> list[str]:
     """Return the doubts about a run as text. rows: number of rows of gauge 1."""
     doubts = [doubt for name, of in seen.items() for doubt in _doubts_of(name, of)]
     gaps = ((name, of.gaps) for name, of in seen.items() if of.gaps and are_many(of.gaps, of.longest_ns, rows))
     return [*doubts, *(f"{_left_out(name, count)} at gaps" for name, count in gaps)]
 
 
-def _doubts_of(name: str, seen: Seen) -> list[str]:
+def _doubts_of(name: str, seen: InstrumentObservations) -> list[str]:
     doubts = timing_doubts(name, seen)
     if seen.doubtful:
         doubts.append(f"{name}: the gauge marked {counted(seen.doubtful, 'reading')} as doubtful")
@@ -330,7 +332,7 @@ def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
     return (track.ns - track.ns[0]) / 1e9, track.values, tuple(_doubts_of("robot", seen))
 
 
-def _columns_at(rows_ns: Array, tracks: Sequence[Track]) -> Array:
+def _columns_at(rows_ns: Array, tracks: Sequence[InstrumentTrack]) -> Array:
     """Interpolate all tracks linearly at increasing times (n,) ns and return the values (n, k).
 
     Each track must span the times. The computation is done in blocks.
@@ -373,7 +375,7 @@ def are_many(gaps: int, longest_ns: float, rows: int) -> bool:
 
 def _gauge(
     path: Path, streams: Streams, test: TestName, rig: Rig, name: str, part: tuple[float, float] | None
-) -> tuple[Track, Seen]:
+) -> tuple[InstrumentTrack, InstrumentObservations]:
     """Return readings (n, 1) mm of one gauge, increasing with the distance from the ball."""
     gauge, column = dict(rig.gauges)[name], f"{name}_mm"
     stream = _stream(path, streams, [column], f"gauge {name}", LONGEST_MM)
@@ -405,7 +407,9 @@ def _count(rows: Mask, inside: Mask | None) -> int:
     return int(np.count_nonzero(rows if inside is None else rows & inside))
 
 
-def _robot(path: Path, streams: Streams, part: tuple[float, float] | None) -> tuple[Track, Seen]:
+def _robot(
+    path: Path, streams: Streams, part: tuple[float, float] | None
+) -> tuple[InstrumentTrack, InstrumentObservations]:
     """Read the joint angles (n, 6) rad as reported."""
     columns = [f"q{axis}_deg" for axis in range(1, 7)]
     stream = _stream(path, streams, columns, "the robot", LARGEST_DEG)
@@ -414,7 +418,7 @@ def _robot(path: Path, streams: Streams, part: tuple[float, float] | None) -> tu
     return _track(robot_instants(stream), np.radians(q_deg), sound, _inside(stream, part))
 
 
-def timing_doubts(name: str, instants: Instants | Seen) -> list[str]:
+def timing_doubts(name: str, instants: Instants | InstrumentObservations) -> list[str]:
     """Return doubts about the times of an instrument, as text."""
     doubts = []
     if instants.restarts:
@@ -434,7 +438,9 @@ def timing_doubts(name: str, instants: Instants | Seen) -> list[str]:
     return [*doubts, *(f"{name}: {words}" for words in instants.doubts)]
 
 
-def _track(instants: Instants, values: Array, sound: Mask, inside: Mask | None) -> tuple[Track, Seen]:
+def _track(
+    instants: Instants, values: Array, sound: Mask, inside: Mask | None
+) -> tuple[InstrumentTrack, InstrumentObservations]:
     """Return the values in order of time with a single row per instant.
     Rows lacking a valid reading or time are dropped.
 
@@ -457,7 +463,7 @@ def _track(instants: Instants, values: Array, sound: Mask, inside: Mask | None) 
         dropped = _count(off, None if track_inside is None else track_inside[order])
         ns, values, own_u_s = ns[kept], values[kept], own_u_s[kept]
         track_inside = None if track_inside is None else track_inside[kept]
-    seen = Seen(
+    seen = InstrumentObservations(
         instants.restarts if inside is None else int(inside[list(instants.restarted)].sum()),
         # Only rows with a wrong timestamp have an individual uncertainty.
         min(instants.wrong, _count(instants.own_u_s > 0, inside)) if instants.wrong else 0,
@@ -469,7 +475,7 @@ def _track(instants: Instants, values: Array, sound: Mask, inside: Mask | None) 
         stalled=counts[1],
         dropped=dropped,
     )
-    return Track(ns, values, instants.u_s, own_u_s, track_inside), seen
+    return InstrumentTrack(ns, values, instants.u_s, own_u_s, track_inside), seen
 
 
 def _stream(path: Path, streams: Streams, columns: Sequence[str], instrument: str, largest: float) -> Columns:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from analysis.robot.kinematics.arm import Array
-from analysis.runs.own_clock import FittedClock, stands, through_clock, through_pace
+from analysis.runs.own_clock import FittedClock, is_stalled, through_clock, through_pace
 from analysis.runs.own_cycle import anywhere_in_a_cycle, changes, repeats, through_cycle
 from rigs.schema.gauges import Gauge
 from rigs.schema.links import tcp_address
@@ -135,7 +135,7 @@ def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
 
 def _without_standing_clock(stream: Columns) -> tuple[Columns, tuple[TimingDoubt, ...]]:
     """Ignore an instrument clock that does not advance, and report it as a doubt."""
-    if not stands(stream["device_time_s"]):
+    if not is_stalled(stream["device_time_s"]):
         return stream, ()
     return {**stream, "device_time_s": np.full(len(stream["device_time_s"]), np.nan)}, (TimingDoubt(_STANDS),)
 

@@ -24,7 +24,7 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
         problem = f"the table has no {', '.join(missing) or 'rows'}"
         raise FileError(where, problem, "import the table again")
     table = table_format.table_of(rows, direction, where)
-    hold_table(table, where)
+    check_table_rows(table, where)
     return table
 
 
@@ -53,18 +53,18 @@ LARGEST = 1e12
 _REMEDY = "restore the run from a copy, or correct the table and import it again"
 
 
-def hold_table(table: Table, where: str) -> None:
+def check_table_rows(table: Table, where: str) -> None:
     """Raise FileError for the first row that import would reject. `where` names the table."""
     columns = {name: values for name, values in vars(table).items() if isinstance(values, np.ndarray)}
     for field, values in columns.items():
         name = "g1_mm" if field == "g_mm" and values.ndim == 1 else field
         rows = values.reshape(len(values), -1)
         if values.dtype.kind == "f":
-            _hold_rows(np.abs(rows) <= LARGEST, name, rows, "which is not a plausible measured value", where)
+            _check_rows(np.abs(rows) <= LARGEST, name, rows, "which is not a plausible measured value", where)
             if name.startswith("u_"):
-                _hold_rows(rows >= 0, name, rows, "below zero", where)
+                _check_rows(rows >= 0, name, rows, "below zero", where)
         elif values.dtype.kind == "i":
-            _hold_rows(rows >= 1, name, rows, "but counting starts at 1", where)
+            _check_rows(rows >= 1, name, rows, "but counting starts at 1", where)
     if table.in_order_of_time:
         t_s = columns["t_s"]
         back = np.flatnonzero(np.diff(t_s) <= 0)
@@ -74,7 +74,7 @@ def hold_table(table: Table, where: str) -> None:
             raise FileError(where, problem, _REMEDY)
 
 
-def _hold_rows(is_good: Mask, name: str, rows: Array, why: str, where: str) -> None:
+def _check_rows(is_good: Mask, name: str, rows: Array, why: str, where: str) -> None:
     """Raise FileError for the first of the rows (n, k) with an invalid value (mask (n, k)), including nan."""
     good = is_good.all(axis=1)
     if not good.all():

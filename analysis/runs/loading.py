@@ -135,7 +135,7 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
         return measured_as(run, rig, table, data.u_lag_s, doubts, condition)
     doubts = [*known_doubts(run, rig), *_taken_as_corrected(run, rig)]
     table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
-    if RAIL in format_of(table.test).layout(rail=True).known and table.rail != (rig.robot.rail is not None):
+    if RAIL in format_of(table.test).layout(rail=True).known_columns and table.rail != (rig.robot.rail is not None):
         if table.rail:
             problem = f"has {RAIL}, and the arm of the rig file has no rail"
             raise FileError(str(path), problem, "add robot.rail to it")

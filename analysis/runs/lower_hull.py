@@ -53,7 +53,7 @@ def highest_under(pull: Array, right: Integers, share: Array, corners: Array) ->
             rise = _solved(diagonal, off_diagonal, unpaid - at_knots(aim / space))
             taken = -at_corners(rise)
             paid = (aim - price * taken) / space
-            ahead, dearer = _most(space, taken), _most(price, paid)
+            ahead, dearer = _largest_share(space, taken), _largest_share(price, paid)
             gap_after = float((space + ahead * taken) @ (price + dearer * paid))
             target = (gap_after / gap) ** 3 * gap / len(bound) - taken * paid
             aim, last = -space * price + target, (rise, ahead, paid, dearer)
@@ -70,7 +70,7 @@ def _summed(knot: Integers, weights: Array, knots: int) -> Array:
     return np.bincount(knot, weights, knots).astype(np.float64)
 
 
-def _most(values: Array, change: Array) -> float:
+def _largest_share(values: Array, change: Array) -> float:
     """Return the largest fraction of a change, at most 1, for which positive values (m,) remain positive."""
     falls = change < 0
     return min(1.0, _SHORT * float((-values[falls] / change[falls]).min(initial=np.inf)))

@@ -65,7 +65,7 @@ class FittedClock:
         return len(self.restarted)
 
 
-def stands(device_s: Array) -> bool:
+def is_stalled(device_s: Array) -> bool:
     """Return whether a clock device_s (n,) is not advancing, within the resolution of host timestamps."""
     return len(device_s) > 1 and bool(device_s.max() <= device_s.min() + TICK_S)
 
@@ -167,7 +167,7 @@ def _longest_in_order(values: Sequence[float]) -> list[int]:
 
 
 def _fitted(device_s: Array, host_ns: Array) -> tuple[Array, Mask]:
-    if len(device_s) < 3 or stands(device_s):
+    if len(device_s) < 3 or is_stalled(device_s):
         return host_ns, np.zeros(len(host_ns), dtype=bool)
     since_s = device_s - device_s[0]
     offset_s = (host_ns - host_ns[0]) / 1e9
@@ -321,7 +321,7 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
         rows = slice(begin, begin + _BLOCK + _AHEAD - 1)
         delays_ns = host_ns[rows] - np.arange(begin, begin + len(host_ns[rows])) * period_ns
         least[begin : begin + _BLOCK] = _least_of_next(delays_ns)
-    missing = _missing(least, period_ns)
+    missing = _count_missing_periods(least, period_ns)
     along = np.arange(len(host_ns), dtype=np.int64)
     if not missing.any():
         return along
@@ -331,7 +331,7 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
     return along
 
 
-def _missing(least: Array, period_ns: float) -> Integers:
+def _count_missing_periods(least: Array, period_ns: float) -> Integers:
     """Return the lag of each smallest delay (n,) relative to the corrected delays of the
     previous `_AHEAD` rows, in periods.
 

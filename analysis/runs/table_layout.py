@@ -49,7 +49,7 @@ class Layout:
     together: tuple[tuple[str, ...], ...] = ()
 
     @property
-    def known(self) -> tuple[str, ...]:
+    def known_columns(self) -> tuple[str, ...]:
         """All columns with a defined meaning."""
         return (*self.required, *self.optional)
 

@@ -156,7 +156,7 @@ def write_new(path: Path, write: Writer) -> None:
     except OSError as error:
         raise FileError(str(path.parent), error.strerror or str(error), "choose a different --output") from None
     try:
-        _hold_free(path)
+        _refuse_existing(path)
     except FileExistsError:
         raise _exists(path) from None
     temporary, opened = path.with_name(f".{secrets.token_hex(8)}.tmp"), False
@@ -169,7 +169,7 @@ def write_new(path: Path, write: Writer) -> None:
         except FileExistsError:
             raise
         except OSError:  # memory sticks and some network shares do not support links
-            _hold_free(path)
+            _refuse_existing(path)
             temporary.rename(path)
     except FileExistsError:
         raise _exists(path) from None
@@ -183,7 +183,7 @@ def write_new(path: Path, write: Writer) -> None:
             surely(lambda: temporary.unlink(missing_ok=True))
 
 
-def _hold_free(path: Path) -> None:
+def _refuse_existing(path: Path) -> None:
     if os.path.lexists(path):
         raise FileExistsError(path)
 

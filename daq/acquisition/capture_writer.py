@@ -22,7 +22,7 @@ from typing import TextIO
 from daq import clock
 from daq.acquisition.streams import Stream
 from daq.protocol.conversation import Fault, FaultKind
-from daq.wire.capture import HEAD, MOST_BYTES, Mark, Piece
+from daq.wire.capture import HEAD, MOST_BYTES, CaptureMark, Piece
 from daq.wire.conversation_loop import ByteLink
 from rigs.errors import FileError
 from rigs.files import read_from
@@ -66,7 +66,7 @@ class CaptureWriter(clock.Thread):
         """Return a link that also records all data passing through."""
         return _CapturedLink(self, stream, link)
 
-    def add(self, stream: str, mark: Mark, data: bytes) -> None:
+    def add(self, stream: str, mark: CaptureMark, data: bytes) -> None:
         """Record an event of a stream with the current time."""
         piece = Piece(clock.now_ns(), stream, mark, data)
         with self._lock:
@@ -94,7 +94,7 @@ class CaptureWriter(clock.Thread):
             pieces = list(self._pieces)
             self._pieces.clear()
             now_ns = clock.now_ns()
-            pieces += [Piece(now_ns, name, Mark.LEFT_OUT, str(n).encode()) for name, n in self._left_out.items()]
+            pieces += [Piece(now_ns, name, CaptureMark.LEFT_OUT, str(n).encode()) for name, n in self._left_out.items()]
             self._left_out.clear()
         if not self._open:
             return
@@ -129,11 +129,11 @@ class _CapturedLink:
     def read(self, timeout_s: float) -> bytes:
         data = self._link.read(timeout_s)
         if data:
-            self._writer.add(self._stream, Mark.CAME, data)
+            self._writer.add(self._stream, CaptureMark.CAME, data)
         return data
 
     def write(self, data: bytes) -> None:
-        self._writer.add(self._stream, Mark.SENT, data)
+        self._writer.add(self._stream, CaptureMark.SENT, data)
         self._link.write(data)
 
     def set_dtr(self, on: bool) -> None:

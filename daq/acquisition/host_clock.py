@@ -28,7 +28,7 @@ import numpy as np
 
 from daq import clock
 from daq.acquisition.stream_buffer import STALL_NS
-from daq.protocol.conversation import Fault, FaultKind, Sample, Samples
+from daq.protocol.conversation import Fault, FaultKind, Sample, SampleBlock
 
 HOST = "host"
 """Stream name for faults of the computer itself."""
@@ -162,7 +162,7 @@ class DriftMonitor:
 
     def feed(self, samples: Sequence[Sample]) -> None:
         """Add samples in order of arrival. Samples that have no device time are ignored."""
-        block = Samples.of(samples)
+        block = SampleBlock.of(samples)
         timed = block.chosen(~np.isnan(block.device_time_s))
         hosts_s = timed.first_byte_ns / 1e9
         for host_s, offset_s in zip(hosts_s.tolist(), (hosts_s - timed.device_time_s).tolist(), strict=True):

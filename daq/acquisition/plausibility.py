@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.acquisition.stream_buffer import samples_of
-from daq.protocol.conversation import NO_SAMPLES, Fault, FaultKind, Item, Samples
+from daq.protocol.conversation import NO_SAMPLES, Fault, FaultKind, Item, SampleBlock
 
 STUCK_S = 10.0
 STUCK_READINGS = 20
@@ -64,7 +64,7 @@ class _GaugeState:
     """Time of the latest reading with the current value."""
     steps_mm: deque[float] = field(default_factory=lambda: deque(maxlen=20))
     """Recent non-zero steps."""
-    tail: Samples = NO_SAMPLES
+    tail: SampleBlock = NO_SAMPLES
     """Readings to be searched for a change of unit, with some earlier readings."""
 
 
@@ -100,7 +100,7 @@ class PlausibilityCheck:
                 doubts += self._sticking(column, gauge, samples)
         return doubts
 
-    def _update(self, column: str, gauge: _GaugeState, samples: Samples, place: int) -> list[Fault]:
+    def _update(self, column: str, gauge: _GaugeState, samples: SampleBlock, place: int) -> list[Fault]:
         """Process the readings of a gauge. Readings of a head in error are ignored."""
         good = ~np.isnan(samples.values[:, place]) if len(samples) else np.zeros(0, bool)
         readings_mm, stamps_ns = samples.values[good, place] if good.any() else np.empty(0), samples.last_byte_ns[good]
@@ -113,7 +113,9 @@ class PlausibilityCheck:
         freed = [_doubtful(int(stamps_ns[moved[0]]), f"{_name(column)} moves again", 0)] if gauge.reported else []
         if moved[0] > 0:
             gauge.last_ns = int(stamps_ns[moved[0] - 1])
-        freed += self._held(column, gauge, gauge.count + int(moved[0]), int(stamps_ns[moved[0]]), steps_mm[moved[0]])
+        freed += self._check_stuck_gauge(
+            column, gauge, gauge.count + int(moved[0]), int(stamps_ns[moved[0]]), steps_mm[moved[0]]
+        )
         gauge.steps_mm.extend(steps_mm[moved[-20:]][np.isfinite(steps_mm[moved[-20:]])])
         gauge.finest_mm = float(np.fmin.reduce(steps_mm[moved], initial=gauge.finest_mm))
         last = int(moved[-1])
@@ -122,7 +124,9 @@ class PlausibilityCheck:
         gauge.last_ns = int(stamps_ns[-1])
         return freed
 
-    def _held(self, column: str, gauge: _GaugeState, count: int, now_ns: int, jump_mm: float) -> list[Fault]:
+    def _check_stuck_gauge(
+        self, column: str, gauge: _GaugeState, count: int, now_ns: int, jump_mm: float
+    ) -> list[Fault]:
         """Return a fault if a gauge jumps by `jump_mm` after `count` equal readings."""
         seconds, moved_deg = (gauge.last_ns - gauge.since_ns) / 1e9, self._travel_deg - gauge.travel_deg
         if gauge.reported or seconds < HELD_S or count < HELD_READINGS or moved_deg < HELD_DEG:
@@ -140,7 +144,7 @@ class PlausibilityCheck:
             )
         ]
 
-    def _sticking(self, column: str, gauge: _GaugeState, samples: Samples) -> list[Fault]:
+    def _sticking(self, column: str, gauge: _GaugeState, samples: SampleBlock) -> list[Fault]:
         if gauge.reported or not len(samples) or gauge.count < STUCK_READINGS:
             return []
         now_ns = samples[-1].last_byte_ns
@@ -179,10 +183,10 @@ class PlausibilityCheck:
         return doubts
 
 
-def _rescaled(column: str, gauge: _GaugeState, samples: Samples, place: int) -> list[Fault]:
+def _rescaled(column: str, gauge: _GaugeState, samples: SampleBlock, place: int) -> list[Fault]:
     """Return a fault if the unit of the readings changed."""
     read = samples.chosen(~np.isnan(samples.values[:, place])) if len(samples) else samples
-    window = Samples.joined([gauge.tail, read])
+    window = SampleBlock.joined([gauge.tail, read])
     gauge.tail = window[-(BEFORE + AFTER - 1) :]
     if len(window) < BEFORE + AFTER:
         return []

@@ -22,7 +22,7 @@ from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream
 from daq.protocol.conversation import Fault, FaultKind, Host, Item
 from daq.protocol.numerals import hand_on
-from daq.wire.capture import Mark
+from daq.wire.capture import CaptureMark
 from daq.wire.conversation_loop import run_conversation
 from daq.wire.links import Link, LinkLost
 from rigs.errors import CellError
@@ -39,7 +39,7 @@ the length of the pause did not depend on the elapsed time, that gauge was delay
 """
 
 
-class Reader(clock.Thread):
+class StreamReader(clock.Thread):
     """Thread that reads one stream into its buffer until it is stopped."""
 
     def __init__(self, stream: Stream, buffer: StreamBuffer, link: Link, capture: CaptureWriter | None = None) -> None:
@@ -74,7 +74,7 @@ class Reader(clock.Thread):
 
     def _read(self, link: Link) -> None:
         self._buffer.connected = True
-        self._capture_mark(Mark.OPENED, self._stream.port)
+        self._capture_mark(CaptureMark.OPENED, self._stream.port)
         recorded = self._capture.captured(self._stream.name, link) if self._capture else link
 
         def deliver(items: Sequence[Item]) -> None:
@@ -99,8 +99,8 @@ class Reader(clock.Thread):
             self._buffer.connected = False
             link.close()
             self._link = None
-        self._capture_mark(Mark.LOST, reason)
-        self._buffer.deliver(conversation.lost(clock.now_ns()))
+        self._capture_mark(CaptureMark.LOST, reason)
+        self._buffer.deliver(conversation.handle_link_loss(clock.now_ns()))
         if not self._stop_asked.is_set():
             self._lost_ns = self._lost_ns or clock.now_ns()
             self._report(f"{self._stream.port} lost: {reason}; reopening", 1)
@@ -147,7 +147,7 @@ class Reader(clock.Thread):
                 break
         self._pause_s = min(_LONGEST_PAUSE_S, 2 * self._pause_s)
 
-    def _capture_mark(self, mark: Mark, text: str) -> None:
+    def _capture_mark(self, mark: CaptureMark, text: str) -> None:
         if self._capture:
             self._capture.add(self._stream.name, mark, text.encode("ascii", "replace"))
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from daq import clock
-from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Samples, packed
+from daq.protocol.conversation import Fault, FaultKind, Item, Sample, SampleBlock, packed
 
 _ROOM = 200_000
 """Number of items buffered for a stalled disk: minutes at 500 Hz, and about 100 MB in the worst case."""
@@ -74,7 +74,7 @@ class StreamBuffer:
     _last_fault: str = ""
     _is_faulty: bool = False
     """True if the instrument or its line has reported a fault since the last reading."""
-    _recent: deque[Sample | Samples] = field(default_factory=deque)
+    _recent: deque[Sample | SampleBlock] = field(default_factory=deque)
     _recent_size: int = 0
 
     def deliver(self, items: Sequence[Item]) -> None:
@@ -82,7 +82,7 @@ class StreamBuffer:
         if len(items) > _FEW:
             items = packed(items)
         with self._lock:
-            newest: Sample | Samples | None = None
+            newest: Sample | SampleBlock | None = None
             for item in items:
                 size = size_of(item)
                 self._note(item, size)
@@ -106,7 +106,7 @@ class StreamBuffer:
             for fault in faults:
                 self._note(fault, 1)
 
-    def drain(self) -> list[Samples | Fault]:
+    def drain(self) -> list[SampleBlock | Fault]:
         """Return all items since the last call, in order, for the recorder."""
         with self._lock:
             taken, self._items = self._items, deque()
@@ -199,12 +199,12 @@ class StreamBuffer:
 def size_of(item: Item) -> int:
     """Return the number of samples or faults in an item."""
     # Compare types: an isinstance check for Sequence costs a tenth of a poll.
-    return len(item) if type(item) is Samples else 1
+    return len(item) if type(item) is SampleBlock else 1
 
 
-def samples_of(items: Sequence[Item]) -> Samples:
+def samples_of(items: Sequence[Item]) -> SampleBlock:
     """Return the samples among items."""
-    return Samples.joined([item for item in packed(items) if isinstance(item, Samples)])
+    return SampleBlock.joined([item for item in packed(items) if isinstance(item, SampleBlock)])
 
 
 def faults_of(items: Sequence[Item]) -> list[Fault]:
@@ -219,7 +219,7 @@ class PretriggerBuffer:
     """Items of the last five seconds, some thousands per stream."""
 
     def __init__(self, streams: Iterable[str]) -> None:
-        self._items: dict[str, deque[Samples | Fault]] = {name: deque() for name in streams}
+        self._items: dict[str, deque[SampleBlock | Fault]] = {name: deque() for name in streams}
 
     def add(self, stream: str, items: Sequence[Item]) -> None:
         """Add items of a stream."""
@@ -233,15 +233,15 @@ class PretriggerBuffer:
             while kept and _newest_ns(kept[0]) < _newest_ns(kept[-1]) - KEPT_NS:
                 kept.popleft()
 
-    def since(self, stream: str, since_ns: int) -> list[Samples | Fault]:
+    def since(self, stream: str, since_ns: int) -> list[SampleBlock | Fault]:
         """Return the items from `since_ns` on, in order."""
         cut = (
-            item.chosen(item.first_byte_ns >= since_ns) if isinstance(item, Samples) else item
+            item.chosen(item.first_byte_ns >= since_ns) if isinstance(item, SampleBlock) else item
             for item in self._items[stream]
             if _newest_ns(item) >= since_ns
         )
         return list(cut)
 
 
-def _newest_ns(item: Samples | Fault) -> int:
-    return int(item.first_byte_ns[-1]) if isinstance(item, Samples) else item.at_ns
+def _newest_ns(item: SampleBlock | Fault) -> int:
+    return int(item.first_byte_ns[-1]) if isinstance(item, SampleBlock) else item.at_ns

@@ -44,9 +44,9 @@ def device(feedback: Feedback, read: Read) -> Device:
     """
     usual = [({SIGNAL: 0.0} | UNDISTURBED)[name] for name in columns_beside_joints(feedback)]
 
-    def shown(now_ns: int) -> Sequence[float]:
+    def read_values(now_ns: int) -> Sequence[float]:
         values = read(now_ns)
         return [*values, *usual[len(values) - 6 :]]
 
-    conversation: Device = load(feedback).device(feedback, shown)
+    conversation: Device = load(feedback).device(feedback, read_values)
     return conversation

@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 
 from daq.feedback import Read
 from daq.protocol.conversation import Device, FaultKind, Host
-from daq.protocol.positions import Order, Position, Positions, Refused, SteadyDevice
+from daq.protocol.positions import Order, Position, Positions, SteadyDevice, UnusableDatagram
 from daq.protocol.streamed import Streamed
 from rigs.schema.condition import ProgramState
 from rigs.schema.feedback import ABBEGM
@@ -127,17 +127,17 @@ def device(feedback: ABBEGM, read: Read) -> Device:
     return _EGMController(read, RATE_HZ)
 
 
-def _decode(data: bytes) -> Position | Refused:
+def _decode(data: bytes) -> Position | UnusableDatagram:
     message = fields(data)
     header = None if message is None else message_in(message, 1)
     feedback = None if message is None else message_in(message, 2)
     joints = None if feedback is None else message_in(feedback, 1)
     clock = None if feedback is None else message_in(feedback, 4)
     if not message or header is None or joints is None or clock is None or number_in(header, 3) != _DATA:
-        return Refused(FaultKind.GARBLED, f"{data[:16].hex(' ')} is not an EgmRobot message")
+        return UnusableDatagram(FaultKind.GARBLED, f"{data[:16].hex(' ')} is not an EgmRobot message")
     angles_deg = doubles_in(joints, 1)
     if len(angles_deg) < 6:
-        return Refused(FaultKind.MISSING, f"{len(angles_deg)} joints instead of 6; check the mechanical unit")
+        return UnusableDatagram(FaultKind.MISSING, f"{len(angles_deg)} joints instead of 6; check the mechanical unit")
     seconds = number_in(clock, 1) + number_in(clock, 2) * 1e-6 if clock else number_in(header, 2) / 1000
     program, motors = _state_in(message, _RAPID, _STATE_OF_RAPID), _state_in(message, _MOTORS, _STATE_OF_MOTORS)
     return Position(angles_deg[:6], seconds, number_in(header, 1) % 2**32, (program, motors))

@@ -29,10 +29,10 @@ from collections.abc import Sequence
 from functools import partial
 
 from daq.feedback import Read
-from daq.protocol.conversation import Device, Fault, FaultKind, Host, Step
+from daq.protocol.conversation import ConversationStep, Device, Fault, FaultKind, Host
 from daq.protocol.framing import Message
 from daq.protocol.numerals import plausible
-from daq.protocol.positions import Order, Pace, Position, Positions, Refused, SteadyDevice
+from daq.protocol.positions import Order, Position, Positions, SteadyDevice, SteadyRate, UnusableDatagram
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.condition import SafetyState
 from rigs.schema.feedback import FANUCStreamMotion
@@ -84,13 +84,13 @@ def device(feedback: FANUCStreamMotion, read: Read) -> Device:
     return _StreamMotionController(feedback.version or _ASKED_AS, read)
 
 
-def _decode(currents: bool, data: bytes) -> Position | Refused:
+def _decode(currents: bool, data: bytes) -> Position | UnusableDatagram:
     kind = int.from_bytes(data[:4], "big")
     layout = _STATUS.get(kind)
     if layout is None:
-        return Refused(FaultKind.GARBLED, f"packet of type {kind} instead of a status (0, 202 or 204)")
+        return UnusableDatagram(FaultKind.GARBLED, f"packet of type {kind} instead of a status (0, 202 or 204)")
     if len(data) != layout.size:
-        return Refused(
+        return UnusableDatagram(
             FaultKind.GARBLED, f"status of type {kind} with {layout.size} bytes; check the device at this address"
         )
     fields = layout.unpack(data)
@@ -158,12 +158,12 @@ class _StreamMotionController(SteadyDevice):
         super().__init__(read)
         self._version = version
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         if self._version > 1 and len(data) == _CAPABILITY.size and data[:4] == ASK_VERSION[:4]:
             answer = _CAPABILITY.pack(_ASK_CAPABILITY, self._version, 1, self.SAMPLING_MS, 1, self._version, 0)
             return self._step(answer[:_SHORT_CAPABILITY] if self._version == 2 else answer)
         if data == start_packet(self._version) and self._pace is None:
-            self._pace = Pace(RATE_HZ, now_ns)
+            self._pace = SteadyRate(RATE_HZ, now_ns)
         elif len(data) == _REQUEST.size and data[:4] == STOP[:4]:
             self._pace = None
         return self._step()

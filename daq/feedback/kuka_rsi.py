@@ -19,10 +19,10 @@ from collections.abc import Sequence
 from functools import partial
 
 from daq.feedback import Read
-from daq.protocol.conversation import Device, Fault, FaultKind, Host, Step
+from daq.protocol.conversation import ConversationStep, Device, Fault, FaultKind, Host
 from daq.protocol.framing import Message
 from daq.protocol.numerals import number, plausible
-from daq.protocol.positions import Order, Position, Positions, Refused, SteadyDevice
+from daq.protocol.positions import Order, Position, Positions, SteadyDevice, UnusableDatagram
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.feedback import KUKARSI
 
@@ -49,17 +49,19 @@ def _answer(sentype: str, ipoc: str) -> bytes:
     return f'<Sen Type="{sentype}"><IPOC>{ipoc}</IPOC></Sen>'.encode()
 
 
-def _decode(tags: Sequence[re.Pattern[bytes]], data: bytes) -> Position | Refused:
+def _decode(tags: Sequence[re.Pattern[bytes]], data: bytes) -> Position | UnusableDatagram:
     ipoc, joints = _IPOC.findall(data), _JOINTS.findall(data)
     if not _ROB.fullmatch(data) or len(ipoc) != 1:
-        return Refused(FaultKind.GARBLED, f"{data[:80]!r} is not a <Rob> with a single <IPOC>")
+        return UnusableDatagram(FaultKind.GARBLED, f"{data[:80]!r} is not a <Rob> with a single <IPOC>")
     if not joints:
-        return Refused(FaultKind.MISSING, "<AIPos> is missing; add DEF_AIPos to SEND in the Ethernet configuration")
+        return UnusableDatagram(
+            FaultKind.MISSING, "<AIPos> is missing; add DEF_AIPos to SEND in the Ethernet configuration"
+        )
     angles = sorted(_JOINT.findall(joints[0]))
     read = [number(value.decode("ascii", "replace")) for _, value in angles]
     angles_deg = tuple(value for value in read if value is not None)
     if b"".join(axis for axis, _ in angles) != b"123456" or len(angles_deg) != 6 or len(joints) != 1:
-        return Refused(
+        return UnusableDatagram(
             FaultKind.GARBLED, f"<AIPos{joints[0][:200].decode('ascii', 'replace')}> does not contain six numbers"
         )
     texts = (match[1].decode("ascii", "replace") if (match := tag.search(data)) else "" for tag in tags)
@@ -119,14 +121,14 @@ class _RSIController(SteadyDevice):
         """IPOC and time of the datagrams without an answer."""
         self._delays = 0
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         for ipoc in list(self._awaited):
             if data == _answer(self._feedback.sentype, str(ipoc)):
                 del self._awaited[ipoc]
                 self._delays = 0
         return self._step()
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         self._ticked_ns = now_ns
         return super().tick(now_ns)
 

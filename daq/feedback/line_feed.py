@@ -16,7 +16,7 @@ import math
 
 from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample
-from daq.protocol.framing import Framer, Lines, Message
+from daq.protocol.framing import DelimitedLines, Framer, Message
 from daq.protocol.numerals import are_angles, number, plausible
 from daq.protocol.positions import DatagramLines, SteadyDevice
 from daq.protocol.streamed import Reaction, Streamed
@@ -40,7 +40,7 @@ def host(feedback: LineFeed) -> Host:
 
 def device(feedback: LineFeed, read: Read) -> Device:
     """Return the controller side."""
-    return _Program(feedback, read)
+    return _ControllerProgram(feedback, read)
 
 
 class _LineFeedDialect:
@@ -52,7 +52,9 @@ class _LineFeedDialect:
         self._last_clock_s = -math.inf
         self._may_be_late = udp_address(feedback.port) is not None
         self.frames: Framer = (
-            DatagramLines() if self._may_be_late else Lines(b"\n", joined_midway=tcp_address(feedback.port) is None)
+            DatagramLines()
+            if self._may_be_late
+            else DelimitedLines(b"\n", joined_midway=tcp_address(feedback.port) is None)
         )
         self._fields = feedback.fields
         self._beside = columns_beside_joints(feedback)
@@ -104,7 +106,7 @@ def _garbled(message: Message, why: str) -> Reaction:
     return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
 
 
-class _Program(SteadyDevice):
+class _ControllerProgram(SteadyDevice):
     """Program on the controller. Its clock starts at zero when the link opens."""
 
     IS_STREAM = True

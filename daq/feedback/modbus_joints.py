@@ -42,7 +42,7 @@ def host(feedback: ModbusJoints) -> Host:
 def device(feedback: ModbusJoints, read: Read) -> Device:
     """Return the controller side."""
 
-    def shown(now_ns: int) -> list[int] | None:
+    def read_registers(now_ns: int) -> list[int] | None:
         """Return all registers, or None if an angle does not fit."""
         registers = [0] * feedback.count
         for joint, angle_deg in zip(feedback.joints, read(now_ns), strict=True):
@@ -53,4 +53,4 @@ def device(feedback: ModbusJoints, read: Read) -> Device:
         pack_verdict(registers, feedback.status, feedback, good=True)
         return registers
 
-    return RegisterDevice([(feedback, shown)])
+    return RegisterDevice([(feedback, read_registers)])

@@ -18,10 +18,10 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from daq.feedback import Read
-from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
+from daq.protocol.conversation import NO_TIME, ConversationStep, Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
 from daq.protocol.numerals import are_angles
-from daq.protocol.positions import Datagrams, Pace, SteadyDevice
+from daq.protocol.positions import Datagrams, SteadyDevice, SteadyRate
 from daq.protocol.streamed import Reaction, Streamed
 from daq.protocol.websocket import LIMIT, WebSocketDevice, WebSocketHost
 from rigs.schema.feedback import ROS2JointStates
@@ -153,13 +153,13 @@ class _Bridge(SteadyDevice):
         super().__init__(read)
         self._feedback = feedback
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         try:
             asked = json.loads(data) if data else {}
         except (ValueError, RecursionError):
             asked = {}
         if isinstance(asked, dict) and asked.get("op") == "subscribe" and asked.get("topic") == self._feedback.topic:
-            self._pace = Pace(RATE_HZ, now_ns)
+            self._pace = SteadyRate(RATE_HZ, now_ns)
         return self._step()
 
     def _message(self, instant_ns: int) -> bytes:

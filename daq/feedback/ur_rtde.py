@@ -13,9 +13,9 @@ packets, which only its clock shows (fault SKIPPED).
 information. `v` requests the controller version, four UINT32; the maker's client sends this request first. Packets of
 other types are ignored, but several in a row mean that the stream is out of step.
 
-The conversation requests a new link (`Step.hang_up`) in three cases. A binary stream that is out of step cannot be
-resynchronised safely. A refused request will not be granted later. A silent controller is gone: it also streams at
-standstill, and TCP would not notice.
+The conversation requests a new link (`ConversationStep.hang_up`) in three cases. A binary stream that is out of step
+cannot be resynchronised safely. A refused request will not be granted later. A silent controller is gone: it also
+streams at standstill, and TCP would not notice.
 
 Packets are big-endian, `>HB`: size including the header, and type. A recipe is a list of typed fields. A data packet
 contains the recipe number, followed by the fields in order.
@@ -36,10 +36,10 @@ from functools import cached_property
 from itertools import islice
 
 from daq.feedback import Read
-from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
+from daq.protocol.conversation import NO_TIME, ConversationStep, Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message, Sized
 from daq.protocol.numerals import are_angles, plausible
-from daq.protocol.positions import Pace, SteadyDevice, SteadySteps
+from daq.protocol.positions import SteadyDevice, SteadyRate, SteadySteps
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.condition import CURRENTS, PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES, ProgramState, SafetyState
 from rigs.schema.feedback import URRTDE, RTDESignal, condition_columns
@@ -307,7 +307,7 @@ class _RTDEClient:
             message.size,
             clock_s,
         )
-        return Reaction((*self._steps.missing(clock_s, message.last_byte_ns), sample))
+        return Reaction((*self._steps.check_stamp(clock_s, message.last_byte_ns), sample))
 
     def _text(self, payload: bytes, message: Message) -> Reaction:
         """Handle a text of the controller. Information is ignored."""
@@ -357,11 +357,11 @@ class _RTDEController(SteadyDevice):
         self._recipe = Recipe({})
         self._rate_hz = 0.0
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         answers = b""
         for message in self._frames.feed(data, now_ns):
             if isinstance(message, Fault):
-                return Step(answers, hang_up=True)
+                return ConversationStep(answers, hang_up=True)
             answers += self._answer(message.data[2:3], message.data[3:], now_ns)
         return self._step(answers)
 
@@ -373,7 +373,7 @@ class _RTDEController(SteadyDevice):
         if kind == b"O":
             return packet(kind, self._set_up(payload))
         if kind == b"S":
-            self._pace = Pace(self._rate_hz, now_ns) if self._recipe.types else None
+            self._pace = SteadyRate(self._rate_hz, now_ns) if self._recipe.types else None
             return packet(kind, bytes([bool(self._recipe.types)]))
         if kind == b"P":
             self._pace = None

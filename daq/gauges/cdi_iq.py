@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
-from daq.protocol.framing import Lines
+from daq.protocol.framing import DelimitedLines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm
 from rigs.schema.gauges import CDIIQ
@@ -31,7 +31,7 @@ _DECIMALS = {"mm": 4, "inch": 5}
 
 def host(gauges: Sequence[CDIIQ]) -> Host:
     """Return the host side. A cable carries a single gauge."""
-    return Polled(TextDialect(gauges, b"R\r", Lines(_END), _read), gauges[0].timeout_s)
+    return Polled(TextDialect(gauges, b"R\r", DelimitedLines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[CDIIQ], read: Read) -> Device:
@@ -47,7 +47,7 @@ def device(gauges: Sequence[CDIIQ], read: Read) -> Device:
             return b"OUT OF BOUNDS" + _END
         return f"{'-' if value < 0 else '+'}{number}, {'MM' if units == 'mm' else 'IN'}".encode() + _END
 
-    return TextDevice(gauges, read, Lines(b"\r"), answer)
+    return TextDevice(gauges, read, DelimitedLines(b"\r"), answer)
 
 
 def _read(data: bytes, gauge: CDIIQ) -> Reading:

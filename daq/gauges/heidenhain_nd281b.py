@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
-from daq.protocol.framing import Lines, Sized
+from daq.protocol.framing import DelimitedLines, Sized
 from daq.protocol.polled import Polled
 from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm
 from rigs.schema.gauges import HeidenhainND281B
@@ -32,7 +32,7 @@ _DECIMALS = {"mm": 4, "inch": 5}
 
 def host(gauges: Sequence[HeidenhainND281B]) -> Host:
     """Return the host side. A cable carries a single gauge."""
-    return Polled(TextDialect(gauges, _STX, Lines(_END), _read), gauges[0].timeout_s)
+    return Polled(TextDialect(gauges, _STX, DelimitedLines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[HeidenhainND281B], read: Read) -> Device:

@@ -17,9 +17,19 @@ from dataclasses import replace
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, Fault, Host
-from daq.protocol.framing import Lines, Message
+from daq.protocol.framing import DelimitedLines, Message
 from daq.protocol.polled import Polled, Reply
-from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, mm, shown, wrong_unit
+from daq.protocol.texts import (
+    Reading,
+    Show,
+    TextDevice,
+    TextDialect,
+    Trouble,
+    garbled,
+    mm,
+    printable_message,
+    wrong_unit,
+)
 from rigs.schema.gauges import HeidenhainND287
 
 _STX, _NAK, _NUL, _END = b"\x02", b"\x15", b"\0", b"\r\n"
@@ -65,7 +75,7 @@ def device(gauges: Sequence[HeidenhainND287], read: Read) -> Device:
             return _STX + f"{round(value * 10**decimals):+010d}".encode() + _END
         return _STX + f"{'-' if value < 0 else ' '}{abs(value):10.{decimals}f}".encode() + _END
 
-    return TextDevice(gauges, read, Lines(b"\r"), answer)
+    return TextDevice(gauges, read, DelimitedLines(b"\r"), answer)
 
 
 class _Dialect(TextDialect[HeidenhainND287]):
@@ -98,7 +108,7 @@ class _Dialect(TextDialect[HeidenhainND287]):
         return Reply((Fault(trouble.kind, message.last_byte_ns, trouble.detail),), trouble.then)
 
 
-class _Replies(Lines):
+class _Replies(DelimitedLines):
     """Lines with NAK as a separate line and optional leading NULs.
 
     A NUL within a line is a character of wrong parity (`daq.wire.serial_port`). Removing it would change the number.
@@ -119,5 +129,5 @@ def _read(data: bytes, gauge: HeidenhainND287) -> Reading:
     if not text:
         return garbled(data)
     if not _NUMBER.fullmatch(text[1]):
-        return Trouble(f"the display shows {shown(text[1].strip())}; close the dialog or clear the error")
+        return Trouble(f"the display shows {printable_message(text[1].strip())}; close the dialog or clear the error")
     return mm(text[1], gauge)

@@ -18,9 +18,9 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, FaultKind, Host
-from daq.protocol.framing import Lines
+from daq.protocol.framing import DelimitedLines
 from daq.protocol.polled import Polled, Then
-from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, mm, shown
+from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, mm, printable_message
 from rigs.schema.gauges import KeyenceDLRS1A
 
 _END = b"\r\n"
@@ -44,7 +44,7 @@ _CHECK = "check the cable and the power supply, and compare the line settings wi
 def host(gauges: Sequence[KeyenceDLRS1A]) -> Host:
     """Return the host side."""
     # A unit with no heads returns the request.
-    dialect = TextDialect(gauges, b"M0" + _END, Lines(_END), _read, _CHECK, may_echo=False)
+    dialect = TextDialect(gauges, b"M0" + _END, DelimitedLines(_END), _read, _CHECK, may_echo=False)
     return Polled(dialect, gauges[0].timeout_s)
 
 
@@ -65,20 +65,24 @@ def device(gauges: Sequence[KeyenceDLRS1A], read: Read) -> Device:
             fields[gauge.channel - 1] = format(value, form) if math.isfinite(value) else "+EE.EEE"
         return b"M0," + ",".join(fields).encode() + _END
 
-    return TextDevice(gauges, read, Lines(_END), answer)
+    return TextDevice(gauges, read, DelimitedLines(_END), answer)
 
 
 def _read(data: bytes, gauge: KeyenceDLRS1A) -> Reading:
     name, *fields = data.split(b",")
     if name == b"ER" and len(fields) == 2:
-        return Trouble(f"{shown(data)}: {_ERRORS.get(fields[1], 'unknown error number; see the DL-RS1A manual')}")
+        return Trouble(
+            f"{printable_message(data)}: {_ERRORS.get(fields[1], 'unknown error number; see the DL-RS1A manual')}"
+        )
     if name != b"M0":
-        detail = f"{shown(data)} is not an answer to M0; check the line settings"
+        detail = f"{printable_message(data)} is not an answer to M0; check the line settings"
         return Trouble(detail, FaultKind.GARBLED, Then.DRAIN)
     field = fields[gauge.channel - 1] if gauge.channel <= len(fields) else b""
     if not field:
         detail = f"no head on channel {gauge.channel}, {len(fields)} answer; check the amplifiers and `channel`"
         return Trouble(detail, FaultKind.MISSING)
     if not _NUMBER.fullmatch(field) or _NO_VALUE.fullmatch(field):
-        return Trouble(f"channel {gauge.channel} shows {shown(field)}: out of range or in error; check the head")
+        return Trouble(
+            f"channel {gauge.channel} shows {printable_message(field)}: out of range or in error; check the head"
+        )
     return mm(field, gauge, len(fields))

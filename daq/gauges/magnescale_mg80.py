@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from daq.gauges import Read
 from daq.gauges.magnescale_lt import value_of, written
 from daq.protocol.conversation import Device, FaultKind, Host
-from daq.protocol.framing import Lines
+from daq.protocol.framing import DelimitedLines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, Trouble, garbled
 from rigs.schema.gauges import MagnescaleMG80
@@ -26,7 +26,7 @@ _LENGTH = 13
 def host(gauges: Sequence[MagnescaleMG80]) -> Host:
     """Return the host side. A line carries a single gauge."""
     request = gauges[0].request.encode() + _END
-    dialect = TextDialect(gauges, request, Lines(_END), _read, f"{CHECK}, and `request`")
+    dialect = TextDialect(gauges, request, DelimitedLines(_END), _read, f"{CHECK}, and `request`")
     return Polled(dialect, gauges[0].timeout_s)
 
 
@@ -43,7 +43,7 @@ def device(gauges: Sequence[MagnescaleMG80], read: Read) -> Device:
         header = f"{gauge.address}N{unit}{'G' if good else 'E'}".encode()
         return header + (written(value) if good else b"  Error ") + _END
 
-    return TextDevice(gauges, read, Lines(_END), answer)
+    return TextDevice(gauges, read, DelimitedLines(_END), answer)
 
 
 def _read(data: bytes, gauge: MagnescaleMG80) -> Reading:

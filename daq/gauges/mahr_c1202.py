@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, FaultKind, Host
-from daq.protocol.framing import Lines
+from daq.protocol.framing import DelimitedLines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm
 from rigs.schema.gauges import MahrC1202
@@ -25,7 +25,7 @@ _FORMAT = {"mm": "+09.4f", "um": "+07.2f", "inch": "+09.5f"}
 def host(gauges: Sequence[MahrC1202]) -> Host:
     """Return the host side."""
     request = b"?" if len(gauges) > 1 else b"M%d?" % gauges[0].channel
-    return Polled(TextDialect(gauges, request + _END, Lines(_END), _read), gauges[0].timeout_s)
+    return Polled(TextDialect(gauges, request + _END, DelimitedLines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MahrC1202], read: Read) -> Device:
@@ -45,7 +45,7 @@ def device(gauges: Sequence[MahrC1202], read: Read) -> Device:
             written.append(f"{feature} {text}".encode())
         return b";".join(written) + _END
 
-    return TextDevice(gauges, read, Lines(_END), answer)
+    return TextDevice(gauges, read, DelimitedLines(_END), answer)
 
 
 def _read(data: bytes, gauge: MahrC1202) -> Reading:

@@ -22,9 +22,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.gauges import Read
-from daq.protocol.conversation import NO_SAMPLES, NO_TIME, Arrival, Device, Fault, FaultKind, Host, Samples, Step
-from daq.protocol.framing import Lines, Message
-from daq.protocol.positions import Pace, SteadyDevice
+from daq.protocol.conversation import (
+    NO_SAMPLES,
+    NO_TIME,
+    Arrival,
+    ConversationStep,
+    Device,
+    Fault,
+    FaultKind,
+    Host,
+    SampleBlock,
+)
+from daq.protocol.framing import DelimitedLines, Message
+from daq.protocol.positions import SteadyDevice, SteadyRate
 from daq.protocol.streamed import QuicklyStreamed, Reaction, split
 from daq.protocol.texts import Reading, Trouble, items_of
 from rigs.schema.gauges import MicroEpsilonILD1420
@@ -127,7 +137,7 @@ class _ILD1420Dialect:
             reading = float(_mm(x, self._gauge))
         return Reaction(items_of(message, NO_TIME, [reading]))
 
-    def read_run(self, arrivals: Sequence[Arrival]) -> tuple[Samples, Sequence[Arrival]]:
+    def read_run(self, arrivals: Sequence[Arrival]) -> tuple[SampleBlock, Sequence[Arrival]]:
         begun = self.frames.take_begun() if self._alone else None
         if begun is None:
             return NO_SAMPLES, arrivals
@@ -139,7 +149,7 @@ class _ILD1420Dialect:
         count = int(np.append(plain, False).argmin())
         pieces_ns = np.array([at_ns for _, at_ns in arrivals])
         at_ns = np.repeat(pieces_ns, [len(piece) for piece, _ in arrivals])[: 3 * count].reshape(-1, 3)
-        samples = Samples(
+        samples = SampleBlock(
             _mm(codes[:count], self._gauge)[:, np.newaxis],
             np.full(count, NO_TIME),
             at_ns[:, 0],
@@ -167,15 +177,15 @@ class _Sensor(SteadyDevice):
     def __init__(self, gauge: MicroEpsilonILD1420, read: Read) -> None:
         super().__init__(read)
         self._gauge = gauge
-        self._commands = Lines(b"\n")
+        self._commands = DelimitedLines(b"\n")
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         answer = b""
         for command in self._commands.feed(data, now_ns):
             starts = isinstance(command, Message) and command.data.strip() == _START.strip()
             answer += (_START.strip() if starts else b"E01 Unknown command") + b"\r\n->"
             if starts and self._pace is None:
-                self._pace = Pace(_RATE_HZ, now_ns)
+                self._pace = SteadyRate(_RATE_HZ, now_ns)
         return self._step(answer)
 
     def _message(self, instant_ns: int) -> bytes:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from daq.gauges import Read, mitutoyo_usb
 from daq.protocol.conversation import Device, Host
-from daq.protocol.framing import Lines
+from daq.protocol.framing import DelimitedLines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import Reading, TextDialect, Trouble, garbled, in_mm
 from rigs.schema.gauges import MitutoyoQMHeight
@@ -21,7 +21,7 @@ _UNIT = {3: b"mm", 4: b"inch", 5: b"inch"}
 
 def host(gauges: Sequence[MitutoyoQMHeight]) -> Host:
     """Return the host side. A cable carries a single gauge."""
-    return Polled(TextDialect(gauges, b"1\r", Lines(b"\r"), _read), gauges[0].timeout_s)
+    return Polled(TextDialect(gauges, b"1\r", DelimitedLines(b"\r"), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MitutoyoQMHeight], read: Read) -> Device:

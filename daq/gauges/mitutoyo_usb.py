@@ -12,9 +12,9 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
-from daq.protocol.framing import Lines
+from daq.protocol.framing import DelimitedLines
 from daq.protocol.polled import Polled
-from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, garbled, mm, shown
+from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, garbled, mm, printable_message
 from rigs.schema.probe import Probe
 
 _END = b"\r"
@@ -25,7 +25,7 @@ _LONGEST = 9
 
 def host(gauges: Sequence[Probe]) -> Host:
     """Return the host side. A cable carries a single gauge."""
-    return Polled(TextDialect(gauges, b"1" + _END, Lines(_END), read_reply), gauges[0].timeout_s)
+    return Polled(TextDialect(gauges, b"1" + _END, DelimitedLines(_END), read_reply), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[Probe], read: Read) -> Device:
@@ -41,7 +41,7 @@ def device(gauges: Sequence[Probe], read: Read) -> Device:
         good = math.isfinite(value) and len(text) == _LONGEST
         return (f"01A{text}".encode() if good else b"911") + _END
 
-    return TextDevice(gauges, read, Lines(_END), answer)
+    return TextDevice(gauges, read, DelimitedLines(_END), answer)
 
 
 def read_reply(data: bytes, gauge: Probe) -> Reading:
@@ -50,5 +50,7 @@ def read_reply(data: bytes, gauge: Probe) -> Reading:
     if match:
         return mm(match[1], gauge)
     if data.startswith(b"9"):
-        return Trouble(f"the gauge answers with error {shown(data)}; check that the gauge is on and shows a value")
+        return Trouble(
+            f"the gauge answers with error {printable_message(data)}; check that the gauge is on and shows a value"
+        )
     return garbled(data)

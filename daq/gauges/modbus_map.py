@@ -50,7 +50,7 @@ def host(gauges: Sequence[ModbusMap]) -> Host:
 
 def device(gauges: Sequence[ModbusMap], read: Read) -> Device:
     """Return the device side of the gauges on a line."""
-    return RegisterDevice([(gauge, held(gauge, read, place)) for place, gauge in enumerate(gauges)])
+    return RegisterDevice([(gauge, registers_over_time(gauge, read, place)) for place, gauge in enumerate(gauges)])
 
 
 def dialect(gauge: ModbusMap, wire: Wire) -> RegisterDialect:
@@ -58,7 +58,7 @@ def dialect(gauge: ModbusMap, wire: Wire) -> RegisterDialect:
     return RegisterDialect(gauge, _Readings(gauge), wire)
 
 
-def held(gauge: ModbusMap, read: Read, place: int = 0) -> Held:
+def registers_over_time(gauge: ModbusMap, read: Read, place: int = 0) -> Held:
     """Return the content of the block as a function of time. place: index of the reading of this gauge."""
     return lambda now_ns: _registers(gauge, read(now_ns)[place], now_ns)
 

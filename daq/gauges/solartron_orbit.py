@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from daq.gauges import Read
-from daq.gauges.modbus_map import dialect, held
+from daq.gauges.modbus_map import dialect, registers_over_time
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
 from daq.protocol.modbus import Wire
@@ -56,8 +56,8 @@ def device(gauges: Sequence[SolartronOrbit], read: Read) -> Device:
     values = [_block(gauge, gauge.parameter) for gauge in gauges]
     statuses = [_status_block(gauge) for gauge in gauges]
     return RegisterDevice(
-        [(block, held(block, value, place)) for place, block in enumerate(values)],
-        silently=[(block, held(block, status, place)) for place, block in enumerate(statuses)],
+        [(block, registers_over_time(block, value, place)) for place, block in enumerate(values)],
+        silently=[(block, registers_over_time(block, status, place)) for place, block in enumerate(statuses)],
     )
 
 

@@ -20,8 +20,8 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol import polled, streamed
-from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Step
-from daq.protocol.framing import Lines, Message
+from daq.protocol.conversation import NO_TIME, ConversationStep, Device, Fault, FaultKind, Host
+from daq.protocol.framing import DelimitedLines, Message
 from daq.protocol.numerals import HeldShape
 from daq.protocol.polled import AskedByLine
 from daq.protocol.texts import (
@@ -31,11 +31,11 @@ from daq.protocol.texts import (
     TextDevice,
     TextDialect,
     Trouble,
+    check_formats,
     garbled,
-    held,
     items_of,
     mm,
-    shown,
+    printable_message,
 )
 from rigs.schema.gauges import SylvacOptoRS
 
@@ -64,10 +64,10 @@ def host(gauges: Sequence[SylvacOptoRS]) -> Host:
     if gauge.mode == "continuous":
         return streamed.Streamed(_Continuous(gauge), gauge.timeout_s)
     if gauge.cable == "simplex":
-        dialect = TextDialect(gauges, _BY_LINE, Lines(_END), _read)
+        dialect = TextDialect(gauges, _BY_LINE, DelimitedLines(_END), _read)
         return AskedByLine(polled.Polled(dialect, gauge.timeout_s, shared=True), _OFF_NS)
     # The cable may still be in continuous mode.
-    return polled.Polled(TextDialect(gauges, b"?\r", Lines(_END), _read, reset=b"OUT0\r"), gauge.timeout_s)
+    return polled.Polled(TextDialect(gauges, b"?\r", DelimitedLines(_END), _read, reset=b"OUT0\r"), gauge.timeout_s)
 
 
 def device(gauges: Sequence[SylvacOptoRS], read: Read) -> Device:
@@ -80,7 +80,7 @@ def _read(data: bytes, gauge: SylvacOptoRS) -> Reading:
     if match := _READING.fullmatch(data):
         return mm(match[1], gauge)
     if _COMMA.fullmatch(data):
-        detail = f"{shown(data)} has a decimal comma; configure a decimal point in the gauge or in the gauge's software"
+        detail = f"{printable_message(data)} has a decimal comma; set a decimal point in the gauge or in its software"
         return Trouble(detail, FaultKind.GARBLED, polled.Then.DRAIN)
     if data in _ERRORS:
         return Trouble(f"{data.decode()}: {_ERRORS[data]}")
@@ -95,7 +95,7 @@ class _Continuous:
     check = CHECK
 
     def __init__(self, gauge: SylvacOptoRS) -> None:
-        self.frames = Lines(_END)
+        self.frames = DelimitedLines(_END)
         self.shapes = [HeldShape()]
         self._gauge = gauge
 
@@ -105,7 +105,7 @@ class _Continuous:
     def read(self, message: Message | Fault) -> streamed.Reaction:
         if isinstance(message, Fault):
             return streamed.Reaction((message,))
-        readings, doubts = held([_read(message.data, self._gauge)], self.shapes, message)
+        readings, doubts = check_formats([_read(message.data, self._gauge)], self.shapes, message)
         items = items_of(message, NO_TIME, readings)
         return streamed.Reaction((*items, *doubts), send=self.start() if message.data.startswith(b"SY") else b"")
 
@@ -117,21 +117,21 @@ class _Cable(TextDevice):
     """The instrument. In continuous mode it sends whenever the line is free, so it requests an immediate wake-up."""
 
     def __init__(self, gauge: SylvacOptoRS, read: Read) -> None:
-        super().__init__([gauge], read, Lines(_END), self._reply)
+        super().__init__([gauge], read, DelimitedLines(_END), self._reply)
         self._units = gauge.units
         self._continuous = False
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         return self._step(b"", now_ns)
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         return self._step(super().received(data, now_ns).send, now_ns)
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         return self._step(self._reply(b"?", lambda: self.show(now_ns)) if self._continuous else b"", now_ns)
 
-    def _step(self, send: bytes, now_ns: int) -> Step:
-        return Step(send, wake_ns=now_ns if self._continuous else None)
+    def _step(self, send: bytes, now_ns: int) -> ConversationStep:
+        return ConversationStep(send, wake_ns=now_ns if self._continuous else None)
 
     def _reply(self, command: bytes, show: Show) -> bytes:
         if command in {b"OUT0", b"OUT1"}:

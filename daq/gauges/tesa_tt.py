@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
-from daq.protocol.framing import Lines
+from daq.protocol.framing import DelimitedLines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm, mm
 from rigs.schema.gauges import TesaTT
@@ -24,7 +24,7 @@ _FORMAT = {"mm": "+08.2f", "um": "+08.3f"}
 
 def host(gauges: Sequence[TesaTT]) -> Host:
     """Return the host side. A cable carries a single gauge."""
-    return Polled(TextDialect(gauges, b"?\r", Lines(_END), _read), gauges[0].timeout_s)
+    return Polled(TextDialect(gauges, b"?\r", DelimitedLines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[TesaTT], read: Read) -> Device:
@@ -38,7 +38,7 @@ def device(gauges: Sequence[TesaTT], read: Read) -> Device:
         (value,) = show()
         return (format(value, _FORMAT[units]).encode() if math.isfinite(value) else b"ERR23") + _END
 
-    return TextDevice(gauges, read, Lines(b"\r"), answer)
+    return TextDevice(gauges, read, DelimitedLines(b"\r"), answer)
 
 
 def _read(data: bytes, gauge: TesaTT) -> Reading:

@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from daq.protocol.conversation import Bursts, Fault, FaultKind, Item, Sample, Step
+from daq.protocol.conversation import Bursts, ConversationStep, Fault, FaultKind, Item, Sample
 from daq.protocol.framing import Framer, Message
 from daq.protocol.polled import Polled, Stirring
 
@@ -32,7 +32,7 @@ _MOST_QUIET_NS = 200_000_000
 
 
 @dataclass
-class Member:
+class BusMember:
     """An instrument on the line.
 
     name: name for display. exchange: requests and answers. timeout_ns: time limit for an answer. wake_ns: time of the
@@ -54,7 +54,7 @@ class Bus:
     """
 
     def __init__(
-        self, members: Sequence[Member], frames: Framer, stray: Callable[[Message], Fault], gap_ns: int
+        self, members: Sequence[BusMember], frames: Framer, stray: Callable[[Message], Fault], gap_ns: int
     ) -> None:
         """Create the host side of a line.
 
@@ -65,13 +65,13 @@ class Bus:
         self._stray = stray
         self.gap_ns = gap_ns
         """Idle time between two exchanges."""
-        self._asked: Member | None = None
+        self._asked: BusMember | None = None
         self._free_ns = self._idle_ns = 0
         """Time from which the line is available, and time since which no request is pending."""
         self._stirring = Stirring()
         self._bursts = Bursts()
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         self._stirring.begin(now_ns)
         self._idle_ns = now_ns
         for member in self._members:
@@ -79,7 +79,7 @@ class Bus:
         self._free_ns = max(member.wake_ns for member in self._members)
         return self._next([], now_ns)
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         if self._asked:
             return self._after(self._asked, self._asked.exchange.received(data, now_ns), now_ns)
         items = [
@@ -89,24 +89,24 @@ class Bus:
         self._free_ns = max(self._free_ns, min(now_ns + QUIET_NS, self._idle_ns + _MOST_QUIET_NS))
         return self._next(self._bursts.merge(items, now_ns) if items else [], now_ns)
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         if self._asked:
             return self._after(self._asked, self._asked.exchange.tick(now_ns), now_ns)
         return self._next([], now_ns)
 
-    def lost(self, now_ns: int) -> tuple[Item, ...]:
+    def handle_link_loss(self, now_ns: int) -> tuple[Item, ...]:
         items: list[Item] = [*self._bursts.end()]
         for member in self._members:
-            items += self._items_of(member, member.exchange.lost(now_ns))
+            items += self._items_of(member, member.exchange.handle_link_loss(now_ns))
             self._frames.clear()  # an unfinished message is counted only once
         return tuple(items)
 
-    def _after(self, member: Member, step: Step, now_ns: int) -> Step:
+    def _after(self, member: BusMember, step: ConversationStep, now_ns: int) -> ConversationStep:
         """Process a step of the polled member. Its turn ends only after the exchange."""
         items = self._items_of(member, step.items)
         member.wake_ns = now_ns if step.wake_ns is None else step.wake_ns
         if member.exchange.asking:
-            return Step(items=tuple(items), wake_ns=member.wake_ns)
+            return ConversationStep(items=tuple(items), wake_ns=member.wake_ns)
         kinds = {item.kind for item in step.items if isinstance(item, Fault)}
         if FaultKind.SILENT in kinds:
             doublings = min(max(0, member.silences - PATIENCE), 16)
@@ -119,20 +119,20 @@ class Bus:
         self._asked, self._idle_ns, self._free_ns = None, now_ns, now_ns + rest_ns
         return self._next(items, now_ns)
 
-    def _next(self, items: Sequence[Item], now_ns: int) -> Step:
+    def _next(self, items: Sequence[Item], now_ns: int) -> ConversationStep:
         """Let the next member send a request if the line is free."""
         first = min(self._members, key=lambda member: (member.wake_ns, member.turns))
         due_ns = max(first.wake_ns, self._free_ns)
         if due_ns > now_ns:
-            return Step(items=tuple(items), wake_ns=due_ns)
+            return ConversationStep(items=tuple(items), wake_ns=due_ns)
         step = first.exchange.tick(now_ns)
         self._stirring.count()
         self._asked = first
         first.turns += 1
         first.wake_ns = now_ns if step.wake_ns is None else step.wake_ns
-        return Step(step.send, (*items, *self._items_of(first, step.items)), first.wake_ns)
+        return ConversationStep(step.send, (*items, *self._items_of(first, step.items)), first.wake_ns)
 
-    def _items_of(self, member: Member, items: Sequence[Item]) -> list[Item]:
+    def _items_of(self, member: BusMember, items: Sequence[Item]) -> list[Item]:
         """Map the items of a member to the line: values to the column, faults to the name and column of the member."""
         place, placed = self._members.index(member), list[Item]()
         for item in items:

@@ -100,7 +100,7 @@ class Fault:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Samples(Sequence[Sample]):
+class SampleBlock(Sequence[Sample]):
     """Block of samples as arrays, for efficiency.
 
     values: (n, columns). All other fields: (n,).
@@ -115,7 +115,7 @@ class Samples(Sequence[Sample]):
     status: NDArray[np.int64]
 
     @classmethod
-    def of(cls, samples: Sequence[Sample]) -> Samples:
+    def of(cls, samples: Sequence[Sample]) -> SampleBlock:
         """Combine samples into a block."""
         if isinstance(samples, cls):
             return samples
@@ -125,16 +125,16 @@ class Samples(Sequence[Sample]):
         return cls(*columns)
 
     @classmethod
-    def joined(cls, blocks: Sequence[Samples]) -> Samples:
+    def joined(cls, blocks: Sequence[SampleBlock]) -> SampleBlock:
         """Concatenate blocks."""
         full = [block for block in blocks if len(block)]
         if len(full) < 2:
             return full[0] if full else NO_SAMPLES
         return cls(*(np.concatenate(parts) for parts in zip(*map(_FIELDS, full), strict=True)))
 
-    def chosen(self, which: slice | NDArray[np.bool_]) -> Samples:
+    def chosen(self, which: slice | NDArray[np.bool_]) -> SampleBlock:
         """Return the samples of a slice or mask (n,). The stamps are in ns."""
-        return Samples(*(column[which] for column in _FIELDS(self)))
+        return SampleBlock(*(column[which] for column in _FIELDS(self)))
 
     def __len__(self) -> int:
         return len(self.last_byte_ns)
@@ -146,8 +146,8 @@ class Samples(Sequence[Sample]):
     @overload
     def __getitem__(self, place: int) -> Sample: ...
     @overload
-    def __getitem__(self, place: slice) -> Samples: ...
-    def __getitem__(self, place: int | slice) -> Sample | Samples:
+    def __getitem__(self, place: slice) -> SampleBlock: ...
+    def __getitem__(self, place: int | slice) -> Sample | SampleBlock:
         if isinstance(place, slice):
             return self.chosen(place)
         values, *others = (column[place].tolist() for column in _FIELDS(self))
@@ -158,24 +158,24 @@ _FIELDS: attrgetter[tuple[Any, ...]] = attrgetter(*(field.name for field in fiel
 """Getter of all fields, in the common order of samples and blocks."""
 _KINDS = (np.float64, np.int64, np.int64, np.int64, np.int64, np.float64, np.int64)
 _NONE: list[Any] = [np.empty(0, kind) for kind in _KINDS[1:]]
-NO_SAMPLES = Samples(np.empty((0, 0)), *_NONE)
+NO_SAMPLES = SampleBlock(np.empty((0, 0)), *_NONE)
 
-Item = Sample | Samples | Fault
+Item = Sample | SampleBlock | Fault
 Arrival = tuple[bytes, int]
 """Bytes received together, and their timestamp."""
 
 
-def packed(items: Sequence[Item]) -> list[Samples | Fault]:
+def packed(items: Sequence[Item]) -> list[SampleBlock | Fault]:
     """Combine adjacent samples into blocks. The order of all items is preserved."""
-    blocks: list[Samples | Fault] = []
+    blocks: list[SampleBlock | Fault] = []
     for kind, group in groupby(items, type):
         alike: list[Any] = list(group)
-        blocks += [Samples.of(alike)] if kind is Sample else alike
+        blocks += [SampleBlock.of(alike)] if kind is Sample else alike
     return blocks
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class ConversationStep:
     """Actions requested by a conversation: bytes to send, items to pass on, wake-up time.
 
     hang_up: reopen the link, because it is useless now (stream out of step, refusal). dtr: new state of the modem line
@@ -192,13 +192,13 @@ class Step:
 class Conversation(Protocol):
     """A side of a protocol on a link, from connect to disconnect. A new link needs a new conversation."""
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         """Handle a newly opened link."""
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         """Handle received bytes. The last byte arrived at `now_ns`."""
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         """Handle the time-out at `wake_ns` if no data has arrived."""
 
 
@@ -212,14 +212,14 @@ class Gathering(Protocol):
     gather_ns: int
     """Longest time for gathering arrivals, counted from the first. Each arrival has a timestamp."""
 
-    def received_all(self, arrivals: Sequence[Arrival]) -> Step:
+    def received_all(self, arrivals: Sequence[Arrival]) -> ConversationStep:
         """Handle arrivals in order."""
 
 
 class Host(Conversation, Protocol):
     """Host side of a conversation. The items are the complete information about the link."""
 
-    def lost(self, now_ns: int) -> tuple[Item, ...]:
+    def handle_link_loss(self, now_ns: int) -> tuple[Item, ...]:
         """Return the pending counted faults after the loss of the link."""
 
 

@@ -1,8 +1,8 @@
 """Framers: split a byte stream into messages with the arrival times of the first and last byte.
 
-A framer accepts pieces of any size and returns the completed messages. `Lines` ends a message at a delimiter; `Sized`
-takes the length from the first bytes. Both keep at most `LIMIT` bytes of an endless message. The excess is discarded
-and reported as a single GARBLED fault.
+A framer accepts pieces of any size and returns the completed messages. `DelimitedLines` ends a message at a delimiter;
+`Sized` takes the length from the first bytes. Both keep at most `LIMIT` bytes of an endless message. The excess is
+discarded and reported as a single GARBLED fault.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Pieces:
         self._arrivals.clear()
 
 
-class Lines:
+class DelimitedLines:
     """Messages that end in a delimiter. `joined_midway`: discard the bytes before the first delimiter.
 
     echo: sent data that some instruments and adapters return before the answer; it is skipped. A line feed after a

@@ -35,7 +35,7 @@ from pymodbus.framer import FramerAscii, FramerRTU, FramerSocket
 from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
-from daq.protocol.framing import Framer, Lines, Message, Sized
+from daq.protocol.framing import DelimitedLines, Framer, Message, Sized
 from rigs.schema.links import Line, tcp_address
 from rigs.schema.modbus import Framing, Number, Order, Register
 
@@ -60,7 +60,7 @@ _LARGEST: dict[Number, float] = {"float16": 65504.0, "float32": (2 - 2**-23) * 2
 """Largest finite value of each floating type (IEEE 754)."""
 
 
-class Layout(Protocol):
+class RegisterLayout(Protocol):
     """Start address of a block, and the layout of numbers."""
 
     @property
@@ -76,7 +76,7 @@ class Layout(Protocol):
         """Order of the bytes of a register."""
 
 
-def unpack(registers: Sequence[int], register: Register, layout: Layout) -> float:
+def unpack(registers: Sequence[int], register: Register, layout: RegisterLayout) -> float:
     """Return a value of a block."""
     number = _NUMBER[register.type]
     start = register.address - layout.address
@@ -86,7 +86,7 @@ def unpack(registers: Sequence[int], register: Register, layout: Layout) -> floa
     return value
 
 
-def pack(registers: list[int], register: Register, layout: Layout, value: float) -> None:
+def pack(registers: list[int], register: Register, layout: RegisterLayout, value: float) -> None:
     """Store a value in a block."""
     start = register.address - layout.address
     data = _NUMBER[register.type].pack(value if register.type in _LARGEST else round(value))
@@ -252,7 +252,7 @@ logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
 """pymodbus logs each undecodable frame. Here such a frame is a fault with a limited rate."""
 
 
-class Block(Layout, Protocol):
+class ReadBlock(RegisterLayout, Protocol):
     """Registers to read, according to the rig file."""
 
     @property
@@ -293,14 +293,14 @@ class Wire:
         if self.numbered:
             self._framer, self.frames = FramerSocket(codec), Sized(7, _tcp_length)
         elif framing == "ascii":
-            self._framer, self.frames, self._ending = FramerAscii(codec), Lines(_ASCII_END), _ASCII_END
+            self._framer, self.frames, self._ending = FramerAscii(codec), DelimitedLines(_ASCII_END), _ASCII_END
         elif serving:
             self._framer, self.frames = FramerRTU(codec), RtuRequests()
         else:
             self._framer, self.frames = FramerRTU(codec), RtuReplies(self._counts)
             self._replies = self.frames
 
-    def resync_of(self, block: Block) -> Resync:
+    def resync_of(self, block: ReadBlock) -> Resync:
         """Register a block and return the resynchronisation state of the unit on a serial line."""
         resync = self._resyncs.setdefault(block.unit, Resync())
         resync.add(block.count)

@@ -35,7 +35,7 @@ from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import Protocol
 
-from daq.protocol.conversation import NO_TIME, Bursts, Fault, FaultKind, Item, Step, has_fault
+from daq.protocol.conversation import NO_TIME, Bursts, ConversationStep, Fault, FaultKind, Item, has_fault
 from daq.protocol.framing import Framer, Message
 from daq.protocol.numerals import PassesShapes
 
@@ -172,11 +172,11 @@ class Polled(PassesShapes):
         """True if a request is pending."""
         return self._requested_ns != NO_TIME
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         self._stirring.begin(now_ns)
         return self._drain([], now_ns, send=self._dialect.reset)
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         self._heard = (self._heard + data)[: len(self._sent)]
         messages = self._dialect.frames.feed(data, now_ns)
         if not self.asking:
@@ -190,18 +190,18 @@ class Polled(PassesShapes):
                 return self._go_on(reply.then, items, len(messages) - position, now_ns)
         if now_ns >= self._wake_ns:
             return self._give_up(items, now_ns)
-        return Step(items=tuple(items), wake_ns=self._wake_ns)
+        return ConversationStep(items=tuple(items), wake_ns=self._wake_ns)
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         if now_ns < self._wake_ns:
-            return Step(wake_ns=self._wake_ns)
+            return ConversationStep(wake_ns=self._wake_ns)
         if self.asking:
             return self._give_up([], now_ns)
         items = self._late(now_ns)
         self._dialect.frames.clear()
         return self._ask(items, now_ns)
 
-    def lost(self, now_ns: int) -> tuple[Item, ...]:
+    def handle_link_loss(self, now_ns: int) -> tuple[Item, ...]:
         late = [] if self.asking else self._late(now_ns)
         return (*self._bursts.end(), *late)
 
@@ -222,7 +222,7 @@ class Polled(PassesShapes):
         echo = f"it starts with {part} of the {len(self._sent)} bytes of the request, so the adapter echoes"
         return replace(item, detail=f"{item.detail}; {echo}: switch off the echo of the RS-485 adapter")
 
-    def _go_on(self, then: Then, items: list[Item], surplus: int, now_ns: int) -> Step:
+    def _go_on(self, then: Then, items: list[Item], surplus: int, now_ns: int) -> ConversationStep:
         if then is Then.DRAIN:
             return self._drain(items, now_ns)
         if surplus or self._dialect.frames.pending:
@@ -235,16 +235,16 @@ class Polled(PassesShapes):
             return self._drain(items, now_ns, quiet_ns=max(0, self._due_ns - now_ns), reporting=True)
         return self._ask(items, now_ns)
 
-    def _ask(self, items: Sequence[Item], now_ns: int) -> Step:
+    def _ask(self, items: Sequence[Item], now_ns: int) -> ConversationStep:
         self._requested_ns = now_ns
         self._stirring.count()
         late = now_ns - self._due_ns > self._period_ns
         self._due_ns = (now_ns if late else self._due_ns) + self._period_ns
         self._wake_ns = now_ns + self._timeout_ns
         self._sent, self._heard = self._dialect.request(), b""
-        return Step(self._sent, tuple(items), self._wake_ns)
+        return ConversationStep(self._sent, tuple(items), self._wake_ns)
 
-    def _give_up(self, items: list[Item], now_ns: int) -> Step:
+    def _give_up(self, items: list[Item], now_ns: int) -> ConversationStep:
         detail = f"no answer within {self._timeout_s:g} s; {self._dialect.check}"
         silent = Fault(FaultKind.SILENT, now_ns, detail)
         return self._drain([*items, *self._bursts.end(), silent], now_ns, reporting=True)
@@ -258,7 +258,7 @@ class Polled(PassesShapes):
         quiet_ns: int | None = None,
         discarded: int = 0,
         reporting: bool = False,
-    ) -> Step:
+    ) -> ConversationStep:
         """Wait for a silent line before the next request. reporting: report the data received meanwhile."""
         self._requested_ns = NO_TIME
         self._quiet_ns = self._timeout_ns if quiet_ns is None else quiet_ns
@@ -266,14 +266,14 @@ class Polled(PassesShapes):
         self._babble_ns = now_ns + _BABBLE * self._timeout_ns
         self._discarded = discarded
         self._reporting = reporting
-        return Step(send, tuple(items), self._wake_ns)
+        return ConversationStep(send, tuple(items), self._wake_ns)
 
-    def _discard(self, messages: int, now_ns: int) -> Step:
+    def _discard(self, messages: int, now_ns: int) -> ConversationStep:
         self._discarded += messages
         self._quiet_ns = self._timeout_ns
         self._wake_ns = now_ns + self._quiet_ns
         if now_ns < self._babble_ns:
-            return Step(wake_ns=self._wake_ns)
+            return ConversationStep(wake_ns=self._wake_ns)
         detail = f"the line is never quiet, so requests cannot be sent; {self._dialect.babble}"
         fault = Fault(FaultKind.LATE, now_ns, detail, max(1, self._discarded))
         return self._drain([fault], now_ns, send=self._dialect.reset)
@@ -298,29 +298,29 @@ class AskedByLine(PassesShapes):
         self._on_ns: int | None = None
         """Time to switch DTR on; None while it is on."""
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         return self._after(self._exchange.connected(now_ns), now_ns)
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         return self._after(self._exchange.received(data, now_ns), now_ns)
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         if self._on_ns is not None and now_ns >= self._on_ns:
             self._on_ns = None
-            return Step(wake_ns=self._due_ns(), dtr=True)
+            return ConversationStep(wake_ns=self._due_ns(), dtr=True)
         if not self._exchange.asking and now_ns < self._free_ns:
-            return Step(wake_ns=self._due_ns())
+            return ConversationStep(wake_ns=self._due_ns())
         return self._after(self._exchange.tick(now_ns), now_ns)
 
-    def lost(self, now_ns: int) -> tuple[Item, ...]:
-        return self._exchange.lost(now_ns)
+    def handle_link_loss(self, now_ns: int) -> tuple[Item, ...]:
+        return self._exchange.handle_link_loss(now_ns)
 
-    def _after(self, step: Step, now_ns: int) -> Step:
+    def _after(self, step: ConversationStep, now_ns: int) -> ConversationStep:
         self._wake_ns = now_ns if step.wake_ns is None else step.wake_ns
         if not step.send:
-            return Step(items=step.items, wake_ns=self._due_ns())
+            return ConversationStep(items=step.items, wake_ns=self._due_ns())
         self._on_ns, self._free_ns = now_ns + self._off_ns, now_ns + 2 * self._off_ns
-        return Step(items=step.items, wake_ns=self._due_ns(), dtr=False)
+        return ConversationStep(items=step.items, wake_ns=self._due_ns(), dtr=False)
 
     def _due_ns(self) -> int:
         due_ns = self._wake_ns if self._exchange.asking else max(self._wake_ns, self._free_ns)

@@ -8,7 +8,7 @@ The numbers reveal lost, repeated and reordered datagrams. A repeated or overtak
 LATE, because a decreasing clock would look like a restarted controller. Missing samples are a SKIPPED fault with the
 count. An overtaken sample is therefore first reported as missing and then as late.
 
-A device of constant rate (`SteadyDevice`) sends by an absolute schedule that does not drift (`Pace`).
+A device of constant rate (`SteadyDevice`) sends by an absolute schedule that does not drift (`SteadyRate`).
 
 A controller may send at a lower rate than requested: at 125 Hz instead of 500 Hz nothing is missing. Timestamps are
 therefore compared with the actual period of the controller. This is the requested period once it was observed,
@@ -23,7 +23,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
-from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample, Step
+from daq.protocol.conversation import NO_TIME, ConversationStep, Fault, FaultKind, Item, Sample
 from daq.protocol.framing import Message
 from daq.protocol.numerals import are_angles
 from daq.protocol.streamed import Reaction
@@ -76,7 +76,7 @@ class Order:
         self._modulus = modulus
         self._last: int | None = None
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Start a new sequence with the next message."""
         self._last = None
 
@@ -121,7 +121,7 @@ class Position:
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class UnusableDatagram:
     """Reason for a datagram lacking a position."""
 
     kind: FaultKind
@@ -132,7 +132,7 @@ class Positions:
     """Receives positions. Sends `start` initially and after each silence of the controller."""
 
     def __init__(
-        self, decode: Callable[[bytes], Position | Refused], check: str, order: Order, start: bytes = b""
+        self, decode: Callable[[bytes], Position | UnusableDatagram], check: str, order: Order, start: bytes = b""
     ) -> None:
         self.frames = Datagrams()
         self.check = check
@@ -144,7 +144,7 @@ class Positions:
         return self._start
 
     def silent(self) -> Reaction:
-        self._order.forget()
+        self._order.reset()
         return Reaction(send=self._start)
 
     def read(self, message: Message | Fault) -> Reaction:
@@ -155,8 +155,8 @@ class Positions:
             0 <= position.clock_s < _MAX_CLOCK_S and are_angles(position.angles_deg)
         ):
             detail = f"time {position.clock_s:g} s and angles {position.angles_deg}; ignored"
-            position = Refused(FaultKind.GARBLED, detail)
-        if isinstance(position, Refused):
+            position = UnusableDatagram(FaultKind.GARBLED, detail)
+        if isinstance(position, UnusableDatagram):
             detail = f"datagram of {message.size} bytes: {position.detail}"
             return Reaction((Fault(position.kind, at_ns, detail),))
         stamps = (NO_TIME, message.first_byte_ns, at_ns)
@@ -165,7 +165,7 @@ class Positions:
         return Reaction(self._order.admit(sample, position.number))
 
 
-class Pace:
+class SteadyRate:
     """Instants of a constant rate, starting at `start_ns`."""
 
     def __init__(self, rate_hz: float, start_ns: int) -> None:
@@ -206,26 +206,26 @@ class SteadyDevice(ABC):
         self._read = read
         self._unasked_hz = unasked_hz
         self._connected_ns = 0
-        self._pace: Pace | None = None
+        self._pace: SteadyRate | None = None
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         self._connected_ns = now_ns
         if self._unasked_hz:
-            self._pace = Pace(self._unasked_hz, now_ns)
+            self._pace = SteadyRate(self._unasked_hz, now_ns)
         return self._step()
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         return self._step()
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         send = b""
         for instant_ns in islice(self._pace.due(now_ns) if self._pace else (), None if self.IS_STREAM else 1):
             send += self._message(instant_ns)
             self.sent += 1
         return self._step(send)
 
-    def _step(self, send: bytes = b"") -> Step:
-        return Step(send, wake_ns=self._pace.next_ns if self._pace else None)
+    def _step(self, send: bytes = b"") -> ConversationStep:
+        return ConversationStep(send, wake_ns=self._pace.next_ns if self._pace else None)
 
     @abstractmethod
     def _message(self, instant_ns: int) -> bytes:
@@ -248,7 +248,7 @@ class SteadySteps:
         self._unjudged: list[tuple[float, float]] = []
         """Steps between stamps while the period is unknown."""
 
-    def missing(self, clock_s: float, at_ns: int) -> list[Fault]:
+    def check_stamp(self, clock_s: float, at_ns: int) -> list[Fault]:
         """Add a stamp. Return faults for missing packets and for an unexpected rate."""
         before_s, self._last_s = self._last_s, clock_s
         if not clock_s > before_s:

@@ -18,12 +18,12 @@ from pymodbus.constants import ExcCodes
 from pymodbus.pdu import ExceptionResponse
 from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, ReadInputRegistersResponse
 
-from daq.protocol.bus import Bus, Member
-from daq.protocol.conversation import Fault, FaultKind, Host, Sample, Step
+from daq.protocol.bus import Bus, BusMember
+from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
 from daq.protocol.modbus import (
-    Block,
-    Layout,
+    ReadBlock,
+    RegisterLayout,
     Wire,
     exception_of,
     pack,
@@ -68,7 +68,7 @@ def on_one_wire(gauges: Sequence[GaugeT], exchange: Callable[[GaugeT, Wire, bool
     if not shared:
         return exchanges[0]
     members = [
-        Member(gauge.place, of, round(gauge.timeout_s * 1e9)) for gauge, of in zip(gauges, exchanges, strict=True)
+        BusMember(gauge.place, of, round(gauge.timeout_s * 1e9)) for gauge, of in zip(gauges, exchanges, strict=True)
     ]
     gap_ns = 0 if wire.numbered else silent_interval_ns(first.line)
     return Bus(members, wire.frames, partial(unasked, wire), gap_ns)
@@ -81,7 +81,7 @@ class RegisterDialect:
     check = "check the cable, the power supply of the instrument, the line settings and `unit`"
     babble = "a Modbus unit never sends unprompted: disconnect the other master from this line, or check the wiring"
 
-    def __init__(self, block: Block, reading: Reading, wire: Wire) -> None:
+    def __init__(self, block: ReadBlock, reading: Reading, wire: Wire) -> None:
         """Create the dialect.
 
         wire: may also carry reads of other blocks, of the same unit or of others.
@@ -191,7 +191,7 @@ def unasked(wire: Wire, message: Message) -> Fault:
     )
 
 
-def verdict(registers: Registers, status: StatusRegister | None, layout: Layout, at_ns: int) -> int | Fault:
+def verdict(registers: Registers, status: StatusRegister | None, layout: RegisterLayout, at_ns: int) -> int | Fault:
     """Return the status of the instrument: 0 for good, a code for doubtful, or a fault."""
     if status is None:
         return 0
@@ -204,7 +204,7 @@ def verdict(registers: Registers, status: StatusRegister | None, layout: Layout,
     return Fault(FaultKind.DEVICE_ERROR, at_ns, detail)
 
 
-def pack_verdict(registers: list[int], status: StatusRegister | None, layout: Layout, *, good: bool) -> None:
+def pack_verdict(registers: list[int], status: StatusRegister | None, layout: RegisterLayout, *, good: bool) -> None:
     """Store a status: the first listed value if `good`, otherwise a value not listed."""
     if status is not None:
         listed = (*status.good, *status.doubtful)
@@ -218,7 +218,9 @@ def _garbled(detail: str, at_ns: int) -> Reply:
 class RegisterDevice:
     """Device side of one or several instruments on a line: serves blocks."""
 
-    def __init__(self, served: Sequence[tuple[Block, Held]], silently: Sequence[tuple[Block, Held]] = ()) -> None:
+    def __init__(
+        self, served: Sequence[tuple[ReadBlock, Held]], silently: Sequence[tuple[ReadBlock, Held]] = ()
+    ) -> None:
         """Create the device side.
 
         served: blocks with the content at a time; None if there is neither a reading nor a status. silently: blocks
@@ -231,30 +233,30 @@ class RegisterDevice:
         self._readings = len(served)
         self._wire = Wire(first.port, first.framing, serving=True)
 
-    def connected(self, now_ns: int) -> Step:
-        return Step()
+    def connected(self, now_ns: int) -> ConversationStep:
+        return ConversationStep()
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         answers = b""
         for message in self._wire.frames.feed(data, now_ns):
             if isinstance(message, Fault):
-                return Step(answers, hang_up=True)
+                return ConversationStep(answers, hang_up=True)
             answers += self._answer(message.data, now_ns)
-        return Step(answers)
+        return ConversationStep(answers)
 
-    def tick(self, now_ns: int) -> Step:
-        return Step()
+    def tick(self, now_ns: int) -> ConversationStep:
+        return ConversationStep()
 
     def _answer(self, frame: bytes, now_ns: int) -> bytes:
         unit, number, content = self._wire.open(frame)
         if not content or all(unit != block.unit for block, _ in self._blocks):
             return b""
-        result = self._asked(unit, content, now_ns)
+        result = self._read_registers(unit, content, now_ns)
         if isinstance(result, ExcCodes):
             return self._wire.encode(ExceptionResponse(content[0] & 0x7F, result, unit, number))
         return self._wire.encode(_RESPONSE[content[0]](registers=result, dev_id=unit, transaction_id=number))
 
-    def _asked(self, unit: int, content: bytes, now_ns: int) -> list[int] | ExcCodes:
+    def _read_registers(self, unit: int, content: bytes, now_ns: int) -> list[int] | ExcCodes:
         """Return the requested registers, or the exception code."""
         served = [
             place for place, (block, _) in enumerate(self._blocks) if (block.unit, block.function) == (unit, content[0])

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from daq.protocol.conversation import Arrival, Bursts, Fault, FaultKind, Item, Samples, Step
+from daq.protocol.conversation import Arrival, Bursts, ConversationStep, Fault, FaultKind, Item, SampleBlock
 from daq.protocol.framing import Framer, Message
 from daq.protocol.numerals import PassesShapes
 
@@ -55,11 +55,11 @@ class Streamed(PassesShapes):
         self._wake_ns = 0
         self._over = False
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         self._wake_ns = now_ns + self._timeout_ns
-        return Step(self._dialect.start(), wake_ns=self._wake_ns)
+        return ConversationStep(self._dialect.start(), wake_ns=self._wake_ns)
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         send, items = b"", list[Item]()
         if not self._over:
             for message in self._dialect.frames.feed(data, now_ns):
@@ -72,15 +72,15 @@ class Streamed(PassesShapes):
                     return self._finish(send, items)
         return self._watch(send, items, now_ns)
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         return self._watch(b"", [], now_ns)
 
-    def lost(self, now_ns: int) -> tuple[Item, ...]:
+    def handle_link_loss(self, now_ns: int) -> tuple[Item, ...]:
         return tuple(self._bursts.end())
 
-    def _watch(self, send: bytes, items: list[Item], now_ns: int) -> Step:
+    def _watch(self, send: bytes, items: list[Item], now_ns: int) -> ConversationStep:
         if self._over:
-            return Step(hang_up=True)
+            return ConversationStep(hang_up=True)
         if now_ns >= self._wake_ns:
             detail = f"no data for {self._timeout_s:g} s; {self._dialect.check}"
             items += [*self._bursts.end(), Fault(FaultKind.SILENT, now_ns, detail)]
@@ -89,11 +89,11 @@ class Streamed(PassesShapes):
             send += reaction.send
             if reaction.hang_up:
                 return self._finish(send, items)
-        return Step(send, tuple(items), self._wake_ns)
+        return ConversationStep(send, tuple(items), self._wake_ns)
 
-    def _finish(self, send: bytes, items: list[Item]) -> Step:
+    def _finish(self, send: bytes, items: list[Item]) -> ConversationStep:
         self._over = True
-        return Step(send, (*items, *self._bursts.end()), hang_up=True)
+        return ConversationStep(send, (*items, *self._bursts.end()), hang_up=True)
 
 
 _FIRST_SLOWLY_BYTES = 48
@@ -106,7 +106,7 @@ It is doubled each time to limit the attempts on a garbled stream.
 class QuickDialect(StreamedDialect, Protocol):
     """Device-specific part of a stream with thousands of messages per second."""
 
-    def read_run(self, arrivals: Sequence[Arrival]) -> tuple[Samples, Sequence[Arrival]]:
+    def read_run(self, arrivals: Sequence[Arrival]) -> tuple[SampleBlock, Sequence[Arrival]]:
         """Return the plain readings at the start of the arrivals, and the remaining arrivals."""
 
 
@@ -122,9 +122,9 @@ class QuicklyStreamed(Streamed):
         super().__init__(dialect, timeout_s)
         self._quick = dialect
 
-    def received_all(self, arrivals: Sequence[Arrival]) -> Step:
+    def received_all(self, arrivals: Sequence[Arrival]) -> ConversationStep:
         if self._over:
-            return Step(hang_up=True)
+            return ConversationStep(hang_up=True)
         send, items, remaining, slowly = b"", list[Item](), arrivals, _FIRST_SLOWLY_BYTES
         while remaining:
             samples, remaining = self._quick.read_run(remaining)
@@ -138,8 +138,8 @@ class QuicklyStreamed(Streamed):
                 send += step.send
                 items += step.items
                 if step.hang_up:
-                    return Step(send, tuple(items), hang_up=True)
-        return Step(send, tuple(items), self._wake_ns)
+                    return ConversationStep(send, tuple(items), hang_up=True)
+        return ConversationStep(send, tuple(items), self._wake_ns)
 
 
 def split(arrivals: Sequence[Arrival], size: int) -> tuple[list[Arrival], list[Arrival]]:

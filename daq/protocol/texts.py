@@ -16,8 +16,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
-from daq.protocol.framing import Framer, Lines, Message
+from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Item, Sample
+from daq.protocol.framing import DelimitedLines, Framer, Message
 from daq.protocol.numerals import HeldShape, Written, refusal
 from daq.protocol.polled import Reply, Then
 from rigs.schema.probe import MM_PER_UNIT, Probe, Units
@@ -47,10 +47,12 @@ Reading = float | Written | Trouble
 
 def garbled(data: bytes) -> Trouble:
     """Return the trouble for a message of a different protocol."""
-    return Trouble(f"{shown(data)} is not a reading; check the line settings", FaultKind.GARBLED, Then.DRAIN)
+    return Trouble(
+        f"{printable_message(data)} is not a reading; check the line settings", FaultKind.GARBLED, Then.DRAIN
+    )
 
 
-def shown(data: bytes) -> str:
+def printable_message(data: bytes) -> str:
     """Return a message in readable form."""
     return repr(data[:60])[1:]
 
@@ -72,7 +74,7 @@ def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
     sent = _UNITS.get(unit.lower())
     if sent == gauge.units:
         return mm(number, gauge)
-    return wrong_unit(sent or shown(unit), gauge.units)
+    return wrong_unit(sent or printable_message(unit), gauge.units)
 
 
 def wrong_unit(sent: str, units: Units) -> Trouble:
@@ -94,7 +96,7 @@ def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -
     return (Sample(values_mm, requested_ns, message.first_byte_ns, at_ns, message.size), *faults)
 
 
-def held(
+def check_formats(
     readings: Sequence[Reading], shapes: Sequence[HeldShape], message: Message
 ) -> tuple[list[Reading], tuple[Fault, ...]]:
     """Check the number of each gauge against the format. Return the readings and additional faults."""
@@ -130,7 +132,7 @@ class TextDialect(Generic[ProbeT]):
 
         may_echo: treat a message starting with the request as an echo, not as an answer.
         """
-        if may_echo and isinstance(frames, Lines):
+        if may_echo and isinstance(frames, DelimitedLines):
             frames.echo = request
         self.frames = frames
         self.check = check
@@ -146,7 +148,7 @@ class TextDialect(Generic[ProbeT]):
 
     def read(self, message: Message, requested_ns: int) -> Reply:
         read = [self._read(message.data, gauge) for gauge in self._gauges]
-        readings, doubts = held(read, self.shapes, message)
+        readings, doubts = check_formats(read, self.shapes, message)
         items = items_of(message, requested_ns, readings)
         if isinstance(items[0], Sample):
             return Reply((*items, *doubts))
@@ -173,17 +175,17 @@ class TextDevice:
         self._frames = frames
         self._answer = answer
 
-    def connected(self, now_ns: int) -> Step:
-        return Step()
+    def connected(self, now_ns: int) -> ConversationStep:
+        return ConversationStep()
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         commands = [
             message.data if isinstance(message, Message) else b"" for message in self._frames.feed(data, now_ns)
         ]
-        return Step(b"".join(self._answer(command, lambda: self.show(now_ns)) for command in commands))
+        return ConversationStep(b"".join(self._answer(command, lambda: self.show(now_ns)) for command in commands))
 
-    def tick(self, now_ns: int) -> Step:
-        return Step()
+    def tick(self, now_ns: int) -> ConversationStep:
+        return ConversationStep()
 
     def show(self, now_ns: int) -> list[float]:
         """Take a reading, and count it if any head is good."""

@@ -21,7 +21,7 @@ from wsproto.events import (
 )
 from wsproto.utilities import RemoteProtocolError
 
-from daq.protocol.conversation import Conversation, Device, Fault, FaultKind, Host, Item, Step
+from daq.protocol.conversation import Conversation, ConversationStep, Device, Fault, FaultKind, Host, Item
 
 LIMIT = 1 << 16
 """Maximum size of a message in bytes: ten times the joint states of an arm with a hand."""
@@ -36,14 +36,14 @@ class _WebSocket:
         self._open = self._over = False
         self._message = bytearray()
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         if self._over:
-            return Step(hang_up=True)
+            return ConversationStep(hang_up=True)
         if not data:  # wsproto interprets empty data as the end
-            return self._waiting(Step(), now_ns)
+            return self._waiting(ConversationStep(), now_ns)
         try:
             self._socket.receive_data(data)
-            whole = Step()
+            whole = ConversationStep()
             for event in self._socket.events():
                 whole = _after(whole, self._meaning(event, now_ns))
                 if whole.hang_up:
@@ -52,18 +52,18 @@ class _WebSocket:
             return self._finish(FaultKind.GARBLED, now_ns, f"not a WebSocket: {error}")
         return self._waiting(whole, now_ns)
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         if self._over:
-            return Step(hang_up=True)
-        return self._carry(self._carried.tick(now_ns)) if self._open else self._waiting(Step(), now_ns)
+            return ConversationStep(hang_up=True)
+        return self._carry(self._carried.tick(now_ns)) if self._open else self._waiting(ConversationStep(), now_ns)
 
-    def _waiting(self, step: Step, now_ns: int) -> Step:
+    def _waiting(self, step: ConversationStep, now_ns: int) -> ConversationStep:
         """Add the wake-up time to the step of an event that contains no data."""
         if step.wake_ns is not None or step.hang_up or not self._open:
             return step
         return _after(step, self._carry(self._carried.tick(now_ns)))
 
-    def _meaning(self, event: Event, now_ns: int) -> Step:
+    def _meaning(self, event: Event, now_ns: int) -> ConversationStep:
         match event:
             case Request() | AcceptConnection():
                 accepted = self._socket.send(AcceptConnection()) if isinstance(event, Request) else b""
@@ -77,30 +77,30 @@ class _WebSocket:
             case Message(data=data, message_finished=finished):
                 return self._read(data.encode() if isinstance(data, str) else data, finished, now_ns)
             case Ping():
-                return Step(self._socket.send(event.response()))
+                return ConversationStep(self._socket.send(event.response()))
             case CloseConnection(code=code, reason=reason):
                 why = f"{int(code)} {reason or 'without a reason'}"
                 return self._finish(FaultKind.DEVICE_ERROR, now_ns, f"the WebSocket was closed: {why}")
-        return Step()
+        return ConversationStep()
 
-    def _read(self, data: bytes | bytearray, finished: bool, now_ns: int) -> Step:
+    def _read(self, data: bytes | bytearray, finished: bool, now_ns: int) -> ConversationStep:
         self._message += data
         if len(self._message) > LIMIT:
             return self._finish(FaultKind.GARBLED, now_ns, f"a message of more than {LIMIT} bytes")
         if not finished:
-            return Step()
+            return ConversationStep()
         message, self._message = bytes(self._message), bytearray()
         return self._carry(self._carried.received(message, now_ns))
 
-    def _finish(self, kind: FaultKind, now_ns: int, detail: str) -> Step:
+    def _finish(self, kind: FaultKind, now_ns: int, detail: str) -> ConversationStep:
         self._over = True
-        return Step(items=(Fault(kind, now_ns, detail),), hang_up=True)
+        return ConversationStep(items=(Fault(kind, now_ns, detail),), hang_up=True)
 
-    def _carry(self, step: Step) -> Step:
+    def _carry(self, step: ConversationStep) -> ConversationStep:
         return replace(step, send=self._socket.send(TextMessage(step.send.decode()))) if step.send else step
 
 
-def _after(step: Step, following: Step) -> Step:
+def _after(step: ConversationStep, following: ConversationStep) -> ConversationStep:
     """Merge two steps. The last step determines the wake-up time and the end."""
     return replace(following, send=step.send + following.send, items=step.items + following.items)
 
@@ -115,14 +115,14 @@ class WebSocketHost(_WebSocket):
         self._timeout_s = timeout_s
         self._wake_ns = 0
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         self._wake_ns = now_ns + round(self._timeout_s * 1e9)
-        return Step(self._socket.send(Request(host=self._address, target="/")), wake_ns=self._wake_ns)
+        return ConversationStep(self._socket.send(Request(host=self._address, target="/")), wake_ns=self._wake_ns)
 
-    def lost(self, now_ns: int) -> tuple[Item, ...]:
-        return self._host.lost(now_ns)
+    def handle_link_loss(self, now_ns: int) -> tuple[Item, ...]:
+        return self._host.handle_link_loss(now_ns)
 
-    def _waiting(self, step: Step, now_ns: int) -> Step:
+    def _waiting(self, step: ConversationStep, now_ns: int) -> ConversationStep:
         if self._open or step.hang_up:
             return super()._waiting(step, now_ns)
         if now_ns >= self._wake_ns:
@@ -142,5 +142,5 @@ class WebSocketDevice(_WebSocket):
     def sent(self) -> int:
         return self._device.sent
 
-    def connected(self, now_ns: int) -> Step:
-        return Step()
+    def connected(self, now_ns: int) -> ConversationStep:
+        return ConversationStep()

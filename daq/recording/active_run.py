@@ -35,7 +35,7 @@ from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 NAME_RULE = "use up to 64 letters, digits, . _ and -, starting with a letter or digit"
 
 
-class Label(Part):
+class RunLabel(Part):
     """Label of a recording, entered by the operator at the start."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
@@ -83,7 +83,7 @@ class EndedRun:
 
 
 @dataclass(frozen=True)
-class Gap:
+class RecordingGap:
     """Interval between a run ended by a disk failure and the next run.
 
     previous: directory of the ended run. device: disk of that directory.
@@ -151,14 +151,14 @@ class ActiveRun:
     """
 
     def __init__(
-        self, label: Label, columns: Mapping[str, Sequence[str]], kept: Mapping[str, Sequence[Item]], since_ns: int
+        self, label: RunLabel, columns: Mapping[str, Sequence[str]], kept: Mapping[str, Sequence[Item]], since_ns: int
     ) -> None:
         """Create a run. It has no writer at first.
 
         columns: column names per stream. kept: items buffered before the request, from `since_ns` on.
         """
         self.label, self.since_ns = label, since_ns
-        self.gap: Gap | None = None
+        self.gap: RecordingGap | None = None
         self.writer: RunWriter | None = None
         self.begun: Future[Path] = Future()
         self.ended: Future[EndedRun] = Future()
@@ -169,7 +169,7 @@ class ActiveRun:
         self._plausibility = PlausibilityCheck(touching=label.test in CIRCLES)
 
     @property
-    def taken(self) -> Counter[str]:
+    def sample_counts(self) -> Counter[str]:
         """Number of samples per stream, written or dropped."""
         return Counter(
             {name: counter["samples"] + counter[FaultKind.DROPPED] for name, counter in self.counters.items()}
@@ -192,14 +192,14 @@ class ActiveRun:
         return faults
 
     @property
-    def kept(self) -> Counter[str]:
+    def buffered_samples(self) -> Counter[str]:
         """Number of buffered samples per stream before the start of the run."""
         return Counter({name: samples_in(items) for name, items in self._kept.items()})
 
     def refuse(self, error: Exception) -> None:
         """Report a failed start. The buffered samples count as missed."""
         if self.gap:
-            self.gap.missed.update(self.kept)
+            self.gap.missed.update(self.buffered_samples)
         self.begun.set_exception(error)
         self.ended.set_exception(error)
 

@@ -29,8 +29,8 @@ from pathlib import Path
 from daq import clock
 from daq.acquisition.stream_buffer import samples_of
 from daq.protocol.conversation import Item, Sample
-from daq.recording.active_run import EndedRun, Label
-from daq.recording.machine import Recording
+from daq.recording.active_run import EndedRun, RunLabel
+from daq.recording.machine import RecordingRequest
 from daq.recording.recorder import Recorder
 from daq.store.ledger import Ending
 from rigs.errors import RigError
@@ -145,7 +145,7 @@ class _Standstill:
         self._at: Sequence[float] = (math.inf,) * AXES
 
     def feed(self, joints: Sequence[float], at_ns: int) -> None:
-        if _apart(joints, self._at) > STILL_DEG:
+        if _largest_difference_deg(joints, self._at) > STILL_DEG:
             self._at, self.since_ns = joints, at_ns
 
 
@@ -181,7 +181,7 @@ class _Departure:
 
     def feed(self, joints: Sequence[float], stands_since_ns: int, at_ns: int) -> int | None:
         """Return the time of departure once the robot is halfway to the next posture, otherwise None."""
-        if _apart(joints, self._from) <= NEAR_DEG:
+        if _largest_difference_deg(joints, self._from) <= NEAR_DEG:
             if at_ns - stands_since_ns >= _STOOD_NS:
                 self._left_ns = at_ns
             return None
@@ -192,7 +192,7 @@ class _Departure:
         return left_ns if arrives else None
 
 
-def _apart(a_deg: Sequence[float], b_deg: Sequence[float]) -> float:
+def _largest_difference_deg(a_deg: Sequence[float], b_deg: Sequence[float]) -> float:
     return max(abs(a - b) for a, b in zip(a_deg, b_deg, strict=True))
 
 
@@ -246,9 +246,9 @@ class Arbiter:
             self._execute(self._trigger.feed(self._samples.popleft()))
         self._execute(self._trigger.tick(clock.now_ns()))
 
-    def start(self, label: Label) -> Path:
+    def start(self, label: RunLabel) -> Path:
         """Start a recording for an operator. A recording started by the robot is ended. Raises CellError."""
-        return clock.result(self._recorder.start_run(Recording(label)))
+        return clock.result(self._recorder.start_run(RecordingRequest(label)))
 
     def stop(self) -> EndedRun:
         """End the recording for an operator, and wait until the run is closed. Raises CellError."""
@@ -281,14 +281,14 @@ class Arbiter:
     def _start_run(self, start: StartRun) -> None:
         rule, current = start.rule, self._recorder.recording
         now = clock.wall_time()
-        label = Label(
+        label = RunLabel(
             name=f"{now:%Y%m%dT%H%M%S}.{now.microsecond // 1000:03d}Z-{rule.title.replace(' ', '-')}",
             test=rule.test,
             direction=rule.direction,
             operator=OPERATOR,
         )
         try:
-            begun = self._recorder.start_run(Recording(label, "robot", start.at_ns - _BEFORE_NS))
+            begun = self._recorder.start_run(RecordingRequest(label, "robot", start.at_ns - _BEFORE_NS))
         except RigError as error:
             self._trigger.reset()
             self._refuse(rule.title, f"a manual recording, {current.label.name}, is running" if current else str(error))

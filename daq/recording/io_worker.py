@@ -15,7 +15,7 @@ from daq import clock
 from daq.recording.warnings import RateLimitedLog
 from daq.store import RunWriter
 from daq.store.run_directory import keep_large_blocks_apart, load_all_of_arrow
-from daq.store.writer import Work
+from daq.store.writer import DiskOperation
 
 _SYNC_S = 0.5
 
@@ -29,7 +29,7 @@ class IoWorker:
         self._warnings = warnings
         self._thread = clock.one_thread("disk")
         self._creator = clock.one_thread("begin")
-        self._under_way: tuple[Work, Future[None]] | None = None
+        self._under_way: tuple[DiskOperation, Future[None]] | None = None
         self._begun_s = self._synced_s = 0.0
         self.synced: Mapping[str, int] = {}
         """Rows per sample stream of the current run that are safely on the disk."""

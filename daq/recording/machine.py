@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from daq.recording.active_run import Label
+from daq.recording.active_run import RunLabel
 from daq.store.ledger import Ending
 
 FIRST_PAUSE_S = 5.0
@@ -27,10 +27,10 @@ MOST_LEAVING = 2
 
 
 @dataclass(frozen=True)
-class Recording:
+class RecordingRequest:
     """A request for a recording. since_ns: buffered samples from this time on belong to the recording."""
 
-    label: Label
+    label: RunLabel
     by: Literal["person", "robot"] = "person"
     since_ns: int | None = None
 
@@ -44,7 +44,7 @@ class Idle:
 class Beginning:
     """The run is being created. pause_s: pause before this attempt, 0 for the first run of a recording."""
 
-    recording: Recording
+    recording: RecordingRequest
     run: int
     pause_s: float = 0.0
 
@@ -53,7 +53,7 @@ class Beginning:
 class Running:
     """The run is being written."""
 
-    recording: Recording
+    recording: RecordingRequest
     run: int
 
 
@@ -61,21 +61,21 @@ class Running:
 class Waiting:
     """The disk ended a run; the next attempt is at due_s. closing: the old run while it is being closed."""
 
-    recording: Recording
+    recording: RecordingRequest
     pause_s: float
     due_s: float
     closing: int | None = None
 
 
 @dataclass(frozen=True)
-class Start:
+class StartRequested:
     """The operator or the robot requests a recording."""
 
-    recording: Recording
+    recording: RecordingRequest
 
 
 @dataclass(frozen=True)
-class Stop:
+class StopRequested:
     """The operator or the robot ends the recording."""
 
     ending: Ending
@@ -91,7 +91,7 @@ class Created:
 
 
 @dataclass(frozen=True)
-class Refused:
+class RunRefused:
     """The disk cannot create a run now."""
 
     run: int
@@ -99,7 +99,7 @@ class Refused:
 
 
 @dataclass(frozen=True)
-class Failed:
+class DiskFailed:
     """The disk is nearly full or refused a write. removed: the run directory is gone."""
 
     ending: Ending
@@ -127,7 +127,7 @@ class Create:
     """Create a run. resumes: True if the run continues one that the disk ended."""
 
     run: int
-    recording: Recording
+    recording: RecordingRequest
     resumes: bool = False
 
 
@@ -161,13 +161,13 @@ class Reject:
 
 
 Phase = Idle | Beginning | Running | Waiting
-Event = Start | Stop | Created | Refused | Failed | Closed | Tick
+Event = StartRequested | StopRequested | Created | RunRefused | DiskFailed | Closed | Tick
 Action = Create | Close | Suspend | GiveUp | Reject
 IDLE = Idle()
 
 
 @dataclass(frozen=True)
-class State:
+class RecorderState:
     """State of the recorder.
 
     leaving: stopped runs that the disk has not created, each with its ending. next: number of the next run.
@@ -178,7 +178,7 @@ class State:
     next: int = 1
 
     @property
-    def recording(self) -> Recording | None:
+    def recording(self) -> RecordingRequest | None:
         """Current recording, even before the run exists, or None if idle."""
         return None if isinstance(self.phase, Idle) else self.phase.recording
 
@@ -188,21 +188,21 @@ class State:
         return self.phase.run if isinstance(self.phase, Beginning | Running) else None
 
 
-Outcome = tuple[State, tuple[Action, ...]]
+Outcome = tuple[RecorderState, tuple[Action, ...]]
 
 
-def step(state: State, event: Event) -> Outcome:
+def step(state: RecorderState, event: Event) -> Outcome:
     """Return the next state and the actions. Events that do not apply to a state leave the state unchanged."""
     match event, state.phase:
-        case Start(recording), _:
+        case StartRequested(recording), _:
             return _start(state, recording)
-        case Stop(), _:
+        case StopRequested(), _:
             mine = state.recording is not None and (event.by == "person" or state.recording.by == "robot")
             if not mine:
                 return state, (Reject("idle"),)
             ended, actions = _ended(state, event.ending, event.why)
             return ended, (*actions, Reject("idle")) if isinstance(state.phase, Waiting) else actions
-        case ((Created(run) | Refused(run, _)), _) if run != state.run:
+        case ((Created(run) | RunRefused(run, _)), _) if run != state.run:
             created = isinstance(event, Created)
             closes = tuple(close for close in state.leaving if close.run == run)
             remaining = tuple(close for close in state.leaving if close.run != run)
@@ -218,11 +218,11 @@ def _moved(phase: Phase, event: Event) -> tuple[Phase, tuple[Action, ...]]:
     match event, phase:
         case Created(), Beginning(recording, run):
             return Running(recording, run), ()
-        case Refused(), Beginning(pause_s=0.0):
+        case RunRefused(), Beginning(pause_s=0.0):
             return IDLE, ()
-        case Refused(_, now_s), Beginning(recording, _, pause_s):
+        case RunRefused(_, now_s), Beginning(recording, _, pause_s):
             return Waiting(recording, min(2 * pause_s, LONGEST_PAUSE_S), now_s + pause_s), ()
-        case Failed(ending, why, now_s, removed), Running(recording, run):
+        case DiskFailed(ending, why, now_s, removed), Running(recording, run):
             pause_s = REMOVED_PAUSE_S if removed else FIRST_PAUSE_S
             waiting = Waiting(recording, pause_s, now_s + pause_s, closing=run)
             return waiting, (Close(run, ending, why), Suspend(run, why))
@@ -231,7 +231,7 @@ def _moved(phase: Phase, event: Event) -> tuple[Phase, tuple[Action, ...]]:
     return phase, ()
 
 
-def _start(state: State, recording: Recording) -> Outcome:
+def _start(state: RecorderState, recording: RecordingRequest) -> Outcome:
     if not _gives_way(state.phase, recording):
         return state, (Reject("running"),)
     if len(state.leaving) >= MOST_LEAVING:
@@ -242,7 +242,7 @@ def _start(state: State, recording: Recording) -> Outcome:
     return begun, (*actions, *create)
 
 
-def _gives_way(phase: Phase, to: Recording) -> bool:
+def _gives_way(phase: Phase, to: RecordingRequest) -> bool:
     """Return whether a new recording may replace the current phase.
 
     The operator may replace a recording of the robot, or one that waits for the disk.
@@ -253,12 +253,12 @@ def _gives_way(phase: Phase, to: Recording) -> bool:
     return to.by == "person" and (phase.recording.by == "robot" or resumes)
 
 
-def _create(state: State, recording: Recording, pause_s: float = 0.0) -> Outcome:
+def _create(state: RecorderState, recording: RecordingRequest, pause_s: float = 0.0) -> Outcome:
     begun = replace(state, phase=Beginning(recording, state.next, pause_s), next=state.next + 1)
     return begun, (Create(state.next, recording, resumes=pause_s > 0),)
 
 
-def _ended(state: State, ending: Ending, why: str) -> Outcome:
+def _ended(state: RecorderState, ending: Ending, why: str) -> Outcome:
     """End the current recording, if any. A run that is still being created ends once it exists."""
     idle = replace(state, phase=IDLE)
     match state.phase:

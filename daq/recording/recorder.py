@@ -19,9 +19,19 @@ from daq import clock
 from daq.acquisition.stream_buffer import PretriggerBuffer, StreamBuffer, faults_of
 from daq.protocol.conversation import Item
 from daq.recording import machine
-from daq.recording.active_run import ActiveRun, EndedRun, Gap, Label, require_readings, samples_in
+from daq.recording.active_run import ActiveRun, EndedRun, RecordingGap, RunLabel, require_readings, samples_in
 from daq.recording.io_worker import IoWorker
-from daq.recording.machine import Close, Create, GiveUp, Recording, Reject, Running, State, Suspend, Waiting
+from daq.recording.machine import (
+    Close,
+    Create,
+    GiveUp,
+    RecorderState,
+    RecordingRequest,
+    Reject,
+    Running,
+    Suspend,
+    Waiting,
+)
 from daq.recording.warnings import HostWatch, Losses, RateLimitedLog
 from daq.store import NearlyFull, RunWriter
 from daq.store.ledger import Ending
@@ -31,9 +41,9 @@ from rigs.text import as_argument
 
 
 def status_of(
-    state: State,
+    state: RecorderState,
     run: ActiveRun | None,
-    gap: Gap | None,
+    gap: RecordingGap | None,
     last_end: str,
     synced: Mapping[str, int],
     *,
@@ -65,7 +75,7 @@ def status_of(
     }
 
 
-def rejection(rejected: Reject, state: State, last_end: str) -> CellError:
+def rejection(rejected: Reject, state: RecorderState, last_end: str) -> CellError:
     """Return the error for a rejected request."""
     if rejected.why == "running" and state.recording:
         return CellError(
@@ -90,7 +100,7 @@ class Recorder(clock.Thread):
     def __init__(
         self,
         buffers: Mapping[str, StreamBuffer],
-        create: Callable[[Label, str], RunWriter],
+        create: Callable[[RunLabel, str], RunWriter],
         after_round: Callable[[], None],
         on_items: Callable[[str, Sequence[Item]], None] = lambda name, items: None,
     ) -> None:
@@ -105,10 +115,10 @@ class Recorder(clock.Thread):
         self._pretrigger = PretriggerBuffer(buffers)
         self._lock = threading.Lock()
         self._stop_asked = clock.Event()
-        self._state = State()
+        self._state = RecorderState()
         self._runs: dict[int, ActiveRun] = {}
         """All open runs, by number."""
-        self._gap: Gap | None = None
+        self._gap: RecordingGap | None = None
         """Samples missed while a recording waits for the disk."""
         self._warnings = RateLimitedLog()
         self._io = IoWorker(self._warnings)
@@ -135,9 +145,9 @@ class Recorder(clock.Thread):
             try:
                 self._drain_buffers(sync=True)
             except NearlyFull as error:
-                self._apply(machine.Failed("interrupted", error.what, clock.now_s()))
+                self._apply(machine.DiskFailed("interrupted", error.what, clock.now_s()))
             except CellError as error:
-                self._apply(machine.Failed("failed", str(error), clock.now_s(), isinstance(error, RunRemoved)))
+                self._apply(machine.DiskFailed("failed", str(error), clock.now_s(), isinstance(error, RunRemoved)))
             for number in [number for number, run in self._runs.items() if run.ended.done()]:
                 del self._runs[number]
                 self._apply(machine.Closed(number))
@@ -145,19 +155,19 @@ class Recorder(clock.Thread):
             self._warnings.warn_slow("write", clock.now_s() - begun)
         self._after_round()
 
-    def start_run(self, recording: Recording) -> Future[Path]:
+    def start_run(self, recording: RecordingRequest) -> Future[Path]:
         """Start a recording.
 
         The future contains the directory once it exists, or the CellError if the disk refuses. Raises CellError if a
         recording cannot start now or a gauge is silent.
         """
         with self._lock:
-            for action in machine.step(self._state, machine.Start(recording))[1]:
+            for action in machine.step(self._state, machine.StartRequested(recording))[1]:
                 if isinstance(action, Reject):
                     raise rejection(action, self._state, self.last_end)
             require_readings(self._buffers, recording.label.test)
             self._drain_buffers(sync=False)
-            self._apply(machine.Start(recording))
+            self._apply(machine.StartRequested(recording))
             return self._runs[self._state.next - 1].begun
 
     def stop_run(
@@ -173,7 +183,7 @@ class Recorder(clock.Thread):
         with self._lock:
             self._drain_buffers(sync=False)
             number = self._state.run or 0
-            self._apply(machine.Stop(ending, why, by))
+            self._apply(machine.StopRequested(ending, why, by))
             return self._runs[number].ended
 
     def shut_down(self, ending: Ending, why: str) -> Path | None:
@@ -197,7 +207,7 @@ class Recorder(clock.Thread):
                 self.last_end += f"; cannot be analysed: {reason}"
 
     @property
-    def recording(self) -> Recording | None:
+    def recording(self) -> RecordingRequest | None:
         """Current recording, even before the run exists or while the recording waits for the disk."""
         return self._state.recording
 
@@ -231,7 +241,7 @@ class Recorder(clock.Thread):
                     self._io.submit_close(partial(self._close_run, self._runs[number], ending, why))
                 case Suspend(number, why) if (writer := self._runs[number].writer) is not None:
                     # From now on samples count as missed. Unsaved samples are added when the run is closed.
-                    self._gap = Gap(writer.path, writer.device, why, self._runs[number].taken)
+                    self._gap = RecordingGap(writer.path, writer.device, why, self._runs[number].sample_counts)
                     message = "%s: run ended, %s; a new run follows when the disk allows it"
                     log.error(message, writer.path, self.last_end)
                 case GiveUp():
@@ -265,7 +275,7 @@ class Recorder(clock.Thread):
 
     def _refused(self, number: int, run: ActiveRun, error: Exception) -> None:
         run.refuse(error)
-        self._apply(machine.Refused(number, clock.now_s()))
+        self._apply(machine.RunRefused(number, clock.now_s()))
         if not isinstance(error, RigError):
             log.error("recording %s: not started because of an internal error", run.label.name, exc_info=error)
         if run.gap and isinstance(self._state.phase, Waiting):
@@ -274,7 +284,7 @@ class Recorder(clock.Thread):
         elif run.gap:
             self._give_up(run.gap)
         else:
-            self.losses.add(run.kept, f"{run.label.name} did not begin")
+            self.losses.add(run.buffered_samples, f"{run.label.name} did not begin")
 
     def _drain_buffers(self, *, sync: bool) -> None:
         """Drain every buffer into the current run.
@@ -300,7 +310,7 @@ class Recorder(clock.Thread):
             run.writer.write()
             self._io.advance(run.writer)
 
-    def _give_up(self, gap: Gap | None) -> None:
+    def _give_up(self, gap: RecordingGap | None) -> None:
         if gap:
             message = f"the recording was waiting for the disk and was abandoned, samples missed: {gap.missed_text()}"
             log.warning("%s: %s", gap.previous, message)

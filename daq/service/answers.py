@@ -18,11 +18,11 @@ LONGEST_ANSWER = 1 << 20
 Number = Annotated[float, Field(strict=True)]
 
 
-class _Answer(BaseModel):
+class _DaemonAnswer(BaseModel):
     model_config = ConfigDict(extra="allow", defer_build=True)
 
 
-class Refusal(_Answer):
+class Refusal(_DaemonAnswer):
     """Error of the daemon, in parts."""
 
     where: str
@@ -31,13 +31,13 @@ class Refusal(_Answer):
     exit_code: Annotated[int, Field(ge=1, le=125)]
 
 
-class Started(_Answer):
+class Started(_DaemonAnswer):
     """A recording has started."""
 
     run: str
 
 
-class Stopped(_Answer):
+class RecordingEnded(_DaemonAnswer):
     """A recording has ended. seal: SHA-256 of the ledger, empty from an older daemon."""
 
     run: str
@@ -45,13 +45,13 @@ class Stopped(_Answer):
     seal: str = ""
 
 
-class Metrics(_Answer):
+class Metrics(_DaemonAnswer):
     """Text for Prometheus."""
 
     text: str
 
 
-class StreamStatus(_Answer):
+class StreamStatus(_DaemonAnswer):
     """Current state of a sample stream. last: last valid value by column. age_s: age of that value by column."""
 
     connected: bool
@@ -68,14 +68,14 @@ class StreamStatus(_Answer):
         return self
 
 
-class AutomaticStatus(_Answer):
+class AutomaticStatus(_DaemonAnswer):
     """State of the trigger, and the reason for a refused start."""
 
     waits_for: list[str]
     why_not: str
 
 
-class StreamSamples(_Answer):
+class StreamSamples(_DaemonAnswer):
     """Latest samples of a stream. rows: timestamp in ns, followed by a value per column or None."""
 
     newest: int
@@ -89,7 +89,7 @@ class StreamSamples(_Answer):
         return self
 
 
-class Samples(_Answer):
+class LatestSamples(_DaemonAnswer):
     """Latest samples of all streams."""
 
     now_ns: Number
@@ -97,7 +97,7 @@ class Samples(_Answer):
     rig_lines: list[str]
 
 
-class NotRecording(_Answer):
+class NotRecording(_DaemonAnswer):
     """No recording. missed: number of samples per stream missed while a recording waits for the disk."""
 
     recording: None
@@ -105,7 +105,7 @@ class NotRecording(_Answer):
     missed: dict[str, int] = {}
 
 
-class Recording(_Answer):
+class Recording(_DaemonAnswer):
     """Current recording."""
 
     recording: str
@@ -114,7 +114,7 @@ class Recording(_Answer):
     seconds: Number
 
 
-class Status(_Answer):
+class Status(_DaemonAnswer):
     """Current state of the daemon."""
 
     rig: str
@@ -123,12 +123,12 @@ class Status(_Answer):
     automatic: AutomaticStatus | None
 
 
-_OF_COMMAND: dict[str, type[_Answer]] = {
+_OF_COMMAND: dict[str, type[_DaemonAnswer]] = {
     "status": Status,
-    "samples": Samples,
+    "samples": LatestSamples,
     "metrics": Metrics,
     "record_start": Started,
-    "record_stop": Stopped,
+    "record_stop": RecordingEnded,
 }
 
 
@@ -140,7 +140,7 @@ def read_answer(command: str, line: bytes) -> dict[str, Any]:
         raise ValueError("nested too deeply") from None
     if not isinstance(answer, dict) or not isinstance(answer.get("ok"), bool):
         raise ValueError("not an answer")
-    shapes: list[type[_Answer]] = [_OF_COMMAND.get(command, _Answer) if answer["ok"] else Refusal]
+    shapes: list[type[_DaemonAnswer]] = [_OF_COMMAND.get(command, _DaemonAnswer) if answer["ok"] else Refusal]
     if command == "status" and answer["ok"]:
         shapes.append(NotRecording if answer.get("recording") is None else Recording)
     try:

@@ -15,7 +15,7 @@ from typing import Any
 
 from daq import clock
 from daq.service.answers import LONGEST_ANSWER, read_answer
-from daq.service.trust import hold_trusted, peer_user, socket_directory
+from daq.service.trust import peer_user, require_trusted_owner, socket_directory
 from rigs.errors import CellError, RigError
 
 ANSWERS_S = 30.0
@@ -38,7 +38,7 @@ class Client:
     def __enter__(self) -> Client:
         """Connect. Raises CellError if the daemon does not respond or is not trusted."""
         try:
-            owners = hold_trusted(self._path)
+            owners = require_trusted_owner(self._path)
         except PermissionError:
             raise _forbidden(self._path) from None
         except OSError:

@@ -173,7 +173,7 @@ class ControlServer:
             threading.Thread(target=self._serve, args=(new,), name="control connection", daemon=True).start()
         except RuntimeError as error:  # the system refuses further threads
             self._warn(f"a connection cannot be served: {error}")
-            self._forget(new)
+            self._close_connection(new)
 
     def _make_room(self, among: set[_Connection]) -> bool:
         """End the longest silent connection, and return whether it has ended."""
@@ -197,7 +197,7 @@ class ControlServer:
         except Exception:
             log.exception("a request could not be answered")
         finally:
-            self._forget(connection)
+            self._close_connection(connection)
 
     def _reply(self, connection: _Connection, line: bytes) -> None:
         with self._changed:
@@ -210,7 +210,7 @@ class ControlServer:
         connection.busy, connection.silent_since_s = False, clock.now_s()
         self._closing.wait(_ASK_S)
 
-    def _forget(self, connection: _Connection) -> None:
+    def _close_connection(self, connection: _Connection) -> None:
         with self._changed:
             connection.sock.close()
             self._open.discard(connection)

@@ -28,11 +28,11 @@ from pydantic import Field, ValidationError
 from daq import clock
 from daq.acquisition.capture_writer import CaptureWriter, ReplayMarks
 from daq.acquisition.host_clock import HOST, DriftMonitor
-from daq.acquisition.reader import Reader, keep_stamps_prompt
+from daq.acquisition.reader import StreamReader, keep_stamps_prompt
 from daq.acquisition.stream_buffer import StreamBuffer, samples_of
 from daq.acquisition.streams import ROBOT, streams_of
 from daq.protocol.conversation import Item
-from daq.recording.active_run import NAME_RULE, Label
+from daq.recording.active_run import NAME_RULE, RunLabel
 from daq.recording.automatic import Arbiter
 from daq.recording.recorder import Recorder
 from daq.service.control import ControlServer
@@ -152,7 +152,7 @@ class Daemon:
         self._capture = CaptureWriter(capture, self._streams) if capture else None
         self._startup_recovery = StartupRecovery(runs)
         self._locks = ExitStack()
-        self._readers: list[Reader]
+        self._readers: list[StreamReader]
 
     def start(self) -> None:
         """Take the locks, open every link, and start reading. Raises CellError that names all ports that failed."""
@@ -169,7 +169,7 @@ class Daemon:
             if self._capture:
                 self._capture.start()
             undo.pop_all()
-        self._readers = [Reader(s, self._buffers[s.name], links[s.name], self._capture) for s in self._streams]
+        self._readers = [StreamReader(s, self._buffers[s.name], links[s.name], self._capture) for s in self._streams]
         if self._replay:
             self._replay.skip()
         _warn_if_not_writable(self._runs)
@@ -251,7 +251,7 @@ class Daemon:
             link.close()
         raise errors[0] if len(errors) == 1 else Unreachable(errors)
 
-    def _create(self, label: Label, follows: str) -> RunWriter:
+    def _create(self, label: RunLabel, follows: str) -> RunWriter:
         return RunWriter.create(
             self._runs,
             name=label.name,
@@ -265,7 +265,7 @@ class Daemon:
             view_zero_mm=label.view_zero_mm,
             streams={stream.name: stream.columns for stream in self._streams},
             follows=follows,
-            companions=self._rig.beside,
+            companions=self._rig.companion_files,
         )
 
     def _status(self) -> dict[str, Any]:
@@ -339,9 +339,9 @@ def _text_in(request: Mapping[str, Any], key: str) -> str:
     return plain(text[:_MOST_SAID])
 
 
-def _label(request: dict[str, Any]) -> Label:
+def _label(request: dict[str, Any]) -> RunLabel:
     try:
-        label = Label(**{key: value for key, value in request.items() if key != "command"})
+        label = RunLabel(**{key: value for key, value in request.items() if key != "command"})
     except ValidationError as error:
         detail = error.errors(include_url=False)[0]
         key = str(detail["loc"][0]) if detail["loc"] else "a key"

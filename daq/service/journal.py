@@ -66,7 +66,7 @@ class _JournalFormatter(_PlainFormatter):
 
 
 @dataclass(frozen=True)
-class Entry:
+class JournalEntry:
     """A journal entry. rig: instance of the unit. by_systemd: True if systemd wrote it about the service."""
 
     at: datetime
@@ -76,7 +76,7 @@ class Entry:
     text: str
 
 
-def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> Iterator[Entry]:
+def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> Iterator[JournalEntry]:
     """Yield the log of a rig's service, or of all services. since: as for journalctl (`-1h`, `today`).
 
     Raises CellError if the journal is missing, or contains no entry that this user can read.
@@ -108,14 +108,14 @@ def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> 
         )
 
 
-def entry(fields: dict[str, Any]) -> Entry:
+def entry(fields: dict[str, Any]) -> JournalEntry:
     """Decode an entry of `journalctl --output=json`. Text that is not UTF-8 is a list of bytes in this format."""
     text = fields.get("MESSAGE") or ""
     if isinstance(text, list):
         text = bytes(text).decode("utf-8", "replace")
     by_systemd = fields.get("_PID") == "1"
     unit = str(fields.get("UNIT" if by_systemd else "_SYSTEMD_UNIT", ""))
-    return Entry(
+    return JournalEntry(
         datetime.fromtimestamp(int(fields["__REALTIME_TIMESTAMP"]) / 1e6).astimezone(),
         unit.removeprefix("rigd@").removesuffix(".service"),
         int(fields.get("PRIORITY", INFO)),

@@ -101,7 +101,7 @@ def rigd(
 
 
 @dataclass(frozen=True)
-class _End:
+class _ExitReason:
     """Reason for the end of the daemon, with the status of a recording and the exit code."""
 
     why: str
@@ -109,23 +109,23 @@ class _End:
     exit_code: int
 
 
-def _listen() -> SimpleQueue[_End]:
+def _listen() -> SimpleQueue[_ExitReason]:
     """Return the queue that receives the end of the daemon: a signal, or an unexpected error in a thread.
 
     If a thread has failed, the daemon would appear to work but record incompletely.
     It ends, and the service manager restarts it.
     """
-    ends: SimpleQueue[_End] = SimpleQueue()
+    ends: SimpleQueue[_ExitReason] = SimpleQueue()
 
     def signalled(number: int, _: FrameType | None) -> None:
         name = signal.Signals(number).name
-        ends.put(_End(f"rigd was stopped by {name}", "interrupted", 130 if number == signal.SIGINT else 0))
+        ends.put(_ExitReason(f"rigd was stopped by {name}", "interrupted", 130 if number == signal.SIGINT else 0))
 
     def died(args: threading.ExceptHookArgs) -> None:
         name = args.thread.name if args.thread else "unknown"
         error = args.exc_value or args.exc_type()
         log.critical("thread %r died", name, exc_info=error)
-        ends.put(_End(f"rigd failed in thread {name!r}: {error!r}", "failed", 1))
+        ends.put(_ExitReason(f"rigd failed in thread {name!r}: {error!r}", "failed", 1))
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signalled)

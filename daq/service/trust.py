@@ -45,7 +45,7 @@ def socket_directory() -> Path:
     return Path(f"/tmp/rigd-{os.getuid()}")  # noqa: S108 - made with mode 0700, and refused if another's
 
 
-def hold_trusted(path: Path) -> frozenset[int]:
+def require_trusted_owner(path: Path) -> frozenset[int]:
     """Return the trusted owners of a socket path. Raises CellError if an untrusted user could have created the socket.
 
     Raises FileNotFoundError or another OSError if the path does not exist or is not accessible.
@@ -58,7 +58,7 @@ def hold_trusted(path: Path) -> frozenset[int]:
             raise CellError(str(path), f"{place} belongs to a different user (number {status.st_uid})", _REMEDY)
         owners.add(status.st_uid)
         if stat.S_ISLNK(status.st_mode):
-            return hold_trusted(place.resolve() / path.absolute().relative_to(place))
+            return require_trusted_owner(place.resolve() / path.absolute().relative_to(place))
         if place == path.absolute():
             break
         writable = bool(status.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
@@ -163,7 +163,7 @@ class InstanceLock:
     @classmethod
     def take_rig_file(cls, rig_file: Path) -> InstanceLock:
         """Lock a rig file. Raises CellError if a daemon uses it."""
-        return cls._held(rig_file, os.O_RDONLY, "a different rigd serves this rig file")
+        return cls._lock_file(rig_file, os.O_RDONLY, "a different rigd serves this rig file")
 
     @classmethod
     def take_runs(cls, rig: str, runs: Path) -> InstanceLock:
@@ -172,7 +172,7 @@ class InstanceLock:
         Raises CellError if a daemon records this rig there.
         """
         path = runs / f".rigd-{rig}.lock"
-        return cls._held(
+        return cls._lock_file(
             path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, f"a different rigd records {rig} in this directory"
         )
 
@@ -206,10 +206,10 @@ class InstanceLock:
     def take_cell(cls, directory: Path) -> InstanceLock:
         """Lock the directory of an emulated or replayed cell. Raises CellError if the directory is in use."""
         refusal = "a different rig emulate or rig replay serves a cell in this directory"
-        return cls._held(directory, os.O_RDONLY, refusal, "stop that one, or choose a different --output")
+        return cls._lock_file(directory, os.O_RDONLY, refusal, "stop that one, or choose a different --output")
 
     @classmethod
-    def _held(
+    def _lock_file(
         cls, path: Path, flags: int, refusal: str, remedy: str = "stop that daemon, or query it with rig status"
     ) -> InstanceLock:
         """Lock a file. If it cannot be opened, or the disk does not support locks, no lock is taken.

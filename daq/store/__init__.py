@@ -16,7 +16,7 @@ from daq.store.recover import Recovery, recover
 from daq.store.retention import RunInfo, survey
 from daq.store.run import Run, chunks_of, closed_manifest, is_unclosed, read_run
 from daq.store.run_directory import NearlyFull
-from daq.store.verify import Verdict, judge, verify
+from daq.store.verify import VerificationResult, judge, verify
 from daq.store.writer import RunWriter
 
 __all__ = [
@@ -28,7 +28,7 @@ __all__ = [
     "Run",
     "RunInfo",
     "RunWriter",
-    "Verdict",
+    "VerificationResult",
     "chunks_of",
     "closed_manifest",
     "is_unclosed",

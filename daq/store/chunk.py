@@ -35,7 +35,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from daq.protocol.conversation import Fault, Sample, Samples
+from daq.protocol.conversation import Fault, Sample, SampleBlock
 
 Array: TypeAlias = "pa.Array[Any]"
 FAULTS = "faults"
@@ -81,14 +81,14 @@ def table_schema(columns: Mapping[str, ColumnType]) -> pa.Schema:
 
 def batch_of(rows: Sequence[Row], schema: pa.Schema, first: int) -> pa.RecordBatch:
     """Convert rows of a stream to a batch. `sequence` starts at `first`."""
-    faults = [] if isinstance(rows, Samples) else [row for row in rows if not isinstance(row, Sample)]
+    faults = [] if isinstance(rows, SampleBlock) else [row for row in rows if not isinstance(row, Sample)]
     if faults:
         at_ns = pa.array([fault.at_ns for _, fault in faults], pa.int64())
         words = [(stream, str(fault.kind), storable(fault.detail)) for stream, fault in faults]
         count = pa.array([fault.count for _, fault in faults], pa.int64())
         arrays = [at_ns, *(pa.array(list(column), pa.string()) for column in zip(*words, strict=True)), count]
     else:
-        samples = Samples.of(rows)  # type: ignore[arg-type] # no faults
+        samples = SampleBlock.of(rows)  # type: ignore[arg-type] # no faults
         # An unsigned 32-bit status wraps but preserves its bits, because an unexpected code must not end a recording.
         kinds = {name: kind.to_pandas_dtype() for name, kind in SAMPLE_COLUMNS.items() if name != "sequence"}
         fixed = [pa.array(getattr(samples, name).astype(kind)) for name, kind in kinds.items()]
@@ -235,7 +235,7 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
                 batches.append(batch)
                 end = source.tell()
     except _DAMAGE as error:
-        _hold_memory(error, len(data))
+        _raise_if_out_of_memory(error, len(data))
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         reason = "zeros or an early end mark" if isinstance(error, _ZEROS) else reason
         damage = f"damaged after {len(batches)} batches ({reason})"
@@ -332,7 +332,7 @@ def _text_bytes(column: pa.ChunkedArray) -> int:
     return sum(pc.sum(part_lengths).as_py() or 0 for part_lengths in lengths)
 
 
-def _hold_memory(error: BaseException, size: int) -> None:
+def _raise_if_out_of_memory(error: BaseException, size: int) -> None:
     """Raise OSError if an error was caused by insufficient memory: `size` bytes cannot be allocated now.
 
     A damaged length exceeds the memory of any computer. This counts as damage.

@@ -14,8 +14,8 @@ import pyarrow as pa
 
 from daq.store import durable
 from daq.store.chunk import FAULTS, TABLE, to_parquet, with_opening
-from daq.store.ledger import Entry, ImportedTable, Ledger, Relabelling, Seal, chunk_name, iso_now
-from daq.store.manifest import Manifest, hold_operator, load_manifest, new_manifest
+from daq.store.ledger import ImportedTable, Ledger, LedgerEntry, Relabelling, Seal, chunk_name, iso_now
+from daq.store.manifest import Manifest, check_operator, load_manifest, new_manifest
 from daq.store.run import Run
 from daq.store.run_directory import new_directory, write_beside
 from daq.store.stream_writer import describe
@@ -55,7 +55,7 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
         direction=direction,
         rig_name=rig_name,
         rig_text=rig_text,
-        operator=hold_operator(operator),
+        operator=check_operator(operator),
         placement=placement,
         streams={},
         table=ImportedTable.model_validate(
@@ -110,7 +110,7 @@ def _parquet(opening: Manifest, table: pa.Table) -> bytes:
     return to_parquet(table.cast(with_opening(opening.arrow_schema(TABLE), opening.opening())))
 
 
-def _entries(table: pa.Table, data: bytes, relabelled: tuple[Relabelling, ...] = ()) -> list[Entry]:
+def _entries(table: pa.Table, data: bytes, relabelled: tuple[Relabelling, ...] = ()) -> list[LedgerEntry]:
     """Return the ledger entries of a table run after the opening: chunk, seal, and label history."""
     rows = table.num_rows
     seal = Seal(
@@ -120,8 +120,8 @@ def _entries(table: pa.Table, data: bytes, relabelled: tuple[Relabelling, ...] =
         rows={TABLE: rows, FAULTS: 0},
         counters={TABLE: {"samples": rows}},
     )
-    history = [Entry(relabelled=relabelled)] if relabelled else []
-    return [Entry(chunk=describe(chunk_name(TABLE, 1), TABLE, table, data)), Entry(seal=seal), *history]
+    history = [LedgerEntry(relabelled=relabelled)] if relabelled else []
+    return [LedgerEntry(chunk=describe(chunk_name(TABLE, 1), TABLE, table, data)), LedgerEntry(seal=seal), *history]
 
 
 def _name(path: Path) -> str:

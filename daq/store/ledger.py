@@ -47,13 +47,13 @@ def parse_chunk(name: str) -> tuple[str, int, str] | None:
     return (match["stream"], int(match["number"]), match["kind"]) if match else None
 
 
-class Record(BaseModel):
+class JsonRecord(BaseModel):
     """Base class of all JSON records: immutable, rejecting unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
-class Clock(Record):
+class Clock(JsonRecord):
     """Readings of the monotonic and the wall clock, taken within bracket_ns."""
 
     monotonic_ns: int
@@ -61,7 +61,7 @@ class Clock(Record):
     bracket_ns: Count
 
 
-class Chunk(Record):
+class Chunk(JsonRecord):
     """A closed chunk. first_ns, last_ns: timestamps of the first and last byte, 0 in a table."""
 
     file: str
@@ -79,7 +79,7 @@ class Chunk(Record):
         return (parse_chunk(self.file) or ("", 0, ""))[1]
 
 
-class ImportedTable(Record):
+class ImportedTable(JsonRecord):
     """Source of an imported run: name of the file, or names joined with ` + `, and the columns in order."""
 
     file: Text
@@ -94,7 +94,7 @@ class ImportedTable(Record):
     """True if the joint angles are commands, and the file contains no measured angles."""
 
 
-class Relabelling(Record):
+class Relabelling(JsonRecord):
     """A later correction of a label, with the time of the correction."""
 
     at: str
@@ -103,7 +103,7 @@ class Relabelling(Record):
     new: Text | None
 
 
-class Seal(Record):
+class Seal(JsonRecord):
     """End and size of a recording.
 
     ended: None if the recording was interrupted, in which case the last rows may be missing. rows: number of rows
@@ -161,7 +161,7 @@ _MOST_BYTES = 1_000_000_000
 _LINE = re.compile(rb'\{"sha256":"(?P<digest>[0-9a-f]{64})",(?P<rest>.+)\}')
 
 
-class Entry(Record):
+class LedgerEntry(JsonRecord):
     """A ledger line with exactly one record. opening: SHA-256 of the manifest, in the first line only."""
 
     opening: str | None = None
@@ -172,7 +172,7 @@ class Entry(Record):
 
 
 @dataclass(frozen=True)
-class Verified:
+class VerifiedLedger:
     """Valid part of a ledger.
 
     size: number of bytes in valid lines. last: SHA-256 of the last valid line. seal: SHA-256 of the last seal, empty if
@@ -180,7 +180,7 @@ class Verified:
     0 after a crash.
     """
 
-    entries: tuple[Entry, ...] = ()
+    entries: tuple[LedgerEntry, ...] = ()
     size: int = 0
     last: str = ""
     unread: int = 0
@@ -188,9 +188,9 @@ class Verified:
     seal: str = ""
 
 
-def verified(data: bytes) -> Verified:
+def verified(data: bytes) -> VerifiedLedger:
     """Return the ledger lines before the first invalid one. Raises no exceptions."""
-    entries: list[Entry] = []
+    entries: list[LedgerEntry] = []
     size, last, seal = 0, "", ""
     for line in data.split(b"\n")[:-1]:
         match = _LINE.fullmatch(line)
@@ -202,12 +202,12 @@ def verified(data: bytes) -> Verified:
         entries.append(entry)
         size, last = size + len(line) + 1, line[len(b'{"sha256":"') :][:64].decode()
         seal = last if entry.seal else seal
-    return Verified(tuple(entries), size, last, len(data) - size, data.count(b"\n", size), seal)
+    return VerifiedLedger(tuple(entries), size, last, len(data) - size, data.count(b"\n", size), seal)
 
 
-def _content(line: re.Match[bytes]) -> Entry | None:
+def _content(line: re.Match[bytes]) -> LedgerEntry | None:
     with suppress(ValidationError):
-        return Entry.model_validate_json(b"{" + line["rest"] + b"}")
+        return LedgerEntry.model_validate_json(b"{" + line["rest"] + b"}")
     return None
 
 
@@ -241,7 +241,7 @@ def claim_in(data: bytes, opening: str | None) -> Claim:
     return Claim(claimed, ended)
 
 
-def line_of(entry: Entry, before: str) -> tuple[bytes, str]:
+def line_of(entry: LedgerEntry, before: str) -> tuple[bytes, str]:
     """Return an entry as a line, and the SHA-256 of the line.
 
     before: SHA-256 of the previous line, empty for the first line.
@@ -251,7 +251,7 @@ def line_of(entry: Entry, before: str) -> tuple[bytes, str]:
     return b'{"sha256":"' + digest.encode() + b'",' + content[1:] + b"\n", digest
 
 
-def lines_of(entries: Iterable[Entry]) -> bytes:
+def lines_of(entries: Iterable[LedgerEntry]) -> bytes:
     """Return a complete ledger."""
     lines, last = [], ""
     for entry in entries:
@@ -260,12 +260,12 @@ def lines_of(entries: Iterable[Entry]) -> bytes:
     return b"".join(lines)
 
 
-def read_ledger(run: Path) -> Verified:
+def read_ledger(run: Path) -> VerifiedLedger:
     """Read the ledger of a run, empty if absent. Raises OSError, and FileError if it is not a file."""
     try:
         return verified(read_bytes(run / LEDGER, _MOST_BYTES))
     except FileNotFoundError:
-        return Verified()
+        return VerifiedLedger()
 
 
 class Ledger:
@@ -282,7 +282,7 @@ class Ledger:
     @classmethod
     def create(cls, run: Path, opening: bytes) -> Ledger:
         """Create the ledger of a run durably. opening: manifest of the run."""
-        line, last = line_of(Entry(opening=sha256(opening)), "")
+        line, last = line_of(LedgerEntry(opening=sha256(opening)), "")
         fd = durable.create(run / LEDGER, line)
         try:
             durable.sync(fd)
@@ -304,7 +304,7 @@ class Ledger:
             raise FileError(str(run), problem, f"{to_recover(run)}, which keeps these lines")
         return cls(run / LEDGER, durable.reopen(run / LEDGER), ledger.size, ledger.last)
 
-    def append(self, entry: Entry) -> None:
+    def append(self, entry: LedgerEntry) -> None:
         """Append an entry durably. Remains of a failed attempt are removed first."""
         line, digest = line_of(entry, self._last)
         durable.truncate(self.fd, self._size)

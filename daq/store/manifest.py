@@ -26,11 +26,11 @@ from daq.store.ledger import (
     Chunk,
     Clock,
     Count,
-    Entry,
     ExitStatus,
     ImportedTable,
+    JsonRecord,
+    LedgerEntry,
     Name,
-    Record,
     Relabelling,
     Text,
     first_error,
@@ -78,7 +78,7 @@ def operator_name(text: str) -> str:
     return text
 
 
-def hold_operator(name: str) -> str:
+def check_operator(name: str) -> str:
     """Return the name of an operator in stored form. Raises UseError for control characters or excessive length."""
     try:
         return operator_name(name)
@@ -100,7 +100,7 @@ Empty if there is none. Such runs show the effect of the correction; the arm its
 PLACEMENT_RULE = "name a placement with up to 64 letters, digits, . _ and -"
 
 
-class Manifest(Record):
+class Manifest(JsonRecord):
     """Complete description of a run, except for the rows."""
 
     version: Literal[1, 2] = 2
@@ -188,7 +188,7 @@ class Manifest(Record):
         """Return a validated copy with changed values. Raises ValidationError."""
         return Manifest.model_validate(self.model_dump() | changes)
 
-    def with_entries(self, entries: Sequence[Entry]) -> Manifest:
+    def with_entries(self, entries: Sequence[LedgerEntry]) -> Manifest:
         """Return a copy that includes these ledger entries. Raises ValidationError."""
         history = [change for entry in entries for change in entry.relabelled]
         seal = next((entry.seal for entry in reversed(entries) if entry.seal), None)

@@ -17,8 +17,8 @@ from typing import Literal, get_args
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from daq.store import durable
-from daq.store.ledger import BEING_RECORDED, Entry, Ledger, Relabelling, Text, first_error, iso_now, to_recover
-from daq.store.manifest import PLACEMENT_RULE, Manifest, hold_operator, load_manifest, unreadable
+from daq.store.ledger import BEING_RECORDED, Ledger, LedgerEntry, Relabelling, Text, first_error, iso_now, to_recover
+from daq.store.manifest import PLACEMENT_RULE, Manifest, check_operator, load_manifest, unreadable
 from rigs.errors import CellError, FileError, UseError
 from rigs.files import of_newer_rig, read_bytes
 from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, TestName
@@ -37,7 +37,7 @@ class Export(BaseModel):
     file: Text
 
 
-class Marks(BaseModel):
+class RunMarks(BaseModel):
     """All marks of a run."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
@@ -47,13 +47,13 @@ class Marks(BaseModel):
     exports: tuple[Export, ...] = ()
 
 
-def load_marks(run: Path) -> Marks:
+def load_marks(run: Path) -> RunMarks:
     """Return the marks of a run, empty by default. Raises FileError if they cannot be read."""
     path = run / MARKS
     try:
-        return Marks.model_validate_json(read_bytes(path, _MOST_BYTES))
+        return RunMarks.model_validate_json(read_bytes(path, _MOST_BYTES))
     except FileNotFoundError:
-        return Marks()
+        return RunMarks()
     except ValidationError as error:
         if newer := of_newer_rig(str(path), error):
             raise newer from None
@@ -75,7 +75,7 @@ def mark_kept(run: Path, kept: bool) -> None:
     _change(run, lambda marks: marks.model_copy(update={"kept": kept}))
 
 
-def _change(run: Path, change: Callable[[Marks], Marks]) -> None:
+def _change(run: Path, change: Callable[[RunMarks], RunMarks]) -> None:
     load_manifest(run)
     try:
         lock = durable.try_lock(run)
@@ -135,7 +135,7 @@ def _save(run: Path, changed: Manifest, changes: tuple[Relabelling, ...]) -> Non
         return
     ledger = Ledger.resume(run)
     try:
-        ledger.append(Entry(relabelled=changes))
+        ledger.append(LedgerEntry(relabelled=changes))
     finally:
         ledger.close()
 
@@ -152,7 +152,7 @@ def _relabelled(
     if test is not None or direction is not None:
         words = _test_and_direction(run, manifest, test or manifest.test, direction)
     if operator is not None:
-        words["operator"] = hold_operator(operator)
+        words["operator"] = check_operator(operator)
     if placement is not None:
         words["placement"] = placement
     at = iso_now()

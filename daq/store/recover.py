@@ -25,8 +25,8 @@ from daq.store.ledger import (
     LEDGER,
     Chunk,
     Claim,
-    Entry,
     Ledger,
+    LedgerEntry,
     Seal,
     chunk_name,
     claim_in,
@@ -145,10 +145,12 @@ def _with_sound_ledger(path: Path, manifest: Manifest, done: Recovery) -> Manife
     if manifest.version > 1 and (path / LEDGER).exists():
         durable.rename(path / LEDGER, _torn_name(path / LEDGER))
     upgraded = manifest.updated(version=2)
-    history = [Entry(relabelled=upgraded.relabelled)] if upgraded.relabelled else []
-    chunks = [Entry(chunk=chunk) for chunk in upgraded.chunks]
-    anchors = [Entry(anchor=anchor) for anchor in upgraded.anchors]
-    durable.replace(path / LEDGER, lines_of([Entry(opening=sha256(upgraded.opening())), *history, *chunks, *anchors]))
+    history = [LedgerEntry(relabelled=upgraded.relabelled)] if upgraded.relabelled else []
+    chunks = [LedgerEntry(chunk=chunk) for chunk in upgraded.chunks]
+    anchors = [LedgerEntry(anchor=anchor) for anchor in upgraded.anchors]
+    durable.replace(
+        path / LEDGER, lines_of([LedgerEntry(opening=sha256(upgraded.opening())), *history, *chunks, *anchors])
+    )
     upgraded.save(path)
     done.notes.append(f"{LEDGER}: created, because a readable ledger was missing")
     return upgraded
@@ -245,7 +247,7 @@ class _Repair:
         others = tuple(c for c in self.manifest.chunks if c.file != chunk.file)
         if chunk not in self.manifest.chunks:
             self.done.rows[chunk.stream] = self.done.rows.get(chunk.stream, 0) + chunk.rows
-            self.ledger.append(Entry(chunk=chunk))
+            self.ledger.append(LedgerEntry(chunk=chunk))
             self.manifest = self.manifest.model_copy(update={"chunks": (*others, chunk)})
 
     def _set_aside(self, file: Path, why: str) -> None:
@@ -271,7 +273,7 @@ class _Repair:
             },
             counters=counters,
         )
-        self.ledger.append(Entry(seal=seal))
+        self.ledger.append(LedgerEntry(seal=seal))
         self.done.notes.append(f"{LEDGER}: sealed as recovered")
 
     def _rows(self, stream: str) -> int:

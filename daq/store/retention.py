@@ -19,7 +19,7 @@ from pathlib import Path
 from daq.store import durable
 from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST, Manifest, is_run, load_manifest
-from daq.store.marks import Marks, load_marks
+from daq.store.marks import RunMarks, load_marks
 from rigs.errors import FileError
 from rigs.schema.declared_tests import Retention
 
@@ -37,7 +37,7 @@ class RunInfo:
 
     path: Path
     manifest: Manifest | None
-    marks: Marks | None
+    marks: RunMarks | None
     status: str
     size: int
     ended_s: float

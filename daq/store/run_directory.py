@@ -168,12 +168,12 @@ def new_directory(path: Path) -> Iterator[Path]:
 
     Raises FileExistsError if the name exists, and any other OSError of the disk.
     """
-    _hold_free(path)
+    _refuse_existing(path)
     durable.make_directories(path.parent)
     with _hidden(path.parent) as made:
         yield made
         durable.sync_directory(made)
-        _hold_free(path)
+        _refuse_existing(path)
         durable.rename(made, path)
         durable.sync_directory(path.parent)
 
@@ -195,7 +195,7 @@ def files_into(directory: Path, *, over: bool = False) -> Iterator[Path]:
         try:
             for name in names:
                 if not over:
-                    _hold_free(directory / name)
+                    _refuse_existing(directory / name)
                 durable.rename(made / name, directory / name)
         except BaseException:
             for name in names if not over else ():
@@ -284,6 +284,6 @@ def _lock_of(directory: Path) -> int | None:
     return fd
 
 
-def _hold_free(path: Path) -> None:
+def _refuse_existing(path: Path) -> None:
     if os.path.lexists(path):
         raise FileExistsError(errno.EEXIST, "exists already", str(path))

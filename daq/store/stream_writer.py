@@ -19,7 +19,7 @@ from typing import cast
 import pyarrow as pa
 
 from daq import clock
-from daq.protocol.conversation import Samples
+from daq.protocol.conversation import SampleBlock
 from daq.store import durable
 from daq.store.chunk import END, FAULTS, TABLE, Row, Salvage, batch_of, frame, head, salvage, table_of, to_parquet
 from daq.store.ledger import Chunk, chunk_name, sha256
@@ -84,14 +84,14 @@ class Pending:
 
     def extend(self, rows: Iterable[Row]) -> None:
         """Add rows at the end."""
-        part = rows if isinstance(rows, Samples) else list(rows)
+        part = rows if isinstance(rows, SampleBlock) else list(rows)
         self._parts.append(part)
         self._count += len(part)
 
     def rows(self) -> Sequence[Row]:
         """Return all rows."""
-        if all(isinstance(part, Samples) for part in self._parts):
-            return Samples.joined(cast("list[Samples]", self._parts))
+        if all(isinstance(part, SampleBlock) for part in self._parts):
+            return SampleBlock.joined(cast("list[SampleBlock]", self._parts))
         return [row for part in self._parts for row in part]
 
 
@@ -138,7 +138,7 @@ class StreamWriter:
         """Return the chunks to be converted to Parquet, in order."""
         return [chunk for chunk in (self.full, self.open) if chunk]
 
-    def lost(self) -> int:
+    def count_lost_rows(self) -> int:
         """Return the number of lost rows at the end of a run: pending rows, and rows in a file without a name."""
         return len(self.pending) + sum(chunk.rows for chunk in self.unclosed() if chunk.has_vanished)
 
@@ -190,7 +190,7 @@ class StreamWriter:
             raise OSError(errno.EIO, f"{chunk.path.name} cannot be read back: {salvaged.damage or 'short'}")
         return store_chunk(self.run, self.stream, chunk.number, salvaged, self.schema)
 
-    def forget(self, chunk: OpenChunk) -> None:
+    def delete_chunk(self, chunk: OpenChunk) -> None:
         """Delete a chunk that is in the ledger as a Parquet file."""
         self._release(chunk)
         with suppress(FileNotFoundError):

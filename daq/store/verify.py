@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from daq.store import durable
 from daq.store.chunk import FAULTS, TABLE
-from daq.store.ledger import BEING_RECORDED, LEDGER, Verified, read_ledger, sha256, to_recover
+from daq.store.ledger import BEING_RECORDED, LEDGER, VerifiedLedger, read_ledger, sha256, to_recover
 from daq.store.manifest import Manifest, load_manifest, unreadable
 from daq.store.marks import load_marks
 from daq.store.run import left_over, read_chunk
@@ -25,7 +25,7 @@ END_UNKNOWN = "before the end, which was never sealed: rows after the last one m
 
 
 @dataclass(frozen=True)
-class Gap:
+class MissingRows:
     """Missing rows of a stream: their count, and the number of the first one."""
 
     stream: str
@@ -39,7 +39,7 @@ class Gap:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class VerificationResult:
     """Result of a verification.
 
     problems: defects except missing rows, as text. end_known: True if the end of the run is recorded; otherwise the
@@ -51,7 +51,7 @@ class Verdict:
     is_recovered: bool = False
     end_known: bool = True
     seal: str = ""
-    gaps: tuple[Gap, ...] = ()
+    gaps: tuple[MissingRows, ...] = ()
     problems: tuple[str, ...] = ()
 
     @property
@@ -79,7 +79,7 @@ class _Stream:
     name: str
     rows_read: int = 0
     end: int = 0
-    gaps: list[Gap] = field(default_factory=list)
+    gaps: list[MissingRows] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
     faults: Counter[tuple[str, str]] = field(default_factory=Counter)
     """Number of faults in the fault stream, by stream and kind."""
@@ -87,7 +87,7 @@ class _Stream:
     def skip_to(self, row: int) -> None:
         """Continue at a row. The rows before it are missing."""
         if row > self.end:
-            self.gaps.append(Gap(self.name, self.end, row - self.end))
+            self.gaps.append(MissingRows(self.name, self.end, row - self.end))
         self.end = row
 
 
@@ -96,7 +96,7 @@ def verify(path: Path) -> list[str]:
     return judge(path).lines
 
 
-def judge(path: Path) -> Verdict:
+def judge(path: Path) -> VerificationResult:
     """Verify that a run is complete, reading every byte.
 
     Each chunk must be present, unchanged and as declared. No row may be missing or repeated. Rows and faults must match
@@ -106,7 +106,7 @@ def judge(path: Path) -> Verdict:
         manifest = load_manifest(path)
         verified = _read_ledger(path)
     except FileError as error:
-        return Verdict(path, problems=(str(error),))
+        return VerificationResult(path, problems=(str(error),))
     streams = [_read(path, manifest, stream) for stream in manifest.all_streams]
     problems = [problem for stream in streams for problem in stream.problems]
     recovered = manifest.exit_status == "recovered"
@@ -117,7 +117,7 @@ def judge(path: Path) -> Verdict:
     unlisted = [f"{file}: is not listed in the {place}; {to_recover(path)}" for file in leftovers]
     if not problems:  # an unreadable chunk explains all differences of counts
         problems = _counters(path, manifest, {stream.name: stream for stream in streams})
-    return Verdict(
+    return VerificationResult(
         path,
         manifest.is_sealed,
         recovered,
@@ -126,19 +126,19 @@ def judge(path: Path) -> Verdict:
         tuple(gap for stream in streams for gap in stream.gaps),
         (
             *_ledger(path, manifest, verified), *_manifest(path, manifest, is_recorded=is_recorded),
-            *_beside(path, manifest), *unlisted, *problems,
+            *_companion_problems(path, manifest), *unlisted, *problems,
         ),
     )  # fmt: skip
 
 
-def _read_ledger(path: Path) -> Verified:
+def _read_ledger(path: Path) -> VerifiedLedger:
     try:
         return read_ledger(path)
     except OSError as error:
         raise unreadable(path / LEDGER, error) from None
 
 
-def _ledger(path: Path, manifest: Manifest, verified: Verified) -> list[str]:
+def _ledger(path: Path, manifest: Manifest, verified: VerifiedLedger) -> list[str]:
     """Return defects of the ledger, including a missing table in an imported run."""
     if manifest.version > 1 and not verified.entries:
         return [f"{path / LEDGER}: is missing or damaged from the first line; {to_recover(path)}"]
@@ -161,7 +161,7 @@ def _manifest(path: Path, manifest: Manifest, *, is_recorded: bool) -> list[str]
     return problems
 
 
-def _beside(path: Path, manifest: Manifest) -> list[str]:
+def _companion_problems(path: Path, manifest: Manifest) -> list[str]:
     """Return defects of the marks, and of the calibrations next to a run.
 
     The digests of the calibrations are in the rig file, except in older runs.

@@ -1,8 +1,8 @@
 """Writer of a run, from the first row to the exit status.
 
 A single thread owns the writer. It appends rows and writes them to the operating system, where they survive the end of
-the process. Slow disk operations are `Work` for a second thread, one at a time. These are syncs, which protect the data
-from a power cut, and the closing of full chunks.
+the process. Slow disk operations are `DiskOperation` for a second thread, one at a time. These are syncs, which
+protect the data from a power cut, and the closing of full chunks.
 
 If the disk refuses, a `CellError` is raised and the writer can no longer be used, because the content of the disk is
 unknown after a failed fsync. Data synced earlier remains readable. `close` saves as much as possible, and `rig recover`
@@ -25,7 +25,7 @@ from daq import clock
 from daq.protocol.conversation import Fault, FaultKind, Sample
 from daq.store import durable
 from daq.store.chunk import FAULTS, schema_of, with_opening
-from daq.store.ledger import Clock, Ending, Entry, Ledger, Seal, iso_now
+from daq.store.ledger import Clock, Ending, Ledger, LedgerEntry, Seal, iso_now
 from daq.store.manifest import DrivenWith, Manifest, ViewZero, clock_now, new_manifest
 from daq.store.run_directory import (
     MARGIN_BYTES,
@@ -49,7 +49,7 @@ MOST_PENDING = 100_000
 
 
 @dataclass(frozen=True)
-class Work:
+class DiskOperation:
     """A disk operation. synced: number of rows per sample stream on the disk after the operation."""
 
     steps: Sequence[Callable[[], None]]
@@ -71,7 +71,7 @@ class RunWriter:
     _writers: dict[str, StreamWriter]
     _lock: int
     _ledger: Ledger
-    """Ledger; only `Work` and `close` append to it."""
+    """Ledger; only `DiskOperation` and `close` append to it."""
     device: int
     """Device number of the disk."""
     _chunk_rows: int
@@ -178,7 +178,7 @@ class RunWriter:
         self.write()
         self._do(self.begin_sync())
 
-    def begin_sync(self) -> Work:
+    def begin_sync(self) -> DiskOperation:
         """Return the operation that syncs all written rows.
 
         Full or old chunks are ended and synced first.
@@ -193,7 +193,7 @@ class RunWriter:
             syncs = [sync for writer in self._writers.values() if (sync := writer.begin_sync())]
             syncs.sort(key=lambda sync: not sync.chunk.ended)  # the next rows of these chunks are waiting
             anchored = [self._save_anchors] if self._anchors else []
-            return Work([*(sync.wait for sync in syncs), *anchored], self.stored())
+            return DiskOperation([*(sync.wait for sync in syncs), *anchored], self.stored())
 
     def roll(self) -> bool:
         """Close an ended chunk. Returns False if there is none. Raises the errors of `write`."""
@@ -203,22 +203,23 @@ class RunWriter:
             self._do(work)
         return work is not None
 
-    def begin_roll(self) -> Work | None:
+    def begin_roll(self) -> DiskOperation | None:
         """Return the operation that closes the oldest ended and synced chunk, or None if there is none.
 
         Only one chunk is closed at a time, because no syncs take place while a chunk is closed, and chunks of several
         streams may be due together.
         """
         full = [(chunk.born_ns, name) for name, writer in self._writers.items() if (chunk := writer.full)]
-        return Work([partial(self._roll, self._writers[min(full)[1]]), give_back]) if full else None
+        return DiskOperation([partial(self._roll, self._writers[min(full)[1]]), give_back]) if full else None
 
     def end_work(self, error: BaseException | None) -> None:
-        """Process the result of an operation: the error of `Work.wait`, or None. Raises CellError for an error."""
+        """Process the result of an operation: the error of `DiskOperation.wait`, or None. Raises CellError for an
+        error."""
         with self._guarded():
             if error:
                 raise error
 
-    def _do(self, work: Work) -> None:
+    def _do(self, work: DiskOperation) -> None:
         self.end_work(_attempt(work.wait))
 
     def close(self, exit_status: Ending, reason: str, counters: Mapping[str, Mapping[str, int]]) -> None:
@@ -240,12 +241,12 @@ class RunWriter:
             for stream, counts in counters.items()
         }
         seal = Seal(exit_status=exit_status, reason=reason, ended=iso_now(), rows=rows, counters=counted)
-        if unsealed := _attempt(partial(self._ledger.append, Entry(seal=seal))):
+        if unsealed := _attempt(partial(self._ledger.append, LedgerEntry(seal=seal))):
             problems.append(unsealed)
         else:
             self.seal = self._ledger.last
         sealed = not unsealed
-        self.lost.update({stream: self._writers[stream].lost() for stream in self.manifest.streams})
+        self.lost.update({stream: self._writers[stream].count_lost_rows() for stream in self.manifest.streams})
         for row in [] if sealed else self._writers[FAULTS].pending:  # recovery counts the stored faults
             if isinstance(row, tuple) and row[1].kind is FaultKind.DROPPED:
                 self.lost[row[0]] += row[1].count
@@ -270,12 +271,12 @@ class RunWriter:
     def _roll(self, writer: StreamWriter) -> None:
         chunk = writer.unclosed()[0]
         if chunk.rows:  # empty if the disk refused the first frame
-            self._ledger.append(Entry(chunk=writer.finish(chunk)))
-        writer.forget(chunk)
+            self._ledger.append(LedgerEntry(chunk=writer.finish(chunk)))
+        writer.delete_chunk(chunk)
 
     def _save_anchors(self) -> None:
         while self._anchors:
-            self._ledger.append(Entry(anchor=self._anchors[0]))
+            self._ledger.append(LedgerEntry(anchor=self._anchors[0]))
             self._anchors.popleft()
 
     @contextmanager

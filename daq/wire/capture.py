@@ -27,7 +27,7 @@ MOST_BYTES = 1_000_000_000
 _LINE = re.compile(r"(\d{1,19}) (\S{1,64}) ([><+!-]) (.*)")
 
 
-class Mark(StrEnum):
+class CaptureMark(StrEnum):
     """Kind of a capture line."""
 
     SENT = ">"
@@ -47,7 +47,7 @@ class Piece:
 
     at_ns: int
     stream: str
-    mark: Mark
+    mark: CaptureMark
     data: bytes
 
     def line(self) -> str:
@@ -92,7 +92,7 @@ def read_capture(path: Path) -> Capture:
             if match is None:
                 raise ValueError("no piece")
             data = match[4].encode("ascii").decode("unicode_escape").encode("latin-1")
-            pieces.append(Piece(int(match[1]), match[2], Mark(match[3]), data))
+            pieces.append(Piece(int(match[1]), match[2], CaptureMark(match[3]), data))
         except ValueError:
             problem = f"line {number} cannot be read as part of a capture: {line[:40]!r}"
             raise FileError(str(path), problem, "correct or delete that line") from None

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from daq import clock
-from daq.protocol.conversation import Arrival, Conversation, Gathering, Item, Step
+from daq.protocol.conversation import Arrival, Conversation, ConversationStep, Gathering, Item
 from daq.wire.links import LinkLost
 
 _LONGEST_WAIT_S = 0.2
@@ -79,7 +79,7 @@ def run_conversation(
         elif step.wake_ns is not None and now_ns >= step.wake_ns:
             step = conversation.tick(now_ns)
         else:
-            step = Step(wake_ns=step.wake_ns)
+            step = ConversationStep(wake_ns=step.wake_ns)
 
 
 def _gathered(link: ByteLink, first: Arrival, gather_ns: int) -> tuple[list[Arrival], LinkLost | None]:

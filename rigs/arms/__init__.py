@@ -59,7 +59,7 @@ class ArmFile(Part):
 
 
 @dataclass(frozen=True)
-class Arm:
+class LibraryArm:
     """An arm of the library. text: commented `robot:` section of a rig file."""
 
     name: str
@@ -88,7 +88,7 @@ def rig_text_of(name: str) -> str:
     return f"name: {name}\n{load_arm(name).text}"
 
 
-def load_arm(name: str) -> Arm:
+def load_arm(name: str) -> LibraryArm:
     """Load an arm by name, in any common spelling. Raises FileError with similar names."""
     names = arm_names()
     library_name = the_same(name, names)
@@ -101,7 +101,7 @@ def load_arm(name: str) -> Arm:
 
 
 @cache
-def _parsed(name: str, text: str, where: str) -> Arm:
+def _parsed(name: str, text: str, where: str) -> LibraryArm:
     """Parse the text of an arm file. Raises RigFileError."""
     root, data = read_yaml(text, where)
     try:
@@ -109,4 +109,4 @@ def _parsed(name: str, text: str, where: str) -> Arm:
     except ValidationError as error:
         raise RigFileError(where, problems_of(error, data, root, ArmFile)) from None
     section = text[text.index(_SECTION) + 1 :]
-    return Arm(name=name, text=section, **{key: getattr(file, key) for key in ArmFile.model_fields})
+    return LibraryArm(name=name, text=section, **{key: getattr(file, key) for key in ArmFile.model_fields})

@@ -18,7 +18,7 @@ from pydantic import Field
 from rigs.schema import plugins
 from rigs.schema.effect import AT_AXIS, healthy, size_fields
 from rigs.schema.effect import Effect as Effect
-from rigs.schema.effect import Found as Found
+from rigs.schema.effect import EffectProvenance as EffectProvenance
 from rigs.schema.effect import bounds as bounds
 from rigs.schema.effect import healthy_size as healthy_size
 from rigs.schema.effect import one_sided as one_sided
@@ -31,11 +31,11 @@ def _class_in(name: str) -> type[Effect]:
     for member in members:
         is_effect = isinstance(member, type) and issubclass(member, Effect)
         if is_effect and member.model_fields["effect"].default == name:
-            return _whole(f"rigs/effects/{name}.py", member)
+            return _require_complete(f"rigs/effects/{name}.py", member)
     raise ImportError(f"rigs/effects/{name}.py: an Effect with the key effect {name!r} is missing")
 
 
-def _whole(name: str, cls: type[Effect]) -> type[Effect]:
+def _require_complete(name: str, cls: type[Effect]) -> type[Effect]:
     """Return the class if it implements the complete interface. Raises ImportError."""
     missing = sorted(cls.__abstractmethods__) + ["STAGE"] * (not hasattr(cls, "STAGE"))
     if missing := missing + ["its one size"] * (len(size_fields(cls)) != 1):
@@ -48,7 +48,7 @@ def _of_others(own: frozenset[str]) -> dict[str, type[Effect]]:
     found = {}
     for name, cls in plugins.offered("rig.effects", Effect, own).items():  # type: ignore[type-abstract]
         try:
-            found[name] = _whole(name, cls)
+            found[name] = _require_complete(name, cls)
         except ImportError as reason:
             plugins.BROKEN[name] = f"the effect {name} of an installed package cannot be used: {reason}"
     return found

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from rigs.schema.effect import Compensation, Departures, Effect, Place, Scope, shape, size
+from rigs.schema.effect import Compensation, Departures, Effect, Scope, SeatNotation, shape, size
 from rigs.schema.scene import S
 
 _FEWEST, _MOST = 2, 30
@@ -25,7 +25,7 @@ class BallForm(Effect):
 
     STAGE = "setup"
     DEED = "mount"
-    PLACE = Place(r"(?P<lobes>\d+)", "3 (lobes)")
+    PLACE = SeatNotation(r"(?P<lobes>\d+)", "3 (lobes)")
 
     def apply(self, scene: S) -> S:
         """Increase the distance at the high parts of the ball."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from rigs.schema.effect import BY_TARGETS, Compensation, Effect, Place, Scope, size
+from rigs.schema.effect import BY_TARGETS, Compensation, Effect, Scope, SeatNotation, size
 from rigs.schema.scene import S
 
 About = Literal["x", "y"]
@@ -25,7 +25,7 @@ class BaseSags(Effect):
     STAGE = "tool"
     DEED = "mount"
     PART = "gravity"
-    PLACE = Place("(?P<way>x|y)?", "x", {"way": _WAYS})
+    PLACE = SeatNotation("(?P<way>x|y)?", "x", {"way": _WAYS})
     MOST = 400.0
 
     def apply(self, scene: S) -> S:

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import BY_TARGETS, Compensation, Effect, FreeShape, Place, Scope, shape, size
+from rigs.schema.effect import BY_TARGETS, Compensation, Effect, FreeShape, Scope, SeatNotation, shape, size
 from rigs.schema.scene import S
 from rigs.schema.vocabulary import Build
 
@@ -49,7 +49,7 @@ class BaseYields(Effect):
     STAGE = "tool"
     DEED = "mount"
     PART = "gravity"
-    PLACE = Place("(?P<way>evenly|xy|yx|x|y)?", "evenly", {"way": _WAYS})
+    PLACE = SeatNotation("(?P<way>evenly|xy|yx|x|y)?", "evenly", {"way": _WAYS})
     FREE = (FreeShape("below_mm", _BELOW_MM, 300.0),)
     MOST = 400.0
     """Chosen: twice the compliance of a lifting column.

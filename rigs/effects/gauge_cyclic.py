@@ -14,8 +14,8 @@ from rigs.schema.effect import (
     Departures,
     Effect,
     Gauge,
-    Place,
     Scope,
+    SeatNotation,
     StretchedShape,
     shape,
     size,
@@ -37,7 +37,7 @@ class GaugeCyclic(Effect):
 
     STAGE = "gauge"
     DEED = "mount"
-    PLACE = Place(rf"(?P<gauge>g[12]):(?P<period_mm>{NUMBER})", "g1:0.5 (gauge:period in mm)")
+    PLACE = SeatNotation(rf"(?P<gauge>g[12]):(?P<period_mm>{NUMBER})", "g1:0.5 (gauge:period in mm)")
     STRETCHED = (StretchedShape("period_mm", 0.05),)
 
     def apply(self, scene: S) -> S:

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import EVERY_AXIS, Compensation, Effect, Place, Scope, size
+from rigs.schema.effect import EVERY_AXIS, Compensation, Effect, Scope, SeatNotation, size
 from rigs.schema.part import Axis
 from rigs.schema.scene import S
 from rigs.schema.vocabulary import Build
@@ -32,7 +32,7 @@ class LinkGeometry(Effect):
     DEED = "enter"
     STRAIGHT = 0.02  # beyond this share of a healthy size the non-linearity would be visible
     # The angle beta of Hayati is an addition to the four parameters of a joint.
-    PLACE = Place(
+    PLACE = SeatNotation(
         r"(?:(?P<axis>[1-7])(?:\.(?P<field>a|alpha|d|beta))?)?",
         "3.a",
         {"axis": EVERY_AXIS, "field": ("a", "alpha", "d")},

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import BY_TARGETS, Compensation, Effect, Place, Scope, size
+from rigs.schema.effect import BY_TARGETS, Compensation, Effect, Scope, SeatNotation, size
 from rigs.schema.scene import S
 
 Way = Literal["along", "across", "up"]
@@ -40,7 +40,7 @@ class RailLine(Effect):
     STAGE = "tool"
     DEED = "mount"
     PART = "constants"
-    PLACE = Place("(?P<way>along|across|up)?", "along", {"way": _WAYS})
+    PLACE = SeatNotation("(?P<way>along|across|up)?", "along", {"way": _WAYS})
 
     def apply(self, scene: S) -> S:
         """Move the arm in proportion to the rail position."""

@@ -15,8 +15,8 @@ from rigs.schema.effect import (
     Departures,
     Effect,
     FreeShape,
-    Place,
     Scope,
+    SeatNotation,
     StretchedShape,
     shape,
     size,
@@ -54,7 +54,7 @@ class TransmissionError(Effect):
     STAGE = "joint"
     PART = "curve"
     # An open gear starts with eccentricity and twice that order.
-    PLACE = Place(
+    PLACE = SeatNotation(
         rf"(?:(?P<axis>[1-7])(?::(?P<order>{NUMBER}))?)?", "4:2 (axis:order)", {"axis": EVERY_AXIS, "order": "12"}
     )
     FREE = (FreeShape("third", 0.0, 0.3),)

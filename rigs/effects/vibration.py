@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from rigs.schema.effect import NUMBER, Compensation, Effect, Place, Scope, shape, size
+from rigs.schema.effect import NUMBER, Compensation, Effect, Scope, SeatNotation, shape, size
 from rigs.schema.scene import S
 
 
@@ -21,7 +21,7 @@ class Vibration(Effect):
 
     STAGE = "gauge"
     PART = "gauges"
-    PLACE = Place(rf"(?P<frequency_hz>{NUMBER})", "8.5 (Hz)")
+    PLACE = SeatNotation(rf"(?P<frequency_hz>{NUMBER})", "8.5 (Hz)")
 
     def apply(self, scene: S) -> S:
         """Add A sin(2 pi f t + phase) to every reading."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from rigs.schema.effect import BY_TARGETS, Compensation, Effect, Place, Scope, size
+from rigs.schema.effect import BY_TARGETS, Compensation, Effect, Scope, SeatNotation, size
 from rigs.schema.part import Axis
 from rigs.schema.scene import S
 
@@ -23,7 +23,7 @@ class WristCoupling(Effect):
     STAGE = "joint"
     DEED = "enter"
     PART = "constants"
-    PLACE = Place(r"(?P<from_axis>[1-7])\.(?P<to_axis>[1-7])", "4.5 (from.to)")
+    PLACE = SeatNotation(r"(?P<from_axis>[1-7])\.(?P<to_axis>[1-7])", "4.5 (from.to)")
 
     def apply(self, scene: S) -> S:
         """Add a share of the driving axis to the driven axis."""

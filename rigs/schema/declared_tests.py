@@ -121,7 +121,7 @@ class Repeatability(Part):
 SocketName = Annotated[str, Field(min_length=1, max_length=40)]
 
 
-class SocketDistance(Part):
+class KnownSocketDistance(Part):
     """Known distance between two sockets of a part, measured or by design."""
 
     between: tuple[SocketName, SocketName]
@@ -132,7 +132,7 @@ class SocketDistance(Part):
     _in_mm = field_validator("distance_mm", mode="before")(not_in_metres)
 
     @model_validator(mode="after")
-    def _of_two(self) -> SocketDistance:
+    def _of_two(self) -> KnownSocketDistance:
         if self.between[0] == self.between[1]:
             raise ValueError(
                 f"the distance of {self.between[0]!r} from itself is always zero; name two different sockets"
@@ -151,7 +151,7 @@ class Touch(Part):
     """Approximate ball centre in the tool frame. The exact position is estimated."""
     touches: int = Field(default=40, ge=1, le=2000)
     """Number of touches requested by a recording, over all sockets."""
-    distances: tuple[SocketDistance, ...] = ()
+    distances: tuple[KnownSocketDistance, ...] = ()
 
     @model_validator(mode="after")
     def _of_these_sockets(self) -> Touch:
@@ -162,7 +162,7 @@ class Touch(Part):
         return self
 
 
-class Instrument(Pose):
+class TrackerPose(Pose):
     """Pose of the tracker frame in the world, measured independently of the test poses.
 
     Possible methods: the mounting holes of the robot, or rotations of axes 1 and 2 only.
@@ -197,7 +197,7 @@ class Iso9283(Part):
     """Speed along the paths. The programs use 100, 50 and 10 %."""
     path_cycles: int = Field(default=10, ge=3, le=200)
     """Number of cycles along a path; 10 in the standard."""
-    instrument: Instrument | None = None
+    instrument: TrackerPose | None = None
     """Tracker frame. If absent, the frame is fitted to the poses, which makes AP and AT too small."""
 
 
@@ -235,7 +235,7 @@ class When(Part):
             raise ValueError("a motion needs both from_deg and to_deg; rig automatic RUN writes them")
         if (self.signal is None) == (self.from_deg is None):
             raise ValueError("give either signal, or from_deg and to_deg")
-        if self.from_deg and self.to_deg and _apart(self.from_deg, self.to_deg) < _LEAST_MOVE_DEG:
+        if self.from_deg and self.to_deg and _largest_difference_deg(self.from_deg, self.to_deg) < _LEAST_MOVE_DEG:
             raise ValueError(f"to_deg is less than {_LEAST_MOVE_DEG:g}° from from_deg; give a more distant posture")
         return self
 
@@ -243,7 +243,7 @@ class When(Part):
         """Return whether an event can satisfy both conditions."""
         if self.from_deg and self.to_deg and when.from_deg and when.to_deg:
             reach = (math.dist(self.from_deg, self.to_deg) + math.dist(when.from_deg, when.to_deg)) / 2
-            same_start = _apart(self.from_deg, when.from_deg) <= 2 * NEAR_DEG
+            same_start = _largest_difference_deg(self.from_deg, when.from_deg) <= 2 * NEAR_DEG
             return same_start and math.dist(self.to_deg, when.to_deg) < reach
         return self.signal is not None and self.signal == when.signal
 
@@ -315,6 +315,6 @@ class Retention(Part):
         return self
 
 
-def _apart(a_deg: Sequence[float], b_deg: Sequence[float]) -> float:
+def _largest_difference_deg(a_deg: Sequence[float], b_deg: Sequence[float]) -> float:
     """Return the largest joint difference in degrees."""
     return max(abs(a - b) for a, b in zip(a_deg, b_deg, strict=True))

@@ -65,7 +65,7 @@ def shape(low: float, high: float, default: float) -> Any:
     return Field(default=default, ge=low, le=high)
 
 
-class Found(Part):
+class EffectProvenance(Part):
     """Provenance of an effect in a rig file: time, runs, certainty, and the explained part of the error."""
 
     date: dt.date
@@ -180,7 +180,7 @@ BY_TARGETS = Compensation("targets only")
 
 
 @dataclass(frozen=True)
-class Place:
+class SeatNotation:
     """Notation of a seat.
 
     pattern: expression with a group per parameter. example: a seat in this notation. every: meaning of omitted
@@ -193,21 +193,21 @@ class Place:
 
 
 NUMBER = r"\d+(?:\.\d+)?"
-NOWHERE = Place("", "")
+NOWHERE = SeatNotation("", "")
 EVERY_AXIS = "1234567"
 """Axes represented by an omitted axis, as far as the arm has them."""
-AT_AXIS = Place("(?P<axis>[1-7])?", "1", {"axis": EVERY_AXIS})
-AT_GAUGE = Place("(?P<gauge>g[12])?", "g1", {"gauge": ("g1", "g2")})
+AT_AXIS = SeatNotation("(?P<axis>[1-7])?", "1", {"axis": EVERY_AXIS})
+AT_GAUGE = SeatNotation("(?P<gauge>g[12])?", "g1", {"gauge": ("g1", "g2")})
 
 
 class Effect(Part, ABC):
     """An effect. found: provenance; None if written by a user."""
 
     effect: str
-    found: Found | None = None
+    found: EffectProvenance | None = None
 
     STAGE: ClassVar[Stage]
-    PLACE: ClassVar[Place] = NOWHERE
+    PLACE: ClassVar[SeatNotation] = NOWHERE
     STRAIGHT: ClassVar[float] = 1.0
     """Largest size, in healthy sizes, with a linear response; 0 for nonlinear effects such as backlash."""
     NEEDS_REPEATS: ClassVar[bool] = False
@@ -263,7 +263,7 @@ class Effect(Part, ABC):
     @property
     def healthy(self) -> float:
         """Return the size for a healthy arm, in the unit of the size."""
-        return float(_extra(type(self), size_field(self))["healthy"])
+        return float(_schema_extra(type(self), size_field(self))["healthy"])
 
     def usual_times(self, build: Build) -> float:
         """Return the normal multiple of the healthy size for a build."""
@@ -393,10 +393,10 @@ def size_field(effect: Effect) -> str:
 @cache
 def size_fields(cls: type[Effect]) -> tuple[str, ...]:
     """Return the keys declared by `size`. A complete effect has exactly one."""
-    return tuple(str(name) for name in cls.model_fields if "healthy" in _extra(cls, name))
+    return tuple(str(name) for name in cls.model_fields if "healthy" in _schema_extra(cls, name))
 
 
-def _extra(cls: type[Effect], name: str) -> dict[str, Any]:
+def _schema_extra(cls: type[Effect], name: str) -> dict[str, Any]:
     extra = cls.model_fields[name].json_schema_extra
     return extra if isinstance(extra, dict) else {}
 

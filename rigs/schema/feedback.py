@@ -207,7 +207,7 @@ class LineFeed(_Feedback):
 
     @field_validator("fields")
     @classmethod
-    def _known(cls, fields: tuple[str, ...]) -> tuple[str, ...]:
+    def _check_fields(cls, fields: tuple[str, ...]) -> tuple[str, ...]:
         unknown = [name for name in fields if name not in JOINT_FIELDS | CLOCK_FIELDS | {SIGNAL, *CONDITION, "_"}]
         if unknown:
             raise ValueError(

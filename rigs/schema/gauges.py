@@ -322,7 +322,7 @@ class Gauges(Part):
     """Standard uncertainty of the distance between the two gauges."""
 
     @model_validator(mode="after")
-    def _apart(self) -> Gauges:
+    def _check_baseline(self) -> Gauges:
         if self.g2 is None or self.baseline_mm > 0:
             return self
         places = f"g1 at {self.g1.offset_mm:g} mm and g2 at {self.g2.offset_mm:g} mm"

@@ -90,7 +90,7 @@ class GaugeCertificate(Certificate):
         for (before, _), (reading, _) in pairwise(table):
             if reading <= before:
                 raise ValueError(f"readings must rise, and {reading:g} mm follows {before:g} mm; sort them, each once")
-        _hold_rising(table, "correct the table")
+        _require_rising(table, "correct the table")
         return table
 
     @model_validator(mode="after")
@@ -104,7 +104,7 @@ class GaugeCertificate(Certificate):
             if low >= high:
                 raise ValueError(f"range_mm is from {low:g} to {high:g}; give the smaller end first")
             readings = [low + (high - low) * step / _STEPS for step in range(_STEPS + 1)]
-            _hold_rising(
+            _require_rising(
                 [(r, self._polynomial(r)) for r in readings], "correct polynomial_mm, with mm as input and output"
             )
         return self
@@ -128,13 +128,13 @@ class Ball(Certificate):
     """Form error, peak to valley, of the region touched by the link."""
 
 
-class Link(Certificate):
+class BallLink(Certificate):
     """Certificate of the link for the hemisphere: distance between the balls at a gauge reading of 0."""
 
     length_mm: float = Field(ge=1, le=10_000)
 
 
-def _hold_rising(table: tuple[tuple[float, float], ...] | list[tuple[float, float]], remedy: str) -> None:
+def _require_rising(table: tuple[tuple[float, float], ...] | list[tuple[float, float]], remedy: str) -> None:
     """Check that a table is increasing: equal or reordered corrected lengths are invalid. Raises ValueError."""
     for (before, least), (reading, correction) in pairwise(table):
         if reading + correction <= before + least:

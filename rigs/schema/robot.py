@@ -114,7 +114,7 @@ class Robot(Part):
         return self
 
     @property
-    def built(self) -> Build:
+    def design(self) -> Build:
         """Design of the arm, as given or typical for the number of axes."""
         more = len(self.axes) - DRIVEN_AXES
         return self.build or ("torque_sensing" if more > 0 else "light" if more < 0 else "industrial")

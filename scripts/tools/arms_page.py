@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rigs.arms import Arm
+    from rigs.arms import LibraryArm
 
 POSTURES = 1000
 EXACT = 1e-6
@@ -167,7 +167,7 @@ def page() -> str:
     return HEAD + "\n".join([*lines, tail, ""])
 
 
-def _cells(arm: Arm) -> Iterator[str]:
+def _cells(arm: LibraryArm) -> Iterator[str]:
     """What the page says of an arm's geometry against each of its sources."""
     from tests.support.second_sources import SOURCES, differences  # noqa: PLC0415
 

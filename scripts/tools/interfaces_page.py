@@ -79,11 +79,11 @@ def _left_out(name: str, instead: str, why: str) -> str:
 
 def _section(title: str, kind: str) -> list[str]:
     """A heading for each interface of a kind, with its instruments, source, doubts and peers."""
-    from rigs.interfaces import known  # noqa: PLC0415
+    from rigs.interfaces import list_interfaces  # noqa: PLC0415
     from tests.trials.wire_peers.__main__ import PEERS  # noqa: PLC0415 - the script first puts the repository on the path
 
     lines = [f"## {title}", ""]
-    for one in known():
+    for one in list_interfaces():
         if one.kind != kind:
             continue
         origin = one.origin

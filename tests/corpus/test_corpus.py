@@ -49,9 +49,9 @@ def test_the_daemon_hears_the_same_over_ptys_and_sockets(tmp_path: Path) -> None
         for name, (bench, replay, expected) in played.items():
             seconds = max(piece.at_ns for piece in _case(name)[1].pieces) / 1e9
             deadline = time.monotonic() + seconds + PATIENCE_S
-            while not replay.done and time.monotonic() < deadline:
+            while not replay.is_finished and time.monotonic() < deadline:
                 time.sleep(0.05)
-            assert replay.done, (name, replay.restarts)
+            assert replay.is_finished, (name, replay.restarts)
             assert replay.otherwise == 0, name
             for stream, one in expected.items():
                 steps = replay.steps[stream]  # on a busy computer the host asks too late for some answers

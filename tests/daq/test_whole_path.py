@@ -33,7 +33,7 @@ def test_laps_are_recorded_analysed_and_agree_with_the_truth(
     tmp_path: Path, gauges: str, direction: Direction, laps: int
 ) -> None:
     text = _quick(gauges, laps)
-    rig = load_hidden("ur10e").within(parse(text, "quick"))
+    rig = load_hidden("ur10e").apply_to(parse(text, "quick"))
     robot = EmulatedRobot.of_rig(rig, seed=7)
     (tmp_path / "truth.json").write_text(json.dumps(truth(rig, robot.traces)))
     with SimulatedBench(tmp_path, text, robot) as bench:

@@ -34,7 +34,7 @@ from rigs.effects import (
     VOCABULARY,
     Backlash,
     Effect,
-    Found,
+    EffectProvenance,
     GaugeInclination,
     JointOffset,
     LinkGeometry,
@@ -312,7 +312,7 @@ def test_what_is_nothing_is_left_out() -> None:
 
 def test_a_term_may_say_where_it_came_from() -> None:
     """Uncertainties are a mapping, which nothing can hash."""
-    origin = Found(date=dt.date(2026, 11, 2), runs=("yaw-cw-1",), sd={"delta": 0.01})
+    origin = EffectProvenance(date=dt.date(2026, 11, 2), runs=("yaw-cw-1",), sd={"delta": 0.01})
     terms = [(one.model_copy(update={"found": origin}), times) for one, times in SMALL]
     np.testing.assert_allclose(_added(effects_of(terms)), _added(effects_of(SMALL)), rtol=0, atol=0)
 

@@ -5,11 +5,15 @@ import datetime as dt
 import pytest
 
 from rigs.edit import extended
-from rigs.effects import Backlash, Found, LinkGeometry
+from rigs.effects import Backlash, EffectProvenance, LinkGeometry
 from rigs.load import SHIPPED, parse
 
 NEW = (
-    Backlash(axis=2, width_deg=0.031, found=Found(date=dt.date(2026, 5, 1), runs=("a", "b"), sd={"width_deg": 0.001})),
+    Backlash(
+        axis=2,
+        width_deg=0.031,
+        found=EffectProvenance(date=dt.date(2026, 5, 1), runs=("a", "b"), sd={"width_deg": 0.001}),
+    ),
     LinkGeometry(axis=3, field="a", delta=-1.2),
 )
 WITHOUT = (SHIPPED / "paper-fanuc.yaml").read_text()

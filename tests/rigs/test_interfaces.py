@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import daq.feedback
 import daq.gauges
 from analysis.cli import app
-from rigs.interfaces import NO_DEFAULT, Interface, known, models, name_of
+from rigs.interfaces import NO_DEFAULT, Interface, list_interfaces, models, name_of
 from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
 from rigs.schema.part import Origin
@@ -34,7 +34,7 @@ def test_every_driver_is_listed_once() -> None:
     assert sorted(named) == sorted([*drivers, "daq.apps.opc_ua.robotics"])
 
 
-@pytest.mark.parametrize("interface", known(), ids=lambda one: one.name)
+@pytest.mark.parametrize("interface", list_interfaces(), ids=lambda one: one.name)
 def test_every_interface_says_where_it_is_known_from(interface: Interface) -> None:
     origin = interface.origin
     assert origin.instruments and origin.source
@@ -42,7 +42,9 @@ def test_every_interface_says_where_it_is_known_from(interface: Interface) -> No
     assert interface.line != NO_DEFAULT or "line settings" in origin.doubts or "baud" in origin.doubts
 
 
-@pytest.mark.parametrize("interface", [one for one in known() if one.kind == "gauge"], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "interface", [one for one in list_interfaces() if one.kind == "gauge"], ids=lambda one: one.name
+)
 def test_every_gauge_says_when_its_reading_is_latched(interface: Interface) -> None:
     assert interface.timing and interface.timing_source
     assert interface.timing == "unknown" or "manual" in interface.timing_source
@@ -64,9 +66,9 @@ def test_the_command_as_json_and_as_a_table() -> None:
     done = CliRunner().invoke(app, ["interfaces", "--json"])
     listed = json.loads(done.stdout)["interfaces"]
     by_name = {one["name"]: one for one in listed}
-    assert len(listed) == len(known())
+    assert len(listed) == len(list_interfaces())
     assert by_name["magnescale_lt"]["origin"]["standing"] == "weak"
     assert by_name["heidenhain_nd281b"]["timing"] == "on request within 1 ms"
     assert by_name["tesa_tt"]["line"] == "4800 7E2" and by_name["ur_rtde"]["kind"] == "robot"
     table = CliRunner().invoke(app, ["interfaces"], env={"COLUMNS": "160"}).stdout
-    assert all(one.name in table for one in known()) and f"{len(listed)} interfaces" in table
+    assert all(one.name in table for one in list_interfaces()) and f"{len(listed)} interfaces" in table

@@ -52,7 +52,7 @@ def test_what_people_copy_has_no_faults_and_what_a_cell_hides_lies_beside_it() -
         assert rig.effects == () and rig.tests.circle and rig.tests.circle.eccentricity_mm == (0, 0, 0), name
     assert list(shipped_effects()) == ["paper-fanuc", "ur10e"]
     for name in shipped_effects():
-        grown = load_hidden(name).within(load(name)[0])
+        grown = load_hidden(name).apply_to(load(name)[0])
         assert grown.effects and grown.tests.circle and any(grown.tests.circle.eccentricity_mm), name
         assert grown.robot == load(name)[0].robot
 
@@ -61,10 +61,10 @@ def test_a_cell_hides_what_the_file_says_instead_of_what_the_rig_has(tmp_path: P
     file = tmp_path / "hidden.yaml"
     file.write_text("effects: [{effect: time_lag, lag_s: 0.01}]")
     rig = load("paper-errors")[0]
-    grown = load_hidden(file).within(rig)
+    grown = load_hidden(file).apply_to(rig)
     assert [effect.effect for effect in grown.effects] == ["time_lag"] and grown.tests == rig.tests
     file.write_text("eccentricity_mm: [1, 2, 3]")
-    grown = load_hidden(file).within(rig)
+    grown = load_hidden(file).apply_to(rig)
     assert grown.effects == () and grown.tests.circle and grown.tests.circle.eccentricity_mm == (1, 2, 3)
     assert load_hidden(SHIPPED / "paper-errors.yaml").effects == rig.effects
     with pytest.raises(FileError, match="no such file of effects; give a path, or the name of a shipped one: paper"):

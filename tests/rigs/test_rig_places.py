@@ -6,7 +6,7 @@ import pickle
 
 import pytest
 
-from daq.store.manifest import hold_operator
+from daq.store.manifest import check_operator
 from rigs.errors import FileError, RigPlace, UseError
 from rigs.load import load, named_by
 
@@ -32,5 +32,5 @@ def test_what_only_reads_like_it_is_left_as_it_is(where: str) -> None:
 @pytest.mark.parametrize("name", ["a; b\nc", "x" * 5000])
 def test_what_is_wrong_with_an_operator_does_not_depend_on_the_name(name: str) -> None:
     with pytest.raises(UseError) as found:
-        hold_operator(name)
+        check_operator(name)
     assert found.value.remedy in ("write one line", "write at most 200") and found.value.what

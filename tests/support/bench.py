@@ -15,8 +15,8 @@ from typing import Any
 import yaml
 
 from daq import clock
-from daq.apps.emulate.emulated_cell import Cell
-from daq.apps.emulate.instruments import Motion, emulated
+from daq.apps.emulate.emulated_cell import EmulatedInstruments
+from daq.apps.emulate.instruments import MotionSource, emulated
 from daq.service.client import Client
 from rigs.load import SHIPPED, parse
 from tests.support.command_line import ran
@@ -92,7 +92,11 @@ class Bench(Watched):
     """Cell and daemon in one directory; leaves nothing running."""
 
     def __init__(
-        self, folder: Path, text: str | None = None, motion: Motion | None = None, cell: Cell | None = None
+        self,
+        folder: Path,
+        text: str | None = None,
+        motion: MotionSource | None = None,
+        cell: EmulatedInstruments | None = None,
     ) -> None:
         self.folder = folder
         self.motion = ByHand()

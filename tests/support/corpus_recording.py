@@ -23,8 +23,8 @@ import yaml
 
 from daq import gauges
 from daq.acquisition.streams import streams_of
-from daq.protocol.conversation import Conversation, Device, Fault, Item, Sample, Step
-from daq.wire.capture import HEAD, Capture, Mark, Piece, read_capture
+from daq.protocol.conversation import Conversation, ConversationStep, Device, Fault, Item, Sample
+from daq.wire.capture import HEAD, Capture, CaptureMark, Piece, read_capture
 from rigs.load import parse
 from rigs.rig import Rig
 from tests.support.bench import BIN, Bench, ByHand, rig_text
@@ -107,16 +107,16 @@ class BadCable:
     def sent(self) -> int:
         return self._device.sent
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         return self._bent(self._device.connected(now_ns))
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         return self._bent(self._device.received(data, now_ns))
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         return self._bent(self._device.tick(now_ns))
 
-    def _bent(self, step: Step) -> Step:
+    def _bent(self, step: ConversationStep) -> ConversationStep:
         self._count += bool(step.send)
         if not step.send or self._count % 41:
             return step
@@ -129,7 +129,7 @@ def told(capture: Capture, rig: Rig) -> Iterator[Piece]:
     begin_ns = capture.pieces[0].at_ns
     ports = {stream.name: stream.port for stream in streams_of(rig)}
     for piece in capture.pieces:
-        data = ports[piece.stream].encode() if piece.mark is Mark.OPENED else piece.data
+        data = ports[piece.stream].encode() if piece.mark is CaptureMark.OPENED else piece.data
         yield replace(piece, at_ns=piece.at_ns - begin_ns, data=data)
 
 
@@ -140,15 +140,15 @@ def heard(rig: Rig, capture: Capture) -> dict[str, dict[str, Any]]:
 
 def _items(host: Callable[[], Conversation], pieces: Sequence[Piece]) -> list[Item]:
     items: list[Item] = []
-    conversation, step = host(), Step()
+    conversation, step = host(), ConversationStep()
     for piece in pieces:
         while step.wake_ns is not None and step.wake_ns < piece.at_ns:
             step = conversation.tick(step.wake_ns)
             items += step.items
-        if piece.mark is Mark.OPENED:
+        if piece.mark is CaptureMark.OPENED:
             conversation = host()
             step = conversation.connected(piece.at_ns)
-        elif piece.mark is Mark.CAME:
+        elif piece.mark is CaptureMark.CAME:
             step = conversation.received(piece.data, piece.at_ns)
         else:
             continue

@@ -26,7 +26,7 @@ from analysis.report.diagnosis_words import plain, size
 from analysis.robot.model.predict import model_of
 from analysis.runs.tables import CircleTable
 from rigs.edit import extended
-from rigs.effects import VOCABULARY, Effect, Found, bounds, size_field
+from rigs.effects import VOCABULARY, Effect, EffectProvenance, bounds, size_field
 from rigs.load import parse
 from rigs.problems import RigFileError
 from rigs.schema.effect import AT_AXIS, SEATS, Use, healthy, identity, is_play, name_of, scaled
@@ -58,7 +58,9 @@ def size_of(effect: Effect) -> float:
 
 def in_a_rig_file(name: str) -> None:
     """It is written, with where it came from, and read again; a wrong key in it is told with the nearest right one."""
-    found = Found(date=dt.date(2026, 1, 2), runs=("yaw-1",), sd={size_field(fault(name)): 0.1}, gap_um=(3.0, 1.0))
+    found = EffectProvenance(
+        date=dt.date(2026, 1, 2), runs=("yaw-1",), sd={size_field(fault(name)): 0.1}, gap_um=(3.0, 1.0)
+    )
     effect = fault(name).model_copy(update={"found": found})
     text = extended(TEXT, [effect], "cell.yaml")
     assert parse(text, "cell.yaml").effects == (effect,)
@@ -148,7 +150,7 @@ def diagnosed(name: str) -> None:
 
 def corrected(name: str) -> None:
     """It is corrected by one way, or the reason is told; a constant is one of the rig file."""
-    found = Found(date=dt.date(2026, 1, 2), runs=("yaw-1",), sd={size_field(fault(name)): 1e-9})
+    found = EffectProvenance(date=dt.date(2026, 1, 2), runs=("yaw-1",), sd={size_field(fault(name)): 1e-9})
     effect = fault(name).model_copy(update={"found": found})
     rig = RIG.model_copy(update={"effects": (effect,)})
     (support,) = supports(rig)

@@ -16,7 +16,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from analysis.apps.plant.collect import Collected
-from analysis.apps.plant.records import Record
+from analysis.apps.plant.records import RunRecord
 from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.kinematics.arm import Array
 from rigs.schema.limits import Limits
@@ -76,7 +76,7 @@ def drawn_world(rng: np.random.Generator) -> World:
 
 def drawn_history(
     seed: int, visits: int, tests: Sequence[tuple[str, str]] = CIRCLES, growth: Growth | None = None, **world: float
-) -> list[Record]:
+) -> list[RunRecord]:
     """The runs of a robot in order of time, each visit with one run of each test. world: fields of `World` that are not
     drawn."""
     rng = np.random.default_rng((seed, visits, len(tests)))
@@ -100,7 +100,7 @@ def drawn_history(
     ]
 
 
-def collected(runs: Sequence[Record], limits: Limits | None = None) -> Collected:
+def collected(runs: Sequence[RunRecord], limits: Limits | None = None) -> Collected:
     """Runs as they come from a directory, and the limits in their rig file."""
     return Collected("ur10e", tuple(runs), (), (), limits or Limits())
 
@@ -147,9 +147,9 @@ def _figure(
     return values, scatter * rng.uniform(0.2, 1.0)
 
 
-def _record(visit: int, test: tuple[str, str], when: datetime, figures: dict[str, tuple[Array, float]]) -> Record:
+def _record(visit: int, test: tuple[str, str], when: datetime, figures: dict[str, tuple[Array, float]]) -> RunRecord:
     name = f"{visit:04d}-{test[0]}-{test[1]}"
     quantities = {
         figure: Quantity(float(values[visit]), u, figure.rsplit("_", 1)[1]) for figure, (values, u) in figures.items()
     }
-    return Record(name, name, "ur10e", when.isoformat(), *test, "", figures=quantities)
+    return RunRecord(name, name, "ur10e", when.isoformat(), *test, "", figures=quantities)

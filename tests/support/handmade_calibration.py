@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 
 from analysis.report.diagnosis_report import write_extended
-from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Parameter, PlacedSetUp, Term, packed_factor
+from rigs.calibration import (
+    TIMES,
+    CalibratedModel,
+    CalibratedRun,
+    CovarianceParameter,
+    PlacedSetUp,
+    Term,
+    packed_factor,
+)
 from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError
 from rigs.load import load
 
@@ -27,8 +35,8 @@ SMALL: tuple[tuple[Effect, float], ...] = (
 def calibrated_model(small: Sequence[tuple[Effect, float]] = SMALL, **changed: Any) -> CalibratedModel:
     """A calibrated model of a named play and small terms, of which single ones are not certain."""
     terms = (Term(effect=NAMED, times=1.0, named=True), *(Term(effect=one, times=times) for one, times in small))
-    parameters = [Parameter(term=0, field="width_deg")]
-    parameters += [Parameter(term=k, field=TIMES) for k in range(1, len(terms))]
+    parameters = [CovarianceParameter(term=0, field="width_deg")]
+    parameters += [CovarianceParameter(term=k, field=TIMES) for k in range(1, len(terms))]
     root = np.tril(np.random.default_rng(5).normal(0.0, 0.5, (len(parameters), len(parameters))))
     made = CalibratedModel(
         rig="paper-fanuc",

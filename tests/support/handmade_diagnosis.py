@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from analysis.diagnosis.judge.acts import Act, Against, Cost, NamingTest
-from analysis.diagnosis.judge.residuals import Curve, Map, Place, ResidualBand
+from analysis.diagnosis.judge.residuals import Curve, Map, ResidualBand, ResidualPlace
 from analysis.diagnosis.judge.result import (
     Accuracy,
     BudgetPart,
@@ -63,10 +63,10 @@ FAR = replace(
 """A zero beyond the bound of a rig file."""
 SMALL = replace(ZERO, worth_um=0.9, posterior=0.999, rivals=(), doubt="usual", times_usual=0.4)
 PLACES = (
-    Place("yaw", "cw", "angle", 231.4, 243.0, 1, "reversal", 14.21, 22.4),
-    Place("yaw", "acw", "distance", 352.0, 8.0, None, "orders 8–29", 3.1, 6.2),
-    Place("roll", "acw", "distance", 0.0, 360.0, None, "slow, orders 0–7", 2.1, 4.4),
-    Place("radial", None, "distance", 3, 7, None, "outermost ring", 22.0, 31.0),
+    ResidualPlace("yaw", "cw", "angle", 231.4, 243.0, 1, "reversal", 14.21, 22.4),
+    ResidualPlace("yaw", "acw", "distance", 352.0, 8.0, None, "orders 8–29", 3.1, 6.2),
+    ResidualPlace("roll", "acw", "distance", 0.0, 360.0, None, "slow, orders 0–7", 2.1, 4.4),
+    ResidualPlace("radial", None, "distance", 3, 7, None, "outermost ring", 22.0, 31.0),
 )
 _PHI = np.linspace(0, 359, 360)
 _TURNS = ((105.2, 1), (237.0, 1), (20.0, 2), (24.0, 3), (31.0, 5), (200.0, 4), (290.0, 6), (358.0, 5))

@@ -14,11 +14,11 @@ from functools import partial
 from threading import Event, Thread
 
 import daq.gauges
-from daq.acquisition.reader import Reader
+from daq.acquisition.reader import StreamReader
 from daq.acquisition.stream_buffer import StreamBuffer, faults_of, samples_of
 from daq.acquisition.streams import Stream
 from daq.apps.emulate.pty_line import PtyLine
-from daq.protocol.conversation import Device, Fault, FaultKind, Item, Sample, Step
+from daq.protocol.conversation import ConversationStep, Device, Fault, FaultKind, Item, Sample
 from daq.protocol.polled import Polled
 from daq.wire.conversation_loop import run_conversation
 from rigs.schema.gauges import Gauge
@@ -89,7 +89,7 @@ def wired(gauge: Gauge, requests: int, seed: int) -> Late:
     stream = Stream("g1", ("g1_mm",), line.port, gauge.line, partial(daq.gauges.host, [gauge]))
     buffer, items = StreamBuffer(stream.name, stream.columns), list[Item]()
     serve = Thread(target=run_conversation, args=(line, device, lambda _: None, stop.is_set))
-    reader = Reader(stream, buffer, stream.open())
+    reader = StreamReader(stream, buffer, stream.open())
     serve.start()
     reader.start()
     try:
@@ -114,23 +114,23 @@ class _Dawdling:
         self._device, self._dice = device, dice
         self._waiting: list[tuple[int, bytes]] = []
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         return self._keep(self._device.connected(now_ns), now_ns)
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         return self._keep(self._device.received(data, now_ns), now_ns)
 
-    def tick(self, now_ns: int) -> Step:
-        return self._keep(Step(), now_ns)
+    def tick(self, now_ns: int) -> ConversationStep:
+        return self._keep(ConversationStep(), now_ns)
 
-    def _keep(self, step: Step, now_ns: int) -> Step:
+    def _keep(self, step: ConversationStep, now_ns: int) -> ConversationStep:
         if step.send:
             free_ns = max(self._waiting[-1][0] if self._waiting else 0, now_ns)
             delay_ns = self._dice.randrange(round(SLOWEST * TIMEOUT_S * S))
             self._waiting.append((free_ns + delay_ns, step.send))
         due = b"".join(answer for at_ns, answer in self._waiting if at_ns <= now_ns)
         self._waiting = [(at_ns, answer) for at_ns, answer in self._waiting if at_ns > now_ns]
-        return Step(due, wake_ns=self._waiting[0][0] if self._waiting else None)
+        return ConversationStep(due, wake_ns=self._waiting[0][0] if self._waiting else None)
 
 
 def _counted(faults: Sequence[Fault]) -> Counter[FaultKind]:

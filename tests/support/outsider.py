@@ -18,9 +18,9 @@ import numpy as np
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.observation import ObservedRun, observe_run
 from analysis.diagnosis.evidence.setups import fit_run_setups, moved_setup
-from analysis.diagnosis.fit.background import Posterior, background_of
+from analysis.diagnosis.fit.background import CoefficientPosterior, background_of
 from analysis.diagnosis.fit.candidates import Candidate, Columns, forms_of, healthy_shares
-from analysis.diagnosis.fit.refine import Refined, Unknown, refine, size_limits
+from analysis.diagnosis.fit.refine import Refined, UnknownParameter, refine, size_limits
 from analysis.diagnosis.fit.responses import Linearisation, linearise
 from analysis.procedures.prediction import nominal_setup, path_of, predict
 from analysis.robot.kinematics.arm import Array
@@ -109,7 +109,7 @@ class Stated:
     case: Case
     linear: Linearisation
     refined: Refined
-    posterior: Posterior
+    posterior: CoefficientPosterior
 
     @cached_property
     def names(self) -> list[str]:
@@ -146,7 +146,7 @@ class Stated:
         """The least and the largest value (2, d)."""
         return np.array([*map(self._limits_of, self.refined.unknowns), *[(-np.inf, np.inf)] * (len(BESIDE) + 9)]).T
 
-    def _limits_of(self, unknown: Unknown) -> tuple[float, float]:
+    def _limits_of(self, unknown: UnknownParameter) -> tuple[float, float]:
         """Return the bounds of one parameter in the vocabulary, and of a size also those of a fit."""
         effect, field = self.refined.effects[unknown.effect], unknown.field
         if field == PHASE:

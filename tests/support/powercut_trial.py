@@ -14,7 +14,7 @@ from pathlib import Path
 from random import Random
 
 from daq.store import RunWriter, judge, load_manifest, read_run, recover
-from daq.store.writer import Work
+from daq.store.writer import DiskOperation
 from rigs.errors import CellError, FileError
 from tests.support.powercut import BLOCK, Change, IoWorker, Mark, Watched, survivors, watched
 from tests.support.store_cases import STREAMS, assert_rows, fault, samples, start
@@ -91,14 +91,14 @@ def _append(writer: RunWriter, random: Random) -> None:
         writer.append_faults("g1", [fault(stream_writer.rows + len(stream_writer.pending) + 1)])
 
 
-def _meanwhile(writer: RunWriter, work: Work, random: Random) -> None:
+def _meanwhile(writer: RunWriter, work: DiskOperation, random: Random) -> None:
     """Work of which a part is done when more is written, as by the daemon while another thread waits for the disk."""
     split, error = random.randint(0, len(work.steps)), None
     try:
-        Work(work.steps[:split]).wait()
+        DiskOperation(work.steps[:split]).wait()
         _append(writer, random)
         writer.write()
-        Work(work.steps[split:]).wait()
+        DiskOperation(work.steps[split:]).wait()
     except OSError as refused:
         error = refused
     writer.end_work(error)

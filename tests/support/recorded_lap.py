@@ -26,7 +26,7 @@ def recorded(
     odd. Stalls: readings of g1 taken 100 ms after they were asked for, at the end of that time. The recording of a lap
     driven acw is labelled `label`, ends after a `part` of it, and then the robot stands for `stands_s`."""
     rig, text = load("ur10e")
-    table = simulate(load_hidden("ur10e").within(rig), "yaw", "acw", 1)
+    table = simulate(load_hidden("ur10e").apply_to(rig), "yaw", "acw", 1)
     assert isinstance(table, CircleTable)
     data = yaml.safe_load(text)
     for number, gauge in enumerate(data["gauges"].values()):

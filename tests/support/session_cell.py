@@ -13,11 +13,19 @@ import yaml
 
 import analysis
 from analysis.apps.session.answer import Infers
-from analysis.apps.session.daemon_cell import Run
-from analysis.apps.session.guide import Guide, State
+from analysis.apps.session.daemon_cell import ProgramRun
+from analysis.apps.session.guide import Guide, GuideState
 from analysis.apps.session.run_session import Conductor
-from analysis.apps.session.session_plan import BY_ITSELF, FIXED, Program, planned
-from analysis.apps.session.session_state import Answer, PartOfError, Place, Session, Stage, Step, digest_of
+from analysis.apps.session.session_plan import BY_ITSELF, FIXED, SessionProgram, planned
+from analysis.apps.session.session_state import (
+    Answer,
+    PartOfError,
+    ProgramStep,
+    Session,
+    SessionDirectory,
+    Stage,
+    digest_of,
+)
 from rigs.calibration import CalibratedModel, packed_factor
 from rigs.load import load, parse
 from rigs.schema.vocabulary import Direction
@@ -132,13 +140,13 @@ class Simulated:
         self.can_enter = True
         self.instead: dict[int, str] = {}
         """Programs that are started in place of the one that is asked for, by number."""
-        self._programs: Mapping[str, Program] = {}
+        self._programs: Mapping[str, SessionProgram] = {}
 
-    def set_up(self, stage: Stage, programs: Mapping[str, Program]) -> None:
+    def set_up(self, stage: Stage, programs: Mapping[str, SessionProgram]) -> None:
         self.stages.append(stage.name)
         self._programs = programs
 
-    def drive(self, step: Step, wait: Callable[[], None]) -> Run:
+    def drive(self, step: ProgramStep, wait: Callable[[], None]) -> ProgramRun:
         wait()
         number = len(self.driven)
         program = self._programs[self.instead.get(number, step.program)]
@@ -148,7 +156,7 @@ class Simulated:
         while (runs / name).exists():
             name = f"{name}+"
         shutil.copytree(self._run_of(program), runs / name)
-        return Run(name, program.name, self.whys.get(number, ""))
+        return ProgramRun(name, program.name, self.whys.get(number, ""))
 
     def enter(self, file: Path) -> bool:
         self.entered.append(file)
@@ -157,7 +165,7 @@ class Simulated:
     def close(self) -> None:
         pass
 
-    def _run_of(self, program: Program) -> Path:
+    def _run_of(self, program: SessionProgram) -> Path:
         """A simulated run of a program: each of its repeats is made once, with noise of its own."""
         is_corrected = program.name.endswith(FIXED) or bool(self.entered)
         repeat = len(list((self.directory / "runs").glob(f"*_{program.name}*")))
@@ -190,7 +198,7 @@ class Screen:
         pass
 
 
-class MortalPlace(Place):
+class MortalPlace(SessionDirectory):
     """A place whose process is killed at its next write: before it or after it, in turn."""
 
     def __init__(self, directory: Path, *, before: bool) -> None:
@@ -205,7 +213,7 @@ class MortalPlace(Place):
 
 
 @cache
-def _planned(text: str, aim: str, minutes: float) -> tuple[tuple[Stage, ...], tuple[Step, ...]]:
+def _planned(text: str, aim: str, minutes: float) -> tuple[tuple[Stage, ...], tuple[ProgramStep, ...]]:
     return planned(parse(text, "cell.yaml"), aim, minutes, BY_ITSELF, lambda _: None)  # type: ignore[arg-type]
 
 
@@ -224,18 +232,22 @@ def begun(cell: Path, directory: Path, minutes: float = 3.2, **asked: object) ->
         steps=steps,
         **wanted,
     )
-    with Place(directory) as place:
+    with SessionDirectory(directory) as place:
         place.write(session)
     return session
 
 
 def gone_on(
-    directory: Path, driver: Simulated, oracle: Oracle, place: Place | None = None, screen: Screen | None = None
+    directory: Path,
+    driver: Simulated,
+    oracle: Oracle,
+    place: SessionDirectory | None = None,
+    screen: Screen | None = None,
 ) -> Session:
     """The session gone on with, to its end or to its death."""
-    with place or Place(directory) as held:
+    with place or SessionDirectory(directory) as held:
         session = held.read()
         assert session is not None
         rig, text = load(session.rig_file)
         guide = Guide(rig, BY_ITSELF, directory)
-        return Conductor(held, State(session), driver, screen or Screen(), guide, text, oracle).run()
+        return Conductor(held, GuideState(session), driver, screen or Screen(), guide, text, oracle).run()

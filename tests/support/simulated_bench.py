@@ -16,7 +16,7 @@ from typing import Any
 
 from analysis.apps.emulate.robot import EmulatedRobot
 from daq import clock
-from daq.apps.emulate.instruments import Motion
+from daq.apps.emulate.instruments import MotionSource
 from daq.apps.emulate.simulated_cell import SimulatedCell
 from daq.apps.emulate.simulated_clock import SimulatedClock
 from daq.protocol.conversation import Device
@@ -38,7 +38,7 @@ class SimulatedBench(Watched):
         self,
         folder: Path,
         text: str | None = None,
-        motion: Motion | None = None,
+        motion: MotionSource | None = None,
         *,
         seed: int = 1,
         devices: Mapping[str, Callable[[], Device]] | None = None,

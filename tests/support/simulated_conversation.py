@@ -6,7 +6,7 @@ import heapq
 from collections import deque
 from collections.abc import Callable
 
-from daq.protocol.conversation import Conversation, Device, Item, Step
+from daq.protocol.conversation import Conversation, ConversationStep, Device, Item
 
 S = 1_000_000_000
 
@@ -21,17 +21,17 @@ class Script:
         self.items: list[Item] = []
         self.step = self._keep(conversation.connected(now_ns))
 
-    def _keep(self, step: Step) -> Step:
+    def _keep(self, step: ConversationStep) -> ConversationStep:
         self.step = step
         self.sent += step.send
         self.items += step.items
         return step
 
-    def receive(self, data: bytes, now_ns: int | None = None) -> Step:
+    def receive(self, data: bytes, now_ns: int | None = None) -> ConversationStep:
         self.now_ns = self.now_ns if now_ns is None else now_ns
         return self._keep(self.conversation.received(data, self.now_ns))
 
-    def wake(self) -> Step:
+    def wake(self) -> ConversationStep:
         """Let time pass until it wants to be woken."""
         assert self.step.wake_ns is not None
         self.now_ns = max(self.now_ns, self.step.wake_ns)
@@ -67,21 +67,21 @@ def simulate(
     latest: dict[int, int | None] = {}
     free_ns = 0
 
-    def schedule(side: Conversation, step: Step, now_ns: int) -> None:
+    def schedule(side: Conversation, step: ConversationStep, now_ns: int) -> None:
         latest[id(side)] = None if step.wake_ns is None else max(step.wake_ns, now_ns)
         if step.wake_ns is not None:
             at_ns = max(step.wake_ns, now_ns, free_ns if side is device else 0)
             latest[id(side)] = at_ns
             heapq.heappush(wakes, (at_ns, 0 if side is device else 1, side))
 
-    def from_device(step: Step, now_ns: int) -> None:
+    def from_device(step: ConversationStep, now_ns: int) -> None:
         nonlocal free_ns
         if step.send:
             free_ns = max(free_ns, now_ns) + character_ns * len(step.send) + delay_ns()
             arrivals.append((free_ns, step.send))
         schedule(device, step, now_ns)
 
-    def from_host(step: Step, now_ns: int) -> None:
+    def from_host(step: ConversationStep, now_ns: int) -> None:
         items.extend(step.items)
         schedule(host, step, now_ns)
         if step.send:

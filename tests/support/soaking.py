@@ -18,9 +18,9 @@ from statistics import median
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import JOINTS
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
-from daq.protocol.positions import Pace
-from daq.recording.active_run import Label
-from daq.recording.machine import Recording
+from daq.protocol.positions import SteadyRate
+from daq.recording.active_run import RunLabel
+from daq.recording.machine import RecordingRequest
 from daq.recording.recorder import Recorder
 from daq.service.client import Client
 from daq.store import RunWriter, verify
@@ -77,9 +77,9 @@ def accelerated(folder: Path, minutes: float, times: float, every_s: float) -> I
     buffers = {name: StreamBuffer(name, columns) for name, columns in COLUMNS.items()}
     recorder = Recorder(buffers, lambda label, _: _create(folder, label), lambda: None)
     recorder.start()
-    _deliver(buffers, {name: Pace(rate, 0) for name, rate in RATES_HZ.items()}, 0)
-    path = recorder.start_run(Recording(Label(name="soak", test="yaw", direction="acw"))).result()
-    paces = {name: Pace(rate, 0) for name, rate in RATES_HZ.items()}
+    _deliver(buffers, {name: SteadyRate(rate, 0) for name, rate in RATES_HZ.items()}, 0)
+    path = recorder.start_run(RecordingRequest(RunLabel(name="soak", test="yaw", direction="acw"))).result()
+    paces = {name: SteadyRate(rate, 0) for name, rate in RATES_HZ.items()}
     began, told_s, recorded_s = time.monotonic(), -math.inf, 0.0
     while recorded_s < minutes * 60:
         recorded_s += SLICE_S * times
@@ -97,12 +97,12 @@ def accelerated(folder: Path, minutes: float, times: float, every_s: float) -> I
     assert verify(path) == []
 
 
-def _create(folder: Path, label: Label) -> RunWriter:
+def _create(folder: Path, label: RunLabel) -> RunWriter:
     about = {"rig_name": "soak", "rig_text": rig_text(), "operator": "", "streams": COLUMNS}
     return RunWriter.create(folder, name=label.name, test=label.test, direction=label.direction, **about)  # type: ignore[arg-type]
 
 
-def _deliver(buffers: dict[str, StreamBuffer], paces: dict[str, Pace], until_ns: int) -> None:
+def _deliver(buffers: dict[str, StreamBuffer], paces: dict[str, SteadyRate], until_ns: int) -> None:
     now_ns = time.monotonic_ns()
     for name, buffer in buffers.items():
         value = math.sin(until_ns * 1e-9)

@@ -11,7 +11,7 @@ import yaml
 
 from analysis.procedures.simulate import simulate
 from analysis.runs.tables import CircleTable
-from daq.protocol.conversation import NO_TIME, Samples
+from daq.protocol.conversation import NO_TIME, SampleBlock
 from daq.store import RunWriter
 from rigs.load import load, load_hidden
 from rigs.schema.vocabulary import Direction
@@ -39,7 +39,7 @@ def streamed_circle(
 ) -> Path:
     """The directory of a run with so many readings of each gauge, in chunks of 4000."""
     rig, text = load("ur10e")
-    table = simulate(load_hidden("ur10e").within(rig), "yaw", driven, 3)
+    table = simulate(load_hidden("ur10e").apply_to(rig), "yaw", driven, 3)
     assert isinstance(table, CircleTable)
     data = yaml.safe_load(text)
     for number, offset_mm in enumerate((25, -25), start=1):
@@ -66,7 +66,7 @@ def streamed_circle(
     return writer.path
 
 
-def _samples(stream: str, table: CircleTable, rows: int, trouble: Trouble) -> Samples:
+def _samples(stream: str, table: CircleTable, rows: int, trouble: Trouble) -> SampleBlock:
     rng = np.random.default_rng(len(stream) + rows)
     rate = ROBOT_HZ if stream == "robot" else GAUGE_HZ
     number = np.arange(rows * rate // GAUGE_HZ)
@@ -96,4 +96,6 @@ def _samples(stream: str, table: CircleTable, rows: int, trouble: Trouble) -> Sa
         there = (taken_s < trouble.pulled[0] * whole_s) | (taken_s >= trouble.pulled[1] * whole_s)
     size = np.full(len(number), 63 if stream == "robot" else 3)
     asked = np.full(len(number), NO_TIME, dtype=np.int64)
-    return Samples(values, asked, came_ns, came_ns, size, clock_s, np.zeros(len(number), dtype=np.int64)).chosen(there)
+    return SampleBlock(values, asked, came_ns, came_ns, size, clock_s, np.zeros(len(number), dtype=np.int64)).chosen(
+        there
+    )

@@ -19,7 +19,7 @@ from analysis.runs.tables import CircleTable
 from daq.protocol.conversation import NO_TIME
 from daq.store import RunWriter
 from daq.store.chunk import Salvage, schema_of
-from daq.store.ledger import Entry
+from daq.store.ledger import LedgerEntry
 from daq.store.stream_writer import store_chunk
 from daq.store.writer import CHUNK_ROWS
 from rigs.load import load
@@ -60,7 +60,7 @@ def main(runs: Path, rows: int) -> None:
         for number, batch in enumerate(_batches(table, stream, count, rate), start=1):
             stored = pa.record_batch(batch, schema=schema_of(stream, columns))
             chunk = store_chunk(writer.path, stream, number, Salvage((stored,), True, 0, None), schema)
-            writer._ledger.append(Entry(chunk=chunk))
+            writer._ledger.append(LedgerEntry(chunk=chunk))
             writer._writers[stream].rows += chunk.rows
     writer.close("complete", "written", {})
     print(writer.path)

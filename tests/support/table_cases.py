@@ -24,7 +24,7 @@ Rows = dict[str, list[str]]
 
 @cache
 def rig() -> Rig:
-    return load_hidden(RIG_FILE).within(load(RIG_FILE)[0])
+    return load_hidden(RIG_FILE).apply_to(load(RIG_FILE)[0])
 
 
 @cache

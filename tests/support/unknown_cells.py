@@ -13,8 +13,8 @@ from typing import Any
 
 import yaml
 
-from daq.apps.emulate.emulated_cell import Cell
-from daq.apps.emulate.instruments import Motion, emulated
+from daq.apps.emulate.emulated_cell import EmulatedInstruments
+from daq.apps.emulate.instruments import MotionSource, emulated
 from rigs.load import SHIPPED, parse
 from tests.support.bench import PATIENCE_S, ByHand
 from tests.support.drivers import OPC_UA
@@ -77,7 +77,7 @@ def named_robot(kind: str) -> list[str]:
 class Pushed:
     """Gauges that measure a motion and that a finger pushes as well, by so many mm."""
 
-    motion: Motion
+    motion: MotionSource
     by_mm: dict[str, float] = field(default_factory=dict)
 
     def gauge_mm(self, name: str, now_ns: int) -> float:
@@ -91,7 +91,7 @@ class Pushed:
 class UnknownCell:
     """A cell that is switched on; the readings are set by hand. robot_kind: of `ROBOTS`."""
 
-    cell: Cell
+    cell: EmulatedInstruments
     robot_kind: str
     hand: ByHand = field(default_factory=ByHand)
 
@@ -113,7 +113,7 @@ class UnknownCell:
 
 @contextmanager
 def switched_on(
-    gauges: str = "sylvac", robot: str = "ur", motion: Motion | None = None, *, streaming: bool = True
+    gauges: str = "sylvac", robot: str = "ur", motion: MotionSource | None = None, *, streaming: bool = True
 ) -> Iterator[UnknownCell]:
     """Such a cell, until it is left. streaming: whether its owner has set its laser sensors to send."""
     hand = ByHand()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import count
 
 from daq.apps.emulate.pty_line import LatencyTimer
-from daq.protocol.conversation import Conversation, Device, Item, Step
+from daq.protocol.conversation import Conversation, ConversationStep, Device, Item
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class _Run:
         self._awaited[side] = number = next(self._numbers)
         self._at(at_ns, lambda now: act(now) if self._awaited[side] == number else None)
 
-    def _host_does(self, step: Step, now_ns: int) -> None:
+    def _host_does(self, step: ConversationStep, now_ns: int) -> None:
         self.items += step.items
         self._awaited["host"] = -1
         if step.wake_ns is not None:
@@ -73,7 +73,7 @@ class _Run:
         begin_ns = now_ns + max(latch_ns, self.wire.answer_ns())
         self._at(now_ns + latch_ns, lambda now: self._device_does(self.device.received(data, now), begin_ns))
 
-    def _device_does(self, step: Step, begin_ns: int) -> None:
+    def _device_does(self, step: ConversationStep, begin_ns: int) -> None:
         self._awaited["device"] = -1
         self._in_free_ns = max(self._in_free_ns, begin_ns) if step.send else self._in_free_ns
         pieces = [bytes([byte]) for byte in step.send] if self.wire.character_ns else [step.send] if step.send else []

@@ -16,11 +16,11 @@ from unittest.mock import patch
 from analysis.apps.live.loop import RunPlayer
 from analysis.apps.live.played_run import played_run
 from analysis.apps.live.view import Update
-from analysis.apps.session.session_state import Place
+from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window.app import Window, app_of
-from analysis.apps.window.control_posts import Controls
+from analysis.apps.window.control_posts import WindowControls
 from analysis.apps.window.guard import Gate
-from analysis.apps.window.made import Made
+from analysis.apps.window.made import OutputStore
 from analysis.apps.window.serve import listening, server_of
 from analysis.apps.window.shelf import Shelf
 from analysis.apps.window.watcher import Watcher
@@ -123,10 +123,10 @@ def served(
 ) -> Iterator[Served]:
     """A window of the runs in `folder/runs`. source: of what is watched, instead of a daemon. What it makes has the
     priority of the tests that await it: below it, on a busy computer, it would get no time at all."""
-    place = Place(session) if session else None
+    place = SessionDirectory(session) if session else None
     watcher = Watcher(find, place, source=source, begin=place.command("cell.yaml") if place else "")
-    controls = Controls(watcher, place, "") if control else None
-    window = Window(watcher, Shelf(folder / "runs"), place, Made(folder / "made"), Gate.of([], token), controls)
+    controls = WindowControls(watcher, place, "") if control else None
+    window = Window(watcher, Shelf(folder / "runs"), place, OutputStore(folder / "made"), Gate.of([], token), controls)
     sock = listening("127.0.0.1", port)
     server = server_of(app_of(window), watcher.board.end)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)

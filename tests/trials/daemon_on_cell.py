@@ -10,12 +10,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from daq.apps.emulate.emulated_cell import Cell
+from daq.apps.emulate.emulated_cell import EmulatedInstruments
 from daq.service.client import Client
 
 
 @contextmanager
-def daemon_on(cell: Cell, text: str) -> Iterator[Client]:
+def daemon_on(cell: EmulatedInstruments, text: str) -> Iterator[Client]:
     """Starts a cell and rigd on it; gives a client once every stream brings samples. The runs go with it."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.cli import completion
-from analysis.cli.commands import Group, app, command
+from analysis.cli.commands import CommandGroup, app, command
 from analysis.cli.console import say
 from analysis.cli.options import AsJson
 from rigs.errors import FileError, RigPlace, UseError
@@ -21,9 +21,13 @@ if TYPE_CHECKING:
     from rigs.edit import Values
     from rigs.rig import Rig
 
-circle = typer.Typer(cls=Group, no_args_is_help=True, help="Fit the circle of a rig file to recorded robot motion.")
+circle = typer.Typer(
+    cls=CommandGroup, no_args_is_help=True, help="Fit the circle of a rig file to recorded robot motion."
+)
 app.add_typer(circle, name="circle")
-ball = typer.Typer(cls=Group, no_args_is_help=True, help="Find the ball of the hemisphere from the stops of the robot.")
+ball = typer.Typer(
+    cls=CommandGroup, no_args_is_help=True, help="Find the ball of the hemisphere from the stops of the robot."
+)
 app.add_typer(ball, name="ball")
 
 RigToWrite = Annotated[

@@ -15,7 +15,7 @@ from analysis.cli.options import AsJson, RigArgument
 from rigs.text import plain
 
 if TYPE_CHECKING:
-    from daq.service.journal import Entry
+    from daq.service.journal import JournalEntry
 
 
 _COLOURS = {"ok": "green", "doubtful": "yellow", "wrong": "red"}
@@ -41,7 +41,7 @@ def doctor(
     import dataclasses
     from functools import partial
 
-    from daq.apps.commission.cell_finding import Verdict
+    from daq.apps.commission.cell_finding import FindingVerdict
     from daq.apps.commission.examine import examine
     from daq.apps.commission.modbus_scan import scan_modbus
     from rigs.errors import UseError
@@ -64,7 +64,7 @@ def doctor(
             verdict = typer.style(f"{finding.verdict:9}", fg=_COLOURS[finding.verdict])
             remedy = f"; {finding.remedy}" if finding.remedy else ""
             say(f" {finding.about}: {finding.what}{remedy}", mark=verdict)
-    wrong = sum(finding.verdict is Verdict.WRONG for finding in findings)
+    wrong = sum(finding.verdict is FindingVerdict.WRONG for finding in findings)
     if as_json:
         finding_objects = [dataclasses.asdict(finding) for finding in findings]
         say_json({"rig": rig.name, "wrong": wrong, "findings": finding_objects})
@@ -100,7 +100,7 @@ def logs(
             typer.echo(line(entry, named=rig is None))
 
 
-def line(entry: Entry, *, named: bool) -> str:
+def line(entry: JournalEntry, *, named: bool) -> str:
     """Format a log entry: time, severity if relevant, and text. named: include the name of the rig."""
     from daq.service.journal import ERROR, INFO, WARNING
 

@@ -142,11 +142,11 @@ def _make(options: Options) -> None:
     """Ask the questions and write the rig file. Exit if the user stops."""
     from analysis.apps.commission.init_answers import kept_in
     from analysis.apps.commission.init_dialogue import make_rig_file
-    from analysis.cli.dialogue import Stopped, at_terminal
+    from analysis.cli.dialogue import DialogueEnded, at_terminal
 
     try:
         make_rig_file(options, at_terminal(say, progress_of))
-    except (KeyboardInterrupt, Stopped):
+    except (KeyboardInterrupt, DialogueEnded):
         say("")
         kept = kept_in(options.path)
         outcome = (

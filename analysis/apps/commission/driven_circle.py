@@ -55,7 +55,7 @@ _HELD_RAD = np.radians(2.0)
 
 
 @dataclass(frozen=True)
-class Start:
+class CircleStart:
     """Circle with sign and zero direction.
 
     at (3,): unit vector to the start of the acw circle. posture (6,): joint angles there in rad. arc_rad: driven angle.
@@ -70,7 +70,9 @@ class Start:
     doubts: tuple[str, ...]
 
 
-def start_of(circle: CircleFrame, T: Array, q: Array, direction: Direction | None, declared: Circle | None) -> Start:
+def start_of(
+    circle: CircleFrame, T: Array, q: Array, direction: Direction | None, declared: Circle | None
+) -> CircleStart:
     """Determine the start of a circle from a stretch of tool poses T (n, 4, 4) in mm and angles q (n, 6) in rad.
 
     direction: label of the run. declared: circle of the rig file, if any.
@@ -93,7 +95,7 @@ def start_of(circle: CircleFrame, T: Array, q: Array, direction: Direction | Non
         zero = declared_frame.u if keeps_zero else zero
     circle = circle_frame(circle.centre, circle.n, zero, circle.radius)
     at = circle.radial(np.array([begun]))[0]
-    return Start(circle, at, q[row], arc, keeps_zero, (*doubts, *_tool_doubts(circle, T)))
+    return CircleStart(circle, at, q[row], arc, keeps_zero, (*doubts, *_tool_doubts(circle, T)))
 
 
 def _sense(
@@ -269,7 +271,7 @@ def _of_rows(fit: Fit, bins: Binned, on: Mask, motions: Sequence[RobotMotion], r
 
 
 def _result(
-    fitted: CircleFrame, radial: Array, axial: Array, start: Start, used: str, doubts: tuple[str, ...], where: str
+    fitted: CircleFrame, radial: Array, axial: Array, start: CircleStart, used: str, doubts: tuple[str, ...], where: str
 ) -> DrivenCircle:
     """Build the result: rotate the covariances (3, 3) in mm² of radial and axial deviations into world coordinates."""
     plane = np.stack([fitted.u, fitted.v], axis=1)

@@ -13,8 +13,8 @@ from pydantic import ValidationError
 from analysis.apps.commission.init_answers import Answers, Options, checked, has_keys, key_error, with_keys, written
 from analysis.cli.dialogue import Dialogue
 from daq.apps.commission.attempts import FoundGauge, PortReport, named_attempts
-from daq.apps.commission.port_search import Wanted, ports_here, search
-from daq.apps.commission.watched_ports import Watch
+from daq.apps.commission.port_search import SearchOptions, ports_here, search
+from daq.apps.commission.watched_ports import PortWatch
 from rigs.errors import CellError, FileError
 from rigs.schema.gauges import Gauge
 from rigs.schema.part import Part
@@ -42,7 +42,7 @@ def ask_gauges(answers: Answers, options: Options, dialogue: Dialogue) -> Answer
         or options.places
         or not all(has_keys(Gauge, gauge, options.keys[name]) for name, gauge in zip(_NAMES, gauges, strict=False))
     ):
-        chosen = _chosen(_found(options, dialogue), options, dialogue)
+        chosen = _chosen(_find_gauges(options, dialogue), options, dialogue)
         gauges = tuple(_completed(gauge, name, options, dialogue) for name, gauge in zip(_NAMES, chosen, strict=False))
     for name, gauge in zip(_NAMES, gauges, strict=False):
         dialogue.say(described(name, gauge))
@@ -76,7 +76,7 @@ def reports_of(ports: Sequence[str], options: Options, doing: Callable[[str], No
                 named[port] = named_attempts({**options.keys[name], "port": port})
             except ValidationError as error:
                 raise key_error(error, name) from None
-    return search(Wanted(tuple(ports), named, options.listen_s, options.modbus_units), doing)
+    return search(SearchOptions(tuple(ports), named, options.listen_s, options.modbus_units), doing)
 
 
 def ports_of(options: Options) -> list[str]:
@@ -120,7 +120,7 @@ def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
     return lines
 
 
-def _found(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
+def _find_gauges(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
     """Return the gauges that respond. At a terminal, repeat the search until there is at least one."""
     while True:
         ports = _ports(options, dialogue)
@@ -157,7 +157,7 @@ def _chosen(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) 
             f"{len(gauges)} gauges answer ({where}), and their roles are unknown",
             "name the gauges: --g1 PORT --g2 PORT",
         )
-    with Watch(gauges) as watch:
+    with PortWatch(gauges) as watch:
         remaining = {str(number): gauge for number, gauge in enumerate(gauges, 1)}
         first = _pushed("g1", remaining, watch, dialogue)
         if not remaining or (
@@ -177,14 +177,14 @@ def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
     raise FileError(place, f"has {len(matching)} gauges", f"add the channel: {channels}")
 
 
-def _pushed(name: str, remaining: dict[str, FoundGauge], watch: Watch, dialogue: Dialogue) -> FoundGauge:
+def _pushed(name: str, remaining: dict[str, FoundGauge], watch: PortWatch, dialogue: Dialogue) -> FoundGauge:
     """Return the gauge pushed or selected by number, and remove it from the remaining gauges.
 
     A push also reveals the counting direction: the plunger goes in as the tool approaches the ball.
     """
     numbers = {gauge.place: number for number, gauge in remaining.items()}
     while True:
-        watch.rest()
+        watch.measure_rest()
         otherwise = "press Enter" if len(remaining) == 1 else "type the number"
         dialogue.say(f"Push gauge {name[1]} in, on the {_SIDES[name]} side of the baseline, or {otherwise}:")
         answer = dialogue.line_or(partial(_readings, watch, numbers), partial(watch.pushed, [*numbers]))
@@ -203,7 +203,7 @@ def _pushed(name: str, remaining: dict[str, FoundGauge], watch: Watch, dialogue:
         )
 
 
-def _readings(watch: Watch, numbers: dict[str, str]) -> str:
+def _readings(watch: PortWatch, numbers: dict[str, str]) -> str:
     """Format the current readings as a prompt in a single line. numbers: number of each gauge in the list, by place."""
     now_mm = watch.readings_mm()
     shown = [f"{number} {now_mm[place]:+.4f}" for place, number in numbers.items() if place in now_mm]
@@ -236,10 +236,10 @@ def _length_mm(text: str) -> float:
         value = math.nan
     if not 0 < value <= _FURTHEST_MM:  # also rejects NaN
         raise FileError(repr(text), "is not a distance in mm", f"type a number from {_NEAREST_MM:g} in mm, such as 50")
-    return hold_baseline_mm(value, repr(text))
+    return check_baseline_mm(value, repr(text))
 
 
-def hold_baseline_mm(value: float, where: str) -> float:
+def check_baseline_mm(value: float, where: str) -> float:
     """Return the distance between two gauges in mm. Raises FileError if it is impossibly small."""
     if value < _NEAREST_MM:
         turned_mm = value * 1e-3

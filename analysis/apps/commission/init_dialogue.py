@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
-from analysis.apps.commission.gauge_questions import ask_baseline, ask_gauges, hold_baseline_mm
+from analysis.apps.commission.gauge_questions import ask_baseline, ask_gauges, check_baseline_mm
 from analysis.apps.commission.init_answers import (
     Answers,
     Options,
@@ -68,7 +68,7 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
             option, f"applies only to gauges, and --measured-by {options.measured_by} uses none", "remove it"
         )
     if options.baseline_mm is not None:
-        hold_baseline_mm(options.baseline_mm, "--baseline-mm")
+        check_baseline_mm(options.baseline_mm, "--baseline-mm")
     checked(Annotated[str, *Rig.model_fields["name"].metadata], options.name, "--name")
     if options.arm is not None:
         chosen_arm(options.arm, options.measured_by)

@@ -33,7 +33,7 @@ TONE = "\a"
 """The terminal bell."""
 
 
-class Daemon(Protocol):
+class SampleSource(Protocol):
     """Source of samples."""
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
@@ -41,7 +41,7 @@ class Daemon(Protocol):
 
 
 def record_touches(
-    daemon: Daemon,
+    daemon: SampleSource,
     name: str,
     output: Path,
     operator: str,
@@ -92,7 +92,7 @@ def _written(guide: Touching, name: str, output: Path, rig: Rig, text: str, oper
     return output
 
 
-def _follow(daemon: Daemon, rig: Rig, guide: Touching, say: Callable[[str], None]) -> None:
+def _follow(daemon: SampleSource, rig: Rig, guide: Touching, say: Callable[[str], None]) -> None:
     """Poll the joint angles until every socket has enough touches."""
     names = joint_columns(len(rig.robot.axes))
     after: dict[str, int] = {}

@@ -166,7 +166,7 @@ def ask_build(answers: Answers, options: Options, dialogue: Dialogue) -> Answers
     arm = chosen_arm(answers.arm or "", options.measured_by)
     build = options.build or answers.build
     if build is None and arm.robot.build is None and not arm.in_library:
-        build = dialogue.ask(_BUILD_QUESTION, "--build", _build, arm.robot.built)
+        build = dialogue.ask(_BUILD_QUESTION, "--build", _build, arm.robot.design)
         if not dialogue.terminal:
             dialogue.say(f"{arm.robot.name} is taken to be {build}; to change: --build {', '.join(_BUILDS)}")
     return answers if build is None else answers.model_copy(update={"build": build})

@@ -214,7 +214,7 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     Raises FileError if there are fewer than four places or if they do not determine a sphere.
     """
     where = ", ".join(str(run.path) for run in runs)
-    stands, doubts = zip(*(_stands(run, rig) for run in runs), strict=True)
+    stands, doubts = zip(*(_read_stands(run, rig) for run in runs), strict=True)
     q, g_mm, within = (np.concatenate(parts) for parts in zip(*stands, strict=True))
     places = forward(arm_of(rig.robot), q)[:, :3, 3]
     if (apart := len(distinct(places))) < 4:
@@ -223,14 +223,14 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     # Drop stops far off the sphere of the others one by one.
     near = np.ones(len(places), dtype=bool)
     for _ in range(int(_OTHERS_OF_BALL * len(places))):
-        off = np.abs(_off(places, g_mm, _sphere(places[near], g_mm[near])[0])) * near
+        off = np.abs(_distance_from_sphere(places, g_mm, _sphere(places[near], g_mm[near])[0])) * near
         if off.max() < _OFF_BALL_MM:
             break
         near[int(off.argmax())] = False
     off_sphere = len(q) - int(near.sum())
     q, g_mm, within, places = q[near], g_mm[near], within[near], places[near]
     x, design = _sphere(places, g_mm)
-    residual = _off(places, g_mm, x)
+    residual = _distance_from_sphere(places, g_mm, x)
     if not np.isfinite(x).all() or np.linalg.cond(design) > 1e6:
         raise FileError(
             where, "the stops are in a plane, which does not determine a ball", "rest at higher and lower places too"
@@ -253,7 +253,7 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     return TouchedBall(x[:3], covariance[:3, :3], float(x[3]), float(np.sqrt(covariance[3, 3])), q, places, used, notes)
 
 
-def _stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, ...]]:
+def _read_stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, ...]]:
     """Return the stops of a run: angles (m, 6) in rad, readings (m,) and scatter (m,) in mm.
 
     The readings are 0 if there is no gauge.
@@ -284,7 +284,7 @@ def _stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, 
     return (angles, np.array([stand.g_mm[0] for stand in stands]), np.array(within)), doubts
 
 
-def _off(places: Array, g_mm: Array, x: Array) -> Array:
+def _distance_from_sphere(places: Array, g_mm: Array, x: Array) -> Array:
     """Return the distances (m,) of places (m, 3) in mm from the sphere x (4,)."""
     return np.asarray(np.linalg.norm(places - x[:3], axis=1) - g_mm - x[3])
 

@@ -100,7 +100,7 @@ def replay(
     lock = locked_cell(directory)
     try:
         played = Replay.open(rig, capture, directory / MARKS)
-        for name, content in rig.beside.items():
+        for name, content in rig.companion_files.items():
             durable.replace(directory / name, content)
         durable.replace(path, played.rig_text(text).encode())
     except OSError as error:
@@ -112,7 +112,7 @@ def replay(
         if capture.cut:
             say(f"{log}: the last line is incomplete and was ignored", err=True)
         say(f"ready; next: rigd {path}")
-        while not played.done:
+        while not played.is_finished:
             with suppress(Empty):
                 return ends.get(timeout=0.1)
         return 0

@@ -22,16 +22,16 @@ from scipy.spatial.transform import Rotation
 from analysis.apps.makers import maker_by
 from analysis.apps.makers.emulated import (
     Event,
-    Held,
-    Pose,
-    Posture,
+    LinearMove,
+    MoveLimits,
+    OperatorPause,
+    PostureFlags,
     ProgramError,
+    RegisterOutput,
     Round,
-    Shown,
-    Speed,
     Stood,
-    Straight,
     Switched,
+    ToolPose,
     Waited,
 )
 from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward
@@ -47,7 +47,7 @@ _SAME_SIZE = 1e-3
 
 
 @dataclass(frozen=True)
-class Controller:
+class ControllerState:
     """State of a controller.
 
     arm: kinematic model of the controller. reads_more (6,): change of the joint readings in rad at an unchanged
@@ -59,7 +59,7 @@ class Controller:
     reads_more: Array
 
     @classmethod
-    def of_rig(cls, rig: Rig, maker: MakerName) -> Controller:
+    def of_rig(cls, rig: Rig, maker: MakerName) -> ControllerState:
         """Return the unmodified controller of a rig, which does not know the effects of the arm."""
         return cls(maker, arm_of(rig.robot), np.zeros(6))
 
@@ -75,7 +75,7 @@ class Controller:
         """Return the arm as modelled by the controller, in the base of the robot, with a tool frame (4, 4) in mm."""
         return replace(self.arm, T_world_base=np.eye(4), T_flange_tool=T_flange_tool)
 
-    def entered(self, corrections: Any, where: str) -> Controller:
+    def entered(self, corrections: Any, where: str) -> ControllerState:
         """Return the controller after entering the parameters of `rig correct` (corrections.yaml or JSON).
 
         Raises FileError for invalid content, a different maker or unknown parameters.
@@ -93,7 +93,7 @@ class Controller:
             changed = changed._with(entry, self, f"{where}, entry {number}")
         return changed
 
-    def _with(self, entry: Any, before: Controller, where: str) -> Controller:
+    def _with(self, entry: Any, before: ControllerState, where: str) -> ControllerState:
         name, add, unit, now = (entry.get(key) if isinstance(entry, Mapping) else None for key in _KEYS)
         candidates = [
             (candidate, axis)
@@ -148,7 +148,7 @@ _STANDS = 1e-6
 
 
 @dataclass(frozen=True)
-class Driven:
+class DrivenMotion:
     """Joint motion of a program: times t_s (n,) in s and commanded angles q (n, 6) in rad.
 
     holds_s: times of waiting for the operator. outputs: switching times of digital outputs. registers: times and values
@@ -162,7 +162,7 @@ class Driven:
     registers: tuple[tuple[float, int, int], ...]
 
 
-def drive(controller: Controller, events: Sequence[Event], near: Array, where: str) -> Driven:
+def drive(controller: ControllerState, events: Sequence[Event], near: Array, where: str) -> DrivenMotion:
     """Return the joint motion for the events of a program.
 
     The arm starts at the first position, in the posture closest to `near` (6,) in rad if only a pose is given. `where`
@@ -177,13 +177,13 @@ def drive(controller: Controller, events: Sequence[Event], near: Array, where: s
 
 @dataclass
 class _Driver:
-    controller: Controller
+    controller: ControllerState
     near: Array
     where: str
     t_s: list[Array] = field(default_factory=list)
     q: list[Array] = field(default_factory=list)
     samples: int = 0
-    chain: list[Straight | Round] = field(default_factory=list)
+    chain: list[LinearMove | Round] = field(default_factory=list)
     holds_s: list[float] = field(default_factory=list)
     outputs: list[tuple[float, int | str, bool]] = field(default_factory=list)
     registers: list[tuple[float, int, int]] = field(default_factory=list)
@@ -193,7 +193,7 @@ class _Driver:
         return float(self.t_s[-1][-1]) if self.t_s else 0.0
 
     def do(self, event: Event) -> None:
-        if isinstance(event, Straight | Round):
+        if isinstance(event, LinearMove | Round):
             self.chain.append(event)
             if event.stops:
                 self.finish_chain()
@@ -206,17 +206,17 @@ class _Driver:
                 self.add(np.array([seconds]), self.q[-1][-1:])
             case Switched(output, on):
                 self.outputs.append((self.now_s, output, on))
-            case Shown(register, value):
+            case RegisterOutput(register, value):
                 self.registers.append((self.now_s, register, value))
-            case Held():
+            case OperatorPause():
                 self.holds_s.append(self.now_s)
 
-    def driven(self) -> Driven:
+    def driven(self) -> DrivenMotion:
         self.finish_chain()
         if not self.q:
             raise ProgramError("it moves nothing")
         t_s, q = np.concatenate(self.t_s), np.concatenate(self.q)
-        return Driven(t_s, q, tuple(self.holds_s), tuple(self.outputs), tuple(self.registers))
+        return DrivenMotion(t_s, q, tuple(self.holds_s), tuple(self.outputs), tuple(self.registers))
 
     def add(self, seconds: Array, q: Array) -> None:
         """Append a motion through joint angles q (n, 6) in rad at increasing relative times (n,) in s."""
@@ -265,7 +265,7 @@ class _Driver:
         self.add(times[1:], q[1:])
 
 
-def _part(move: Straight | Round) -> tuple[Array, Array, Array, Array]:
+def _part(move: LinearMove | Round) -> tuple[Array, Array, Array, Array]:
     """Return the poses (n, 4, 4) of a move except the start pose, and for each step the limits.
 
     The limits are the size (n,) in mm including rotation, the speed and the acceleration.
@@ -275,7 +275,7 @@ def _part(move: Straight | Round) -> tuple[Array, Array, Array, Array]:
     if count > _MOST_SAMPLES:
         raise ProgramError("the program is too long for an emulated robot")
     share = np.linspace(0, 1, count + 1)[1:]
-    turns = move.turned_rad if isinstance(move, Straight) else 0.0
+    turns = move.turned_rad if isinstance(move, LinearMove) else 0.0
     length = move.length_mm if move.length_mm > turns else _MM_PER_RAD * turns
     seconds = max(move.length_mm / move.speed_mm_s, turns / (move.speed.rad_s or _RAD_S))
     acceleration = move.speed.mm_s2 or _MM_S2
@@ -283,14 +283,14 @@ def _part(move: Straight | Round) -> tuple[Array, Array, Array, Array]:
     return _frames(*move.at(share)), each, np.full(count, length / seconds), np.full(count, acceleration)
 
 
-def _joint_time(arm: Arm, begin: Array, end: Array, speed: Speed) -> tuple[float, float]:
+def _joint_time(arm: Arm, begin: Array, end: Array, speed: MoveLimits) -> tuple[float, float]:
     """Return the duration of a joint move at full speed in s, and the acceleration in moves per second²."""
     way = np.abs(end - begin)
     seconds = float((way / arm.speed).max()) / (speed.share or 1.0)
     if speed.axis_rad_s:
         seconds = max(seconds, float(way.max()) / speed.axis_rad_s)
     if speed.mm_s and speed.rad_s:
-        poses = [Pose(T[:3, 3], Rotation.from_matrix(T[:3, :3])) for T in forward(arm, np.stack([begin, end]))]
+        poses = [ToolPose(T[:3, 3], Rotation.from_matrix(T[:3, :3])) for T in forward(arm, np.stack([begin, end]))]
         turned = float((poses[0].turn.inv() * poses[1].turn).magnitude())
         seconds = max(seconds, float(np.linalg.norm(poses[1].place - poses[0].place)) / speed.mm_s)
         seconds = max(seconds, turned / speed.rad_s)
@@ -313,7 +313,7 @@ def _times(way: Array, speeds: Array, accelerations: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(2 * np.diff(way) / (v[1:] + v[:-1]))])
 
 
-def _standing(arm: Arm, pose: Pose, near: Array) -> Array:
+def _standing(arm: Arm, pose: ToolPose, near: Array) -> Array:
     """Return the joint angles (6,) in rad at a pose in the specified posture, preferring those closest to `near`."""
     solutions = inverse(arm, _frame(pose)[None])
     allowed, _ = within_limits(arm, solutions.q[solutions.found])
@@ -326,16 +326,16 @@ def _standing(arm: Arm, pose: Pose, near: Array) -> Array:
     return nearest
 
 
-def _posture(q: Array, stated: Posture) -> Posture:
+def _posture(q: Array, stated: PostureFlags) -> PostureFlags:
     """Return the posture at joint angles q (6,) in rad in the notation of `stated`.
 
     The notation states whether axes 4, 6 and 1 exceed 180°.
     """
     beyond = tuple(int(not -np.pi < q[axis] <= np.pi) for axis in (3, 5, 0))
-    return Posture(bool(q[4] > 0), beyond if len(stated.counts) == len(beyond) else stated.counts)
+    return PostureFlags(bool(q[4] > 0), beyond if len(stated.counts) == len(beyond) else stated.counts)
 
 
-def _frame(pose: Pose) -> Array:
+def _frame(pose: ToolPose) -> Array:
     frame: Array = _frames(pose.place[None], Rotation.concatenate([pose.turn]))[0]
     return frame
 

@@ -16,10 +16,10 @@ from typing import get_args
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analysis.apps.emulate.driving import Controller, Driven, drive
+from analysis.apps.emulate.driving import ControllerState, DrivenMotion, drive
 from analysis.apps.emulate.robot import Trace, trace_along
 from analysis.apps.makers import maker_by, maker_of_file
-from analysis.apps.makers.emulated import Machine, Pose, ProgramError
+from analysis.apps.makers.emulated import Machine, ProgramError, ToolPose
 from analysis.apps.makers.reading import MOST_BYTES, program_texts
 from analysis.robot.kinematics.arm import Array, arm_of
 from rigs.errors import FileError
@@ -97,7 +97,7 @@ class Pendant:
     def __init__(self, rig: Rig, programs: Path, maker: MakerName | None = None) -> None:
         self._rig, self._programs = rig, programs
         self._maker = maker or maker_of(rig.feedback.interface)
-        self.controller: Controller | None = None
+        self.controller: ControllerState | None = None
         """Controller with entered parameters; None before any entry."""
 
     def trace(self, name: str) -> Trace:
@@ -118,7 +118,9 @@ class Pendant:
         try:
             T = arm_of(self._rig.robot).T_flange_tool
             entered = maker_by(controller.maker).driver.tool_entered
-            machine = Machine(controller.flange, Pose(T[:3, 3], Rotation.from_matrix(T[:3, :3])) if entered else None)
+            machine = Machine(
+                controller.flange, ToolPose(T[:3, 3], Rotation.from_matrix(T[:3, :3])) if entered else None
+            )
             interpret(controller.maker, texts, machine)
             place = self._rig.tests.circle if test in CIRCLES else self._rig.tests.hemisphere
             near = np.radians(place.posture_deg) if place else np.zeros(6)
@@ -145,7 +147,7 @@ class Pendant:
         self.controller = before.entered(corrections, str(path))
         return len(corrections["controller"]["entries"]), self.controller.reads_more - before.reads_more
 
-    def _of(self, maker: MakerName | None, where: str) -> Controller:
+    def _of(self, maker: MakerName | None, where: str) -> ControllerState:
         """Return the controller.
 
         The first program or entry determines the maker. Raises FileError for a different maker.
@@ -156,9 +158,9 @@ class Pendant:
         if maker and maker != self._maker:
             problem = f"is for a controller of {maker!r}, but this controller is of {self._maker!r}"
             raise FileError(where, problem, f"create the file for {self._maker}, or start with --for {maker}")
-        return self.controller or Controller.of_rig(self._rig, self._maker)
+        return self.controller or ControllerState.of_rig(self._rig, self._maker)
 
-    def _signals(self, driven: Driven) -> tuple[tuple[float, float], ...]:
+    def _signals(self, driven: DrivenMotion) -> tuple[tuple[float, float], ...]:
         """Return the times and numbers signalled by the robot.
 
         They come from the outputs, in order of first switching or as in the rig file, or from the register.

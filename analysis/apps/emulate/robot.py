@@ -72,7 +72,7 @@ class Motors:
     warm_c: Array = field(default_factory=lambda: np.full(6, ROOM_C + _HOLDS_C))
     last_ns: int | None = None
 
-    def shown(self, now_ns: int, torque_nm: Array, speed_rad_s: Array) -> tuple[Array, Array]:
+    def currents_and_temperatures(self, now_ns: int, torque_nm: Array, speed_rad_s: Array) -> tuple[Array, Array]:
         """Return the currents (6,) in A and temperatures (6,) in °C.
 
         speed_rad_s (6,): joint speeds. torque_nm (6,): gravity torques, balanced by the motors.
@@ -265,7 +265,9 @@ class EmulatedRobot:
                 k, speed_rad_s = int(np.searchsorted(t_s, at_s)), np.zeros(q.shape[1])
                 if t_s[0] < at_s < self._trace.end_s:
                     speed_rad_s = rate * (q[k] - q[k - 1]) / (t_s[k] - t_s[k - 1])
-                current_a, warm_c = self._motors.shown(now_ns, self._at(now_ns, self._torque_nm), speed_rad_s)
+                current_a, warm_c = self._motors.currents_and_temperatures(
+                    now_ns, self._at(now_ns, self._torque_nm), speed_rad_s
+                )
             of_motors = dict(zip((*CURRENTS, *TEMPERATURES), [*current_a.tolist(), *warm_c.tolist()], strict=True))
         return {PROGRAM: float(state), **of_motors, **self._shown}
 
@@ -418,7 +420,7 @@ def write_cell_files(directory: Path, rig: Rig, robot: EmulatedRobot, text: str)
     try:
         directory.mkdir(parents=True, exist_ok=True)
         durable.replace(directory / TRUTH, (json.dumps(truth(rig, robot.traces), indent=2) + "\n").encode())
-        for name, content in rig.beside.items():
+        for name, content in rig.companion_files.items():
             durable.replace(directory / name, content)
         durable.replace(path, text.encode())  # last, because the other files identify an emulated cell
     except OSError as error:

@@ -24,7 +24,7 @@ from typing import Literal
 from analysis.apps.emulate.pendant import Pendant
 from analysis.apps.emulate.robot import PROGRAMS, RIG, TRUTH, EmulatedRobot, State, write_cell_files
 from daq import clock
-from daq.apps.emulate.emulated_cell import Cell
+from daq.apps.emulate.emulated_cell import EmulatedInstruments
 from daq.apps.emulate.instruments import emulated
 from daq.service.trust import InstanceLock
 from rigs.errors import FileError, RigError, UseError
@@ -199,7 +199,9 @@ def rig_file_of_cell(directory: Path) -> Path:
     return path
 
 
-def serve(cell: Cell, lock: InstanceLock, attend: Callable[[SimpleQueue[int]], int]) -> tuple[int, dict[str, int]]:
+def serve(
+    cell: EmulatedInstruments, lock: InstanceLock, attend: Callable[[SimpleQueue[int]], int]
+) -> tuple[int, dict[str, int]]:
     """Serve a cell for the duration of `attend`, which receives the queue of signal exit codes.
 
     Return the exit code, and the number of readings sent by each instrument. The lock is released.
@@ -241,7 +243,7 @@ class EmulatedCell:
             raise FileError(str(self.programs), "is not a directory", "give the directory of the programs")
         rig, text = load(self.rig_file)
         path = rig_file_of_cell(directory)
-        rig = load_hidden(self.effects).within(rig) if self.effects else rig
+        rig = load_hidden(self.effects).apply_to(rig) if self.effects else rig
         with named_by(self.rig_file, rig):
             robot = EmulatedRobot.of_rig(rig, self.seed)
         cell = emulated(rig, robot, robot.signal, condition=robot.condition)

@@ -47,7 +47,7 @@ _PIECE = 1_000_000
 """Bytes unpacked at a time for counting."""
 
 
-class Found(NamedTuple):
+class BagMessage(NamedTuple):
     """A message with its topic and message type.
 
     kind: message type, with the encoding appended if it is not CDR. log_ns, sent_ns: time of reception, and time of
@@ -76,7 +76,7 @@ class McapBag:
         """True if the end of the file is present."""
         return self.data.endswith(MCAP_MAGIC)
 
-    def messages(self) -> Iterator[Found]:
+    def messages(self) -> Iterator[BagMessage]:
         """Yield the messages in file order.
 
         Raises FileError for a bag that is too large, McapError for an inconsistent bag, and any error of the
@@ -103,7 +103,7 @@ class McapBag:
             for part in _records_in(record) if isinstance(record, Chunk) else (record,):
                 if isinstance(part, Message):
                     count += 1
-                    yield Found(*self._channels[part.channel_id], part.log_time, part.publish_time, part.data)
+                    yield BagMessage(*self._channels[part.channel_id], part.log_time, part.publish_time, part.data)
                 # Remember the schema or the channel defined by a record.
                 elif isinstance(part, Schema):
                     self._schemas[part.id] = part
@@ -177,7 +177,7 @@ class SqliteBag:
     has_checksums = False
     is_whole = True
 
-    def messages(self) -> Iterator[Found]:
+    def messages(self) -> Iterator[BagMessage]:
         """Yield the messages in the order of reception.
 
         Raises sqlite3.Error for a damaged database, and for a database that is not a bag.
@@ -191,7 +191,9 @@ class SqliteBag:
                 raise sqlite3.DatabaseError("the tables messages and topics of a ROS 2 bag are missing")
             for topic, kind, form, log_ns, data in database.execute(_MESSAGES):
                 if isinstance(data, bytes) and isinstance(log_ns, int):
-                    yield Found(str(topic), str(kind) if form == "cdr" else f"{kind} as {form}", log_ns, log_ns, data)
+                    yield BagMessage(
+                        str(topic), str(kind) if form == "cdr" else f"{kind} as {form}", log_ns, log_ns, data
+                    )
 
 
 Bag = McapBag | SqliteBag
@@ -234,7 +236,7 @@ def file_of(path: Path) -> Path:
     raise FileError(str(path), problem, remedy)
 
 
-def messages_of(bag: Bag) -> Iterator[Found]:
+def messages_of(bag: Bag) -> Iterator[BagMessage]:
     """Yield the messages of a bag. Raises FileError if it is truncated or damaged."""
     if not bag.is_whole:
         remedy = "copy the bag a second time, or repair an interrupted recording: mcap recover BAG -o REPAIRED"

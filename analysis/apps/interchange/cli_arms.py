@@ -130,7 +130,7 @@ def import_urdf(
     for doubt in arm.doubts:
         say(doubt, err=True, mark="note: ")
     if build is None:
-        judged = f"play, zeros and lengths are compared with those typical of {section.robot.built}"
+        judged = f"play, zeros and lengths are compared with those typical of {section.robot.design}"
         others = "for hobby servos add --build servo; for strain-wave gears, as in cobots, --build light"
         say(f"the construction of the arm is unknown, so {judged}; {others}", err=True, mark="note: ")
     difference = f"differs from the URDF by at most {section.largest_mm:.0e} mm and {section.largest_rad:.0e} rad"

@@ -39,7 +39,7 @@ _SAME_MM, _SAME_RAD = 0.5, 1e-4
 
 
 @dataclass(frozen=True)
-class Layout:
+class KinematicsFormat:
     """The format of a maker's description.
 
     origins: nominal joint origins. flange: origin of the flange, if present. above, below: keys above and below the
@@ -52,7 +52,7 @@ class Layout:
     below: str | None = None
 
 
-_FRANKA = Layout(
+_FRANKA = KinematicsFormat(
     origins=(
         (0, 0, 333, 0, 0, 0),
         (0, 0, 0, -90, 0, 0),
@@ -65,7 +65,7 @@ _FRANKA = Layout(
     flange=(0, 0, 107, 0, 0, 0),
     below="kinematic",
 )
-_XARM_6 = Layout(
+_XARM_6 = KinematicsFormat(
     origins=(
         (0, 0, 267, 0, 0, 0),
         (0, 0, 0, -90, 0, 0),
@@ -76,7 +76,7 @@ _XARM_6 = Layout(
     ),
     above="kinematics",
 )
-_XARM_7 = Layout(
+_XARM_7 = KinematicsFormat(
     origins=(
         (0, 0, 267, 0, 0, 0),
         (0, 0, 0, -90, 0, 0),
@@ -88,7 +88,7 @@ _XARM_7 = Layout(
     ),
     above="kinematics",
 )
-LAYOUTS: dict[str, tuple[Layout, ...]] = {"franka": (_FRANKA,), "xarm": (_XARM_6, _XARM_7)}
+LAYOUTS: dict[str, tuple[KinematicsFormat, ...]] = {"franka": (_FRANKA,), "xarm": (_XARM_6, _XARM_7)}
 """Formats by maker."""
 
 

@@ -26,8 +26,8 @@ from analysis.apps.interchange.bags import (
     NO_STAMP,
     PLACED,
     TF,
+    BagMessage,
     Cdr,
-    Found,
     bag_of,
     joint_state,
     messages_of,
@@ -59,7 +59,7 @@ of its uncertainty and in m."""
 
 
 @dataclass
-class _Track:
+class _SenderMessages:
     """Messages of a sender: times of reception and sending in ns, and values.
 
     placed: positions in m, optionally with an orientation; otherwise joint angles. lacking: number of unusable
@@ -124,7 +124,7 @@ def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTa
     return StandTable(text.getvalue().encode(), topic, (*doubts, *notes))
 
 
-def _of_use(messages: Iterable[Found]) -> list[Found]:
+def _of_use(messages: Iterable[BagMessage]) -> list[BagMessage]:
     """Return the relevant messages, and an empty message per other topic.
 
     Bags also contain images. The size of a bag limits the number of messages.
@@ -140,7 +140,9 @@ def _of_use(messages: Iterable[Found]) -> list[Found]:
     return kept
 
 
-def _read(messages: Sequence[Found], where: str, rig: Rig) -> tuple[list[str], _Track, dict[str, _Track]]:
+def _read(
+    messages: Sequence[BagMessage], where: str, rig: Rig
+) -> tuple[list[str], _SenderMessages, dict[str, _SenderMessages]]:
     """Return the names of joints, their track, and the tracks of all positions by topic."""
     ros = rig.feedback if isinstance(rig.feedback, ROS2JointStates) else None
     topic = "/" + (ros.topic if ros else "joint_states").lstrip("/")
@@ -161,7 +163,7 @@ def _read(messages: Sequence[Found], where: str, rig: Rig) -> tuple[list[str], _
     if odd := [name for name in names if not _JOINT.fullmatch(name)]:
         problem = f"contains an invalid joint name {odd[0][:40]!r}"
         raise FileError(where, problem, "name the six joints in the rig file")
-    joints, placed = _Track(), dict[str, _Track]()
+    joints, placed = _SenderMessages(), dict[str, _SenderMessages]()
     for message in states:
         stamp_ns, angles = _joints(message.data)
         values = tuple(angles[name] for name in names) if set(names) <= angles.keys() else None
@@ -174,10 +176,10 @@ def _read(messages: Sequence[Found], where: str, rig: Rig) -> tuple[list[str], _
             for thing in PLACED[message.kind](message.data):
                 name = f"{message.topic}:{thing.child}" if message.kind == TF else message.topic
                 if len(name) <= _LONGEST_NAME:
-                    track = placed.setdefault(name, _Track(placed=True))
+                    track = placed.setdefault(name, _SenderMessages(placed=True))
                     track.add(message.log_ns, thing.stamp_ns, (*thing.place_m, *thing.turn))
         except (struct.error, IndexError):
-            placed.setdefault(name, _Track(placed=True)).lacking += 1
+            placed.setdefault(name, _SenderMessages(placed=True)).lacking += 1
     if len(joints.log_ns) < 2:
         problem = f"contains fewer than two messages of {topic} with the joints {', '.join(names)}"
         raise FileError(where, problem, "name the joints in the rig file: feedback: {interface: ros2_joint_states, …}")
@@ -191,7 +193,7 @@ def _joints(data: bytes) -> tuple[int, dict[str, float]]:
         return NO_STAMP, {}
 
 
-def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
+def _names(messages: Sequence[BagMessage], axes: int, where: str) -> list[str]:
     """Return the joints of the first message with at least as many as the arm.
 
     Raises FileError if there is no such message, if joints have no names, and if they belong to several arms.
@@ -217,7 +219,7 @@ def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
     raise FileError(where, problem, "give the rig file of the measured arm")
 
 
-def _chosen(placed: dict[str, _Track], topic: str, where: str) -> tuple[str, _Track]:
+def _chosen(placed: dict[str, _SenderMessages], topic: str, where: str) -> tuple[str, _SenderMessages]:
     """Return the topic of the instrument: the given topic, the only topic, or the only topic that is not a
     transform."""
     tracks = {name: track for name, track in placed.items() if len(track.log_ns) > 1}
@@ -239,7 +241,7 @@ def _chosen(placed: dict[str, _Track], topic: str, where: str) -> tuple[str, _Tr
     return next(iter(no_transforms.items()))
 
 
-def _timed(tracks: dict[str, _Track]) -> tuple[tuple[Integers, Array], tuple[Integers, Array], list[str]]:
+def _timed(tracks: dict[str, _SenderMessages]) -> tuple[tuple[Integers, Array], tuple[Integers, Array], list[str]]:
     """Return the times in ns (n,) and values (n, k) of both tracks by the same clock, in order, and doubts in words."""
     doubts: list[str] = []
     log = {name: np.array(track.log_ns) for name, track in tracks.items()}

@@ -38,7 +38,7 @@ Message = tuple[int, list[float]]
 
 
 @dataclass
-class _Track:
+class _TopicMessages:
     """Messages of a topic: log times and stamps of the sender in ns, and values.
 
     read: decoder, returns None if a joint is missing. lacking: number of messages with missing values or a different
@@ -98,7 +98,7 @@ def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = CIRCLES[0])
     return text.getvalue().encode(), tuple(doubts)
 
 
-def _stream(topic: str, track: _Track, begin_ns: int) -> tuple[Columns, list[str]]:
+def _stream(topic: str, track: _TopicMessages, begin_ns: int) -> tuple[Columns, list[str]]:
     """Return the messages of a topic as the columns of an instrument's stream, in order of time, and doubts in
     words."""
     order = np.argsort(np.array(track.ns), kind="stable")
@@ -180,7 +180,7 @@ def newest(ns: Integers, sent_ns: Integers) -> Mask:
     return np.asarray(possible & (sent_ns > np.concatenate([[np.iinfo(np.int64).min], newest[:-1]])))
 
 
-def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
+def _read(bag: Bag, rig: Rig) -> Mapping[str, _TopicMessages]:
     """Return the track of the joints, then the tracks of the gauges, by topic."""
     where = bag.where
     if not isinstance(rig.feedback, ROS2JointStates):
@@ -188,9 +188,9 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
         raise FileError(where, "is a bag, but the rig file does not name the joints", remedy)
     names = rig.feedback.joints
     topic = "/" + rig.feedback.topic.lstrip("/")
-    tracks = {topic: _Track(JOINT_STATE, _JOINT_COLUMNS, lambda message: _angles_deg(message, names))}
+    tracks = {topic: _TopicMessages(JOINT_STATE, _JOINT_COLUMNS, lambda message: _angles_deg(message, names))}
     tracks |= {
-        f"/{name}": _Track(NUMBER, (f"{name}_mm",), lambda message: (NO_STAMP, [number(message)]))
+        f"/{name}": _TopicMessages(NUMBER, (f"{name}_mm",), lambda message: (NO_STAMP, [number(message)]))
         for name, _ in rig.gauges
     }
     kinds: dict[str, str] = {}

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from analysis.robot.description.axis_lines import AxisLines
-from analysis.robot.description.rig_section import Joint, Section, checked_section
+from analysis.robot.description.rig_section import Joint, RobotSection, checked_section
 from analysis.robot.kinematics.arm import RAIL_MM, Array
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError
@@ -400,7 +400,7 @@ _EXACT_RAD, _SLIGHT_RAD = 1e-6, 0.02
 class UrdfArm:
     """An arm between the links base and tip of a URDF. doubts: remarks for the user to check."""
 
-    section: Section
+    section: RobotSection
     base: str
     tip: str
     doubts: tuple[str, ...]

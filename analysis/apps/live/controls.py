@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import get_args
 
-from analysis.apps.live.view import LiveView, Reading
+from analysis.apps.live.view import GaugeReading, LiveView
 from rigs.schema.vocabulary import CIRCLES, OF_ISO9283, Direction, TestName
 
 REDRAW = "\x0c"
@@ -43,7 +43,7 @@ _LABEL = "a label is NAME TEST [acw or cw], for example: monday yaw acw"
 
 
 @dataclass(frozen=True)
-class Label:
+class RecordingLabel:
     """Name and test of a recording."""
 
     name: str
@@ -64,10 +64,10 @@ class Quit:
 
 
 @dataclass(frozen=True)
-class Start:
+class StartRecording:
     """Start a recording. zero_mm: zero offsets of the view; None if not set."""
 
-    label: Label
+    label: RecordingLabel
     zero_mm: tuple[float, float] | None = None
 
     def request(self) -> dict[str, object]:
@@ -76,7 +76,7 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Stop:
+class StopRecording:
     """Stop the recording."""
 
 
@@ -96,26 +96,26 @@ class Pause:
 
 
 @dataclass(frozen=True)
-class Speed:
+class ChangeSpeed:
     """Multiply the playback speed."""
 
     factor: float
 
 
-Action = Quit | Start | Stop | Restart | Redraw | Pause | Speed
+Action = Quit | StartRecording | StopRecording | Restart | Redraw | Pause | ChangeSpeed
 _ACTIONS: dict[str, Action] = {
     "q": Quit(),
-    "e": Stop(),
+    "e": StopRecording(),
     "r": Restart(),
     " ": Pause(),
-    "+": Speed(2.0),
-    "-": Speed(0.5),
+    "+": ChangeSpeed(2.0),
+    "-": ChangeSpeed(0.5),
     REDRAW: Redraw(),
 }
 
 
 @dataclass(frozen=True)
-class Controls:
+class LiveControls:
     """State of the controls.
 
     zero_mm: zero offset of each gauge. prompt: partially typed label; None if not typing. starts: whether a recording
@@ -127,10 +127,10 @@ class Controls:
     shows_help: bool = False
     prompt: str | None = None
     starts: bool = False
-    label: Label | None = None
+    label: RecordingLabel | None = None
     message: str = ""
 
-    def pressed(self, key: str, readings: Mapping[str, Reading]) -> tuple[Controls, Action | None]:
+    def pressed(self, key: str, readings: Mapping[str, GaugeReading]) -> tuple[LiveControls, Action | None]:
         """Return the controls after a key, and the action."""
         if self.prompt is not None:
             return self._typed(key, self.prompt)
@@ -151,7 +151,7 @@ class Controls:
                 controls = replace(controls, shows_help=not self.shows_help)
         return controls, _ACTIONS.get(key)
 
-    def told(self, notice: str, before: LiveView, view: LiveView) -> Controls:
+    def with_notice(self, notice: str, before: LiveView, view: LiveView) -> LiveControls:
         """Return the controls with a notice as the message.
 
         If there is no notice, an outdated message is dropped: when the daemon disappears or returns, or a recording
@@ -162,10 +162,10 @@ class Controls:
         changed = (bool(before.lost), before.name) != (bool(view.lost), view.name)
         return replace(self, message="") if changed else self
 
-    def _start(self, label: Label) -> Start:
-        return Start(label, self.zero_mm if any(self.zero_mm) else None)
+    def _start(self, label: RecordingLabel) -> StartRecording:
+        return StartRecording(label, self.zero_mm if any(self.zero_mm) else None)
 
-    def _typed(self, key: str, prompt: str) -> tuple[Controls, Action | None]:
+    def _typed(self, key: str, prompt: str) -> tuple[LiveControls, Action | None]:
         match key:
             case _ if key == _ESCAPE:
                 return replace(self, prompt=None, message=""), None
@@ -181,7 +181,7 @@ class Controls:
         return replace(self, prompt=typed, message=""), None
 
 
-def label_of(text: str) -> tuple[Label | None, str]:
+def label_of(text: str) -> tuple[RecordingLabel | None, str]:
     """Parse a typed label. Return None and the problem if it is invalid. The daemon checks the name."""
     words = text.split()
     if not 2 <= len(words) <= 3 or words[1] not in _TESTS:
@@ -195,4 +195,4 @@ def label_of(text: str) -> tuple[Label | None, str]:
             else f"a {test} test does not have a direction"
         )
         return None, problem
-    return Label(name, test, direction), ""
+    return RecordingLabel(name, test, direction), ""

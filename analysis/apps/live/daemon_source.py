@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.live.live_rows import GAUGES, NO_TRACKS, ROBOT, Joiner, Track, cell_of
-from analysis.apps.live.view import Reading, Update
+from analysis.apps.live.live_rows import GAUGES, NO_TRACKS, ROBOT, Joiner, LiveTrack, cell_of
+from analysis.apps.live.view import GaugeReading, Update
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import RobotMotion
 from daq.service.client import Client
@@ -67,7 +67,7 @@ class Asking:
         self._joiner, rows = self._joiner.joined(tracks_of(answer["streams"], self.signs))
         now_ns = answer["now_ns"]
         readings = {
-            name: Reading(float(track.values[-1, 0]), max(0.0, now_ns / 1e9 - float(track.t_s[-1])))
+            name: GaugeReading(float(track.values[-1, 0]), max(0.0, now_ns / 1e9 - float(track.t_s[-1])))
             for name, track in self._joiner.tracks.items()
             if name in GAUGES
         }
@@ -78,7 +78,7 @@ class Asking:
                 last = next((row for row in reversed(stream["rows"]) if row[place] is not None), None)
                 if name in FURTHER and last is not None and np.isfinite(last[place]):
                     self._further[name] = (last[0] / 1e9, float(last[place]))
-        readings |= {name: Reading(mm, max(0.0, now_ns / 1e9 - t_s)) for name, (t_s, mm) in self._further.items()}
+        readings |= {name: GaugeReading(mm, max(0.0, now_ns / 1e9 - t_s)) for name, (t_s, mm) in self._further.items()}
         return Update(rows=rows, readings=readings, state=state, cell=cell, notice=notice)
 
 
@@ -156,7 +156,7 @@ class DaemonSource:
             self._ended.wait(_RETRY_S)
 
 
-def tracks_of(streams: Mapping[str, Any], signs: Sequence[int] = (1, 1)) -> dict[str, Track]:
+def tracks_of(streams: Mapping[str, Any], signs: Sequence[int] = (1, 1)) -> dict[str, LiveTrack]:
     """Return the samples of a `samples` response by instrument, in mm and rad.
 
     signs: signs that make the gauge readings increase with the distance from the ball.
@@ -175,9 +175,9 @@ def tracks_of(streams: Mapping[str, Any], signs: Sequence[int] = (1, 1)) -> dict
     return {name: track for name, track in tracks.items() if len(track.t_s)}
 
 
-def _track(t_ns: Array, values: Array) -> Track:
+def _track(t_ns: Array, values: Array) -> LiveTrack:
     complete = np.isfinite(values).all(axis=1)
-    return Track(t_ns[complete] / 1e9, values[complete])
+    return LiveTrack(t_ns[complete] / 1e9, values[complete])
 
 
 _SHOW_S = 2.0

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from analysis.apps.live.canvas import ACW_COLOUR, CW_COLOUR, GAUGE_COLOURS, Area, Dots, direction_colour
-from analysis.apps.live.controls import Controls
+from analysis.apps.live.controls import LiveControls
 from analysis.apps.live.lap import ErrorCurve, pieces
 from analysis.apps.live.view import LiveView
 from analysis.robot.kinematics.arm import Array
@@ -36,14 +36,14 @@ def scale_of(curves: tuple[ErrorCurve, ErrorCurve]) -> float:
     return next(scale * power for scale in (*_SCALES, 10.0) if scale * power >= largest)
 
 
-def unit_of(view: LiveView, controls: Controls) -> tuple[str, float]:
+def unit_of(view: LiveView, controls: LiveControls) -> tuple[str, float]:
     """Return the displayed unit of the error, and the factor from degrees or mm."""
     if view.cell is not None and view.cell.has_angle:
         return "°", 1.0
     return f" {controls.units.name}", controls.units.per_mm
 
 
-def draw_circle(area: Area, view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorCurve]) -> None:
+def draw_circle(area: Area, view: LiveView, controls: LiveControls, curves: tuple[ErrorCurve, ErrorCurve]) -> None:
     """Draw the circle with the errors, the tool position and the joint reversals."""
     if view.cell is None or view.cell.frame is None:
         area.put(area.height // 2, 1, "no circle test" if view.cell else "no rig file yet", "dim")
@@ -82,7 +82,7 @@ def draw_circle(area: Area, view: LiveView, controls: Controls, curves: tuple[Er
         mark(float(view.phi[-1]), 0.0, "●", "bold")
 
 
-def _legend(view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorCurve], scale: float) -> list[str]:
+def _legend(view: LiveView, controls: LiveControls, curves: tuple[ErrorCurve, ErrorCurve], scale: float) -> list[str]:
     """Return the error bands and the scale, as far as they fit into the circle."""
     unit, factor = unit_of(view, controls)
     words = []
@@ -103,7 +103,7 @@ _LEAST_MM = 0.001
 _QUARTERS = 4
 
 
-def draw_trace(area: Area, view: LiveView, controls: Controls) -> None:
+def draw_trace(area: Area, view: LiveView, controls: LiveControls) -> None:
     """Draw the readings of the last seconds. Each gauge is relative to the mean, on a common scale."""
     plot = area.part(0, _LABEL, area.width - _LABEL, area.height)
     seconds = max(5.0, plot.width * _SECONDS_A_COLUMN)
@@ -127,7 +127,7 @@ def draw_trace(area: Area, view: LiveView, controls: Controls) -> None:
             dots.polyline(x[begin:end], y[begin:end], GAUGE_COLOURS[k])
 
 
-def draw_straight(area: Area, view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorCurve]) -> None:
+def draw_straight(area: Area, view: LiveView, controls: LiveControls, curves: tuple[ErrorCurve, ErrorCurve]) -> None:
     """Draw the errors acw and cw over the circle angle on the scale of the circle."""
     unit, factor = unit_of(view, controls)
     scale = scale_of(curves)

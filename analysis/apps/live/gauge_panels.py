@@ -15,7 +15,7 @@ from analysis.apps.live.canvas import (
     put_large,
     width_of,
 )
-from analysis.apps.live.controls import Controls
+from analysis.apps.live.controls import LiveControls
 from analysis.apps.live.figures import OLD_S, angle_deg, angle_name, lap_state, phi_deg
 from analysis.apps.live.view import LiveView
 
@@ -25,7 +25,7 @@ _LARGEST_SCALE = 4
 _ANGLE_TEXT = "-00.0000"
 
 
-def scale_for(view: LiveView, controls: Controls, width: int) -> int:
+def scale_for(view: LiveView, controls: LiveControls, width: int) -> int:
     """Return the largest scale at which both gauges fit; at least 1."""
     text = max((_text(view, controls, k, _widest(view, controls, k)) for k in range(2)), key=len)
     text = "".join("0" if character.isdigit() else character for character in text)
@@ -38,7 +38,7 @@ def gauge_rows(scale: int) -> int:
     return height_of(scale) + 2
 
 
-def draw_gauge(area: Area, view: LiveView, controls: Controls, k: int, scale: int) -> None:
+def draw_gauge(area: Area, view: LiveView, controls: LiveControls, k: int, scale: int) -> None:
     """Draw the panel of gauge k: name, unit, zero and trend; reading; range."""
     name, units = f"g{k + 1}", controls.units
     column = area.put(0, 1, name, f"bold {GAUGE_COLOURS[k]}")
@@ -66,7 +66,7 @@ def draw_gauge(area: Area, view: LiveView, controls: Controls, k: int, scale: in
     _range(area, view, controls, k)
 
 
-def draw_angle(area: Area, view: LiveView, controls: Controls, scale: int) -> None:
+def draw_angle(area: Area, view: LiveView, controls: LiveControls, scale: int) -> None:
     """Draw the current yaw or roll in large figures, with circle angle and lap below."""
     degrees = angle_deg(view, controls.zero_mm)
     column = area.put(0, 1, angle_name(view), f"bold {ANGLE_COLOUR}")
@@ -104,21 +104,21 @@ def draw_lap(area: Area, view: LiveView) -> None:
     area.put(0, column, part)
 
 
-def _text(view: LiveView, controls: Controls, k: int, mm: float) -> str:
+def _text(view: LiveView, controls: LiveControls, k: int, mm: float) -> str:
     """Format a reading with the width of the largest previous reading, which keeps the figures in place."""
     units = controls.units
     widest = f"{-abs(_widest(view, controls, k) - controls.zero_mm[k]) * units.per_mm:.{units.decimals}f}"
     return f"{(mm - controls.zero_mm[k]) * units.per_mm:{len(widest)}.{units.decimals}f}"
 
 
-def _widest(view: LiveView, controls: Controls, k: int) -> float:
+def _widest(view: LiveView, controls: LiveControls, k: int) -> float:
     values = [] if view.extremes_mm is None else [float(mm) for mm in view.extremes_mm[k] if math.isfinite(mm)]
     name = f"g{k + 1}"
     values += [view.readings[name].mm] if name in view.readings else []
     return max(values, key=lambda mm: abs(mm - controls.zero_mm[k]), default=0.0)
 
 
-def _range(area: Area, view: LiveView, controls: Controls, k: int) -> None:
+def _range(area: Area, view: LiveView, controls: LiveControls, k: int) -> None:
     """Draw the range bar: the calibrated range if known, otherwise the observed range."""
     if view.extremes_mm is None or not np.isfinite(view.extremes_mm[k]).all():
         return

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from analysis.apps.live.live_rows import Rows
+from analysis.apps.live.live_rows import LiveRows
 from analysis.procedures.circle.evaluate import Sine, sine_of
 from analysis.procedures.circle.joint_reversals import PROMINENCE_RAD
 from analysis.procedures.shared.lap_curve import at_resolution
@@ -128,7 +128,7 @@ _SPEED_S = 0.35
 
 
 @dataclass(frozen=True)
-class JointReversal:
+class LiveReversal:
     """Reversal of a joint (1 … 6) at t_s.
 
     phi_rad: circle angle; nan off the circle. upper: True from rising to falling. sense: sense of the lap, 1 acw, -1
@@ -155,14 +155,14 @@ class JointMotion:
     extreme_t_s: Array = field(default_factory=lambda: np.full(6, np.nan))
     extreme_phi: Array = field(default_factory=lambda: np.full(6, np.nan))
 
-    def after(self, rows: Rows, phi: Array, senses: Array) -> tuple[JointMotion, list[JointReversal]]:
+    def after(self, rows: LiveRows, phi: Array, senses: Array) -> tuple[JointMotion, list[LiveReversal]]:
         """Process rows at circle angles phi (n,) in rad and lap senses (n,).
 
         Return the motion and the joint reversals.
         """
         sense, extreme = self.sense.copy(), self.extreme.copy()
         at_t_s, at_phi = self.extreme_t_s.copy(), self.extreme_phi.copy()
-        reversals: list[JointReversal] = []
+        reversals: list[LiveReversal] = []
         for t_s, q, angle, lap_sense in zip(rows.t_s.tolist(), rows.q, phi.tolist(), senses.tolist(), strict=True):
             if not math.isfinite(q.sum()):
                 continue
@@ -171,7 +171,7 @@ class JointMotion:
             for axis in np.flatnonzero(turned).tolist():
                 upper = bool(sense[axis] > 0)
                 reversals.append(
-                    JointReversal(axis + 1, float(at_t_s[axis]), float(at_phi[axis]), upper, int(lap_sense))
+                    LiveReversal(axis + 1, float(at_t_s[axis]), float(at_phi[axis]), upper, int(lap_sense))
                 )
             begins = (sense == 0) & (np.abs(away) > PROMINENCE_RAD)
             sense = np.where(turned, -sense, np.where(begins, np.sign(away), sense))
@@ -181,11 +181,11 @@ class JointMotion:
         return JointMotion(sense, extreme, at_t_s, at_phi), reversals
 
 
-def speeds(rows: Rows) -> Array:
+def speeds(rows: LiveRows) -> Array:
     """Return the speed (6,) of each joint in rad/s over the last rows; nan if unknown."""
     if not len(rows):
         return np.full(6, np.nan)
-    recent = rows.taken(slice(int(np.searchsorted(rows.t_s, rows.t_s[-1] - _SPEED_S)) - 1, None))
+    recent = rows.select_rows(slice(int(np.searchsorted(rows.t_s, rows.t_s[-1] - _SPEED_S)) - 1, None))
     if len(recent) < 2 or recent.t_s[-1] <= recent.t_s[0]:
         return np.full(6, np.nan)
     speed: Array = (recent.q[-1] - recent.q[0]) / (recent.t_s[-1] - recent.t_s[0])

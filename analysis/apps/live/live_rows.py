@@ -29,7 +29,7 @@ _GAP_S = 0.5
 
 
 @dataclass(frozen=True)
-class Rows:
+class LiveRows:
     """Rows in order of t_s (n,). g_mm (n, 2) and q (n, 6) in rad are nan if missing."""
 
     t_s: Array
@@ -39,23 +39,23 @@ class Rows:
     def __len__(self) -> int:
         return len(self.t_s)
 
-    def taken(self, rows: slice) -> Rows:
+    def select_rows(self, rows: slice) -> LiveRows:
         """Return a slice of the rows."""
-        return Rows(self.t_s[rows], self.g_mm[rows], self.q[rows])
+        return LiveRows(self.t_s[rows], self.g_mm[rows], self.q[rows])
 
-    def followed_by(self, newer: Rows, most: int) -> Rows:
+    def followed_by(self, newer: LiveRows, most: int) -> LiveRows:
         """Return the rows followed by newer rows, limited to the last `most`."""
         if not len(newer):
             return self
         parts = ((self.t_s, newer.t_s), (self.g_mm, newer.g_mm), (self.q, newer.q))
-        return Rows(*(np.concatenate(pair)[-most:] for pair in parts))
+        return LiveRows(*(np.concatenate(pair)[-most:] for pair in parts))
 
 
-NO_ROWS = Rows(np.empty(0), np.empty((0, 2)), np.empty((0, 6)))
+NO_ROWS = LiveRows(np.empty(0), np.empty((0, 2)), np.empty((0, 6)))
 
 
 @dataclass(frozen=True)
-class Track:
+class LiveTrack:
     """Samples of an instrument: ordered times t_s (n,) and values (n, k) in mm or rad."""
 
     t_s: Array
@@ -66,17 +66,17 @@ class Track:
 class Joiner:
     """Samples of each instrument waiting for the other instruments. until_s: time of the last joined row."""
 
-    tracks: Mapping[str, Track]
+    tracks: Mapping[str, LiveTrack]
     until_s: float = -np.inf
 
-    def joined(self, new: Mapping[str, Track]) -> tuple[Joiner, Rows]:
+    def joined(self, new: Mapping[str, LiveTrack]) -> tuple[Joiner, LiveRows]:
         """Add new samples. Return the joiner and the completed rows."""
         tracks = {**self.tracks, **new}
         for name, newer in new.items():
             if (track := self.tracks.get(name)) is not None and len(track.t_s):
                 later = newer.t_s > track.t_s[-1]  # out-of-order samples are dropped
                 values = np.concatenate([track.values, newer.values[later]], axis=0)
-                tracks[name] = Track(np.concatenate([track.t_s, newer.t_s[later]]), values)
+                tracks[name] = LiveTrack(np.concatenate([track.t_s, newer.t_s[later]]), values)
         tracks = {name: track for name, track in tracks.items() if len(track.t_s)}
         if not tracks:
             return self, NO_ROWS
@@ -86,20 +86,20 @@ class Joiner:
         ready_s = min(float(track.t_s[-1]) for track in awake.values())
         t_s = lead.t_s[(lead.t_s > self.until_s) & (lead.t_s <= ready_s)]
         gauges = [_at(t_s, awake.get(name), 1) for name in GAUGES]
-        rows = Rows(t_s, np.concatenate(gauges, axis=1), _at(t_s, awake.get(ROBOT), 6))
+        rows = LiveRows(t_s, np.concatenate(gauges, axis=1), _at(t_s, awake.get(ROBOT), 6))
         until_s = float(t_s[-1]) if len(t_s) else self.until_s
         kept = {}
         for name, track in tracks.items():
             # keep the sample before the others, needed for interpolation
             first = max(0, int(np.searchsorted(track.t_s, ready_s - _SILENT_S)) - 1)
-            kept[name] = Track(track.t_s[first:], track.values[first:])
+            kept[name] = LiveTrack(track.t_s[first:], track.values[first:])
         return replace(self, tracks=kept, until_s=until_s), rows
 
 
 NO_TRACKS = Joiner({})
 
 
-def _at(t_s: Array, track: Track | None, count: int) -> Array:
+def _at(t_s: Array, track: LiveTrack | None, count: int) -> Array:
     """Return values (n, count) at times t_s (n,). They are nan outside a track and in gaps."""
     if track is None:
         return np.full((len(t_s), count), np.nan)
@@ -112,7 +112,7 @@ def _at(t_s: Array, track: Track | None, count: int) -> Array:
 
 
 @dataclass(frozen=True)
-class Cell:
+class LiveCell:
     """The cell in the view.
 
     name: name of the rig. axes: names of the joints. baseline_mm: 0 for a single gauge. frame, start_rad, lead_rad,
@@ -153,10 +153,10 @@ class Cell:
         return self.baseline_mm != 0
 
 
-def cell_of(rig: Rig) -> Cell:
+def cell_of(rig: Rig) -> LiveCell:
     """Return the cell of a rig file."""
     circle = rig.tests.circle
-    return Cell(
+    return LiveCell(
         rig.name,
         arm_of(rig.robot),
         tuple(axis.name for axis in rig.robot.axes),

@@ -12,7 +12,17 @@ from dataclasses import replace
 from types import FrameType
 from typing import TYPE_CHECKING, Protocol
 
-from analysis.apps.live.controls import Action, Controls, Pause, Quit, Redraw, Restart, Speed, Start, Stop
+from analysis.apps.live.controls import (
+    Action,
+    ChangeSpeed,
+    LiveControls,
+    Pause,
+    Quit,
+    Redraw,
+    Restart,
+    StartRecording,
+    StopRecording,
+)
 from analysis.apps.live.figures import figures, plain_line
 from analysis.apps.live.played_run import PlayedRun
 from analysis.apps.live.screen import screen
@@ -26,13 +36,13 @@ _TICK_S = 0.1
 _LINE_S = 1.0
 
 
-class Source(Protocol):
+class LiveSource(Protocol):
     """Source of updates and receiver of user actions."""
 
     def updates(self) -> Sequence[Update]:
         """Return the updates since the last call."""
 
-    def done(self, action: Action) -> str:
+    def handle_action(self, action: Action) -> str:
         """Execute the action of a key and return a notice."""
 
     @property
@@ -52,16 +62,16 @@ class DaemonPlayer:
         """Return the updates since the last call."""
         return self._source.updates()
 
-    def done(self, action: Action) -> str:
+    def handle_action(self, action: Action) -> str:
         """Start or stop a recording. The response follows as a notice."""
         match action:
-            case Start(label):
+            case StartRecording(label):
                 self._source.request("record_start", action.request(), lambda answer: f"recording to {answer['run']}")
                 return f"starting {label}"
-            case Stop():
+            case StopRecording():
                 self._source.request("record_stop", {}, lambda answer: f"ended: {answer['run']}")
                 return "ending the recording"
-            case Pause() | Speed():
+            case Pause() | ChangeSpeed():
                 return "only played runs can be paused: rig live --run RUN"
         return ""
 
@@ -90,27 +100,27 @@ class RunPlayer:
         self._at_s = now_s
         return [*begun, update]
 
-    def done(self, action: Action) -> str:
+    def handle_action(self, action: Action) -> str:
         """Pause, continue or change the speed."""
         match action:
             case Pause():
                 self._run = replace(self._run, paused=not self._run.paused)
-            case Speed(factor):
+            case ChangeSpeed(factor):
                 self._run = self._run.sped(factor)
-            case Start() | Stop():
+            case StartRecording() | StopRecording():
                 return "a played run cannot be recorded"
         return ""
 
 
-def watch(source: Source, view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> None:
+def watch(source: LiveSource, view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> None:
     """Show a source on the terminal, relative to the zeros of the gauges, until the user quits."""
-    controls = Controls(zero_mm=zero_mm)
+    controls = LiveControls(zero_mm=zero_mm)
     with _ends_in_order(), suppress(KeyboardInterrupt), keys_of(sys.stdin) as keys, Painter(sys.stdout) as painter:
         while True:
             before, (view, notice) = view, _advanced(view, source)
-            controls = controls.told(notice, before, view)
+            controls = controls.with_notice(notice, before, view)
             painter.paint(screen(view, controls, *size_of(sys.stdout)))
-            for key in keys.within(_TICK_S):
+            for key in keys.read_keys(_TICK_S):
                 controls, action = controls.pressed(key, view.readings)
                 match action:
                     case Quit():
@@ -118,16 +128,16 @@ def watch(source: Source, view: LiveView, zero_mm: tuple[float, float] = (0.0, 0
                     case Restart():
                         view = view.restarted()
                     case Redraw():
-                        painter.forget()
+                        painter.invalidate_screen()
                     case None:
                         pass
                     case _:
-                        controls = replace(controls, message=source.done(action))
+                        controls = replace(controls, message=source.handle_action(action))
 
 
-def print_lines(source: Source, view: LiveView, say: Callable[[str], None], *, as_json: bool) -> None:
+def print_lines(source: LiveSource, view: LiveView, say: Callable[[str], None], *, as_json: bool) -> None:
     """Print a line each second until the source ends or the user interrupts."""
-    controls = Controls()
+    controls = LiveControls()
     with suppress(KeyboardInterrupt):
         while True:
             view, _ = _advanced(view, source)
@@ -139,7 +149,7 @@ def print_lines(source: Source, view: LiveView, say: Callable[[str], None], *, a
             time.sleep(_LINE_S)
 
 
-def _advanced(view: LiveView, source: Source) -> tuple[LiveView, str]:
+def _advanced(view: LiveView, source: LiveSource) -> tuple[LiveView, str]:
     notice = ""
     for update in source.updates():
         view, notice = view.after(update), update.notice or notice

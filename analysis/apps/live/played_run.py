@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.apps.live.live_rows import Cell, Rows, cell_of
-from analysis.apps.live.view import LiveView, Played, Reading, Update
+from analysis.apps.live.live_rows import LiveCell, LiveRows, cell_of
+from analysis.apps.live.view import GaugeReading, LiveView, Played, Update
 from analysis.runs.align import align
 from analysis.runs.csv_tables import table_from
 from analysis.runs.tables import CircleTable
@@ -36,9 +36,9 @@ class PlayedRun:
     name: str
     test: TestName
     direction: Direction | None
-    cell: Cell
+    cell: LiveCell
     rig_sha256: str
-    rows: Rows
+    rows: LiveRows
     speed: float
     zero_mm: tuple[float, float] = (0.0, 0.0)
     begins_s: float = 0.0
@@ -69,12 +69,12 @@ class PlayedRun:
         at_s = self.at_s if self.paused or self.ended else self.at_s + self.speed * seconds
         until = int(np.searchsorted(self.rows.t_s, at_s, side="right"))
         at_s = min(at_s, float(self.rows.t_s[-1]))
-        new = self.rows.taken(slice(self.shown, until))
+        new = self.rows.select_rows(slice(self.shown, until))
         new = replace(new, t_s=new.t_s + self.begins_s)
         run = replace(self, at_s=at_s, shown=max(until, self.shown))
         played = Played(self.name, at_s, float(self.rows.t_s[-1]), self.speed, self.paused, run.ended)
         last = self.rows.g_mm[run.shown - 1] if run.shown else ()
-        readings = {f"g{k}": Reading(float(mm), 0.0) for k, mm in enumerate(last, start=1) if np.isfinite(mm)}
+        readings = {f"g{k}": GaugeReading(float(mm), 0.0) for k, mm in enumerate(last, start=1) if np.isfinite(mm)}
         return run, Update(rows=new, readings=readings, played=played)
 
     def sped(self, factor: float) -> PlayedRun:
@@ -97,9 +97,9 @@ def played_run(path: Path, speed: float) -> PlayedRun:
         t_s, q, readings = table.t_s, table.q, table.g_mm
     g_mm = np.full((len(readings), 2), np.nan)  # nan for an unused gauge
     g_mm[:, : readings.shape[1]] = readings
-    rows = Rows(t_s, g_mm, q)
+    rows = LiveRows(t_s, g_mm, q)
     step = max(1, int(np.ceil(len(rows) / max(float(np.ptp(rows.t_s)), 1e-9) / _MOST_HZ)))
-    rows = rows.taken(slice(None, None, step))
+    rows = rows.select_rows(slice(None, None, step))
     rows = replace(rows, t_s=rows.t_s - rows.t_s[0])
     manifest = run.manifest
     zero_mm = manifest.view_zero_mm or (0.0, 0.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from analysis.apps.live.canvas import Area, Canvas
-from analysis.apps.live.controls import Controls
+from analysis.apps.live.controls import LiveControls
 from analysis.apps.live.error_panels import draw_circle, draw_straight, draw_trace
 from analysis.apps.live.figures import angle_deg, angle_name, plain_line, shown_curves
 from analysis.apps.live.gauge_panels import draw_angle, draw_gauge, draw_lap, gauge_rows, scale_for
@@ -18,7 +18,7 @@ _STRAIGHT = 170
 """Minimum width for the straight error curve."""
 
 
-def screen(view: LiveView, controls: Controls, width: int, height: int) -> Canvas:
+def screen(view: LiveView, controls: LiveControls, width: int, height: int) -> Canvas:
     """Return the content for a terminal of this size."""
     canvas = Canvas(max(1, width), max(1, height))
     area = canvas.area()
@@ -55,7 +55,7 @@ def screen(view: LiveView, controls: Controls, width: int, height: int) -> Canva
     return canvas
 
 
-def _middle(area: Area, view: LiveView, controls: Controls, *, with_angle: bool) -> None:
+def _middle(area: Area, view: LiveView, controls: LiveControls, *, with_angle: bool) -> None:
     """Draw the circle next to the panels with the figures."""
     curves = shown_curves(view)
     side = min(2 * area.height + 2, area.width // 2)

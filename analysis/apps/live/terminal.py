@@ -67,7 +67,7 @@ class Painter:
             self._out.flush()
         self._shown, self._size = lines, size
 
-    def forget(self) -> None:
+    def invalidate_screen(self) -> None:
         """Send the entire screen with the next picture."""
         self._size = (0, 0)
 
@@ -87,7 +87,7 @@ class Keys:
     def __init__(self, descriptor: int | None) -> None:
         self._descriptor = descriptor
 
-    def within(self, seconds: float) -> list[str]:
+    def read_keys(self, seconds: float) -> list[str]:
         """Wait for keys for a time and return them. Arrow and similar keys are ignored."""
         if self._descriptor is None:
             time.sleep(seconds)

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from analysis.apps.live.canvas import Area, direction_colour
-from analysis.apps.live.controls import KEYS, Controls
+from analysis.apps.live.controls import KEYS, LiveControls
 from analysis.apps.live.figures import OLD_S
-from analysis.apps.live.lap import JointReversal, moves, speeds
-from analysis.apps.live.view import Event, LiveView
+from analysis.apps.live.lap import LiveReversal, moves, speeds
+from analysis.apps.live.view import LiveEvent, LiveView
 from rigs.schema.condition import CONDITION, condition_words
 from rigs.schema.vocabulary import FURTHER
 from rigs.text import plain
@@ -134,7 +134,7 @@ def draw_links(area: Area, view: LiveView) -> None:
         area.put(row, column, f"on the disk: {synced}", "dim")
 
 
-def draw_foot(area: Area, view: LiveView, controls: Controls) -> None:
+def draw_foot(area: Area, view: LiveView, controls: LiveControls) -> None:
     """Draw the typed label or the keys in the last row, and a message above.
 
     In a single row the message replaces the keys.
@@ -177,7 +177,7 @@ def _clock(area: Area, row: int, column: int, clock: dict[str, Any] | None) -> i
     return area.put(row, column, words, "yellow" if drift is not None and abs(drift) > _LATE_DRIFT_PPM else "dim") + 1
 
 
-def event_words(event: Event, view: LiveView) -> str:
+def event_words(event: LiveEvent, view: LiveView) -> str:
     """Describe an event."""
     if event.reversal is None:
         return event.words
@@ -186,7 +186,7 @@ def event_words(event: Event, view: LiveView) -> str:
     return f"axis {reversal.axis}{name} turned back at {_place(reversal)}"
 
 
-def _place(reversal: JointReversal) -> str:
+def _place(reversal: LiveReversal) -> str:
     """Describe position and direction of a joint reversal. Upper means from rising to falling in time."""
     return (f"φ {math.degrees(reversal.phi_rad):5.1f}° " if math.isfinite(reversal.phi_rad) else "") + (
         "▲▼" if reversal.upper else "▼▲"

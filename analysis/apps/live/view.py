@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.live.lap import JointMotion, JointReversal, LapProgress, Sweep
-from analysis.apps.live.live_rows import NO_ROWS, Cell, Rows
+from analysis.apps.live.lap import JointMotion, LapProgress, LiveReversal, Sweep
+from analysis.apps.live.live_rows import NO_ROWS, LiveCell, LiveRows
 from analysis.robot.kinematics.arm import Array, Mask
 from rigs.schema.vocabulary import Direction, TestName
 
@@ -22,7 +22,7 @@ _LEAST_TREND = 4
 
 
 @dataclass(frozen=True)
-class Reading:
+class GaugeReading:
     """Last reading of a gauge in mm, and its age."""
 
     mm: float
@@ -49,10 +49,10 @@ class Update:
     once. label: name, test and direction of the run played from now on.
     """
 
-    rows: Rows = NO_ROWS
-    readings: Mapping[str, Reading] | None = None
+    rows: LiveRows = NO_ROWS
+    readings: Mapping[str, GaugeReading] | None = None
     state: dict[str, Any] | None = None
-    cell: Cell | None = None
+    cell: LiveCell | None = None
     lost: str = ""
     notice: str = ""
     label: tuple[str, TestName, Direction | None] | None = None
@@ -60,12 +60,12 @@ class Update:
 
 
 @dataclass(frozen=True)
-class Event:
+class LiveEvent:
     """A joint reversal, or a message about a fault, a recording or the daemon."""
 
     t_s: float
     words: str
-    reversal: JointReversal | None = None
+    reversal: LiveReversal | None = None
 
 
 @dataclass(frozen=True)
@@ -78,18 +78,18 @@ class LiveView:
     the loss of the daemon, until the next recording starts.
     """
 
-    cell: Cell | None = None
-    rows: Rows = NO_ROWS
+    cell: LiveCell | None = None
+    rows: LiveRows = NO_ROWS
     phi: Array = field(default_factory=lambda: np.empty(0))
-    readings: Mapping[str, Reading] = field(default_factory=dict)
+    readings: Mapping[str, GaugeReading] = field(default_factory=dict)
     extremes_mm: Array | None = None
     lap: LapProgress = field(default_factory=LapProgress)
     acw: Sweep = field(default_factory=Sweep)
     cw: Sweep = field(default_factory=Sweep)
     joints: JointMotion = field(default_factory=JointMotion)
-    events: tuple[Event, ...] = ()
+    events: tuple[LiveEvent, ...] = ()
     reversal_counts: tuple[int, ...] = (0,) * 6
-    last_reversals: Mapping[int, JointReversal] = field(default_factory=dict)
+    last_reversals: Mapping[int, LiveReversal] = field(default_factory=dict)
     state: dict[str, Any] | None = None
     lost: str = ""
     cut: str = ""
@@ -168,25 +168,25 @@ class LiveView:
                 slopes[k] = float(t_s @ recent.g_mm[finite, k] / (t_s @ t_s))
         return slopes
 
-    def since(self, seconds: float) -> Rows:
+    def since(self, seconds: float) -> LiveRows:
         """Return the rows of the last seconds."""
         if not len(self.rows):
             return self.rows
-        return self.rows.taken(slice(int(np.searchsorted(self.rows.t_s, self.rows.t_s[-1] - seconds)), None))
+        return self.rows.select_rows(slice(int(np.searchsorted(self.rows.t_s, self.rows.t_s[-1] - seconds)), None))
 
     @property
-    def reversals(self) -> list[JointReversal]:
+    def reversals(self) -> list[LiveReversal]:
         """Reversals among the events, in order."""
         return [event.reversal for event in self.events if event.reversal]
 
-    def _with_events(self, events: Iterable[Event]) -> LiveView:
+    def _with_events(self, events: Iterable[LiveEvent]) -> LiveView:
         return replace(self, events=(*self.events, *events)[-_KEPT_EVENTS:])
 
     def _with_words(self, words: Iterable[str]) -> LiveView:
         at_s = float(self.rows.t_s[-1]) if len(self.rows) else 0.0
-        return self._with_events(Event(at_s, sentence) for sentence in words)
+        return self._with_events(LiveEvent(at_s, sentence) for sentence in words)
 
-    def _with_rows(self, rows: Rows) -> LiveView:
+    def _with_rows(self, rows: LiveRows) -> LiveView:
         extremes = np.stack([np.fmin.reduce(rows.g_mm, axis=0), np.fmax.reduce(rows.g_mm, axis=0)], axis=1)
         if self.extremes_mm is not None:
             smallest = np.fmin(self.extremes_mm[:, 0], extremes[:, 0])
@@ -208,7 +208,7 @@ class LiveView:
             for axis, count in enumerate(self.reversal_counts, start=1)
         )
         return replace(
-            view._with_events(Event(reversal.t_s, "", reversal) for reversal in turned),
+            view._with_events(LiveEvent(reversal.t_s, "", reversal) for reversal in turned),
             reversal_counts=counts,
             last_reversals={**self.last_reversals, **{reversal.axis: reversal for reversal in turned}},
             lap=lap,

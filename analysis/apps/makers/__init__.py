@@ -123,7 +123,7 @@ LATER = (2, 3, 4, 5, 6)
 
 
 @dataclass(frozen=True)
-class _Answer(Generic[T]):
+class _PackageValue(Generic[T]):
     """A value in the package of a maker, as "writer.WRITER", with the message if it is missing."""
 
     place: str
@@ -152,13 +152,17 @@ class Maker:
 
     name: MakerName
     package: str
-    files: ClassVar[_Answer[ProgramFiles]] = _Answer("FILES", "the files of the programs are unknown")
-    controller: ClassVar[_Answer[Controller]] = _Answer(
+    files: ClassVar[_PackageValue[ProgramFiles]] = _PackageValue("FILES", "the files of the programs are unknown")
+    controller: ClassVar[_PackageValue[Controller]] = _PackageValue(
         "CONTROLLER", "the place of zeros and lengths in this controller is unknown"
     )
-    writer: ClassVar[_Answer[ProgramWriter]] = _Answer("writer.WRITER", "rig does not write programs for this maker")
-    reader: ClassVar[_Answer[ProgramReader]] = _Answer("reader.READER", "rig does not read programs of this maker")
-    driver: ClassVar[_Answer[ProgramDriver]] = _Answer(
+    writer: ClassVar[_PackageValue[ProgramWriter]] = _PackageValue(
+        "writer.WRITER", "rig does not write programs for this maker"
+    )
+    reader: ClassVar[_PackageValue[ProgramReader]] = _PackageValue(
+        "reader.READER", "rig does not read programs of this maker"
+    )
+    driver: ClassVar[_PackageValue[ProgramDriver]] = _PackageValue(
         "driver.DRIVER", "rig does not emulate controllers of this maker"
     )
 

@@ -121,7 +121,7 @@ def correct(
     from analysis.apps.makers.corrected_program import Programs, doubts_of, frames_of, start_of
     from analysis.apps.makers.report import correction_report
     from analysis.cli.console import progress_of
-    from analysis.correction.support import hold_verdict
+    from analysis.correction.support import require_usable_model
     from analysis.report.plain_console import PlainConsole
     from rigs.errors import FileError, UseError
     from rigs.load import load, named_by
@@ -131,7 +131,7 @@ def correct(
     if start and not programs:
         raise UseError("--start-joints", "is the posture at the start of a program", "give --program as well")
     rig, _ = load(rig_file)
-    hold_verdict(rig, rig_file, anyway=anyway)
+    require_usable_model(rig, rig_file, anyway=anyway)
     maker = maker or maker_of(rig.feedback.interface)
     with named_by(rig_file, rig), progress_of("correcting"):
         stated = frames_of(rig.robot, tools or (), frames or ())

@@ -147,7 +147,7 @@ def _propose(
     from analysis.report import proposal_report
 
     if output:
-        proposal_report.hold_free(rig, output)
+        proposal_report.refuse_earlier_proposal(rig, output)
     with progress_of() as progress:
         proposal = proposed(rig, tests, runs, minutes, progress)
     written = proposal_report.write(proposal, text, output) if output else []

@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.apps.makers import CHECK_LENGTH, Controller, maker_by
-from analysis.correction.corrected_targets import Corrected
+from analysis.correction.corrected_targets import CorrectedTargets
 from analysis.correction.pose_uncertainty import places_u_mm, pose_uncertainty
 from analysis.correction.support import CERTAIN_U, Support
 from analysis.correction.work import (
@@ -145,7 +145,7 @@ class Projection:
         real, nominal = tool_places(rig, used, q), tool_poses(model_of(rig, ()), q)
         off_mm = [real - tool_places(rig, projection.effects, q) for projection in (fewer, self)]
         in_base, frame = np.concatenate([off_mm, moves[:, : len(q), :3]]), TaughtFrame(nominal)
-        for without, full, *by_u in (in_base, frame.rest(in_base, nominal, frame.motions(in_base))):
+        for without, full, *by_u in (in_base, frame.remove_motions(in_base, nominal, frame.motions(in_base))):
             u = 2.0 * math.hypot(*(float((move * (without - full)).sum()) for move in by_u))
             if float((without**2).sum() - (full**2).sum()) > CERTAIN_U * u:
                 return True
@@ -223,7 +223,7 @@ _NO_MOVE_MM = 1e-9
 
 
 @dataclass(frozen=True)
-class Entry:
+class ControllerChange:
     """A change at the controller: add `add` ± `u` (standard uncertainty) `unit` to `parameter` of an axis from 1.
 
     now: previous size, if only the growth is stated. reading_deg: change of the axis reading at an unchanged posture.
@@ -264,7 +264,7 @@ class ControllerEntries:
 
     name: MakerName
     controller: Controller
-    entries: tuple[Entry, ...]
+    entries: tuple[ControllerChange, ...]
     effects: tuple[Effect, ...]
     twins: tuple[tuple[str, ...], ...]
     not_entered: tuple[NotEntered, ...]
@@ -382,7 +382,7 @@ def _certain(rig: Rig, used: Sequence[Effect], every: Projection, q: Array, move
         (needed if every.gains(fewer, rig, used, q, moves) else out).append(undecided[0])
 
 
-def as_entered(rig: Rig, targets: Corrected, at: ControllerEntries) -> Corrected:
+def as_entered(rig: Rig, targets: CorrectedTargets, at: ControllerEntries) -> CorrectedTargets:
     """Return corrected targets for a controller with the entries: joint readings for the same postures, and poses
     computed by the controller."""
     added_deg, done = np.zeros(6), targets.done
@@ -408,7 +408,7 @@ def _entry(
     value: float,
     u: float,
     worth_um: float,
-) -> Entry:
+) -> ControllerChange:
     """Return the entry of a change by `value` ± `u` mm or degrees with a benefit of `worth_um`."""
     reading_deg, now = 0.0, None
     if constant.key != "q_deg":
@@ -431,7 +431,9 @@ def _entry(
         # If the model is changed instead of the zero, the robot's reading stays.
         reading_deg = value if controller.changes_reading else 0.0
     leaves_um = worth_um * u / abs(value) if worth_um > 1e3 * _NO_MOVE_MM else 0.0
-    return Entry(constant.axis, name, per_unit * value, abs(per_unit) * u, unit, now, reading_deg, worth_um, leaves_um)
+    return ControllerChange(
+        constant.axis, name, per_unit * value, abs(per_unit) * u, unit, now, reading_deg, worth_um, leaves_um
+    )
 
 
 def scale_of(text: str | None) -> tuple[float, ...] | None:

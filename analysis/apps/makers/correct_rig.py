@@ -12,8 +12,8 @@ from analysis.apps.makers import maker_by
 from analysis.apps.makers.controller_entries import ControllerEntries, as_entered, controller_entries
 from analysis.apps.makers.corrected_program import CorrectedProgram, Programs, correct_program
 from analysis.apps.makers.reading import refuse_marked
-from analysis.apps.makers.target_path import TargetPath, hold_uncorrected, read_path
-from analysis.correction.corrected_targets import Corrected, WorkError, angles_for, corrected
+from analysis.apps.makers.target_path import TargetPath, read_path, refuse_corrected_path
+from analysis.correction.corrected_targets import CorrectedTargets, WorkError, angles_for, corrected
 from analysis.correction.pose_uncertainty import covered, places_u_mm, pose_uncertainty
 from analysis.correction.support import Correction, Support, joint_zeros, link_constants, supports, supports_beside
 from analysis.correction.work import (
@@ -48,7 +48,7 @@ class Corrections:
     zeros: tuple[Correction, ...]
     constants: tuple[Correction, ...]
     work: WorkError
-    path: tuple[Path, TargetPath, Corrected] | None
+    path: tuple[Path, TargetPath, CorrectedTargets] | None
     at_controller: ControllerEntries | None = None
     entered: bool = False
     programs: tuple[CorrectedProgram, ...] = ()
@@ -114,13 +114,13 @@ def correct_rig(
         for program in programs.paths
     )
     for program in filtered:
-        _hold_maker(program, rig, controller or rig.maker)
+        _require_same_maker(program, rig, controller or rig.maker)
     work = _work(rig, supported)
     effects, numbers = tuple(supported), (tuple(zeros), tuple(constants))
     return Corrections(rig, effects, *numbers, work, targets, entries, entered, filtered, of_model)
 
 
-def _hold_maker(program: CorrectedProgram, rig: Rig, maker: MakerName | None) -> None:
+def _require_same_maker(program: CorrectedProgram, rig: Rig, maker: MakerName | None) -> None:
     """Raise FileError for a program of a different maker."""
     if maker and program.maker != maker:
         of, robot = (maker_by(name).controller.maker for name in (program.maker, maker))
@@ -142,7 +142,7 @@ def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
 
 def _targets(
     rig: Rig, supported: Sequence[Support], path: Path, entered: ControllerEntries | None
-) -> tuple[Path, TargetPath, Corrected]:
+) -> tuple[Path, TargetPath, CorrectedTargets]:
     """Return a path and the corrected targets, for an unchanged controller or a controller with the entries `entered`.
 
     Raises FileError if no target can be corrected.
@@ -157,7 +157,7 @@ def _targets(
         few = f"an arm of {axes} axes cannot reach exactly: its tool has only {axes - 3} rotational degrees of freedom"
         problem = f"has poses, which {free if axes > DRIVEN_AXES else few}"
         raise FileError(str(path), problem, f"give joint angles q1_deg … q{axes}_deg")
-    hold_uncorrected(read, str(path))
+    refuse_corrected_path(read, str(path))
     q, unsolved = (read.angles(), []) if read.joints else angles_for(rig, read.poses())
     targets = corrected(rig, supported, q, unsolved)
     if not targets.done.any():
@@ -165,7 +165,7 @@ def _targets(
     return path, read, as_entered(rig, targets, entered) if entered else targets
 
 
-def target_errors(path: Path, path_read: TargetPath, targets: Corrected) -> list[FileError]:
+def target_errors(path: Path, path_read: TargetPath, targets: CorrectedTargets) -> list[FileError]:
     """Return an error for each target of a path that could not be corrected."""
     return [
         FileError(f"{path}, line {path_read.lines[target.place]}", target.what, "move the target")

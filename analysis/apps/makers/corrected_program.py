@@ -18,8 +18,17 @@ from analysis.apps.makers.postures import agreeing, solved
 from analysis.apps.makers.program_machine import Unknown
 from analysis.apps.makers.program_reader import ProgramReader
 from analysis.apps.makers.reading import as_bytes, read_program
-from analysis.apps.makers.target import AT_BEGIN, Left, Named, Notice, Number, Parsed, Target, Texts
-from analysis.correction.corrected_targets import Corrected, NotCorrected, WorkError, corrected
+from analysis.apps.makers.target import (
+    AT_BEGIN,
+    NamedFrame,
+    Notice,
+    Number,
+    Parsed,
+    ProgramTexts,
+    Target,
+    UncorrectedTarget,
+)
+from analysis.correction.corrected_targets import CorrectedTargets, NotCorrected, WorkError, corrected
 from analysis.correction.reasons import Reason
 from analysis.correction.support import Support
 from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward, pose_error, transform
@@ -104,10 +113,10 @@ class CorrectedProgram:
     unknown: tuple[str, ...]
     error: WorkError | None
     rounded_um: Array
-    left: tuple[Left, ...]
+    left: tuple[UncorrectedTarget, ...]
     beside_left_mm: Array
     sources: tuple[str, ...]
-    overruled: tuple[Named, ...]
+    overruled: tuple[NamedFrame, ...]
     given_away_mm: Array
     changed: frozenset[str] = frozenset()
     notices: tuple[Notice, ...] = ()
@@ -154,7 +163,7 @@ def correct_program(
     left = [
         *parsed.left,
         *(
-            Left(targets[k].file, targets[k].line, targets[k].name, why, because.get(k, ()))
+            UncorrectedTarget(targets[k].file, targets[k].line, targets[k].name, why, because.get(k, ()))
             for k, why in reasons.items()
             if targets[k].of is None
         ),
@@ -198,7 +207,7 @@ def _joints_at(
     targets, reasons = parsed.targets, dict[int, Reason]()
     poses, angles = np.full((len(targets), 4, 4), np.nan), np.full((len(targets), 6), np.nan)
     for k, target in enumerate(targets):
-        place = _given(target, located[k], scale)
+        place = _stated_target(target, located[k], scale)
         if isinstance(place, str):
             reasons[k] = place
         elif target.joints:
@@ -233,7 +242,7 @@ def _beside_left(parsed: Parsed, kept: set[int]) -> list[int]:
     return [k for k in ends_kept if k in kept]
 
 
-def _otherwise(named: Named, frames: Frames) -> bool:
+def _otherwise(named: NamedFrame, frames: Frames) -> bool:
     """Return whether the stated numbers of a tool or frame differ from the program."""
     stated = (frames.tools if named.kind == "tool" else frames.frames).get(named.name.lower())
     return stated is not None and not np.allclose(stated.ravel(), named.value, atol=1e-6)
@@ -243,7 +252,7 @@ def _off_by_offset(
     arm: Arm,
     targets: Sequence[Target],
     located: Sequence[_Located],
-    done: Corrected,
+    done: CorrectedTargets,
     moved_mm: Array,
     reasons: dict[int, Reason],
 ) -> tuple[dict[int, tuple[Unknown, ...]], Array]:
@@ -294,21 +303,21 @@ class _Located:
 def _located(arm: Arm, reader: ProgramReader, frames: Frames, target: Target) -> _Located:
     # The world frame of the cell differs from the frame of the robot's foot.
     hangs = reader.of_world and arm.T_world_base[2, 2] < 1 - 1e-6
-    tool = _known(target.tool, frames.tools, reader.null_tools)
-    frame = _known(target.frame, frames.frames, () if hangs else reader.null_frames)
+    tool = _stated_frame(target.tool, frames.tools, reader.null_tools)
+    frame = _stated_frame(target.frame, frames.frames, () if hangs else reader.null_frames)
     if frame is None or tool is None:
         return _Located(np.eye(4), np.eye(4), "unknown_tool" if tool is None else "unknown_frame")
     return _Located(tool, frame)
 
 
-def _known(place: Array | str, named: Mapping[str, Array], null: tuple[str, ...]) -> Array | None:
+def _stated_frame(place: Array | str, named: Mapping[str, Array], null: tuple[str, ...]) -> Array | None:
     if not isinstance(place, str):
         return place
     stated = named.get(place.lower())
     return np.eye(4) if stated is None and place in null else stated
 
 
-def _given(target: Target, located: _Located, scale: Sequence[float] | None) -> Array | Reason:
+def _stated_target(target: Target, located: _Located, scale: Sequence[float] | None) -> Array | Reason:
     """Return the joint angles (6,) rad or the frame (4, 4) in the numbers of a target, or the reason if there are
     none."""
     if target.form == "pulses" and scale is None:
@@ -336,7 +345,9 @@ def _in_program(arm: Arm, located: _Located, T: Array) -> Array:
     return X
 
 
-def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: Corrected, moved_mm: Array) -> dict[int, Reason]:
+def _implausible(
+    arm: Arm, targets: Sequence[Target], q: Array, done: CorrectedTargets, moved_mm: Array
+) -> dict[int, Reason]:
     """Return the targets with an implausible correction by moved_mm (n,), which must not be written, with the
     reasons."""
     reasons: dict[int, Reason] = {}
@@ -370,7 +381,7 @@ def _changes(
     return [(number, written(number, text, value, target.form, places)) for number, value, places in three]
 
 
-def _read_back(reader: ProgramReader, before: Parsed, texts: Texts) -> Parsed:
+def _read_back(reader: ProgramReader, before: Parsed, texts: ProgramTexts) -> Parsed:
     """Parse the new texts, and check that they contain the same targets."""
     after = reader.parse(texts)
 
@@ -399,8 +410,8 @@ def frames_of(robot: Robot, tools: Sequence[str], frames: Sequence[str]) -> Fram
     A tool can also be "name=rig", the tool of the rig file, and both can be "name=0". Raises UseError for any other
     text, and for a name with two different frames.
     """
-    of_tools = [_named("--tool", text, transform(robot.tool)) for text in tools]
-    of_frames = [_named("--frame", text, None) for text in frames]
+    of_tools = [_parse_named_frame("--tool", text, transform(robot.tool)) for text in tools]
+    of_frames = [_parse_named_frame("--frame", text, None) for text in frames]
     return Frames(_without_contradiction("--tool", of_tools), _without_contradiction("--frame", of_frames))
 
 
@@ -430,7 +441,7 @@ def doubts_of(frames: Frames, programs: Sequence[CorrectedProgram]) -> list[str]
     return doubts
 
 
-def _named(option: str, text: str, of_rig: Array | None) -> tuple[str, Array]:
+def _parse_named_frame(option: str, text: str, of_rig: Array | None) -> tuple[str, Array]:
     name, equals, values = (part.strip() for part in text.partition("="))
     if not equals or not name:
         raise UseError(f"{option} {text}", "is not NAME=…", _HOW)

@@ -81,7 +81,7 @@ class Tokens:
 
 
 @dataclass(frozen=True)
-class Posture:
+class PostureFlags:
     """The posture flags of a position that follow from the joint angles.
 
     flip: axis 5 has a positive angle. counts: turns of axes 4, 5 and 6 or of 4, 6 and 1, as used by the language.
@@ -92,16 +92,16 @@ class Posture:
 
 
 @dataclass(frozen=True)
-class Pose:
+class ToolPose:
     """The position (3,) mm and orientation of a tool in the base frame, and the posture of the arm if stated."""
 
     place: Array
     turn: Rotation
-    posture: Posture | None = None
+    posture: PostureFlags | None = None
 
 
 @dataclass(frozen=True)
-class Speed:
+class MoveLimits:
     """The limits of a move; None if the language sets no limit.
 
     share: of the maximum speed of each axis, 0 to 1. axis_rad_s, axis_rad_s2: of the fastest joint. mm_s, rad_s: of the
@@ -122,22 +122,22 @@ class Speed:
 class Stood:
     """A joint move of a tool to joint angles q (6,) rad or to a pose."""
 
-    pose: Pose
+    pose: ToolPose
     q: Array | None
-    tool: Pose
-    speed: Speed
+    tool: ToolPose
+    speed: MoveLimits
 
 
 @dataclass(frozen=True)
-class Straight:
+class LinearMove:
     """A straight move of a tool with even rotation. stops: the tool stops at the end. The speed is in mm/s."""
 
-    begin: Pose
-    end: Pose
+    begin: ToolPose
+    end: ToolPose
     speed_mm_s: float
     stops: bool
-    tool: Pose
-    speed: Speed
+    tool: ToolPose
+    speed: MoveLimits
 
     @property
     def length_mm(self) -> float:
@@ -160,16 +160,16 @@ class Round:
     """An arc of a tool about a unit axis (3,) through a centre (3,) mm, by an angle in rad. stops: the tool stops at
     the end."""
 
-    begin: Pose
-    end: Pose
+    begin: ToolPose
+    end: ToolPose
     centre: Array
     axis: Array
     angle: float
     turning: Turning
     speed_mm_s: float
     stops: bool
-    tool: Pose
-    speed: Speed
+    tool: ToolPose
+    speed: MoveLimits
 
     @property
     def length_mm(self) -> float:
@@ -216,7 +216,7 @@ class Switched:
 
 
 @dataclass(frozen=True)
-class Shown:
+class RegisterOutput:
     """An integer written to an output register."""
 
     register: int
@@ -224,11 +224,11 @@ class Shown:
 
 
 @dataclass(frozen=True)
-class Held:
+class OperatorPause:
     """A pause of the program for the operator."""
 
 
-Event = Stood | Straight | Round | Waited | Switched | Shown | Held
+Event = Stood | LinearMove | Round | Waited | Switched | RegisterOutput | OperatorPause
 
 
 def _evenly(begin: Rotation, end: Rotation, share: Array) -> Rotation:
@@ -257,68 +257,70 @@ def circle_through(a: Array, b: Array, c: Array) -> tuple[Array, Array, float]:
 class Machine:
     """An arm with a tool, and a record of all actions."""
 
-    def __init__(self, flange: Flange, tool: Pose | None = None) -> None:
+    def __init__(self, flange: Flange, tool: ToolPose | None = None) -> None:
         self._flange = flange
         self._tool = tool
         self.events: list[Event] = []
-        self._pose: Pose | None = None
+        self._pose: ToolPose | None = None
 
     @property
-    def pose(self) -> Pose:
+    def pose(self) -> ToolPose:
         """Return the pose of the tool. Raises ProgramError before the first move."""
         if self._pose is None:
             raise ProgramError("the program starts with a path move, before the first joint move")
         return self._pose
 
     @property
-    def tool(self) -> Pose:
+    def tool(self) -> ToolPose:
         """Return the tool in the flange's frame. Raises ProgramError if no tool is set."""
         if self._tool is None:
             raise ProgramError("the program moves before setting a tool")
         return self._tool
 
     @tool.setter
-    def tool(self, tool: Pose) -> None:
+    def tool(self, tool: ToolPose) -> None:
         old, self._tool = self._tool, _finite(tool)
         if not old or not self._pose:
             return
         away_mm, turned = np.abs(old.place - tool.place).max(), (old.turn.inv() * tool.turn).magnitude()
         if away_mm >= _SAME_MM or turned >= _SAME_RAD:
             turn = self._pose.turn * old.turn.inv()
-            self._pose = Pose(self._pose.place + turn.apply(tool.place - old.place), turn * tool.turn)
+            self._pose = ToolPose(self._pose.place + turn.apply(tool.place - old.place), turn * tool.turn)
 
-    def joints(self, q: Array, speed: Speed) -> None:
+    def joints(self, q: Array, speed: MoveLimits) -> None:
         """Move to joint angles q (6,) rad and stop there."""
         if np.shape(q) != (6,) or not np.isfinite(q).all():
             raise ProgramError("a joint move needs six joint angles")
         matrix, place = self._flange(q)
         turn = Rotation.from_matrix(matrix)
-        self._pose = Pose(place + turn.apply(self.tool.place), turn * self.tool.turn)
+        self._pose = ToolPose(place + turn.apply(self.tool.place), turn * self.tool.turn)
         self.events.append(Stood(self._pose, q, self.tool, speed))
 
-    def go(self, pose: Pose, speed: Speed) -> None:
+    def go(self, pose: ToolPose, speed: MoveLimits) -> None:
         """Move all joints together to a pose and stop there."""
         self._pose = _finite(pose)
         self.events.append(Stood(pose, None, self.tool, speed))
 
-    def line(self, pose: Pose, speed_mm_s: float, *, stops: bool, speed: Speed) -> None:
+    def line(self, pose: ToolPose, speed_mm_s: float, *, stops: bool, speed: MoveLimits) -> None:
         """Move the tool on a line to a pose, at a speed in mm/s along it."""
-        self.events.append(Straight(self.pose, _finite(pose), _speed(speed_mm_s), stops, self.tool, speed))
+        self.events.append(LinearMove(self.pose, _finite(pose), _speed(speed_mm_s), stops, self.tool, speed))
         self._pose = pose
 
-    def turn(self, pose: Pose, speed_rad_s: float) -> None:
+    def turn(self, pose: ToolPose, speed_rad_s: float) -> None:
         """Turn about the tool's origin to a pose, at a speed in rad/s. Raises ProgramError if the origin moves."""
         if np.linalg.norm(pose.place - self.pose.place) > 0.01 or not 0 < speed_rad_s < _FASTEST_RAD_S:
             raise ProgramError("a rotation has an angular speed and no path")
-        self.line(pose, _FASTEST_MM_S / 2, stops=True, speed=Speed(rad_s=speed_rad_s))
+        self.line(pose, _FASTEST_MM_S / 2, stops=True, speed=MoveLimits(rad_s=speed_rad_s))
 
-    def arc(self, via: Array, end: Pose, speed_mm_s: float, *, turning: Turning, stops: bool, speed: Speed) -> None:
+    def arc(
+        self, via: Array, end: ToolPose, speed_mm_s: float, *, turning: Turning, stops: bool, speed: MoveLimits
+    ) -> None:
         """Move the tool on the arc through a position `via` (3,) mm to a pose, at a speed in mm/s."""
         begin = self.pose
         centre, axis, angle = circle_through(begin.place, via, _finite(end).place)
         way = Round(begin, end, centre, axis, angle, turning, _speed(speed_mm_s), stops, self.tool, speed)
         self.events.append(way)
-        self._pose = Pose(end.place, way.at(np.ones(1))[1][0])
+        self._pose = ToolPose(end.place, way.at(np.ones(1))[1][0])
 
     def wait(self, seconds: float) -> None:
         """Wait for a time in seconds."""
@@ -327,7 +329,7 @@ class Machine:
         self.events.append(Waited(seconds))
 
 
-def _finite(pose: Pose) -> Pose:
+def _finite(pose: ToolPose) -> ToolPose:
     if not np.abs(pose.place).max() < _FARTHEST_MM or not np.isfinite(pose.turn.as_quat()).all():
         raise ProgramError(f"{pose.place} mm is not a valid position of an arm")
     return pose
@@ -340,7 +342,7 @@ def _speed(speed_mm_s: float) -> float:
 
 
 @dataclass(frozen=True)
-class Parameter:
+class ControllerParameter:
     """A parameter by its name at the controller; {axis} is the number of a joint, from 1.
 
     field: the changed property of the arm. factor: mm or rad per unit. later: axis number in the rig file minus axis
@@ -362,7 +364,7 @@ class Parameter:
         return (self.axis or int(match[1]) + self.later) if match else None
 
 
-READING = Parameter("reading of axis {axis}", "deg", "reading", math.radians(1))
+READING = ControllerParameter("reading of axis {axis}", "deg", "reading", math.radians(1))
 """The reading of an axis, for an operator with unknown counts per degree: it is set in the menus of the maker."""
 
 
@@ -376,5 +378,5 @@ class ProgramDriver:
     """
 
     run: Callable[[str, str, Machine], None]
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[ControllerParameter, ...]
     tool_entered: bool = False

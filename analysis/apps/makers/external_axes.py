@@ -13,7 +13,7 @@ from analysis.apps.makers.program_machine import (
     EXTERNAL,
     OFF,
     Elsewhere,
-    Lose,
+    ForgetFamily,
     Move,
     Program,
     Set,
@@ -50,10 +50,10 @@ def with_external_axes(program: Program, axes: frozenset[str], point: Callable[[
 
     def followed(statement: Statement) -> Iterator[Statement]:
         if isinstance(statement, Elsewhere):
-            yield Lose(EXTERNAL, _ELSEWHERE)
+            yield ForgetFamily(EXTERNAL, _ELSEWHERE)
         elif isinstance(statement, Move) and (of := point(statement.base or statement.key)):
             if of.coordinates is None:
-                yield Lose(EXTERNAL, Unknown(statement.file, statement.line, _CHANGED))
+                yield ForgetFamily(EXTERNAL, Unknown(statement.file, statement.line, _CHANGED))
             for axis, coordinate in (of.coordinates or {}).items():
                 if axis in axes:
                     yield Set(f"{EXTERNAL}[{axis}]", "moved" if coordinate else OFF)

@@ -25,7 +25,16 @@ from analysis.apps.makers.program_machine import (
     family_of,
     usages_of,
 )
-from analysis.apps.makers.target import AT_BEGIN, Arc, Left, Named, Notice, Parsed, Step, Target
+from analysis.apps.makers.target import (
+    AT_BEGIN,
+    NamedFrame,
+    Notice,
+    Parsed,
+    TangentArc,
+    Target,
+    TargetMove,
+    UncorrectedTarget,
+)
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Array
 
@@ -65,15 +74,15 @@ class Points:
     axes: set[str] = field(default_factory=set)
     notices: list[Notice] = field(default_factory=list)
     _points: dict[str, _Point] = field(default_factory=dict)
-    _left: list[Left] = field(default_factory=list)
-    _sets: list[Named] = field(default_factory=list)
+    _left: list[UncorrectedTarget] = field(default_factory=list)
+    _sets: list[NamedFrame] = field(default_factory=list)
 
     def declare(self, key: str, target: Target, reason: Reason | None = None) -> None:
         """Add a point. A point with a reason is a valid target of moves but cannot be corrected."""
         if key in self._points:
             self.change(key, target.file, target.line)
             if target.file < self.files and key not in self.silent:
-                self.leave(Left(target.file, target.line, target.name, "changed"))
+                self.leave(UncorrectedTarget(target.file, target.line, target.name, "changed"))
         else:
             self._points[key] = _Point(target, reason)
 
@@ -98,11 +107,11 @@ class Points:
         point = self._points[key]
         point.changed = point.changed or Unknown(file, line, "the point is used or assigned there")
 
-    def leave(self, move: Left) -> None:
+    def leave(self, move: UncorrectedTarget) -> None:
         """List a move that cannot be corrected."""
         self._left.append(move)
 
-    def state(self, named: Named) -> None:
+    def state(self, named: NamedFrame) -> None:
         """Add the numbers that the program assigns to a tool or frame."""
         self._sets.append(named)
 
@@ -115,7 +124,7 @@ class Points:
         targets, places, skipped = self._targets()
         arcs = _arcs(usages, places)
         steps = tuple(
-            Step(
+            TargetMove(
                 places[usage.move.key],
                 _sources(usage, places),
                 "joint" if usage.move.way == "joint" else "line",
@@ -132,10 +141,10 @@ class Points:
                 if source not in (None, BEGIN) and (key in places) != (source in places):
                     next_to_left.append(places[key if key in places else source])
         ordered = tuple(sorted(skipped, key=lambda move: (move.file, move.line)))
-        notices, named = tuple(self.notices), self._named(usages)
+        notices, named = tuple(self.notices), self._names_in_use(usages)
         return Parsed(tuple(targets), steps, ordered, tuple(next_to_left), tuple(self._sets), notices, named)
 
-    def _named(self, usages: Sequence[Usage]) -> frozenset[tuple[str, str]]:
+    def _names_in_use(self, usages: Sequence[Usage]) -> frozenset[tuple[str, str]]:
         """Return the names of the tools and frames in moves, points and settings of the program."""
         named: set[tuple[str, str]] = {(of.kind, of.name.lower()) for of in self._sets}
         for usage in usages:
@@ -152,7 +161,7 @@ class Points:
             return None
         return PointAxes(None if point.changed else dict(point.target.external), not point.target.joints)
 
-    def _targets(self) -> tuple[list[Target], dict[str, int], list[Left]]:
+    def _targets(self) -> tuple[list[Target], dict[str, int], list[UncorrectedTarget]]:
         """Return the targets of the points, their indices, and the uncorrected points and moves.
 
         Targets have the tool and the frame of their moves. The keys of the indices are those of the moves.
@@ -165,7 +174,7 @@ class Points:
                 continue
             if why := next(_reasons(point), None):
                 if why[0] != "unused" or key not in self.silent:
-                    skipped.append(Left(point.target.file, point.target.line, point.target.name, *why))
+                    skipped.append(UncorrectedTarget(point.target.file, point.target.line, point.target.name, *why))
                 continue
             first = point.usages[0]
             target = replace(
@@ -198,13 +207,13 @@ def _sources(usage: Usage, places: dict[str, int]) -> frozenset[int | None]:
     return frozenset(AT_BEGIN if key == BEGIN else places.get(key or "") for key in usage.comes_from)
 
 
-def _arcs(usages: Sequence[Usage], places: dict[str, int]) -> dict[str, Arc]:
+def _arcs(usages: Sequence[Usage], places: dict[str, int]) -> dict[str, TangentArc]:
     """Return the arcs that rotate the tool, by name."""
-    arcs: dict[str, Arc] = {}
+    arcs: dict[str, TangentArc] = {}
     for usage in usages:
         if not (name := usage.move.arc):
             continue
-        arc, place = arcs.get(name, Arc(frozenset(), None, None)), places.get(usage.move.key)
+        arc, place = arcs.get(name, TangentArc(frozenset(), None, None)), places.get(usage.move.key)
         if usage.move.through:
             arcs[name] = replace(arc, starts=arc.starts | _sources(usage, places), through=place)
         else:
@@ -212,14 +221,14 @@ def _arcs(usages: Sequence[Usage], places: dict[str, int]) -> dict[str, Arc]:
     return arcs
 
 
-def _registers(usage: Usage) -> Iterator[Named]:
+def _registers(usage: Usage) -> Iterator[NamedFrame]:
     """Yield the tool and frame of a move if the program itself sets their numbers in a register."""
     kinds: dict[str, Literal["tool", "frame"]] = {"UTOOL": "tool", "UFRAME": "frame"}
     for of, value in ((usage.move.tool, usage.tool), (usage.move.frame, usage.frame)):
         if isinstance(of, Ref) and isinstance(value, tuple):
             family, _, number = of.part.partition("[")
             if family in kinds:
-                yield Named(number.rstrip("]"), kinds[family], usage.move.file, usage.move.line, value)
+                yield NamedFrame(number.rstrip("]"), kinds[family], usage.move.file, usage.move.line, value)
 
 
 def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
@@ -233,17 +242,17 @@ def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
         yield "unused", ()
     yield from _elsewhere(target, usages)
     for usage in () if target.joints else usages:
-        move = _here(usage, "the move")
+        move = _unknown_at(usage, "the move")
         if isinstance(usage.tool, Unknown):
             yield "unknown_tool", (usage.tool, move)
         if isinstance(usage.frame, Unknown):
             yield "unknown_frame", (usage.frame, move)
         if (usage.tool, usage.frame) != (usages[0].tool, usages[0].frame):
-            yield "several_frames", (_here(usages[0], "one move"), move)
+            yield "several_frames", (_unknown_at(usages[0], "one move"), move)
     by_angles = [usage for usage in usages if usage.move.near]
     for usage in by_angles:
         if usage.move.near != by_angles[0].move.near:
-            yield "two_postures", (_here(by_angles[0], "one move"), _here(usage, "another move"))
+            yield "two_postures", (_unknown_at(by_angles[0], "one move"), _unknown_at(usage, "another move"))
 
 
 def _elsewhere(target: Target, usages: Sequence[Usage]) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
@@ -251,21 +260,21 @@ def _elsewhere(target: Target, usages: Sequence[Usage]) -> Iterator[tuple[Reason
     offsets: dict[str, object] = {}
     for usage in usages:
         if offsets.setdefault(usage.move.key, usage.offset) != usage.offset:
-            yield "offset", (_here(usage, "the offset differs between the paths leading here"),)
+            yield "offset", (_unknown_at(usage, "the offset differs between the paths leading here"),)
         elif usage.offset and target.joints:
-            yield "offset", (_here(usage, "an offset from joint angles"),)
+            yield "offset", (_unknown_at(usage, "an offset from joint angles"),)
         elif usage.offset and not isinstance(value := usage.offset[1], tuple):
-            yield "offset", (value if isinstance(value, Unknown) else _here(usage, "the move with the offset"),)
+            yield "offset", (value if isinstance(value, Unknown) else _unknown_at(usage, "the move with the offset"),)
     for usage in usages:
         for part, value in usage.needs:
-            reason, move = _BY_PART[family_of(part.partition(" ")[0])], _here(usage, "the move")
+            reason, move = _BY_PART[family_of(part.partition(" ")[0])], _unknown_at(usage, "the move")
             if isinstance(value, Unknown):
                 yield "not_understood" if value.everything else reason, (value, move)
             elif value != OFF:
                 yield reason, (move,)
 
 
-def _here(usage: Usage, fact: str) -> Unknown:
+def _unknown_at(usage: Usage, fact: str) -> Unknown:
     return Unknown(usage.move.file, usage.move.line, fact)
 
 

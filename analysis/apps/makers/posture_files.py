@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis.apps.makers.posture_targets import labels_of
-from analysis.apps.makers.programs.motion_plan import Comment, JointMove, Plan, Step, demand_of
+from analysis.apps.makers.programs.motion_plan import Comment, JointMove, MotionPlan, Step, demand_of
 from analysis.apps.makers.programs.planned import targets_at, tracker_plan
 from analysis.apps.makers.target_path import POSES, TargetPath
 from analysis.apps.makers.writing import encoded_programs, programs_of
@@ -43,7 +43,7 @@ def write_postures(postures: Postures, read: TargetPath, directory: Path, maker:
         raise FileError(error.where, error.what, "give another --output") from None
 
 
-def posture_plan(postures: Postures, labels: Sequence[str]) -> Plan:
+def posture_plan(postures: Postures, labels: Sequence[str]) -> MotionPlan:
     """Return the plan that moves the joints to the chosen posture of each target in turn and stops there."""
     rows = postures.best.rows
     targets = targets_at(arm_of(postures.rig.robot), postures.candidates.q[rows])

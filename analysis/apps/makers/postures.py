@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from analysis.apps.makers.programs.ways import straight
-from analysis.apps.makers.target import AT_BEGIN, Arc, Flags, Step, Target, Way
+from analysis.apps.makers.programs.ways import straight_path
+from analysis.apps.makers.target import AT_BEGIN, Flags, TangentArc, Target, TargetMove, Way
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask, forward
 from analysis.robot.kinematics.follow import follow
@@ -60,7 +60,7 @@ def solved(
     targets: Sequence[Target],
     poses: Array,
     joint_angles: Array,
-    steps: Sequence[Step],
+    steps: Sequence[TargetMove],
     start: Sequence[float] | None = None,
     tips: Array | None = None,
 ) -> tuple[Array, dict[int, Reason]]:
@@ -90,7 +90,7 @@ def solved(
             _take(q, reasons, k, chosen if chosen is not None else ("ambiguous" if mask.any() else "other_flags"))
     tips = np.zeros((len(targets), 3)) if tips is None else tips
     ways = _Ways(arm, poses, branches, q, tips, [target.joints for target in targets])
-    _along(ways, targets, steps, reasons)
+    _derive_postures(ways, targets, steps, reasons)
     for k in asked:
         if k not in reasons and not np.isfinite(q[k]).all():
             reasons[k] = "no_posture"
@@ -128,7 +128,9 @@ def _nearest(solutions: Array, near: Array) -> Array | Reason:
     return nearest
 
 
-def _along(ways: _Ways, targets: Sequence[Target], steps: Sequence[Step], reasons: dict[int, Reason]) -> None:
+def _derive_postures(
+    ways: _Ways, targets: Sequence[Target], steps: Sequence[TargetMove], reasons: dict[int, Reason]
+) -> None:
     """Derive postures that are not stated from the previous targets, and reject targets with different postures on
     different paths."""
     branches, q = ways.branches, ways.q
@@ -142,9 +144,9 @@ def _along(ways: _Ways, targets: Sequence[Target], steps: Sequence[Step], reason
             sources = [
                 source
                 for source in step.comes_from
-                if source is not None and ways.stands(source) and source not in reasons
+                if source is not None and ways.is_solved(source) and source not in reasons
             ]
-            if ways.stands(k) or k in reasons:
+            if ways.is_solved(k) or k in reasons:
                 continue
             if not sources:
                 still.append(step)
@@ -177,7 +179,7 @@ class _Ways:
     joints: Sequence[bool]
     arrivals: dict[tuple[bytes, bytes, Way], Array | Reason] = field(default_factory=dict)
 
-    def stands(self, k: int) -> bool:
+    def is_solved(self, k: int) -> bool:
         return bool(np.isfinite(self.q[k]).all())
 
     def reached(self, source: int, k: int, way: Way) -> Array | Reason:
@@ -191,16 +193,16 @@ class _Ways:
         return self.arrivals[key]
 
 
-def _not_the_same(ways: _Ways, step: Step, free: set[int], reasons: dict[int, Reason]) -> Reason | None:
+def _not_the_same(ways: _Ways, step: TargetMove, free: set[int], reasons: dict[int, Reason]) -> Reason | None:
     """Return a reason if a move may reach the target in a posture different from the corrected posture."""
     k = step.target
-    if isinstance(ways.branches.get(k, "unreachable"), str) or not ways.stands(k):  # A joint target, or no posture
+    if isinstance(ways.branches.get(k, "unreachable"), str) or not ways.is_solved(k):  # A joint target, or no posture
         return None
     if ways.joints[k] and step.way != "line":
         return None
     by_way = k in free or not step.by_flags
     for source in step.comes_from:
-        if source is None or source in reasons or not ways.stands(source):
+        if source is None or source in reasons or not ways.is_solved(source):
             if by_way:
                 return "no_posture"
             continue
@@ -214,11 +216,13 @@ def _not_the_same(ways: _Ways, step: Step, free: set[int], reasons: dict[int, Re
     return None
 
 
-def _turned(ways: _Ways, arc: Arc | None, reasons: dict[int, Reason]) -> Reason | None:
+def _turned(ways: _Ways, arc: TangentArc | None, reasons: dict[int, Reason]) -> Reason | None:
     """Return a reason if an arc that rotates the tool with the tangent does not produce the written orientations."""
     if arc is None:
         return None
-    places = [k for k in (*arc.starts, arc.through, arc.end) if k is not None and k not in reasons and ways.stands(k)]
+    places = [
+        k for k in (*arc.starts, arc.through, arc.end) if k is not None and k not in reasons and ways.is_solved(k)
+    ]
     if arc.through is None or arc.end is None or len(places) < len(arc.starts) + 2:
         return "arc_turns"
     through, end = ways.poses[arc.through], ways.poses[arc.end]
@@ -269,7 +273,7 @@ def _reached(arm: Arm, stands: Array, pose: Array, solutions: Array, *, linear: 
     if np.linalg.norm(pose[:3, 3] - begin[:3, 3]) > _LONGEST_MM:
         return "unreachable"
     try:
-        way = straight(begin, pose, _ANY_MM_S).poses
+        way = straight_path(begin, pose, _ANY_MM_S).poses
         path = follow(arm, way, stands, "a move")
     except FileError:
         return "ambiguous"

@@ -2,7 +2,7 @@
 
 A dialect translates its text into routines of a few statements. The machine follows every path through them: branches
 are joined, loops run to a fixed point, calls are followed. A part of the state is a value or unknown, and an unknown
-part names the line that caused it. `Forget` is used for a statement outside the closed list of the dialect: the
+part names the line that caused it. `ForgetAll` is used for a statement outside the closed list of the dialect: the
 complete state is unknown after it.
 
 A routine is analysed once for each state in which it is called, independent of the position of the arm; the positions
@@ -58,7 +58,7 @@ Value = str | tuple[float, ...] | Unknown
 
 
 @dataclass(frozen=True)
-class Built:
+class ComputedValue:
     """A value computed from the current values of other parts."""
 
     parts: tuple[str, ...]
@@ -70,11 +70,11 @@ class Set:
     """The assignment of a value to a part."""
 
     part: str
-    value: Value | Ref | Built
+    value: Value | Ref | ComputedValue
 
 
 @dataclass(frozen=True)
-class Lose:
+class ForgetFamily:
     """All parts of a family, "UFRAME" of "UFRAME[3]", become unknown."""
 
     family: str
@@ -82,7 +82,7 @@ class Lose:
 
 
 @dataclass(frozen=True)
-class Forget:
+class ForgetAll:
     """Everything becomes unknown."""
 
     why: Unknown
@@ -102,7 +102,7 @@ class Elsewhere:
 
 
 @dataclass(frozen=True)
-class Label:
+class JumpTarget:
     """A target of jumps."""
 
     name: str
@@ -136,12 +136,12 @@ class Move:
     way: str
     file: int
     line: int
-    tool: Value | Ref | Built = ""
-    frame: Value | Ref | Built = ""
+    tool: Value | Ref | ComputedValue = ""
+    frame: Value | Ref | ComputedValue = ""
     needs: tuple[str, ...] = ()
     trusts: str | None = None
     near: tuple[float, ...] | None = None
-    offset: tuple[str, Value | Built] | None = None
+    offset: tuple[str, Value | ComputedValue] | None = None
     base: str = ""
     """The key of the point itself, if `key` belongs to a point with an offset."""
     arc: str = ""
@@ -151,7 +151,7 @@ class Move:
     """True for the via point of the arc."""
 
 
-Statement = Set | Lose | Forget | Call | Elsewhere | Label | Jump | End | Move
+Statement = Set | ForgetFamily | ForgetAll | Call | Elsewhere | JumpTarget | Jump | End | Move
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ class Usage:
 
 
 @dataclass(frozen=True)
-class State:
+class MachineState:
     """Parts with their values. Parts of a family in `lost` are unknown unless set later; "" stands for all families."""
 
     values: Mapping[str, Value] = field(default_factory=dict)
@@ -207,9 +207,9 @@ class _Context:
 
     number: int
     routine: str
-    entry: State
-    before: dict[int, State] = field(default_factory=dict)
-    after: State | None = None
+    entry: MachineState
+    before: dict[int, MachineState] = field(default_factory=dict)
+    after: MachineState | None = None
     running: bool = True
     called_from: set[object] = field(default_factory=set)
 
@@ -222,12 +222,12 @@ class _Machine:
         self.count: dict[str, int] = {}
         self.later: set[str] = set()
         self.active: list[str] = []
-        self.halted: list[State] = []
+        self.halted: list[MachineState] = []
         """The states in which the program ends inside a routine."""
         self.flow = {name: _successors(body) for name, body in program.routines.items()}
-        self.pinned, self.pinned_all, self.moved = self._beside()
+        self.pinned, self.pinned_all, self.moved = self._concurrent_changes()
 
-    def _beside(self) -> tuple[dict[str, Unknown], Unknown | None, bool]:
+    def _concurrent_changes(self) -> tuple[dict[str, Unknown], Unknown | None, bool]:
         """Return the possible changes by concurrent routines: parts and families, the complete state, and the
         position of the arm."""
         pinned: dict[str, Unknown] = {}
@@ -245,9 +245,9 @@ class _Machine:
                     if isinstance(statement, Set):
                         if not statement.part.endswith(HERE):
                             pinned.setdefault(statement.part, call.why)
-                    elif isinstance(statement, Lose):
+                    elif isinstance(statement, ForgetFamily):
                         pinned.setdefault(statement.family, call.why)
-                    elif isinstance(statement, Forget):
+                    elif isinstance(statement, ForgetAll):
                         everything, moved = min(everything or statement.why, statement.why), True
                     elif isinstance(statement, Call):
                         todo.append(statement)
@@ -255,7 +255,7 @@ class _Machine:
                         moved = True
         return pinned, everything, moved
 
-    def value(self, state: State, part: str) -> Value:
+    def value(self, state: MachineState, part: str) -> Value:
         if self.pinned_all:
             return replace(self.pinned_all, everything=True)
         if pinned := self.pinned.get(part) or self.pinned.get(family_of(part)):
@@ -268,12 +268,12 @@ class _Machine:
             return replace(lost, everything=True)
         return self.program.initial(part)
 
-    def resolved(self, state: State, value: Value | Ref | Built) -> Value:
-        if isinstance(value, Built):
+    def resolved(self, state: MachineState, value: Value | Ref | ComputedValue) -> Value:
+        if isinstance(value, ComputedValue):
             return value.make(tuple(self.value(state, part) for part in value.parts))
         return self.value(state, value.part) if isinstance(value, Ref) else value
 
-    def join(self, first: State, second: State, place: Unknown) -> State:
+    def join(self, first: MachineState, second: MachineState, place: Unknown) -> MachineState:
         if first is second:
             return first
         values: dict[str, Value] = {}
@@ -284,9 +284,9 @@ class _Machine:
         lost = dict(first.lost)
         for name, why in second.lost.items():
             lost[name] = min(lost.get(name, why), why)
-        return State(values, lost, first.stands | second.stands)
+        return MachineState(values, lost, first.stands | second.stands)
 
-    def context(self, routine: str, entry: State) -> _Context:
+    def context(self, routine: str, entry: MachineState) -> _Context:
         """Return the analysis of a routine from a state."""
         key = (routine, entry.key())
         if key in self.by_key:
@@ -306,7 +306,7 @@ class _Machine:
     def _through(self, context: _Context) -> None:
         """Analyse a routine until the state before every statement is stable."""
         body, flow = self.program.routines[context.routine], self.flow[context.routine]
-        begin = State(context.entry.values, context.entry.lost, frozenset({context.number}))
+        begin = MachineState(context.entry.values, context.entry.lost, frozenset({context.number}))
         context.before[0] = begin
         todo = [0]
         waiting = {0}
@@ -328,28 +328,28 @@ class _Machine:
                         heapq.heappush(todo, following)
         context.after = context.before.get(len(body))
 
-    def _step(self, statement: Statement, state: State) -> State | None:
+    def _step(self, statement: Statement, state: MachineState) -> MachineState | None:
         """Return the state after a statement, None if the path ends."""
         match statement:
             case Set(part, value):
                 return replace(state, values={**state.values, part: self.resolved(state, value)})
-            case Lose(family, why):
+            case ForgetFamily(family, why):
                 kept = {part: value for part, value in state.values.items() if family_of(part) != family}
-                return State(kept, {**state.lost, family: why}, state.stands)
-            case Forget(why):
-                return State({}, {"": why}, frozenset({None}))
+                return MachineState(kept, {**state.lost, family: why}, state.stands)
+            case ForgetAll(why):
+                return MachineState({}, {"": why}, frozenset({None}))
             case Elsewhere() | Move():
                 key = statement.key if isinstance(statement, Move) else None
                 return replace(state, stands=frozenset({key}))
             case Call(name, why):
-                return self._called(name, why, state)
+                return self._state_after_call(name, why, state)
             case _:
                 if isinstance(statement, End) and statement.halts:
                     self.halted.append(state)
                 return state
 
-    def _called(self, name: str, why: Unknown, state: State) -> State | None:
-        lost = State({}, {"": why}, frozenset({None}))
+    def _state_after_call(self, name: str, why: Unknown, state: MachineState) -> MachineState | None:
+        lost = MachineState({}, {"": why}, frozenset({None}))
         if name not in self.program.routines:
             return lost
         if self.count.get(name, 0) >= _MOST_STATES or len(self.active) >= _DEEPEST or name in self.active:
@@ -380,9 +380,9 @@ class _Machine:
             match statement:
                 case Set(part, value) if part.startswith(self.program.kept) and value != self.program.initial(part):
                     parts[part] = value if isinstance(value, Unknown) else _KEPT
-                case Lose(family, why) if f"{family}[".startswith(self.program.kept):
+                case ForgetFamily(family, why) if f"{family}[".startswith(self.program.kept):
                     families[family] = why
-        begin = State(parts, families, frozenset({None}))
+        begin = MachineState(parts, families, frozenset({None}))
         # If all routines call each other, the first is the start.
         for name in begins or list(self.program.routines)[:1]:
             self._cycle(name, replace(begin, stands=frozenset({BEGIN})) if name == self.program.starts else begin)
@@ -394,7 +394,7 @@ class _Machine:
         self._in_any_state()
         return self._usages()
 
-    def _cycle(self, name: str, begin: State) -> None:
+    def _cycle(self, name: str, begin: MachineState) -> None:
         """Analyse a start routine. If the program cycles, repeat with the final state until the state is stable."""
         while True:
             self.halted.clear()
@@ -404,7 +404,7 @@ class _Machine:
             again = begin
             for end in ([after] if after else []) + self.halted:
                 values = {part: value for part, value in end.values.items() if not part.endswith(HERE)}
-                again = self.join(again, State(values, end.lost, begin.stands), _KEPT)
+                again = self.join(again, MachineState(values, end.lost, begin.stands), _KEPT)
             if again.key() == begin.key():
                 return
             begin = again
@@ -415,7 +415,7 @@ class _Machine:
             for name in todo:
                 done.add(name)
                 why = Unknown(-1, 0, f"{name} can be called in any state")
-                self.context(name, State({}, {"": why}, frozenset({None})))
+                self.context(name, MachineState({}, {"": why}, frozenset({None})))
 
     def _usages(self) -> list[Usage]:
         # For each context: the points at which the arm may be when it starts.
@@ -481,7 +481,7 @@ def _place_of(body: tuple[Statement, ...], at: int) -> Unknown:
 def _successors(body: tuple[Statement, ...]) -> list[tuple[int, ...]]:
     """Return the successors of each statement of a routine; the length of the body is the return. A jump to a
     missing label ends the program."""
-    places = {statement.name: at for at, statement in enumerate(body) if isinstance(statement, Label)}
+    places = {statement.name: at for at, statement in enumerate(body) if isinstance(statement, JumpTarget)}
     flow: list[tuple[int, ...]] = []
     for at, statement in enumerate(body):
         if isinstance(statement, Jump):
@@ -523,7 +523,7 @@ class Blocks:
         self._open.append(("branch", self._label(), self._label()))
         self.add(Jump((self._open[-1][1],)))
 
-    def perhaps(self, *statements: Statement) -> None:
+    def add_conditional(self, *statements: Statement) -> None:
         """Add statements that a condition may skip."""
         self.branch()
         self.add(*statements)
@@ -532,14 +532,14 @@ class Blocks:
     def evaluated(self, before: str, call: Statement) -> None:
         """Add a call in an expression after the text `before`. After `and` or `or` it may be skipped, because no
         manual guarantees that both sides are evaluated."""
-        (self.perhaps if re.search(r"\b(?:and|or)\b", before, re.IGNORECASE) else self.add)(call)
+        (self.add_conditional if re.search(r"\b(?:and|or)\b", before, re.IGNORECASE) else self.add)(call)
 
     def other(self) -> None:
         """Start another branch of the block. A branch with no guard is taken if all others are not."""
         if self._open and self._open[-1][0] == "branch":
             _, branch_label, end = self._open[-1]
             self._open[-1] = ("branch", self._label(), end)
-            self.add(Jump((end,)), Label(branch_label))
+            self.add(Jump((end,)), JumpTarget(branch_label))
 
     def guard(self) -> None:
         """Make the branch optional, after the calls in its condition."""
@@ -549,7 +549,7 @@ class Blocks:
     def loop(self) -> None:
         """Start a loop at its head, before the calls in its condition."""
         self._open.append(("loop", self._label(), self._label()))
-        self.add(Label(self._open[-1][1]))
+        self.add(JumpTarget(self._open[-1][1]))
 
     def may_leave(self) -> None:
         """Let the innermost loop end here, conditionally."""
@@ -572,16 +572,16 @@ class Blocks:
             return
         kind, first, end = self._open.pop()
         if kind == "loop":
-            self.add(Jump((first,)), Label(end))
+            self.add(Jump((first,)), JumpTarget(end))
         else:
-            self.add(Label(first), Label(end))
+            self.add(JumpTarget(first), JumpTarget(end))
 
     @property
     def depth(self) -> int:
         """Return the number of open blocks."""
         return len(self._open)
 
-    def done(self) -> tuple[Statement, ...]:
+    def finish_routine(self) -> tuple[Statement, ...]:
         """Return the statements of the routine, and close all open blocks."""
         while self._open:
             self.close()

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from analysis.apps.makers.numbers import Decimals
-from analysis.apps.makers.target import Parsed, Texts
+from analysis.apps.makers.target import Parsed, ProgramTexts
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class ProgramReader:
     upright. beside: suffixes of files in the directory whose routines and data a program can use.
     """
 
-    parse: Callable[[Texts], Parsed]
+    parse: Callable[[ProgramTexts], Parsed]
     decimals: Decimals
     remark: Remark
     null_tools: tuple[str, ...] = ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from analysis.apps.makers.programs.motion_plan import Demand, Plan
+from analysis.apps.makers.programs.motion_plan import Demand, MotionPlan
 
 BY_ITSELF = "the controller provides the feedback without this program"
 
@@ -19,7 +19,7 @@ class ProgramWriter:
     numbers of the digital outputs, starting at 1; some controllers have up to 4096, others fewer.
     """
 
-    write: Callable[[Plan, Demand], dict[str, str]]
+    write: Callable[[MotionPlan, Demand], dict[str, str]]
     feedbacks: Mapping[type, str] = field(default_factory=dict)
     newline: str = "\r\n"
     outputs: range = range(1, 4097)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from analysis.apps.makers import Maker, maker_of_file, suffixes_in_words
 from analysis.apps.makers.program_reader import Remark
-from analysis.apps.makers.target import Texts
+from analysis.apps.makers.target import ProgramTexts
 from rigs.errors import FileError
 from rigs.files import read_bytes
 
@@ -44,7 +44,7 @@ def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
     return maker, texts
 
 
-def read_program(path: Path) -> tuple[Maker, Texts]:
+def read_program(path: Path) -> tuple[Maker, ProgramTexts]:
     """Return the maker of a program, and the texts of its files and of the other files in the directory.
 
     The data list is included if it exists. Raises FileError for a file that is not a program, and for a directory with
@@ -65,7 +65,7 @@ def read_program(path: Path) -> tuple[Maker, Texts]:
         )
     data = {file.name: read_bytes(file, MOST_BYTES) for file in others}
     read_beside = {name: content.decode(ENCODING) for name, content in data.items() if b"\0" not in content}
-    return maker, Texts((*files, *read_beside), (*files.values(), *read_beside.values()), len(files))
+    return maker, ProgramTexts((*files, *read_beside), (*files.values(), *read_beside.values()), len(files))
 
 
 MARK = "corrected by rig"

@@ -78,7 +78,7 @@ class Target:
 
 
 @dataclass(frozen=True)
-class Left:
+class UncorrectedTarget:
     """An uncorrected part of a program: place, name, reason, and the places that cause it."""
 
     file: int
@@ -93,7 +93,7 @@ AT_BEGIN = -1
 
 
 @dataclass(frozen=True)
-class Arc:
+class TangentArc:
     """An arc that rotates the tool with the tangent, by target indices: possible starts, via point and end. None is
     an unknown position."""
 
@@ -103,7 +103,7 @@ class Arc:
 
 
 @dataclass(frozen=True)
-class Step:
+class TargetMove:
     """A move to a target.
 
     target: index of the target. comes_from: indices of the possible previous targets, None for an unknown position,
@@ -115,7 +115,7 @@ class Step:
     comes_from: frozenset[int | None]
     way: Way = "joint"
     by_flags: bool = True
-    arc: Arc | None = None
+    arc: TangentArc | None = None
 
 
 @dataclass(frozen=True)
@@ -136,16 +136,16 @@ class Parsed:
     """
 
     targets: tuple[Target, ...]
-    steps: tuple[Step, ...]
-    left: tuple[Left, ...]
+    steps: tuple[TargetMove, ...]
+    left: tuple[UncorrectedTarget, ...]
     next_to_left: tuple[int, ...] = ()
-    sets: tuple[Named, ...] = ()
+    sets: tuple[NamedFrame, ...] = ()
     notices: tuple[Notice, ...] = ()
     named: frozenset[tuple[str, str]] = frozenset()
 
 
 @dataclass(frozen=True)
-class Named:
+class NamedFrame:
     """A tool or frame whose numbers, a frame (4, 4) in mm, are set by the program, under the name available to the
     user."""
 
@@ -157,7 +157,7 @@ class Named:
 
 
 @dataclass(frozen=True)
-class Texts:
+class ProgramTexts:
     """The texts of files with their names. The first `own` texts are corrected; the others in the directory are only
     read."""
 
@@ -231,7 +231,7 @@ def arguments(text: str, begin: int, end: int) -> list[tuple[int, int]]:
 
 
 @dataclass(frozen=True)
-class Lines:
+class LineNumbers:
     """Line numbers in a text, from 1. ends: positions of the line ends."""
 
     ends: tuple[int, ...]
@@ -241,9 +241,9 @@ class Lines:
         return bisect_left(self.ends, place) + 1
 
 
-def lines_of(text: str) -> Lines:
+def lines_of(text: str) -> LineNumbers:
     """Return the lines of a text."""
-    return Lines(tuple(match.start() for match in re.finditer("\n", text)))
+    return LineNumbers(tuple(match.start() for match in re.finditer("\n", text)))
 
 
 def words(text: str) -> frozenset[str]:

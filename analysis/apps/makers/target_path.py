@@ -15,10 +15,10 @@ import numpy as np
 import pyarrow as pa
 
 from analysis.apps.makers.programs.compensated import compensated
-from analysis.apps.makers.programs.motion_plan import Comment, Plan
+from analysis.apps.makers.programs.motion_plan import Comment, MotionPlan
 from analysis.apps.makers.reading import MARK
-from analysis.correction.corrected_targets import Corrected
-from analysis.correction.support import ANYWAY, hold_verdict, why_nothing
+from analysis.correction.corrected_targets import CorrectedTargets
+from analysis.correction.support import ANYWAY, require_usable_model, why_nothing
 from analysis.intake.cells import TableFileError, TableProblem, value
 from analysis.intake.read import MOST_BYTES
 from analysis.robot.kinematics.arm import RAIL_MM, Array, roll_pitch_yaw
@@ -101,13 +101,15 @@ def read_corrected_path(path: Path) -> tuple[TargetPath, TargetPath]:
     return _targets(path, names, rows, JOINTS, remedy), _targets(path, names, rows, POSES, remedy)
 
 
-def compensated_plans(plans: Sequence[Plan], path: Path, rig: Rig, rig_file: str, *, anyway: bool) -> list[Plan]:
+def compensated_plans(
+    plans: Sequence[MotionPlan], path: Path, rig: Rig, rig_file: str, *, anyway: bool
+) -> list[MotionPlan]:
     """Return the plans with the targets of a corrected path.
 
     Raises FileError if the model of the rig or the path must not be used for correction, unless `anyway`, and the
     errors of `read_path` and `compensated`.
     """
-    hold_verdict(rig, rig_file, anyway=anyway)
+    require_usable_model(rig, rig_file, anyway=anyway)
     joints, poses = read_corrected_path(path)
     against = AGAINST in joints.columns
     if against and not anyway:
@@ -150,7 +152,7 @@ def _targets(
     return TargetPath(columns, required, tuple(line for line, _ in rows), values)
 
 
-def hold_uncorrected(path: TargetPath, where: str) -> None:
+def refuse_corrected_path(path: TargetPath, where: str) -> None:
     """Raise FileError for a path with the columns of a corrected one."""
     if added_columns := [
         name for name in (*ADDED, AGAINST, "u_mm") if name in path.columns
@@ -160,7 +162,7 @@ def hold_uncorrected(path: TargetPath, where: str) -> None:
         )
 
 
-def corrected_columns(path: TargetPath, corrected: Corrected, against: str = "") -> pa.Table:
+def corrected_columns(path: TargetPath, corrected: CorrectedTargets, against: str = "") -> pa.Table:
     """Return the table with corrected targets, as joint angles and as poses, and their errors.
 
     Uncorrected targets are unchanged, and unknown numbers are empty. against: text of the verdict against which the

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from analysis.apps.makers import maker_by
 from analysis.apps.makers.program_writer import BY_ITSELF
-from analysis.apps.makers.programs.motion_plan import Demand, Plan
+from analysis.apps.makers.programs.motion_plan import Demand, MotionPlan
 from analysis.runs.written_files import Writer, holding, write_all_new
 from rigs.errors import FileError
 from rigs.schema.feedback import Feedback, ModbusJoints
@@ -21,7 +21,7 @@ def feedback_note(maker: MakerName, feedback: Feedback) -> str:
     return f"feedback {feedback.interface}: {need}"
 
 
-def programs_of(maker: MakerName, plans: Sequence[tuple[Plan, Demand]]) -> dict[str, str]:
+def programs_of(maker: MakerName, plans: Sequence[tuple[MotionPlan, Demand]]) -> dict[str, str]:
     """Return the text of each file by name; a file shared by several plans appears once.
 
     Raises FileError if two plans would have the same program name, and for an output that the controller does not have.

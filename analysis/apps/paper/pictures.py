@@ -22,7 +22,7 @@ from matplotlib.figure import FigureBase
 
 from analysis.api import CircleCurve, RadialCurve, RepeatabilityCurve, Result, evaluate
 from analysis.apps.paper.published import NOMINAL_RADIUS_MM, datum_and_play, gears
-from analysis.apps.paper.rows import DIRECTIONS, Row, eccentric, written
+from analysis.apps.paper.rows import DIRECTIONS, PaperRow, eccentric, written
 from analysis.apps.paper.simulated_tests import SCATTER, joint_lap, repeats, typical_seed
 from analysis.procedures.simulate import simulated_run
 from analysis.report.still_chart import Sheet
@@ -89,7 +89,7 @@ _MAGNIFIED = 100
 """Magnification of deviations. At true scale, a deviation of millimetres is invisible on a sphere of 400 mm."""
 
 
-def save(rig: Rig, rig_text: str, rows: Sequence[Row], directory: Path) -> list[Path]:
+def save(rig: Rig, rig_text: str, rows: Sequence[PaperRow], directory: Path) -> list[Path]:
     """Write the pictures to a directory and return their paths. File names contain the figure numbers of the paper.
 
     Raises FileError if a picture cannot be written.
@@ -111,7 +111,7 @@ def save(rig: Rig, rig_text: str, rows: Sequence[Row], directory: Path) -> list[
     return write_views(directory, {name: partial(save_figure, number) for number, name in names.items()})
 
 
-def _sheet(title: str, rows: Sequence[Row], height_inch: float) -> Sheet:
+def _sheet(title: str, rows: Sequence[PaperRow], height_inch: float) -> Sheet:
     """Return a sheet with an empty subfigure for the drawing, and a table of the rows below it."""
     rows_inch = 0.24 * (len(rows) + 1) + 0.1
     sheet = Sheet(9, height_inch + rows_inch)

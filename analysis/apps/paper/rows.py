@@ -13,7 +13,7 @@ from rich.text import Text
 
 from analysis.apps.paper import published as paper
 from analysis.apps.paper.simulated_tests import FittedSphere, circle, repeats, sphere, step
-from analysis.report.plain_console import whole
+from analysis.report.plain_console import fold_long_words
 from analysis.robot.geometry.circle import frame_of, reversals
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import arm_of
@@ -28,7 +28,7 @@ DIRECTIONS: tuple[Direction, ...] = ("cw", "acw")
 
 
 @dataclass(frozen=True)
-class Row:
+class PaperRow:
     """A row of the table.
 
     where: section, figure or table of the paper.
@@ -54,7 +54,7 @@ class Row:
         return (apart + 180.0) % 360.0 - 180.0 if self.place else apart
 
 
-def rows_of(rig: Rig) -> list[Row]:
+def rows_of(rig: Rig) -> list[PaperRow]:
     """Compute all rows from the set-up and effects of the rig. Raises FileError if the rig cannot run a test."""
     return [
         *rule_rows(rig),
@@ -66,7 +66,7 @@ def rows_of(rig: Rig) -> list[Row]:
     ]
 
 
-def rule_rows(rig: Rig) -> Iterator[Row]:
+def rule_rows(rig: Rig) -> Iterator[PaperRow]:
     """Yield rows for §2.1, the eccentricity rule: from the formula, and by simulation and evaluation."""
     e_mm, R_mm = paper.RULE_ECCENTRICITY_MM, paper.RULE_RADIUS_MM
     by_rule = paper.RULE_CONSTANT * e_mm * 1000 / R_mm / 3600
@@ -74,12 +74,12 @@ def rule_rows(rig: Rig) -> Iterator[Row]:
     amplitude, e_found = curve.figures["amplitude_deg"], curve.figures["eccentricity_mm"]
     peak = float(np.degrees(np.abs(curve.angle).max()))
     name = f"e = {e_mm} mm at R = {R_mm:.0f} mm:"
-    yield Row("§2.1", f"{name} by the rule", paper.RULE_DEG, by_rule, "°", "206 e/R, in arcsec", 2)
-    yield Row(
+    yield PaperRow("§2.1", f"{name} by the rule", paper.RULE_DEG, by_rule, "°", "206 e/R, in arcsec", 2)
+    yield PaperRow(
         "§2.1", f"{name} fitted sine", paper.RULE_DEG, amplitude, "°",
         f"simulated circle; 206 is short for 206.265; gives e = {e_found:.3f} mm", 2,
     )  # fmt: skip
-    yield Row("§2.1", f"{name} largest angle", paper.RULE_DEG, peak, "°", "asin(e/R) = 11.65° exactly", 2)
+    yield PaperRow("§2.1", f"{name} largest angle", paper.RULE_DEG, peak, "°", "asin(e/R) = 11.65° exactly", 2)
 
 
 def eccentric(rig: Rig) -> Rig:
@@ -90,7 +90,7 @@ def eccentric(rig: Rig) -> Rig:
     return rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": moved})})
 
 
-def reversal_rows(rig: Rig) -> Iterator[Row]:
+def reversal_rows(rig: Rig) -> Iterator[PaperRow]:
     """Yield rows for Table 1. Reversals depend on the set-up only, not on effects."""
     names = [axis.name for axis in rig.robot.axes]
     all_turns = reversals(circle_of(rig), arm_of(rig.robot), rig.name)
@@ -99,14 +99,14 @@ def reversal_rows(rig: Rig) -> Iterator[Row]:
         theirs = paper.REVERSALS_DEG.get(name, ())
         if not theirs:
             text = ", ".join(f"{np.degrees(turn.phi):.1f}°" for turn in turns) or "none"
-            yield Row("Table 1", f"{name} turns back", "none", text)
+            yield PaperRow("Table 1", f"{name} turns back", "none", text)
         for side, place in zip(("upper", "lower"), theirs, strict=False):
             ours = [float(np.degrees(turn.phi)) for turn in turns if turn.upper == (side == "upper")]
             near = min(ours, key=lambda phi: abs((phi - place + 180) % 360 - 180), default="none")
-            yield Row("Table 1", f"{name} turns back, {side}", place, near, "°", "", 1, place=True)
+            yield PaperRow("Table 1", f"{name} turns back, {side}", place, near, "°", "", 1, place=True)
 
 
-def yaw_rows(rig: Rig) -> Iterator[Row]:
+def yaw_rows(rig: Rig) -> Iterator[PaperRow]:
     """Yield rows for figures 6 and 8.
 
     For figure 8, compare the jumps of the residual caused by backlash after each reversal. Each jump is the difference
@@ -114,7 +114,7 @@ def yaw_rows(rig: Rig) -> Iterator[Row]:
     """
     curves = {direction: circle(rig, "yaw", direction, rig.effects) for direction in DIRECTIONS}
     for direction, curve in curves.items():
-        yield Row(
+        yield PaperRow(
             "Fig. 6", f"yaw error band, {direction}", paper.YAW_BAND_DEG[direction], curve.figures["band_deg"], "°"
         )
     jump_name = f"Theta {paper.JUMP_AT_DEG:.0f}°"
@@ -131,49 +131,49 @@ def yaw_rows(rig: Rig) -> Iterator[Row]:
         others = ", ".join(f"{name} {jumps[name]:+.2f}°" for name in [name for name in ranked if name != jump_name][:2])
         note = f"from play, within {STEP_DEG:.0f}° of travel; {place} of {len(ranked)} in size; {others}"
         ours = f"{jumps[jump_name]:+.2f}°" if jump_name in jumps else "none"
-        yield Row("Fig. 8", f"yaw jumps at {jump_name}, {direction}", "sudden change", ours, "", note)
+        yield PaperRow("Fig. 8", f"yaw jumps at {jump_name}, {direction}", "sudden change", ours, "", note)
 
 
-def roll_rows(rig: Rig) -> Iterator[Row]:
+def roll_rows(rig: Rig) -> Iterator[PaperRow]:
     """Yield rows for figures 10 and 11. As in the paper, no sine is removed, so the extremes are 135° apart."""
     curves = {direction: circle(rig, "roll", direction, rig.effects) for direction in DIRECTIONS}
     for direction, curve in curves.items():
         note = f"total angle, the paper does not subtract a sine; without the sine {curve.figures['band_deg']:.2f}°"
-        yield Row(
+        yield PaperRow(
             "Fig. 10", f"roll error band, {direction}", paper.ROLL_MEASURED_DEG, curve.figures["range_deg"], "°", note
         )
     phi = curves[DIRECTIONS[0]].phi
     on_phi = {direction: np.interp(phi, curve.phi, curve.angle) for direction, curve in curves.items()}
     mean = np.mean(list(on_phi.values()), axis=0)
     y = np.degrees(mean)
-    yield Row(
+    yield PaperRow(
         "Fig. 11", "roll error band, simulated", paper.ROLL_SIMULATED_DEG, float(np.ptp(y)), "°", "mean of cw and acw"
     )
     swing = float(np.degrees(np.ptp(on_phi["acw"] - on_phi["cw"])))
-    yield Row(
+    yield PaperRow(
         "Fig. 10", "roll acw minus cw, range", "almost identical", f"{swing:.2f}°", "", "play is also visible in roll"
     )
     extremes = np.degrees(phi[[np.argmax(y), np.argmin(y)]])
     for name, place, ours in zip(("largest", "smallest"), paper.ROLL_EXTREMES_DEG, extremes, strict=True):
         at_theirs, at_ours = np.degrees(np.interp(np.radians([place, float(ours)]), phi, mean))
         note = f"at {place:.0f}° within {abs(at_theirs - at_ours):.2f}° of it"
-        yield Row("Fig. 11", f"roll {name} at", place, float(ours), "°", note, 0, place=True)
+        yield PaperRow("Fig. 11", f"roll {name} at", place, float(ours), "°", note, 0, place=True)
 
 
-def sphere_rows(rig: Rig) -> Iterator[Row]:
+def sphere_rows(rig: Rig) -> Iterator[PaperRow]:
     """Yield rows for figures 13 (all errors) and 14 (gear transmission errors only, as in the paper's simulation)."""
     measured, simulated = sphere(rig, rig.effects), sphere(rig, paper.gears(rig.effects))
     every, gears = "all errors", "gear transmission errors alone"
-    yield Row("Fig. 13", "sphere, measured: radius", paper.RADIUS_MM, measured.radius_mm, "mm", every)
-    yield Row(
+    yield PaperRow("Fig. 13", "sphere, measured: radius", paper.RADIUS_MM, measured.radius_mm, "mm", every)
+    yield PaperRow(
         "Fig. 13", "sphere, measured: band", paper.MEASURED_BAND_MM, measured.band_mm, "mm", '"just greater than 1 mm"'
     )
-    yield Row("Fig. 14", "sphere, simulated: radius", "above 400 mm", f"{simulated.radius_mm:.3f} mm", "", gears)
-    yield Row("Fig. 14", "sphere, simulated: band", paper.SIMULATED_BAND_MM, simulated.band_mm, "mm", gears)
-    yield Row(
+    yield PaperRow("Fig. 14", "sphere, simulated: radius", "above 400 mm", f"{simulated.radius_mm:.3f} mm", "", gears)
+    yield PaperRow("Fig. 14", "sphere, simulated: band", paper.SIMULATED_BAND_MM, simulated.band_mm, "mm", gears)
+    yield PaperRow(
         "Fig. 13", "centre pulled, measured", "to one side", f"{measured.shift_mm:.3f} mm", "", _towards(measured)
     )
-    yield Row(
+    yield PaperRow(
         "Fig. 14",
         "centre pulled, simulated",
         "to the same side",
@@ -191,12 +191,12 @@ def _towards(ball: FittedSphere, measured: FittedSphere | None = None) -> str:
     return f"{text}, {np.degrees(np.arccos(np.clip(cosine, -1, 1))):.0f}° from the measured"
 
 
-def repeatability_rows(rig: Rig) -> Iterator[Row]:
+def repeatability_rows(rig: Rig) -> Iterator[PaperRow]:
     """Yield rows for figure 15: mean and standard deviation over simulated tests."""
     figures = repeats(rig, rig.effects)
     uni, bi = figures["uni_mm"], figures["bi_mm"]
     spread = f"mean of {len(uni)} simulated tests, sd {{:.3f}} mm"
-    yield Row(
+    yield PaperRow(
         "Fig. 15",
         "repeatability, uni-directional",
         paper.UNI_MM,
@@ -204,11 +204,13 @@ def repeatability_rows(rig: Rig) -> Iterator[Row]:
         "mm",
         spread.format(uni.std(ddof=1)),
     )
-    yield Row(
+    yield PaperRow(
         "Fig. 15", "repeatability, bi-directional", paper.BI_MM, float(bi.mean()), "mm", spread.format(bi.std(ddof=1))
     )
     ratio = paper.BI_MM / paper.UNI_MM
-    yield Row("Fig. 15", "bi over uni", ratio, float(bi.mean() / uni.mean()), "", 'the paper says "seven times"', 1)
+    yield PaperRow(
+        "Fig. 15", "bi over uni", ratio, float(bi.mean() / uni.mean()), "", 'the paper says "seven times"', 1
+    )
 
 
 CAVEAT = (
@@ -222,7 +224,7 @@ SLIPS = (
 )
 
 
-def as_table(rig: Rig, rows: Sequence[Row]) -> RenderableType:
+def as_table(rig: Rig, rows: Sequence[PaperRow]) -> RenderableType:
     """Format the rows as a table, followed by the effects, the errata of the paper, and the limitations."""
     table = Table(title=f"Oh 2019 and the simulated robot of {rig.name}", title_style="bold", header_style="bold")
     for heading in ("where", "figure", "paper", "ours", "difference", "note"):
@@ -238,10 +240,10 @@ def as_table(rig: Rig, rows: Sequence[Row]) -> RenderableType:
             difference = f"{round(row.difference, row.digits) + 0.0:+.{row.digits}f}"  # adding 0.0 avoids -0.0
         table.add_row(row.where, row.figure, written(row, row.paper), written(row, row.ours), difference, row.note)
     effects = "Effects: " + "; ".join(in_words(rig, effect) for effect in rig.effects) + "."
-    return Group(whole(table), *(Text(line, style="dim") for line in (effects, SLIPS, CAVEAT)))
+    return Group(fold_long_words(table), *(Text(line, style="dim") for line in (effects, SLIPS, CAVEAT)))
 
 
-def written(row: Row, value: float | str) -> str:
+def written(row: PaperRow, value: float | str) -> str:
     """Format a value of a row with the unit."""
     if isinstance(value, str):
         return value
@@ -258,7 +260,7 @@ def in_words(rig: Rig, effect: Effect) -> str:
     return f"{effect.effect.replace('_', ' ')}{name}{often} {getattr(effect, size_field(effect)):g}{unit}"
 
 
-def as_object(rig: Rig, rows: Sequence[Row]) -> dict[str, Any]:
+def as_object(rig: Rig, rows: Sequence[PaperRow]) -> dict[str, Any]:
     """Return the table as a JSON object."""
     return {
         "rig": rig.name,

@@ -114,7 +114,7 @@ def drawing(parts: Sequence[PrintedPart], title: str) -> str:
         column = max(width + 2 * _MARGIN + 14, _COLUMN)
         body += [f'<g transform="translate({x + column / 2:.2f} {_HEAD})">', *_part(part, width, height), "</g>"]
         x += column
-        tallest = max(tallest, height + 2 * _MARGIN + _below(part) + _LINE * (len(part.numbers) + 2))
+        tallest = max(tallest, height + 2 * _MARGIN + _ball_overhang(part) + _LINE * (len(part.numbers) + 2))
     total = tallest + _HEAD
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {x:.1f} {total:.1f}" width="{x:.1f}mm" '
@@ -155,18 +155,18 @@ def _part(part: PrintedPart, width: float, height: float) -> Iterator[str]:
         yield f'<line class="axis" x1="{axis:.3f}" x2="{axis:.3f}" y1="{_MARGIN - 5:.3f}" y2="{foot + 4:.3f}"/>'
         for level in balls:
             yield f'<circle class="ball" cx="{axis:.3f}" cy="{foot - level:.3f}" r="{part.numbers["ball"] / 2:.3f}"/>'
-    yield from _across(-width / 2, width / 2, foot + _below(part) + 6, f"{width:.1f}")
+    yield from _across(-width / 2, width / 2, foot + _ball_overhang(part) + 6, f"{width:.1f}")
     right = width / 2 + 4
     yield f'<line class="dim" x1="{right:.2f}" x2="{right:.2f}" y1="{foot - height:.2f}" y2="{foot:.2f}"/>'
     yield f'<text class="blue" x="{right + 1:.2f}" y="{foot - height / 2:.2f}">{height:.1f}</text>'
     lines = [f"{part.count} × {part.name}", *(f"{name}: {value:.2f}" for name, value in part.numbers.items())]
     for number, words in enumerate(lines):
         kind = ' class="title"' if not number else ""
-        y = foot + _below(part) + 13 + _LINE * number
+        y = foot + _ball_overhang(part) + 13 + _LINE * number
         yield f'<text{kind} x="{-_COLUMN / 2 + 3:.2f}" y="{y:.2f}">{escape(words)}</text>'
 
 
-def _below(part: PrintedPart) -> float:
+def _ball_overhang(part: PrintedPart) -> float:
     """Return the distance from the foot of a link down to the lowest point of the ball, in mm, or 0 for other parts."""
     reach = part.numbers.get("ball to ball", 0.0) - part.numbers.get("length", 0.0)
     return reach / 2 + part.numbers["ball"] / 2 if "ball to ball" in part.numbers else 0.0

@@ -19,7 +19,7 @@ import numpy as np
 from analysis.apps.plant.changes import FALSE_ALARMS, trend_of
 from analysis.apps.plant.history import WATCHED, label_of, title_of
 from analysis.apps.plant.history_file import FILE, Unusable, read_records
-from analysis.apps.plant.records import Record, fingerprint_of, in_time, record_of
+from analysis.apps.plant.records import RunRecord, fingerprint_of, in_time, record_of
 from analysis.procedures.shared.quantity import Quantity, student_factor
 from analysis.runs.loading import refuse_copies
 from analysis.runs.tabular import for_json
@@ -105,7 +105,7 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
     both = {run.resolve() for run in after} & {run.resolve() for run in before}
     for shared in sorted(both):
         raise FileError(str(shared), "is on both sides", "give the run either before or after --against")
-    histories: dict[Path, dict[str, Record]] = {}
+    histories: dict[Path, dict[str, RunRecord]] = {}
     for directory in dict.fromkeys(Path(run).parent.resolve() for run in (*before, *after)):
         with suppress(Unusable):
             histories[directory] = read_records(directory / FILE)[0]
@@ -115,7 +115,7 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
     robots = sorted({record.rig for record in (*now, *then)})
     if len(robots) > 1:
         raise FileError(" and ".join(robots), "are different robots", "compare runs of the same robot")
-    groups: list[tuple[Key, list[Record], list[Record]]] = [
+    groups: list[tuple[Key, list[RunRecord], list[RunRecord]]] = [
         (key, [record for record in then if _key(record) == key], [record for record in now if _key(record) == key])
         for key in dict.fromkeys(map(_key, now))
     ]
@@ -126,7 +126,7 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
     return [_difference(key, name, b, a, len(picked), histories) for key, name, b, a in picked]
 
 
-def _record(run: Path, histories: dict[Path, dict[str, Record]]) -> Record:
+def _record(run: Path, histories: dict[Path, dict[str, RunRecord]]) -> RunRecord:
     """Return the record of a run, from an up-to-date history in the same directory if possible."""
     path = run.resolve()
     manifest = load_manifest(path)
@@ -142,21 +142,21 @@ def _record(run: Path, histories: dict[Path, dict[str, Record]]) -> Record:
     return record
 
 
-def _key(record: Record) -> Key:
+def _key(record: RunRecord) -> Key:
     return record.title, record.placement, record.program, record.corrected
 
 
-def _all_have(figure: str, records: Sequence[Record]) -> bool:
+def _all_have(figure: str, records: Sequence[RunRecord]) -> bool:
     return all(figure in record.figures and np.isfinite(record.figures[figure].value) for record in records)
 
 
 def _difference(
     key: Key,
     figure: str,
-    before: Sequence[Record],
-    after: Sequence[Record],
+    before: Sequence[RunRecord],
+    after: Sequence[RunRecord],
     count: int,
-    histories: dict[Path, dict[str, Record]],
+    histories: dict[Path, dict[str, RunRecord]],
 ) -> Difference:
     from scipy.special import stdtrit  # noqa: PLC0415 - slow to import
 
@@ -176,10 +176,10 @@ def _difference(
     return Difference(title_of(key[0], key[1], key[3]), figure, then, now, difference, limit, len(before), len(after))
 
 
-def _spread_of_history(key: Key, figure: str, histories: dict[Path, dict[str, Record]]) -> tuple[float, float]:
+def _spread_of_history(key: Key, figure: str, histories: dict[Path, dict[str, RunRecord]]) -> tuple[float, float]:
     """Return the standard deviation between runs in the longest history, and the degrees of freedom; 0 and 0 if
     there is none."""
-    best: list[Record] = []
+    best: list[RunRecord] = []
     for records in histories.values():
         series = [
             record

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from analysis.apps.plant import history_file
-from analysis.apps.plant.records import Record, escaped
-from analysis.apps.plant.seen import Examined, Seen
+from analysis.apps.plant.records import RunRecord, escaped
+from analysis.apps.plant.seen import Examined, RunOnDisk
 from rigs.errors import CellError, FileError
 
 VERSION = 1
@@ -47,7 +47,7 @@ Key = tuple[str, str]
 
 
 @dataclass(frozen=True)
-class Entry:
+class CatalogueEntry:
     """The catalogue entry of a run in addition to its figures.
 
     run: path relative to the plant's directory. signature: empty if a new examination is needed. robot: empty if the
@@ -93,7 +93,7 @@ def refuse_foreign(path: Path) -> None:
         )
 
 
-def hold_writable(path: Path) -> None:
+def require_writable(path: Path) -> None:
     """Raise CellError if a catalogue cannot be stored at a path."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -175,17 +175,18 @@ def _refused(path: Path, error: Exception) -> CellError:
     )
 
 
-def entries(path: Path) -> dict[str, Entry]:
+def entries(path: Path) -> dict[str, CatalogueEntry]:
     """Return all entries by run. Raises CellError."""
     with _opened(path) as file:
         rows = file.execute("select run, folder, robot, signature, fingerprint, problem from runs order by run")
         entries_found = (
-            Entry(os.fsdecode(run), (os.fsdecode(folder), robot), *columns) for run, folder, robot, *columns in rows
+            CatalogueEntry(os.fsdecode(run), (os.fsdecode(folder), robot), *columns)
+            for run, folder, robot, *columns in rows
         )
         return {entry.run: entry for entry in entries_found}
 
 
-def keep(path: Path, examined_runs: Iterable[tuple[Seen, Examined | None]]) -> None:
+def keep(path: Path, examined_runs: Iterable[tuple[RunOnDisk, Examined | None]]) -> None:
     """Store examined runs; None stands for a deleted run. Raises CellError."""
     with _changing(path) as file:
         for seen, examined in examined_runs:
@@ -209,13 +210,13 @@ def keep(path: Path, examined_runs: Iterable[tuple[Seen, Examined | None]]) -> N
                 )
 
 
-def forget(path: Path, runs: Iterable[str]) -> None:
+def remove_runs(path: Path, runs: Iterable[str]) -> None:
     """Remove deleted runs. Raises CellError."""
     with _changing(path) as file:
         file.executemany("delete from runs where run = ?", [(os.fsencode(run),) for run in runs])
 
 
-def records_of(path: Path, key: Key) -> tuple[list[Record], dict[str, str]]:
+def records_of(path: Path, key: Key) -> tuple[list[RunRecord], dict[str, str]]:
     """Return the records of a robot's runs, and the rig files by run name. Raises CellError."""
     folder, robot = key
     with _opened(path) as file:
@@ -229,7 +230,7 @@ def records_of(path: Path, key: Key) -> tuple[list[Record], dict[str, str]]:
             )
         )
     try:
-        records = [Record.of_json(text) for text, _ in rows]
+        records = [RunRecord.of_json(text) for text, _ in rows]
     except (TypeError, ValueError) as error:
         raise Damaged(path, str(error)) from None
     return records, {record.name: texts.get(rig, "") for record, (_, rig) in zip(records, rows, strict=True)}

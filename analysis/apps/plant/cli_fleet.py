@@ -55,9 +55,9 @@ def fleet(
     from rigs.errors import CellError
 
     if output:
-        from analysis.report.html_page import hold_page
+        from analysis.report.html_page import check_page_file
 
-        hold_page(output)
+        check_page_file(output)
     if parquet:
         from analysis.runs.written_files import refuse_foreign
 
@@ -69,7 +69,7 @@ def fleet(
         file = catalogue or kept.default_path(directory)
         if not catalogue:
             try:
-                kept.hold_writable(file)
+                kept.require_writable(file)
             except CellError as error:  # Use a temporary catalogue, which only saves time.
                 say(f"{error.where}: {error.what}; all runs must be read each time: give --catalogue FILE", err=True)
                 file = Path(until_written.enter_context(TemporaryDirectory())) / file.name

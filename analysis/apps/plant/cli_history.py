@@ -62,9 +62,9 @@ def history(
     if as_json and as_csv:
         raise UseError("--json and --csv", "cannot both be printed", "give one of them")
     if output:
-        from analysis.report.html_page import hold_page
+        from analysis.report.html_page import check_page_file
 
-        hold_page(output)
+        check_page_file(output)
     if Path(robot).is_dir() and runs == Path("runs") and (robot != Path(robot).name or not runs.is_dir()):
         remedy = f"give the name of the robot: rig history NAME --runs {as_argument(robot)}"
         raise UseError(robot, "is a directory, not the name of a robot", remedy)

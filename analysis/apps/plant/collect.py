@@ -9,9 +9,9 @@ from functools import lru_cache
 from pathlib import Path
 
 from analysis.apps.plant.history_file import FILE, Unusable, read_records, write_records
-from analysis.apps.plant.records import Record, fingerprint_of, in_time, record_of, record_without_figures
+from analysis.apps.plant.records import RunRecord, fingerprint_of, in_time, record_of, record_without_figures
 from analysis.runs.batch.each import each
-from analysis.runs.batch.outcomes import Done
+from analysis.runs.batch.outcomes import CompletedItem
 from analysis.runs.batch.run_directories import run_directories
 from daq.store import RunInfo, survey
 from daq.store.retention import look
@@ -63,8 +63,8 @@ class Collected:
     run."""
 
     robot: str
-    runs: tuple[Record, ...]
-    broken: tuple[Record, ...]
+    runs: tuple[RunRecord, ...]
+    broken: tuple[RunRecord, ...]
     notes: tuple[str, ...]
     limits: Limits
 
@@ -107,12 +107,12 @@ def collect(directory: Path, robot: str, progress: Progress, how: Workers = _HER
 
 
 def collected_of(
-    robot: str, records: Sequence[Record], notes: Sequence[str], rig_text_of: Callable[[str], str]
+    robot: str, records: Sequence[RunRecord], notes: Sequence[str], rig_text_of: Callable[[str], str]
 ) -> Collected:
     """Combine the records of a robot's runs, in any order. rig_text_of: returns the rig file of a run by name."""
     # Each run counts once, even after relabelling a copy or importing a table twice. The newest import of a table has
     # priority, because the rig file may have been corrected.
-    kept: dict[str, Record] = {}
+    kept: dict[str, RunRecord] = {}
     copy_notes = []
     for record in in_time(record for record in records if not record.problem):
         before = kept.setdefault(record.readings, record)
@@ -142,7 +142,7 @@ def _name(run: Path, directory: Path) -> str:
     return str(run.relative_to(directory))
 
 
-def _broken(run: RunInfo, directory: Path, problem: str) -> Record:
+def _broken(run: RunInfo, directory: Path, problem: str) -> RunRecord:
     return replace(record_without_figures(run, problem), name=_name(run.path, directory))
 
 
@@ -151,8 +151,8 @@ def _in_memory(file: Path, why: str) -> str:
 
 
 def _sorted_out(
-    directory: Path, runs: Sequence[RunInfo], records_before: dict[str, Record], broken: list[Record]
-) -> tuple[list[Record], list[Job]]:
+    directory: Path, runs: Sequence[RunInfo], records_before: dict[str, RunRecord], broken: list[RunRecord]
+) -> tuple[list[RunRecord], list[Job]]:
     """Return the valid records, and the runs to evaluate. Unreadable runs are added to `broken`."""
     records, jobs = [], []
     for run in runs:
@@ -174,16 +174,16 @@ def _sorted_out(
     return records, jobs
 
 
-def _evaluated(jobs: Sequence[Job], progress: Progress, how: Workers) -> Iterator[list[Record]]:
+def _evaluated(jobs: Sequence[Job], progress: Progress, how: Workers) -> Iterator[list[RunRecord]]:
     """Yield the records of runs in batches to save, at least one batch. Finished records are saved on Ctrl-C."""
-    piece: list[Record] = []
+    piece: list[RunRecord] = []
     outcomes = each(_record, jobs, jobs=1 if len(jobs) <= _FEW and not how.jobs else how.jobs, scheduler=how.scheduler)
     try:
         for done, outcome in enumerate(outcomes, 1):
             # The record of a run; if processes were killed, it has no fingerprint and is therefore repeated later
             record = (
                 outcome.value
-                if isinstance(outcome, Done)
+                if isinstance(outcome, CompletedItem)
                 else replace(record_without_figures(outcome.item.run, outcome.error.what), name=outcome.item.name)
             )
             piece.append(record)
@@ -197,7 +197,7 @@ def _evaluated(jobs: Sequence[Job], progress: Progress, how: Workers) -> Iterato
     yield piece
 
 
-def _record(job: Job) -> Record:
+def _record(job: Job) -> RunRecord:
     assert job.run.manifest is not None  # noqa: S101 - as chosen in `_sorted_out`
     return replace(record_of(job.run.path, job.run.manifest, job.fingerprint), name=job.name)
 

@@ -15,10 +15,10 @@ from analysis.apps.plant.fleet_screen import WORDS, doubts_of, names_of, origin,
 from analysis.apps.plant.gather import Fleet, Progress, collected_in
 from analysis.apps.plant.history import history_of
 from analysis.apps.plant.history_file import made_by
-from analysis.apps.plant.robot_state import Attention, State
+from analysis.apps.plant.robot_state import Attention, FleetRobot
 from analysis.report.html_page import environment, write_html
 from analysis.runs.batch.each import each
-from analysis.runs.batch.outcomes import Failed
+from analysis.runs.batch.outcomes import FailedItem
 
 _STANDINGS: dict[Attention, str] = {"beyond": "fail", "watch": "watch", "unreadable": "watch", "changed": "watch"}
 """Report colour and sign for the state of a robot; all other states pass."""
@@ -48,7 +48,7 @@ def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) 
     fresh = [page for page in pages if not _is_current(page)]
     failed: list[str] = []
     for done, outcome in enumerate(each(_write, fresh, jobs=workers.jobs), 1):
-        if isinstance(outcome, Failed):
+        if isinstance(outcome, FailedItem):
             if isinstance(outcome.error, Damaged):
                 raise outcome.error
             failed.append(f"{outcome.item.path}: {outcome.error.what}")
@@ -71,7 +71,7 @@ def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) 
     return failed
 
 
-def _page(fleet: Fleet, state: State, folder: Path, overview: Path) -> _Page:
+def _page(fleet: Fleet, state: FleetRobot, folder: Path, overview: Path) -> _Page:
     key = (state.folder, state.robot)
     plain = re.sub(r"[^A-Za-z0-9_.-]", "_", state.robot).lstrip(".")[:60]
     # Names may differ only in unusual characters.

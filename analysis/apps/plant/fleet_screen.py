@@ -21,10 +21,10 @@ from analysis.apps.plant.catalogue import Key
 from analysis.apps.plant.collect import Collected
 from analysis.apps.plant.gather import Fleet, collected_in
 from analysis.apps.plant.history_words import without_figures
-from analysis.apps.plant.records import Record, escaped
-from analysis.apps.plant.robot_state import ORDER, Attention, State
+from analysis.apps.plant.records import RunRecord, escaped
+from analysis.apps.plant.robot_state import ORDER, Attention, FleetRobot
 from analysis.report.origins import simulated_runs
-from analysis.report.plain_console import whole
+from analysis.report.plain_console import fold_long_words
 from analysis.runs.tabular import for_json
 from daq.store import durable
 from rigs.errors import FileError
@@ -62,7 +62,7 @@ def as_screen(fleet: Fleet) -> RenderableType:
         lines += [Text(", ".join(state.tests), style="dim")] if state.tests else []
         lines += [Text(plain(", ".join(state.doubts)), style="yellow")] if state.doubts else []
         table.add_row(robot, standing, Text("\n").join(lines), state.trend, state.last[:10], str(state.runs))
-    return Group(*simulated, summed_up, whole(table), *doubts, Text(reading(fleet), style="dim"))
+    return Group(*simulated, summed_up, fold_long_words(table), *doubts, Text(reading(fleet), style="dim"))
 
 
 def origin(fleet: Fleet) -> str:
@@ -70,7 +70,7 @@ def origin(fleet: Fleet) -> str:
     return simulated_runs(sum(state.simulated for state in fleet.robots), sum(state.runs for state in fleet.robots))
 
 
-def simulated_share(state: State) -> str:
+def simulated_share(state: FleetRobot) -> str:
     """Return the number of simulated runs of a robot for display with the name, empty if there are none."""
     if not state.simulated:
         return ""
@@ -184,7 +184,7 @@ def _label(robot: str, folder: str, run: str) -> dict[str, Any]:
     return {"robot": robot, "folder": escaped(folder), "run": escaped(run)}
 
 
-def _of_run(record: Record) -> dict[str, Any]:
+def _of_run(record: RunRecord) -> dict[str, Any]:
     started = None
     with suppress(ValueError):
         started = record.when.astimezone(UTC).replace(tzinfo=None)  # DuckDB needs pytz for times with a zone.

@@ -20,13 +20,13 @@ from pathlib import Path
 from typing import TypeVar
 
 from analysis.apps.plant import catalogue
-from analysis.apps.plant.catalogue import Damaged, Entry, Key
+from analysis.apps.plant.catalogue import CatalogueEntry, Damaged, Key
 from analysis.apps.plant.collect import Collected, Workers, collected_of, is_of, no_run_of
-from analysis.apps.plant.records import Record
-from analysis.apps.plant.robot_state import State, as_json, in_order, state_from_json, state_of
-from analysis.apps.plant.seen import Examined, Seen, examine, seen_runs
+from analysis.apps.plant.records import RunRecord
+from analysis.apps.plant.robot_state import FleetRobot, as_json, in_order, state_from_json, state_of
+from analysis.apps.plant.seen import Examined, RunOnDisk, examine, seen_runs
 from analysis.runs.batch.each import each
-from analysis.runs.batch.outcomes import Failed, Outcome
+from analysis.runs.batch.outcomes import FailedItem, Outcome
 from analysis.runs.batch.remote_store import StoreLost
 from rigs.errors import FileError
 
@@ -38,16 +38,16 @@ _SAVED_EVERY_S = 5.0
 
 
 @dataclass(frozen=True)
-class Known:
+class CatalogueContent:
     """Catalogue content by run path. notes: about the catalogue. examined, gone: numbers of runs read and deleted."""
 
-    runs: Mapping[str, Entry]
+    runs: Mapping[str, CatalogueEntry]
     notes: tuple[str, ...]
     examined: int
     gone: int
 
 
-def seen_below(directory: Path) -> list[Seen]:
+def seen_below(directory: Path) -> list[RunOnDisk]:
     """Return the runs below a directory. Raises FileError if there are none, and CellError if a store does not
     respond."""
     seen = list(seen_runs(directory))
@@ -70,7 +70,7 @@ def remade(file: Path, work: Callable[[str], T]) -> T:
         return work("was damaged")
 
 
-def known_of(file: Path, seen: Sequence[Seen], workers: Workers, progress: Progress, why: str) -> Known:
+def known_of(file: Path, seen: Sequence[RunOnDisk], workers: Workers, progress: Progress, why: str) -> CatalogueContent:
     """Return the catalogue after examining new and changed runs. why: reason for rebuilding.
 
     Raises Damaged, and StoreLost if a store stops responding: previous results are saved.
@@ -83,16 +83,18 @@ def known_of(file: Path, seen: Sequence[Seen], workers: Workers, progress: Progr
     ]
     gone = sorted(entries.keys() - {run.run for run in seen})
     if gone:
-        catalogue.forget(file, gone)
+        catalogue.remove_runs(file, gone)
     if fresh:
         paths = [run.path.absolute() for run in fresh]  # A cluster worker has a different working directory.
         with closing(each(examine, paths, jobs=workers.jobs, scheduler=workers.scheduler)) as outcomes:
             examined = ((seen, _examined(outcome)) for seen, outcome in zip(fresh, outcomes, strict=True))
-            kept(examined, partial(catalogue.keep, file), lambda done: progress("reading runs", done, len(fresh)))
+            save_periodically(
+                examined, partial(catalogue.keep, file), lambda done: progress("reading runs", done, len(fresh))
+            )
     if fresh or gone:
         entries = catalogue.entries(file)
     notes = (f"{file} {why}: the file was rebuilt from the runs",) if why else ()
-    return Known(entries, notes, len(fresh), len(gone))
+    return CatalogueContent(entries, notes, len(fresh), len(gone))
 
 
 def _examined(outcome: Outcome[Path, Examined | None]) -> Examined | None:
@@ -100,14 +102,14 @@ def _examined(outcome: Outcome[Path, Examined | None]) -> Examined | None:
 
     None, to be repeated later, if it killed a process, exhausted the memory, or could not be fetched. Raises StoreLost.
     """
-    if isinstance(outcome, Failed):
+    if isinstance(outcome, FailedItem):
         if isinstance(outcome.error, StoreLost):
             raise outcome.error
-        return Examined(Record(outcome.item.name, "", "", "", "", "", "", problem=outcome.error.what), "", False)
+        return Examined(RunRecord(outcome.item.name, "", "", "", "", "", "", problem=outcome.error.what), "", False)
     return outcome.value
 
 
-def kept(items: Iterable[T], keep: Callable[[Sequence[T]], None], progress: Callable[[int], None]) -> None:
+def save_periodically(items: Iterable[T], keep: Callable[[Sequence[T]], None], progress: Callable[[int], None]) -> None:
     """Save results periodically and at the end, also after an error."""
     piece: list[T] = []
     saved_s = time.monotonic()
@@ -132,7 +134,7 @@ class Fleet:
 
     directory: Path
     catalogue: Path
-    robots: tuple[State, ...]
+    robots: tuple[FleetRobot, ...]
     strays: tuple[tuple[str, str], ...]
     notes: tuple[str, ...]
     digests: Mapping[Key, str]
@@ -153,7 +155,7 @@ def gather(directory: Path, file: Path, workers: Workers, progress: Progress) ->
 
 
 def _gathered(
-    directory: Path, file: Path, seen: Sequence[Seen], workers: Workers, progress: Progress, why: str
+    directory: Path, file: Path, seen: Sequence[RunOnDisk], workers: Workers, progress: Progress, why: str
 ) -> Fleet:
     catalogued = known_of(file, seen, workers, progress, why)
     # Digest of all inputs of the state of each robot
@@ -167,7 +169,7 @@ def _gathered(
     before = catalogue.states(file)
     catalogue.forget_states(file, before.keys() - digests.keys())
     # Not read back at the end: a parallel command may have stored robots unknown to this command.
-    states: dict[Key, State] = {}
+    states: dict[Key, FleetRobot] = {}
     for key, (digest, text) in before.items():
         if digests.get(key) == digest:
             try:
@@ -177,7 +179,9 @@ def _gathered(
     fresh = [key for key in digests if key not in states]
     outcomes = each(judge, [(file, key) for key in fresh], jobs=workers.jobs)
     judged = (_judged(outcome, digests, states) for outcome in outcomes)
-    kept(judged, partial(catalogue.keep_states, file), lambda done: progress("judging robots", done, len(fresh)))
+    save_periodically(
+        judged, partial(catalogue.keep_states, file), lambda done: progress("judging robots", done, len(fresh))
+    )
     return Fleet(
         directory,
         file,
@@ -192,20 +196,20 @@ def _gathered(
 
 
 def _judged(
-    outcome: Outcome[tuple[Path, Key], State], digests: Mapping[Key, str], states: dict[Key, State]
+    outcome: Outcome[tuple[Path, Key], FleetRobot], digests: Mapping[Key, str], states: dict[Key, FleetRobot]
 ) -> tuple[Key, str, str]:
     """Add the state of a robot to the states, and return it for storage. A failed state is repeated later."""
     _, key = outcome.item
-    if isinstance(outcome, Failed):
+    if isinstance(outcome, FailedItem):
         if isinstance(outcome.error, Damaged):
             raise outcome.error
-        states[key] = State(*key, problem=outcome.error.what)
+        states[key] = FleetRobot(*key, problem=outcome.error.what)
         return key, "", as_json(states[key])
     states[key] = outcome.value
     return key, digests[key], as_json(outcome.value)
 
 
-def judge(item: tuple[Path, Key]) -> State:
+def judge(item: tuple[Path, Key]) -> FleetRobot:
     """Return the state of a robot from the records in the catalogue."""
     file, (folder, robot) = item
     return state_of(folder, collected_in(file, (folder, robot)))
@@ -227,11 +231,11 @@ def collect_by_catalogue(directory: Path, robot: str, file: Path, workers: Worke
 
 
 def _collected(
-    directory: Path, robot: str, file: Path, seen: Sequence[Seen], workers: Workers, progress: Progress, why: str
+    directory: Path, robot: str, file: Path, seen: Sequence[RunOnDisk], workers: Workers, progress: Progress, why: str
 ) -> Collected:
     catalogued = known_of(file, seen, workers, progress, why)
     keys = sorted({entry.key for entry in catalogued.runs.values()})
-    records: list[Record] = []
+    records: list[RunRecord] = []
     rig_texts: dict[str, str] = {}
     is_known = False
     for folder, rig_name in keys:

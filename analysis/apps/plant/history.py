@@ -18,7 +18,7 @@ import numpy as np
 
 from analysis.apps.plant.changes import Change, Trend, trend_of
 from analysis.apps.plant.collect import Collected
-from analysis.apps.plant.records import Record
+from analysis.apps.plant.records import RunRecord
 from analysis.procedures.shared.quantity import Quantity
 from analysis.report.texts import whole_label
 from analysis.robot.kinematics.arm import Array
@@ -46,7 +46,7 @@ class Series:
 
     title: str
     figure: str
-    runs: tuple[Record, ...]
+    runs: tuple[RunRecord, ...]
     trend: Trend
     limit: Limit | None = None
 
@@ -143,12 +143,12 @@ def title_of(test: str, placement: str, corrected: str) -> str:
     return ", ".join([test, *filter(None, qualifiers)])
 
 
-def _programs(runs: Iterable[Record]) -> list[tuple[str, list[Record]]]:
+def _programs(runs: Iterable[RunRecord]) -> list[tuple[str, list[RunRecord]]]:
     """Group runs by test, direction, placement, program and correction, each group with a title.
 
     Runs of a corrected program show the correction, not the state of the arm.
     """
-    groups: dict[tuple[str, str, str, str], list[Record]] = {}
+    groups: dict[tuple[str, str, str, str], list[RunRecord]] = {}
     for run in runs:
         groups.setdefault((run.title, run.placement, run.program, run.corrected), []).append(run)
     driven = Counter((title, placement) for title, placement, _ in {key[:3] for key in groups})
@@ -170,7 +170,7 @@ against the deciding bound."""
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedSeries:
     """A series judged by its limit.
 
     standing: of the newest run. bound: the deciding bound. since: first run after the crossing. beyond: all failing
@@ -180,13 +180,13 @@ class Judged:
     limit: Limit
     standing: Standing
     bound: float
-    since: Record
-    newest: Record
-    beyond: tuple[Record, ...]
+    since: RunRecord
+    newest: RunRecord
+    beyond: tuple[RunRecord, ...]
     count: int
 
 
-def judge(series: Series) -> Judged | None:
+def judge(series: Series) -> JudgedSeries | None:
     """Return the standing of a series, None if it has no limit."""
     if series.limit is None:
         return None
@@ -202,4 +202,4 @@ def judge(series: Series) -> Judged | None:
     crossed = max((k for k, standing in enumerate(against) if standing == before), default=-1) + 1
     since = next(k for k in range(crossed, len(runs)) if against[k] in after)
     beyond = tuple(run for (run, _), standing in zip(runs, standings, strict=True) if standing == "fail")
-    return Judged(series.limit, standings[-1], bound, runs[since][0], runs[-1][0], beyond, len(runs))
+    return JudgedSeries(series.limit, standings[-1], bound, runs[since][0], runs[-1][0], beyond, len(runs))

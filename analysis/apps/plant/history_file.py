@@ -13,7 +13,7 @@ from contextlib import closing
 from datetime import datetime
 from pathlib import Path
 
-from analysis.apps.plant.records import Record
+from analysis.apps.plant.records import RunRecord
 from rigs.distribution import version
 
 FILE = ".history.sqlite"
@@ -45,7 +45,7 @@ class Unusable(Exception):
     """The file can neither be read nor created: the history then exists in memory only."""
 
 
-def read_records(path: Path) -> tuple[dict[str, Record], str]:
+def read_records(path: Path) -> tuple[dict[str, RunRecord], str]:
     """Return the records by name, and the reason for rebuilding the file, if any. Raises Unusable."""
     if not path.exists():
         return {}, ""
@@ -60,7 +60,7 @@ def read_records(path: Path) -> tuple[dict[str, Record], str]:
                 return {}, "was made by a different version of rig"
             records = {}
             for (text,) in file.execute("select record from runs order by name"):
-                record = Record.of_json(text)
+                record = RunRecord.of_json(text)
                 if not record.problem:
                     datetime.fromisoformat(record.started)  # A ValueError means damage.
                 records[record.name] = record
@@ -76,7 +76,7 @@ def is_of_the_system(error: Exception) -> bool:
     return getattr(error, "sqlite_errorcode", 0) & 0xFF in _OF_THE_SYSTEM
 
 
-def write_records(path: Path, records: Iterable[Record], gone: Iterable[str], *, from_new: bool) -> None:
+def write_records(path: Path, records: Iterable[RunRecord], gone: Iterable[str], *, from_new: bool) -> None:
     """Add records, and remove the records of deleted runs. from_new: rebuild the file. Raises Unusable."""
     try:
         if from_new:

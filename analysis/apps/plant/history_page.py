@@ -14,7 +14,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
 from analysis.apps.plant.history import History, Series, judge
 from analysis.apps.plant.history_words import against_limit, doubts, is_short, origin, remarks, sentences, too_few
-from analysis.apps.plant.records import Record
+from analysis.apps.plant.records import RunRecord
 from analysis.report.html_page import environment, write_html
 from analysis.report.still_chart import Sheet
 
@@ -79,7 +79,7 @@ class _Row:
         return cls(series.title, series.label, len(series.runs), *begin, str(newest), _moment(run), limit)
 
 
-def _moment(run: Record) -> str:
+def _moment(run: RunRecord) -> str:
     """Return the start of a run to the minute."""
     return f"{run.when:%Y-%m-%d %H:%M}"
 

@@ -15,7 +15,7 @@ from analysis.apps.plant.before_after import Difference, headlines
 from analysis.apps.plant.history import History, Series, judge, label_of
 from analysis.apps.plant.history_words import against_limit, dates, doubts, origin, remarks, sentences, too_few
 from analysis.procedures.shared.quantity import Quantity
-from analysis.report.plain_console import whole
+from analysis.report.plain_console import fold_long_words
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.tabular import for_json, table_of_rows
 
@@ -33,7 +33,7 @@ def as_screen(history: History) -> RenderableType:
     span = sorted({str(min(days)), str(max(days))}) if days else []
     title = " · ".join([history.robot, *filter(None, [" to ".join(span)])])
     doubtful = [Text(line, style="yellow") for line in doubts(history)]
-    return Group(*head, whole(_table(history.series, title)), *lines, *doubtful)
+    return Group(*head, fold_long_words(_table(history.series, title)), *lines, *doubtful)
 
 
 def _table(all_series: Sequence[Series], title: str) -> Table:
@@ -93,7 +93,7 @@ def as_differences(compared: Sequence[Difference]) -> RenderableType:
     before = max(difference.runs_before for difference in compared)
     counts = f"runs: {before} before, {max(difference.runs_after for difference in compared)} after"
     u = f"u: standard uncertainty by the spread between runs; explained: largest difference by that spread; {counts}"
-    return Group(*found_first, whole(table), Text(u, style="dim"))
+    return Group(*found_first, fold_long_words(table), Text(u, style="dim"))
 
 
 def sparkline(values: Array, width: int = _WIDTH) -> str:

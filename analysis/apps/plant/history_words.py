@@ -7,7 +7,7 @@ from datetime import date
 
 from analysis.apps.plant.changes import FALSE_ALARMS, FEWEST, NEWEST, Change
 from analysis.apps.plant.history import History, Series, judge
-from analysis.apps.plant.records import Record, in_time
+from analysis.apps.plant.records import RunRecord, in_time
 from analysis.procedures.shared.quantity import Quantity
 from analysis.report.origins import simulated_runs
 from rigs.text import counted, plain
@@ -60,7 +60,7 @@ def too_few(history: History) -> str:
     return f"{begin}, {_span(runs)}: changes can be detected only from {2 * FEWEST} runs per test."
 
 
-def _runs_of(history: History) -> list[Record]:
+def _runs_of(history: History) -> list[RunRecord]:
     """Return every run of all series once, in order of time."""
     return in_time({run.name: run for series in history.series for run in series.runs}.values())
 
@@ -155,7 +155,7 @@ def dates(series: Series, change: Change) -> str:
     return f"between {begin if same_year else _day(first)} and {_day(last)}"
 
 
-def _span(runs: Sequence[Record]) -> str:
+def _span(runs: Sequence[RunRecord]) -> str:
     """Return the range of days of runs in order of time, such as `from 1 May 2026 to 6 May 2026`."""
     first, last = _day(runs[0].when), _day(runs[-1].when)
     return f"on {first}" if first == last else f"from {first} to {last}"

@@ -54,7 +54,7 @@ def escaped(text: str) -> str:
 
 
 @dataclass(frozen=True)
-class Record:
+class RunRecord:
     """A run in the history: directory name, fingerprint, start (ISO 8601), test, and figures.
 
     problem: reason for missing figures, in a line. program: short digest of circle or hemisphere in the rig file.
@@ -83,7 +83,7 @@ class Record:
         return json.dumps(vars(self) | {"figures": figures, "problem": escaped(self.problem)})
 
     @classmethod
-    def of_json(cls, line: str) -> Record:
+    def of_json(cls, line: str) -> RunRecord:
         """Parse a line of JSON. Raises TypeError or ValueError if it is invalid."""
         fields = json.loads(line)
         try:
@@ -122,7 +122,7 @@ def fingerprint_of(run: Path) -> str:
     return digest.hexdigest()
 
 
-def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:
+def record_of(path: Path, manifest: Manifest, fingerprint: str) -> RunRecord:
     """Evaluate a run, independent of other runs. Never raises for a bad run."""
     program, problem, readings, simulated = "", "", "", False
     figures: dict[str, Quantity] = {}
@@ -147,17 +147,17 @@ def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:
     return replace(plain, readings=readings, simulated=simulated)
 
 
-def record_without_figures(run: RunInfo, problem: str) -> Record:
+def record_without_figures(run: RunInfo, problem: str) -> RunRecord:
     """Return the record of a run that cannot be evaluated in its present state."""
     if run.manifest is None:
-        return Record(run.path.name, "", "", "", "", "", "", problem=problem)
+        return RunRecord(run.path.name, "", "", "", "", "", "", problem=problem)
     return _plain_record(run.path, run.manifest, "", "", problem, {})
 
 
 def _plain_record(
     path: Path, manifest: Manifest, fingerprint: str, program: str, problem: str, figures: dict[str, Quantity]
-) -> Record:
-    return Record(
+) -> RunRecord:
+    return RunRecord(
         path.name,
         fingerprint,
         manifest.rig_name,
@@ -172,6 +172,6 @@ def _plain_record(
     )
 
 
-def in_time(records: Iterable[Record]) -> list[Record]:
+def in_time(records: Iterable[RunRecord]) -> list[RunRecord]:
     """Sort records by the start of the runs."""
     return sorted(records, key=lambda record: (record.when.timestamp(), record.name))

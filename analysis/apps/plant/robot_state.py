@@ -22,7 +22,7 @@ ORDER: tuple[Attention, ...] = ("beyond", "watch", "unreadable", "changed", "wit
 
 
 @dataclass(frozen=True)
-class State:
+class FleetRobot:
     """A robot in the list of `rig fleet`.
 
     folder: directory of the runs relative to the plant's directory. tests: such as `yaw acw`. runs: number of runs with
@@ -77,16 +77,16 @@ class State:
         return [*filter(None, [self.problem]), *(f"{count} {words}" for count, words in counts if count)]
 
 
-def state_of(folder: str, collected: Collected) -> State:
+def state_of(folder: str, collected: Collected) -> FleetRobot:
     """Return the state of a robot from its runs."""
     broken = tuple((record.name, record.problem) for record in collected.broken)
     if not collected.runs:
-        return State(folder, collected.robot, without_figures=broken)
+        return FleetRobot(folder, collected.robot, without_figures=broken)
     history = history_of(collected)
     of_the_arm = [series for series in history.series if not series.corrected]
     standing, worst, ratio = _worst(of_the_arm)
     changed, trend, grew = _trend(of_the_arm)
-    return State(
+    return FleetRobot(
         folder,
         collected.robot,
         tests=tuple(dict.fromkeys(run.title for run in sorted(collected.runs, key=lambda run: run.title))),
@@ -106,19 +106,19 @@ def state_of(folder: str, collected: Collected) -> State:
     )
 
 
-def as_json(state: State) -> str:
+def as_json(state: FleetRobot) -> str:
     """Return a state as text for `state_from_json`, which, unlike pydantic, accepts invalid Unicode."""
     return json.dumps(asdict(state))
 
 
-def state_from_json(text: str) -> State:
+def state_from_json(text: str) -> FleetRobot:
     """Parse a stored state. Raises TypeError or ValueError if it is damaged."""
     fields: dict[str, Any] = json.loads(text)
     names = tuple((run, why) for run, why in fields.pop("without_figures"))
-    return State(**fields | {"tests": tuple(fields["tests"]), "without_figures": names})
+    return FleetRobot(**fields | {"tests": tuple(fields["tests"]), "without_figures": names})
 
 
-def in_order(states: Sequence[State]) -> list[State]:
+def in_order(states: Sequence[FleetRobot]) -> list[FleetRobot]:
     """Sort states by urgency: reason, ratio to the limit, newest change, name."""
     by_name = sorted(states, key=lambda state: (state.robot, state.folder))
     by_change = sorted(by_name, key=lambda state: state.changed if state.attention == "changed" else "", reverse=True)

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from analysis.apps.plant.collect import REASONS
-from analysis.apps.plant.records import Record, fingerprint_of, record_of, record_without_figures
-from analysis.runs.batch.fetched import fetched, named
+from analysis.apps.plant.records import RunRecord, fingerprint_of, record_of, record_without_figures
+from analysis.runs.batch.fetched import fetched, restore_run_path
 from analysis.runs.batch.remote_path import RemotePath
 from analysis.runs.batch.remote_store import has_figures, remote_runs
 from analysis.runs.batch.run_directories import run_directories
@@ -23,7 +23,7 @@ from rigs.errors import FileError
 
 
 @dataclass(frozen=True)
-class Seen:
+class RunOnDisk:
     """A run on the disk.
 
     run: path relative to the plant's directory. signature: digest of the names, sizes and times of the files, empty if
@@ -35,7 +35,7 @@ class Seen:
     signature: str
 
 
-def seen_runs(directory: Path) -> Iterator[Seen]:
+def seen_runs(directory: Path) -> Iterator[RunOnDisk]:
     """Yield every run below a directory in order of path.
 
     Raises FileError if the directory does not exist, and CellError if a store does not respond.
@@ -46,13 +46,13 @@ def seen_runs(directory: Path) -> Iterator[Seen]:
                 files = [file for file in run.files or () if has_figures(file.name)]
                 stamped = files and all(file.stamp for file in files)
                 signature = _digest((file.name, file.size, file.stamp) for file in files) if stamped else ""
-                yield Seen(run.path, "/".join(run.path.parts[len(directory.parts) :]), signature)
+                yield RunOnDisk(run.path, "/".join(run.path.parts[len(directory.parts) :]), signature)
         return
     if not directory.is_dir():
         raise FileError(str(directory), "no such directory", "give the directory with the plant's runs")
     for path in run_directories([directory]):
         if path != directory:  # It is returned itself if there are no runs.
-            yield Seen(path, os.path.relpath(path, directory), signature_of(path))
+            yield RunOnDisk(path, os.path.relpath(path, directory), signature_of(path))
 
 
 def signature_of(run: Path) -> str:
@@ -82,7 +82,7 @@ class Examined:
     examination.
     """
 
-    record: Record
+    record: RunRecord
     rig_text: str = ""
     is_evaluated: bool = True
 
@@ -96,7 +96,9 @@ def examine(path: Path) -> Examined | None:
         examined = _examined(directory)
     if examined is None:
         return None
-    record = replace(examined.record, name=path.name, problem=named(examined.record.problem, directory, path))
+    record = replace(
+        examined.record, name=path.name, problem=restore_run_path(examined.record.problem, directory, path)
+    )
     return replace(examined, record=record)
 
 

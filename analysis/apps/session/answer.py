@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from analysis.apps.session.child_processes import Child
-from analysis.apps.session.session_state import ELSEWHERE, Answer, Deed, PartOfError
+from analysis.apps.session.session_state import ELSEWHERE, Answer, PartOfError, SessionAct
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.acts import acts_with
 from analysis.robot.geometry.circle import frame_of
@@ -79,7 +79,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         parts=tuple(parts),
         remedies=tuple(acts.sentence(act) for act in named[1:]),
         acts=tuple(
-            Deed(
+            SessionAct(
                 kind=act.kind,
                 why=act.why,
                 words=acts.sentence(act),
@@ -189,7 +189,7 @@ class Inference:
 
 
 @dataclass(frozen=True)
-class Driven:
+class ControllerModel:
     """Correction active in the controller during a run.
 
     model: model of the arm used by the controller; None if uncorrected. reading_deg: offset of the reported joint
@@ -200,7 +200,7 @@ class Driven:
     reading_deg: Sequence[float] = (0.0,) * 6
 
 
-def path_error(runs: Sequence[Path], driven: Driven, noise_um: float) -> Deviation | None:
+def path_error(runs: Sequence[Path], driven: ControllerModel, noise_um: float) -> Deviation | None:
     """Return the deviation of the tool from the commanded circle, after fitting the set-ups; None if there are no runs.
 
     noise_um: rms scatter of a single run. The joint angles reported by a corrected controller do not reveal the
@@ -222,7 +222,7 @@ def path_error(runs: Sequence[Path], driven: Driven, noise_um: float) -> Deviati
     )
 
 
-def as_commanded(run: Measured, driven: Driven) -> Measured:
+def as_commanded(run: Measured, driven: ControllerModel) -> Measured:
     """Return a circle run of a rig without errors, with the joints of an ideal arm on the commanded circle."""
     table = run.table
     bare = run.rig.model_copy(update={"effects": ()}).with_calibration(None, None)

@@ -17,7 +17,7 @@ from rigs.schema.vocabulary import MakerName
 from rigs.text import plain
 
 if TYPE_CHECKING:
-    from analysis.apps.session.session_state import Place
+    from analysis.apps.session.session_state import SessionDirectory
 
 _MINUTES, _WAIT_MIN = 50.0, 15.0
 
@@ -84,12 +84,12 @@ def session(
     DIR/session.yaml after each step: the same command goes on with it,
     after Ctrl-C and on another day.
     """
-    from analysis.apps.session.session_state import Emulated, Place
+    from analysis.apps.session.session_state import Emulated, SessionDirectory
     from rigs.errors import UseError
     from rigs.load import find, load, named_by
 
     rig, text = load(rig_file)
-    place = Place(directory or Path(f"session-{rig.name}"))
+    place = SessionDirectory(directory or Path(f"session-{rig.name}"))
     if status:
         _show(place, rig_file, text, as_json=as_json)
         return
@@ -99,11 +99,11 @@ def session(
     controller = maker or rig.maker
     if controller is None:
         raise UseError("--for", "is required, because neither feedback nor robot names the maker", "give --for")
-    from analysis.apps.session.run_session import Asked, run_session
+    from analysis.apps.session.run_session import SessionOptions, run_session
 
     if Path(effects).is_file():  # an absolute path is valid in any working directory; the name of a shipped rig is kept
         effects = str(Path(effects).resolve())
-    asked = Asked(
+    asked = SessionOptions(
         rig_file=str(find(rig_file).resolve()),
         aim=aim,
         minutes=minutes,
@@ -128,7 +128,7 @@ def session(
         say_json(done.model_dump(mode="json"))
 
 
-def _show(place: Place, rig_file: Path | str, rig_text: str, *, as_json: bool) -> None:
+def _show(place: SessionDirectory, rig_file: Path | str, rig_text: str, *, as_json: bool) -> None:
     from analysis.apps.session.next_step import next_of
     from analysis.apps.session.session_words import status_lines
     from rigs.errors import FileError
@@ -136,7 +136,7 @@ def _show(place: Place, rig_file: Path | str, rig_text: str, *, as_json: bool) -
     kept_session = place.read()
     if kept_session is None:
         raise FileError(str(place.file), "this directory has no session", f"start a session: {place.command(rig_file)}")
-    place.hold_whole(kept_session, rig_text)
+    place.require_complete(kept_session, rig_text)
     if as_json:
         say_json(kept_session.model_dump(mode="json"))
         return

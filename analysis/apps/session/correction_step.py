@@ -21,8 +21,8 @@ from analysis.apps.makers.plays import ahead_of_plays
 from analysis.apps.makers.programs.compensated import compensated, targets_of
 from analysis.apps.makers.programs.motion_plan import Arc
 from analysis.apps.makers.report import controller_report, correction_report
-from analysis.apps.session.session_plan import FIXED, Program, named_as, programs_for, stage_rig
-from analysis.apps.session.session_state import MAIN, Correction, Session, Stage, Step, Way
+from analysis.apps.session.session_plan import FIXED, SessionProgram, named_as, programs_for, stage_rig
+from analysis.apps.session.session_state import MAIN, ProgramStep, Session, SessionCorrection, Stage, Way
 from analysis.correction.corrected_targets import corrected_angles
 from analysis.correction.deviation import Expected, Work
 from analysis.correction.plays import known_plays
@@ -63,7 +63,7 @@ is not worth the effort and would not show in a second measurement.
 
 
 @dataclass(frozen=True)
-class Left:
+class ExpectedError:
     """Rms error of the readings in µm with fitted set-ups: uncorrected, with entered values, and with corrected
     targets.
 
@@ -80,10 +80,10 @@ def corrected(
     session: Session,
     model_file: Path,
     runs: tuple[Sequence[Path], Sequence[Path]],
-    steps: Sequence[Step],
+    steps: Sequence[ProgramStep],
     directory: Path,
     chosen_way: Way | None = None,
-) -> tuple[Correction, dict[str, Program]]:
+) -> tuple[SessionCorrection, dict[str, SessionProgram]]:
     """Compute the correction from the model of a session and replace the files of an older correction in the directory.
 
     Return the correction and the corrected programs, by the name of the program that each replaces. runs: runs on the
@@ -108,7 +108,7 @@ def corrected(
         if chosen_way == "programs":
             raise
         between_um = float("inf")
-    remaining = Left(now_um, by_entries_um, float(np.hypot(at_targets_um, between_um)))
+    remaining = ExpectedError(now_um, by_entries_um, float(np.hypot(at_targets_um, between_um)))
     way = chosen_way or way_of(remaining, entries)
     work = correction.work
     if way == "none":
@@ -165,8 +165,8 @@ def _left_um(runs: Sequence[Measured], rig: Rig, effects: Sequence[Effect]) -> f
 
 def _correction(
     way: Way, sentence: str, before_um: float, expected_um: float | None = None, **fields: Any
-) -> Correction:
-    return Correction(
+) -> SessionCorrection:
+    return SessionCorrection(
         way=way,
         sentence=sentence,
         before_um=round(before_um, 1),
@@ -176,7 +176,7 @@ def _correction(
     )
 
 
-def way_of(remaining: Left, entries: ControllerEntries) -> Way:
+def way_of(remaining: ExpectedError, entries: ControllerEntries) -> Way:
     """Return the best way to correct the robot."""
     by_targets_um = remaining.now_um - remaining.by_targets_um
     by_entries_um = remaining.now_um - remaining.by_entries_um if entries.entries else 0.0
@@ -199,12 +199,14 @@ def reading_deg(directory: Path) -> tuple[float, ...]:
     return tuple(added_deg)
 
 
-def corrected_programs(rig: Rig, model: Rig, stages: Sequence[Stage], steps: Sequence[Step]) -> dict[str, Program]:
+def corrected_programs(
+    rig: Rig, model: Rig, stages: Sequence[Stage], steps: Sequence[ProgramStep]
+) -> dict[str, SessionProgram]:
     """Return the corrected programs for some steps, by the name of the nominal program that each replaces.
 
     Raises FileError if a target cannot be corrected.
     """
-    programs: dict[str, Program] = {}
+    programs: dict[str, SessionProgram] = {}
     for stage in stages:
         stage_steps = [step for step in steps if step.stage == stage.name]
         for test in dict.fromkeys(step.test for step in stage_steps):
@@ -215,7 +217,7 @@ def corrected_programs(rig: Rig, model: Rig, stages: Sequence[Stage], steps: Seq
     return programs
 
 
-def _of_test(rig: Rig, model: Rig, stage: Stage, test: DrivenTest) -> list[Program]:
+def _of_test(rig: Rig, model: Rig, stage: Stage, test: DrivenTest) -> list[SessionProgram]:
     programs = programs_for(rig, stage, test, arc_deg=_ARC_DEG)
     moved = stage_rig(rig, stage).modelled_as(model)
     targets = [targets_of(program.plan) for program in programs]
@@ -231,7 +233,7 @@ def _of_test(rig: Rig, model: Rig, stage: Stage, test: DrivenTest) -> list[Progr
     return [replace(program, plan=plan, corrected="targets") for program, plan in zip(programs, plans, strict=True)]
 
 
-def _between_targets_um(rig: Rig, model: Rig, stage: Stage, programs: Sequence[Program]) -> float:
+def _between_targets_um(rig: Rig, model: Rig, stage: Stage, programs: Sequence[SessionProgram]) -> float:
     """Return the rms error in µm of corrected circle programs between targets, where the controller interpolates.
 
     The sources are waves with a short period and play at reversals of a joint. A shift of the circle and a zero offset

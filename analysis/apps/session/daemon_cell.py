@@ -15,9 +15,9 @@ from typing import Any, Protocol
 
 from analysis.apps.emulate.served_cell import CellEvent
 from analysis.apps.session.child_processes import Child, Talking
-from analysis.apps.session.program_watch import Watch, Way
-from analysis.apps.session.session_plan import Program
-from analysis.apps.session.session_state import Emulated, Stage, Step
+from analysis.apps.session.program_watch import ProgramPath, ProgramWatch
+from analysis.apps.session.session_plan import SessionProgram
+from analysis.apps.session.session_state import Emulated, ProgramStep, Stage
 from analysis.procedures.results import why_unusable
 from daq import clock
 from daq.service.client import Client, find_socket
@@ -64,10 +64,10 @@ class Hands(Protocol):
     def set_up(self, stage: Stage, rig_file: Path) -> Path:
         """Set up a stage and return the rig file of the resulting cell."""
 
-    def start(self, program: Program) -> None:
+    def start(self, program: SessionProgram) -> None:
         """Start a program, or request it."""
 
-    def go_on(self, program: Program) -> None:
+    def go_on(self, program: SessionProgram) -> None:
         """Continue a program that waits for the recording, or request it."""
 
     def look(self) -> None:
@@ -81,7 +81,7 @@ class Hands(Protocol):
 
 
 @dataclass(frozen=True)
-class Run:
+class ProgramRun:
     """A recorded run.
 
     name: directory name. program: program that was driven. why: reason for being unusable, or empty. held_up: number of
@@ -97,10 +97,10 @@ class Run:
 class Driver(Protocol):
     """Drives and records the steps of a session."""
 
-    def set_up(self, stage: Stage, programs: Mapping[str, Program]) -> None:
+    def set_up(self, stage: Stage, programs: Mapping[str, SessionProgram]) -> None:
         """Prepare a stage and load the programs for it."""
 
-    def drive(self, step: Step, wait: Callable[[], None]) -> Run:
+    def drive(self, step: ProgramStep, wait: Callable[[], None]) -> ProgramRun:
         """Drive a step and return the run. `wait` is called repeatedly while waiting. Raises CellError."""
 
     def enter(self, file: Path) -> bool:
@@ -116,7 +116,7 @@ class Rigd:
     @classmethod
     def start(cls, rig_name: str, rig_file: Path, runs: Path, log: Path) -> Rigd:
         """Start the daemon and wait until every stream delivers readings. Raises CellError."""
-        _hold_unserved(rig_name)
+        _refuse_second_daemon(rig_name)
         rigd = cls(rig_name, Child.start("daq.service.rigd", "rigd", [rig_file, "--runs", runs], log))
         try:
             until_s = clock.now_s() + _READY_S
@@ -128,7 +128,7 @@ class Rigd:
                 clock.sleep(LOOK_S)
                 with suppress(CellError):
                     rigd._client = Client(find_socket(rigd._name)).__enter__()
-            rigd._hold_reading()
+            rigd._wait_for_readings()
         except BaseException:
             rigd.stop()
             raise
@@ -139,7 +139,7 @@ class Rigd:
         self._client: Client | None = None
         self._after: dict[str, int] = {}
 
-    def _hold_reading(self) -> None:
+    def _wait_for_readings(self) -> None:
         """Wait until every stream delivers readings. Raises CellError after the time limit."""
         until_s = clock.now_s() + _READS_S
         while silent := self.silent():
@@ -190,7 +190,7 @@ StartRigd = Callable[[str, Path, Path, Path], Rigd]
 """Starts the daemon. Arguments: the name of the rig, the rig file, the directory of runs and the log."""
 
 
-def _hold_unserved(rig_name: str) -> None:
+def _refuse_second_daemon(rig_name: str) -> None:
     """Raise CellError if another rigd serves the rig. The daemon of a killed session gets some seconds to exit."""
     until_s = clock.now_s() + _LEAVES_S
     while True:
@@ -225,26 +225,26 @@ class LiveDriver:
         self.entered = False
         """True if the values of a correction are entered at the controller, where they affect every program."""
         self._rigd: Rigd | None = None
-        self._programs: Mapping[str, Program] = {}
-        self._ways: dict[str, Way] = {}
+        self._programs: Mapping[str, SessionProgram] = {}
+        self._ways: dict[str, ProgramPath] = {}
         self._ended = ""
         """Last program completed at this stage."""
 
-    def set_up(self, stage: Stage, programs: Mapping[str, Program]) -> None:
+    def set_up(self, stage: Stage, programs: Mapping[str, SessionProgram]) -> None:
         """Have the stage set up and start rigd for the resulting cell. Raises CellError."""
         if self._rigd is not None:
             self._rigd.stop()
             self._rigd = None
         self._programs = programs
-        self._ways = {name: Way.of(program.plan) for name, program in programs.items()}
+        self._ways = {name: ProgramPath.of(program.plan) for name, program in programs.items()}
         self._ended = ""
         rig_file = self._hands.set_up(stage, self._directory / "cells" / f"{stage.name}.yaml")
         self._rigd = self._start_rigd(self._rig_name, rig_file, self._directory / "runs", self._directory / "rigd.log")
 
-    def drive(self, step: Step, wait: Callable[[], None]) -> Run:
+    def drive(self, step: ProgramStep, wait: Callable[[], None]) -> ProgramRun:
         """Drive and record a step. Raises CellError if no program starts in time."""
         assert self._rigd is not None  # noqa: S101 - a stage was set up
-        watch = Watch(self._ways, step.program, self._ended)
+        watch = ProgramWatch(self._ways, step.program, self._ended)
         by: DrivenWith = "entries" if self.entered else ""
         programs = {
             name: replace(program, corrected=program.corrected or by) for name, program in self._programs.items()
@@ -277,16 +277,16 @@ class _Drive:
     rigd: Rigd
     hands: Hands
     screen: Screen
-    programs: Mapping[str, Program]
-    watch: Watch
-    asked: Step
+    programs: Mapping[str, SessionProgram]
+    watch: ProgramWatch
+    asked: ProgramStep
     wait: Callable[[], None]
     ended: str = ""
     recording: str = ""
     lines: set[str] = field(default_factory=set)
     try_again_s: float = 0.0
 
-    def run(self, operator: str, wait_s: float, runs: Path) -> Run:
+    def run(self, operator: str, wait_s: float, runs: Path) -> ProgramRun:
         """Have the step driven. Always stop the recording, even after an error."""
         self.hands.start(self.programs[self.asked.program])
         until_s, look_s = clock.now_s() + wait_s, 0.0
@@ -295,7 +295,7 @@ class _Drive:
                 self.wait()
                 self.hands.look()
                 if (reading := self.rigd.joints()) is not None:
-                    done = self._seen(self.watch.feed(*reading), operator)
+                    done = self._handle_observation(self.watch.feed(*reading), operator)
                     if done is not None:
                         return self._judged(done, runs)
                 now_s = clock.now_s()
@@ -319,7 +319,7 @@ class _Drive:
                 with suppress(RigError):
                     self.rigd.ask("record_stop")
 
-    def _seen(self, seen: str, operator: str) -> tuple[str, str] | None:
+    def _handle_observation(self, seen: str, operator: str) -> tuple[str, str] | None:
         """React to an observation of the watch.
 
         Return the completed program and the reason for being unusable, or empty.
@@ -335,7 +335,7 @@ class _Drive:
             self.ended = program
             return program, ""
         elif seen in ("ended", "stopped", "astray") and not self.recording:
-            self.watch.forget()
+            self.watch.reset()
         elif seen == "stopped":
             return program, f"the robot stopped at {100 * self.watch.share:.0f} % of the path"
         elif seen == "astray":
@@ -370,7 +370,7 @@ class _Drive:
         self.recording = program
         self.hands.go_on(driven)
 
-    def _judged(self, done: tuple[str, str], runs: Path) -> Run:
+    def _judged(self, done: tuple[str, str], runs: Path) -> ProgramRun:
         """Stop the recording and check whether the run is usable."""
         program, why = done
         ended = self.rigd.ask("record_stop")
@@ -385,7 +385,7 @@ class _Drive:
         faults = "; ".join(f"{stream}: {', '.join(words)}" for stream, words in counts.items() if words)
         if why and faults:
             why = f"{why} ({faults})"
-        return Run(name, program, why, held_up)
+        return ProgramRun(name, program, why, held_up)
 
     def _tell(self, line: str) -> None:
         """Print a line unless it was printed before."""
@@ -409,10 +409,10 @@ class Person:
         """Return the rig file. The guide has already printed the request."""
         return rig_file
 
-    def start(self, program: Program) -> None:
+    def start(self, program: SessionProgram) -> None:
         """Ignored: the guide has already printed the request."""
 
-    def go_on(self, program: Program) -> None:
+    def go_on(self, program: SessionProgram) -> None:
         self._screen.say(f"{program.name} is being recorded: mount the link, and continue the program")
 
     def look(self) -> None:
@@ -477,14 +477,14 @@ class EmulatedHands:
             self._await("entered")
         return cell / "rig.yaml"
 
-    def start(self, program: Program) -> None:
+    def start(self, program: SessionProgram) -> None:
         """Start a program."""
         self._may_go_on = False
         self._free()
         self._type(f"run {program.name}")
         self._is_busy = True
 
-    def go_on(self, program: Program) -> None:
+    def go_on(self, program: SessionProgram) -> None:
         """Let the program continue as soon as it waits for the recording."""
         self._may_go_on = True
 

@@ -14,19 +14,19 @@ from pathlib import Path
 from typing import Literal, TypeVar
 
 from analysis.apps.session import session_words as words
-from analysis.apps.session.daemon_cell import Run
+from analysis.apps.session.daemon_cell import ProgramRun
 from analysis.apps.session.next_step import Drive, Infer, first_open, is_answered, next_of, why_nothing
-from analysis.apps.session.session_plan import Pace, minutes_of, numbered, separating
+from analysis.apps.session.session_plan import SessionPace, minutes_of, numbered, separating
 from analysis.apps.session.session_state import (
     MOST_TRIES,
     Answer,
-    Correction,
+    ProgramStep,
     Purpose,
     Session,
+    SessionCorrection,
     Stage,
-    Step,
     Try,
-    Verified,
+    VerifiedError,
     Way,
 )
 from rigs.errors import CellError
@@ -47,7 +47,7 @@ class Runs:
 
 
 @dataclass(frozen=True)
-class State:
+class GuideState:
     """A session and the work in progress.
 
     stage: stage that is set up. driving: number of the step being driven. inferring: runs of the inference in progress.
@@ -60,17 +60,17 @@ class State:
     inferring: Runs | None = None
     ahead: Runs | None = None
 
-    def keeping(self, **changed: object) -> State:
+    def keeping(self, **changed: object) -> GuideState:
         """Return the state with changed fields of the session."""
         return replace(self, session=self.session.model_copy(update=changed))
 
-    def tried(self, number: int, attempt: Try) -> State:
+    def tried(self, number: int, attempt: Try) -> GuideState:
         """Return the state with an additional run of a step."""
         step = self.session.steps[number]
         tries = (*step.tries, attempt)
         return replace(self, session=self.session.with_step(number, step.model_copy(update={"tries": tries})))
 
-    def skipping(self, purpose: Purpose, why: str) -> State:
+    def skipping(self, purpose: Purpose, why: str) -> GuideState:
         """Skip the steps of a purpose that have no run, except the step being driven.
 
         An empty `why` reopens skipped steps.
@@ -103,7 +103,7 @@ class Present:
 class Recorded:
     """A run was recorded, of the requested program or a different program."""
 
-    run: Run
+    run: ProgramRun
     minutes: float
 
 
@@ -119,13 +119,13 @@ class Answered:
 
 
 @dataclass(frozen=True)
-class Corrected:
+class CorrectionMade:
     """The correction is computed.
 
     programs: names of corrected programs, by the name of the program that each replaces.
     """
 
-    correction: Correction
+    correction: SessionCorrection
     programs: Mapping[str, str]
 
 
@@ -133,11 +133,11 @@ class Corrected:
 class Reported:
     """The page is written."""
 
-    verified: Verified | None
+    verified: VerifiedError | None
     page: str
 
 
-Event = Present | Recorded | Answered | Corrected | Reported | Literal["begun", "entered"]
+Event = Present | Recorded | Answered | CorrectionMade | Reported | Literal["begun", "entered"]
 """begun: the session starts or resumes. entered: the values are entered at the controller."""
 
 
@@ -153,7 +153,7 @@ class Say:
 
 
 @dataclass(frozen=True)
-class SetUp:
+class SetUpStage:
     """Write the programs of a stage and set it up."""
 
     stage: Stage
@@ -167,15 +167,15 @@ class Begin:
 
 
 @dataclass(frozen=True)
-class Stop:
+class EndSession:
     """Abort the session until a problem in the cell is solved."""
 
     error: CellError
 
 
-Action = Say | SetUp | Begin | Stop | Drive | Literal["await", "correct", "enter", "report"]
+Action = Say | SetUpStage | Begin | EndSession | Drive | Literal["await", "correct", "enter", "report"]
 """await: wait for the inference in progress. For the other literals see `Following`."""
-Outcome = tuple[State, tuple[Action, ...]]
+Outcome = tuple[GuideState, tuple[Action, ...]]
 
 
 @dataclass(frozen=True)
@@ -186,11 +186,11 @@ class Guide:
     """
 
     rig: Rig
-    pace: Pace
+    pace: SessionPace
     directory: Path
     chosen_way: Way | None = None
 
-    def step(self, state: State, event: Event) -> Outcome:
+    def step(self, state: GuideState, event: Event) -> Outcome:
         """Return the next state and the actions. The state must be stored before the actions are executed.
 
         If a further event follows, the last action produces it.
@@ -207,7 +207,7 @@ class Guide:
                 changed, actions = replace(state, inferring=None), (Say((f"  not understood yet: {why}",)),)
             case Answered(answer):
                 changed, actions = _answered(replace(state, inferring=None), _of(answer))
-            case Corrected(correction, programs):
+            case CorrectionMade(correction, programs):
                 changed, actions = _corrected(state, correction, programs)
             case "entered":
                 correction = _of(state.session.correction)
@@ -219,7 +219,7 @@ class Guide:
         following, further = self._following(changed)
         return following, (*actions, *further)
 
-    def _following(self, state: State) -> Outcome:
+    def _following(self, state: GuideState) -> Outcome:
         """Return the next state and actions when the robot is idle and all inferences are finished."""
         following = next_of(state.session)
         match following:
@@ -230,14 +230,14 @@ class Guide:
                 driving = replace(state, stage=stage.name, driving=number)
                 if stage.name == state.stage:
                     return driving, (asked, Drive(number))
-                return driving, (Say((f"-- {stage.name}: {stage.words}",)), SetUp(stage), asked, Drive(number))
+                return driving, (Say((f"-- {stage.name}: {stage.words}",)), SetUpStage(stage), asked, Drive(number))
             case Infer(joins):
                 begun, actions = (state, ()) if state.inferring else _begun(state, joins=joins)
                 return begun, (*actions, "await")
             case "decide":
                 changed, actions = self._decided(state, _of(state.session.answer))
             case "correct" if why := self._nothing(state.session):
-                none = Correction(way="none", sentence=why, before_um=0.0, expected_um=0.0)
+                none = SessionCorrection(way="none", sentence=why, before_um=0.0, expected_um=0.0)
                 changed, actions = _corrected(state, none, {})
             case "done":
                 return state, (Say(tuple(words.end_lines(state.session, self.directory))),)
@@ -256,7 +256,7 @@ class Guide:
     # ------------------------------------------------------------------------------------------------------------------
     # Decisions after an answer.
 
-    def _decided(self, state: State, answer: Answer) -> Outcome:
+    def _decided(self, state: GuideState, answer: Answer) -> Outcome:
         """Insert a test that separates rivals or helps to decide. If there is none, close the search for errors."""
         session = state.session
         addition = self._more(session, answer) if session.aim != "check" else None
@@ -271,11 +271,11 @@ class Guide:
         reason = Say(tuple(words.more_lines(answer, stage)))
         return replace(state.keeping(stages=stages, steps=ordered), stage=""), (reason,)
 
-    def _more(self, session: Session, answer: Answer) -> tuple[Stage, tuple[Step, ...]] | None:
+    def _more(self, session: Session, answer: Answer) -> tuple[Stage, tuple[ProgramStep, ...]] | None:
         """Return a stage with steps that add information; None if none does, or if the time does not suffice."""
         if len(session.stages) >= 2 + _MOST_MORE:
             return None
-        addition: tuple[Stage, tuple[Step, ...]] | None = None
+        addition: tuple[Stage, tuple[ProgramStep, ...]] | None = None
         if answer.next_test and (_needs_other_test(answer) or session.is_last(answer)):
             tests = tuple(dict.fromkeys(step.test for step in session.runs_for("find")))
             addition = separating(self.rig, answer.next_test, tests, len(session.stages) + 1)
@@ -303,7 +303,7 @@ def _needs_other_test(answer: Answer) -> bool:
     return answer.condition == "ambiguous" or (answer.condition == "undecided" and answer.runs_to_decide is None)
 
 
-def _adopted(state: State, run: str, program: str) -> Outcome:
+def _adopted(state: GuideState, run: str, program: str) -> Outcome:
     """Assign a run to an open step if it was recorded just before an interruption. Ignore all other runs."""
     following = next_of(state.session)
     if program and isinstance(following, Drive):
@@ -320,7 +320,7 @@ def _number_of(session: Session, program: str, purpose: Purpose) -> int | None:
     return next((k for k, step in steps if step.program == program and step.purpose == purpose and step.is_open), None)
 
 
-def _recorded(state: State, run: Run, minutes: float) -> Outcome:
+def _recorded(state: GuideState, run: ProgramRun, minutes: float) -> Outcome:
     """Assign a run to the step of its program. If the run is usable and adds information, start an inference."""
     number, session = _of(state.driving), state.session
     idle = replace(state, driving=None).keeping(driven_minutes=round(session.driven_minutes + minutes, 2))
@@ -345,7 +345,7 @@ def _recorded(state: State, run: Run, minutes: float) -> Outcome:
     return begun, (*actions, *further)
 
 
-def _failed(step: Step, *, is_emulated: bool) -> tuple[Stop, ...]:
+def _failed(step: ProgramStep, *, is_emulated: bool) -> tuple[EndSession, ...]:
     """Abort after repeated failures of a step: a problem in the cell must be solved first."""
     last = step.tries[-1].why
     if len(step.tries) % MOST_TRIES:
@@ -353,12 +353,12 @@ def _failed(step: Step, *, is_emulated: bool) -> tuple[Stop, ...]:
     if is_emulated or any(attempt.held_up for attempt in step.tries[-MOST_TRIES:]):
         vain = f"after {MOST_TRIES} failed attempts at {step.program}, last error: {last}"
         remedy = "close other programs, or use a faster computer; then repeat the command here"
-        return (Stop(CellError("this computer", f"was delayed, so that readings are missing ({vain})", remedy)),)
+        return (EndSession(CellError("this computer", f"was delayed, so that readings are missing ({vain})", remedy)),)
     remedy = "check the cell (rig doctor); then repeat the command here"
-    return (Stop(CellError(step.program, f"failed {MOST_TRIES} times, last error: {last}", remedy)),)
+    return (EndSession(CellError(step.program, f"failed {MOST_TRIES} times, last error: {last}", remedy)),)
 
 
-def _begun(state: State, *, joins: bool) -> Outcome:
+def _begun(state: GuideState, *, joins: bool) -> Outcome:
     """Start an inference with the available runs.
 
     joins: also use the runs of the other place, after their judgement.
@@ -377,7 +377,7 @@ def _begun(state: State, *, joins: bool) -> Outcome:
     return replace(state, inferring=asked, ahead=None), (Begin(asked),)
 
 
-def _answered(state: State, answer: Answer) -> Outcome:
+def _answered(state: GuideState, answer: Answer) -> Outcome:
     """Store an answer. If it answers the question, skip the remaining steps for finding errors."""
     session, judges = state.session, len(state.session.runs_for("judge"))
     if judges and answer.runs > len(session.runs_for("find")):
@@ -401,7 +401,7 @@ _ANSWERED, _OPEN = "the question is answered", "the question is open"
 """Reasons for skipping and reopening steps."""
 
 
-def _corrected(state: State, correction: Correction, programs: Mapping[str, str]) -> Outcome:
+def _corrected(state: GuideState, correction: SessionCorrection, programs: Mapping[str, str]) -> Outcome:
     """Store a correction. Its programs, if any, replace those of the verification steps."""
     changed = state
     if correction.way == "none":

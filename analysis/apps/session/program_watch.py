@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.apps.makers.programs.motion_plan import Dwell, Move, Plan, angles_along, end_of, start_of
+from analysis.apps.makers.programs.motion_plan import Dwell, MotionPlan, Move, angles_along, end_of, start_of
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.stands import FLICKER_DEG
 
@@ -55,14 +55,14 @@ astray: the robot left the path. elsewhere: the robot moved to a place that is n
 
 
 @dataclass(frozen=True)
-class Way:
+class ProgramPath:
     """Path of a program: joint angles q_deg (n, 6) at equal distances, and the longest planned pause in s."""
 
     q_deg: Array
     longest_stand_s: float
 
     @classmethod
-    def of(cls, plan: Plan) -> Way:
+    def of(cls, plan: MotionPlan) -> ProgramPath:
         """Build the joint path of a plan, starting at the first posture."""
         moves = [step for step in plan.steps if isinstance(step, Move)]
         pieces = [start_of(plan).q[None]]
@@ -77,10 +77,10 @@ class Way:
         return cls(np.stack([np.interp(at, far, joint) for joint in q_deg.T], axis=1), max(stands, default=0.0))
 
 
-class Watch:
+class ProgramWatch:
     """Tracks a step: waits for the expected program or a different known program and follows it to the end."""
 
-    def __init__(self, ways: Mapping[str, Way], expected: str, ended: str = "") -> None:
+    def __init__(self, ways: Mapping[str, ProgramPath], expected: str, ended: str = "") -> None:
         """ended: previous program. The robot may still stand at its end."""
         self._ways, self._expected, self._ended = ways, expected, ended
         self.program = ""
@@ -93,7 +93,7 @@ class Watch:
         self.stood_s = 0.0
         """Duration of the current standstill."""
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Reset to the initial state after the end of a program."""
         self._ended, self._has_moved, self._first = self.program, False, None
         self.program, self._at = "", 0
@@ -108,8 +108,8 @@ class Watch:
         q = np.asarray(joints_deg, dtype=float)
         if self._first is None:
             self._first = q
-        self._has_moved = self._has_moved or _apart(q, self._first) > NEAR_DEG
-        if _apart(q, self._stands_at) > FLICKER_DEG:
+        self._has_moved = self._has_moved or _largest_difference(q, self._first) > NEAR_DEG
+        if _largest_difference(q, self._stands_at) > FLICKER_DEG:
             self._stands_at, self._stands_since_s = q, t_s
         self.stood_s = t_s - self._stands_since_s
         if not self.program:
@@ -133,14 +133,16 @@ class Watch:
             return "nothing"
         # Another program may start at the end of the last. If the robot did not move off, only the expected program
         # counts.
-        stayed = not self._has_moved and self._ended and _apart(q, self._ways[self._ended].q_deg[-1]) < NEAR_DEG
+        stayed = (
+            not self._has_moved and self._ended and _largest_difference(q, self._ways[self._ended].q_deg[-1]) < NEAR_DEG
+        )
         is_meant = self._has_moved or (not stayed and self.stood_s > _MEANT_S)
         for name in (self._expected, *(self._ways if is_meant else ())):
-            if _apart(q, self._ways[name].q_deg[0]) < NEAR_DEG:
+            if _largest_difference(q, self._ways[name].q_deg[0]) < NEAR_DEG:
                 self.program, self._at = name, 0
                 return "at_start"
         return "elsewhere" if self._has_moved and self.stood_s > _ELSEWHERE_S else "nothing"
 
 
-def _apart(first: Array, second: Array) -> float:
+def _largest_difference(first: Array, second: Array) -> float:
     return float(np.abs(first - second).max())

@@ -20,14 +20,23 @@ from analysis.apps.session.session_plan import (
     BY_HAND,
     BY_ITSELF,
     FIXED,
-    Pace,
-    Program,
+    SessionPace,
+    SessionProgram,
     planned,
     programs_of_steps,
     stage_text,
     write_programs,
 )
-from analysis.apps.session.session_state import Aim, Emulated, Place, Session, Stage, Step, Way, digest_of
+from analysis.apps.session.session_state import (
+    Aim,
+    Emulated,
+    ProgramStep,
+    Session,
+    SessionDirectory,
+    Stage,
+    Way,
+    digest_of,
+)
 from analysis.procedures.results import why_unusable
 from analysis.runs.written_files import holding, write_all_over
 from daq import clock
@@ -41,7 +50,7 @@ from rigs.text import counted
 
 
 @dataclass(frozen=True)
-class Asked:
+class SessionOptions:
     """Options of a session.
 
     wait_min: minutes to wait for the robot to start. correct: way chosen by the user. entered: whether the values of
@@ -60,13 +69,13 @@ class Asked:
     fast: bool = False
 
     @property
-    def pace(self) -> Pace:
+    def pace(self) -> SessionPace:
         """Time needed in addition to the motion; in simulated time the same as for an operator."""
         return BY_ITSELF if self.emulated and not self.fast else BY_HAND
 
 
 @dataclass(frozen=True)
-class Means:
+class SessionDependencies:
     """Dependencies of a session."""
 
     hands: Hands
@@ -77,10 +86,10 @@ class Means:
 def run_session(
     rig: Rig,
     text: str,
-    place: Place,
-    asked: Asked,
+    place: SessionDirectory,
+    asked: SessionOptions,
     screen: Screen,
-    means: Means | None = None,
+    means: SessionDependencies | None = None,
 ) -> Session:
     """Start a session, or resume the stored session, and run it to the end.
 
@@ -89,7 +98,7 @@ def run_session(
     with place:
         kept = place.read()
         session = kept or _begun(rig, text, asked, screen)
-        _hold_same(session, text, asked, place)
+        _require_same_session(session, text, asked, place)
         if asked.entered:
             if session.correction is None or session.correction.way != "entries":
                 raise UseError("--entered", "this session does not have values to enter", "remove it")
@@ -103,14 +112,14 @@ def run_session(
             else:
                 screen.say(f"Continuing the session {which_session}")
         place.write(session)
-        with _means(session, place, asked, screen) if means is None else nullcontext(means) as equipment:
+        with _session_dependencies(session, place, asked, screen) if means is None else nullcontext(means) as equipment:
             driver = LiveDriver(
                 rig.name, place.directory, equipment.hands, screen, asked.operator, asked.wait_min, equipment.start_rigd
             )
             driver.entered = bool(_entered_files(session, place))
             try:
                 guided = guide.Guide(rig, asked.pace, place.directory, asked.correct)
-                state = guide.State(session)
+                state = guide.GuideState(session)
                 return Conductor(place, state, driver, screen, guided, text, equipment.start_inference).run()
             finally:
                 driver.close()
@@ -123,15 +132,15 @@ class Conductor:
     rig_text: text of the rig file. corrected: corrected programs, by the name of the program that each replaces.
     """
 
-    place: Place
-    state: guide.State
+    place: SessionDirectory
+    state: guide.GuideState
     driver: Driver
     screen: Screen
     guided: guide.Guide
     rig_text: str
     start_inference: StartInference = Inference.start
     inferences: dict[guide.Runs, Infers] = field(default_factory=dict)
-    corrected: Mapping[str, Program] = field(default_factory=dict)
+    corrected: Mapping[str, SessionProgram] = field(default_factory=dict)
 
     def run(self) -> Session:
         """Run to the end of the session. Raises RigError; the progress is stored."""
@@ -167,7 +176,7 @@ class Conductor:
             case guide.Say(lines):
                 for line in lines:
                     self.screen.say(line)
-            case guide.SetUp(stage):
+            case guide.SetUpStage(stage):
                 programs = self._programs(stage)
                 self._write(stage, programs)
                 self.driver.set_up(stage, programs)
@@ -185,7 +194,7 @@ class Conductor:
                 return self._enter()
             case "report":
                 return self._report()
-            case guide.Stop(error):
+            case guide.EndSession(error):
                 raise error
         return None
 
@@ -218,17 +227,17 @@ class Conductor:
         driven = self.place.runs_of(self.state.session.steps)
         return "" if any(read_run(run).readings_sha256 == readings for run in driven if is_run(run)) else manifest.name
 
-    def _programs(self, stage: Stage) -> dict[str, Program]:
+    def _programs(self, stage: Stage) -> dict[str, SessionProgram]:
         """Return all programs available at a stage."""
         nominal = (step for step in self.state.session.steps if not step.program.endswith(FIXED))
         programs = programs_of_steps(self.guided.rig, [stage], [step for step in nominal if step.stage == stage.name])
         return programs | {new.name: new for new in self.corrected.values() if new.stage == stage.name}
 
-    def _write(self, stage: Stage, programs: Mapping[str, Program]) -> None:
+    def _write(self, stage: Stage, programs: Mapping[str, SessionProgram]) -> None:
         """Write the rig file and the programs of a stage. Existing files are overwritten with the same content."""
         directory = self.place.directory
         write_programs(self.state.session.maker, list(programs.values()), directory / "programs" / stage.name)
-        files = {**self.guided.rig.beside, f"{stage.name}.yaml": stage_text(self.rig_text, stage).encode()}
+        files = {**self.guided.rig.companion_files, f"{stage.name}.yaml": stage_text(self.rig_text, stage).encode()}
         write_all_over(directory / "cells", {name: holding(content) for name, content in files.items()})
 
     # ------------------------------------------------------------------------------------------------------------------
@@ -252,7 +261,7 @@ class Conductor:
             clock.sleep(_LOOK_S)
         return guide.Answered(inference.result())
 
-    def _verify_steps(self) -> list[Step]:
+    def _verify_steps(self) -> list[ProgramStep]:
         """Return the steps after the correction with the nominal programs from which they are derived."""
         return [
             step.model_copy(update={"program": step.program.removesuffix(FIXED)})
@@ -260,7 +269,7 @@ class Conductor:
             if step.purpose == "verify"
         ]
 
-    def _correct(self) -> guide.Corrected:
+    def _correct(self) -> guide.CorrectionMade:
         self.screen.show("making the correction")
         session, place = self.state.session, self.place
         assert session.answer is not None  # noqa: S101 - it is corrected by it
@@ -276,7 +285,7 @@ class Conductor:
         for stage in session.stages:
             new = [program for program in programs.values() if program.stage == stage.name]
             write_programs(session.maker, new, place.directory / "programs" / stage.name)
-        return guide.Corrected(correction, {name: program.name for name, program in programs.items()})
+        return guide.CorrectionMade(correction, {name: program.name for name, program in programs.items()})
 
     def _enter(self) -> guide.Event:
         """Have the values entered. Raises CellError if the operator does not confirm it."""
@@ -302,14 +311,16 @@ _LOOK_S = 0.2
 
 
 @contextmanager
-def _means(session: Session, place: Place, asked: Asked, screen: Screen) -> Iterator[Means]:
+def _session_dependencies(
+    session: Session, place: SessionDirectory, asked: SessionOptions, screen: Screen
+) -> Iterator[SessionDependencies]:
     """Provide the dependencies of a session, in simulated time if requested."""
     files, emulated = _entered_files(session, place), session.emulated
     if emulated is None:
-        yield Means(Person(screen, _confirmed))
+        yield SessionDependencies(Person(screen, _confirmed))
         return
     if not asked.fast:
-        yield Means(EmulatedHands(place.directory, session.maker, emulated, files))
+        yield SessionDependencies(EmulatedHands(place.directory, session.maker, emulated, files))
         return
     from analysis.apps.session.simulated import (  # noqa: PLC0415 - imports the daemon
         SimulatedCells,
@@ -320,10 +331,10 @@ def _means(session: Session, place: Place, asked: Asked, screen: Screen) -> Iter
     with simulated_time(emulated.seed) as simulated:
         cells = SimulatedCells(simulated, place.directory)
         hands = EmulatedHands(place.directory, session.maker, emulated, files, cells.start_cell)
-        yield Means(hands, cells.start_rigd, SimulatedInference.start)
+        yield SessionDependencies(hands, cells.start_rigd, SimulatedInference.start)
 
 
-def _begun(rig: Rig, text: str, asked: Asked, screen: Screen) -> Session:
+def _begun(rig: Rig, text: str, asked: SessionOptions, screen: Screen) -> Session:
     screen.show("planning")
     stages, steps = planned(rig, asked.aim, asked.minutes, asked.pace, screen.show)
     return Session(
@@ -340,7 +351,7 @@ def _begun(rig: Rig, text: str, asked: Asked, screen: Screen) -> Session:
     )
 
 
-def _hold_same(session: Session, text: str, asked: Asked, place: Place) -> None:
+def _require_same_session(session: Session, text: str, asked: SessionOptions, place: SessionDirectory) -> None:
     """Raise an error if the stored session belongs to a different cell or was started with other options."""
     if session.rig_sha256 != digest_of(text):
         problem = f"is a session with the rig file {session.rig_file}, which has changed or is a different file"
@@ -354,7 +365,7 @@ def _hold_same(session: Session, text: str, asked: Asked, place: Place) -> None:
         )
 
 
-def _entered_files(session: Session, place: Place) -> list[Path]:
+def _entered_files(session: Session, place: SessionDirectory) -> list[Path]:
     """Return the files with values that are entered at the controller."""
     correction = session.correction
     return [entries_file(place.directory / CORRECTIONS)] if correction and correction.entered else []

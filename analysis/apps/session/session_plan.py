@@ -16,10 +16,10 @@ from typing import get_args
 
 import yaml
 
-from analysis.apps.makers.programs.motion_plan import Plan, demand_of, seconds_of
+from analysis.apps.makers.programs.motion_plan import MotionPlan, demand_of, seconds_of
 from analysis.apps.makers.programs.planned import LONGEST_ARC_DEG, plans_of
 from analysis.apps.makers.writing import encoded_programs, programs_of
-from analysis.apps.session.session_state import ELSEWHERE, MAIN, Aim, Purpose, Stage, Step
+from analysis.apps.session.session_state import ELSEWHERE, MAIN, Aim, ProgramStep, Purpose, Stage
 from analysis.diagnosis.plan.detectability import further_tests, places, with_circle
 from analysis.diagnosis.plan.detectability import plan as plan_tests
 from analysis.diagnosis.plan.proposal import SET_UP_MIN
@@ -42,7 +42,7 @@ _SEPARATING_RUNS = 2
 
 
 @dataclass(frozen=True)
-class Pace:
+class SessionPace:
     """Time needed in addition to the motion.
 
     set_up_min: for each stage. handling_s: for each program. thinking_min: inference, correction and report at the end.
@@ -53,21 +53,21 @@ class Pace:
     thinking_min: float
 
 
-BY_HAND = Pace(SET_UP_MIN, 45.0, 2.0)
+BY_HAND = SessionPace(SET_UP_MIN, 45.0, 2.0)
 """Chosen: an experienced operator walks to the pendant, selects a program, mounts the link and starts the program."""
-BY_ITSELF = Pace(0.05, 1.5, 0.8)
+BY_ITSELF = SessionPace(0.05, 1.5, 0.8)
 """Pace of an emulated cell, measured on two busy cores: 3 s per stage, 0.5 to 1 s per motion, 45 s at the end."""
 
 
 @dataclass(frozen=True)
-class Program:
+class SessionProgram:
     """A program of a session. corrected: kind of correction active while it is driven."""
 
     name: str
     stage: str
     test: DrivenTest
     direction: Direction | None
-    plan: Plan
+    plan: MotionPlan
     seconds: float
     corrected: DrivenWith = ""
 
@@ -88,8 +88,8 @@ def stage_text(text: str, stage: Stage) -> str:
 
 
 def planned(
-    rig: Rig, aim: Aim, minutes: float, pace: Pace, progress: Callable[[str], None]
-) -> tuple[tuple[Stage, ...], tuple[Step, ...]]:
+    rig: Rig, aim: Aim, minutes: float, pace: SessionPace, progress: Callable[[str], None]
+) -> tuple[tuple[Stage, ...], tuple[ProgramStep, ...]]:
     """Plan the stages and steps for the available time.
 
     Raises FileError if the arm cannot drive the circle, and UseError if the time is too short for any session.
@@ -109,14 +109,14 @@ def planned(
     stages, steps = best
     spare_min = minutes - minutes_of(stages, steps, pace)
     if aim != "check" and spare_min > pace.set_up_min + 1:
-        extra = _extra(rig, spare_min, pace, progress)
+        extra = _further_stages(rig, spare_min, pace, progress)
         at = next((k for k, step in enumerate(steps) if step.purpose != "find"), len(steps))
         stages = (*stages, *(stage for stage, _ in extra))
         steps = (*steps[:at], *(step for _, extra_steps in extra for step in extra_steps), *steps[at:])
     return stages, numbered(steps)
 
 
-def _backbones(rig: Rig, aim: Aim, main: Stage) -> Iterator[tuple[tuple[Stage, ...], tuple[Step, ...]]]:
+def _backbones(rig: Rig, aim: Aim, main: Stage) -> Iterator[tuple[tuple[Stage, ...], tuple[ProgramStep, ...]]]:
     """Yield the possible backbones in order of decreasing length."""
     main_programs = programs_for(rig, main, MAIN)
     if aim == "check":
@@ -171,10 +171,10 @@ def _set_up(test: DrivenTest, place: str | None) -> str:
     return f"{where}, the gauges for {test}"
 
 
-def _circles(programs: Sequence[Program], purpose: Purpose, repeats: int) -> tuple[Step, ...]:
+def _circles(programs: Sequence[SessionProgram], purpose: Purpose, repeats: int) -> tuple[ProgramStep, ...]:
     """Return the steps for a number of runs of each program, in turn."""
     return tuple(
-        Step(
+        ProgramStep(
             program=program.name,
             stage=program.stage,
             test=program.test,
@@ -187,7 +187,9 @@ def _circles(programs: Sequence[Program], purpose: Purpose, repeats: int) -> tup
     )
 
 
-def separating(rig: Rig, words: str, tests: Sequence[TestName], number: int) -> tuple[Stage, tuple[Step, ...]] | None:
+def separating(
+    rig: Rig, words: str, tests: Sequence[TestName], number: int
+) -> tuple[Stage, tuple[ProgramStep, ...]] | None:
     """Return the stage and the steps of a test named by `rig plan`.
 
     number: number of the stage, used in the name if the circle differs. None if the test needs another link or tool, or
@@ -209,9 +211,9 @@ def separating(rig: Rig, words: str, tests: Sequence[TestName], number: int) -> 
     return None
 
 
-def _extra(
-    rig: Rig, minutes: float, pace: Pace, progress: Callable[[str], None]
-) -> list[tuple[Stage, tuple[Step, ...]]]:
+def _further_stages(
+    rig: Rig, minutes: float, pace: SessionPace, progress: Callable[[str], None]
+) -> list[tuple[Stage, tuple[ProgramStep, ...]]]:
     """Choose additional tests for the remaining time by the number of parameters made testable per minute."""
     possible = []
     for number, further in enumerate(further_tests(rig, (MAIN,)), start=2):
@@ -226,7 +228,7 @@ def _extra(
         return []
     progress("planning further tests")
     gains = {gain.test: gain.parts + gain.shows for gain in plan_tests(rig, (MAIN,), 2).gains}
-    chosen: list[tuple[Stage, tuple[Step, ...]]] = []
+    chosen: list[tuple[Stage, tuple[ProgramStep, ...]]] = []
     ranked = sorted(
         (
             (gains.get(words, 0) / minutes_of((addition[0],), addition[1], pace), k)
@@ -243,14 +245,14 @@ def _extra(
     return chosen
 
 
-def minutes_of(stages: Sequence[Stage], steps: Sequence[Step], pace: Pace) -> float:
+def minutes_of(stages: Sequence[Stage], steps: Sequence[ProgramStep], pace: SessionPace) -> float:
     """Return the duration of steps in minutes, including the set-up before each change of the stage."""
     changes = sum(k == 0 or steps[k - 1].stage != step.stage for k, step in enumerate(steps))
     driven_s = sum(step.seconds + pace.handling_s for step in steps)
     return changes * pace.set_up_min + driven_s / 60
 
 
-def numbered(steps: Sequence[Step], written: Sequence[Step] = ()) -> tuple[Step, ...]:
+def numbered(steps: Sequence[ProgramStep], written: Sequence[ProgramStep] = ()) -> tuple[ProgramStep, ...]:
     """Number the programs of steps in the order of first use.
 
     written: steps with existing program files; these keep their numbers.
@@ -267,7 +269,7 @@ def _bare(program: str) -> str:
     return stem if head[:1] == "p" and head[1:].isdigit() else program
 
 
-def programs_for(rig: Rig, stage: Stage, test: DrivenTest, arc_deg: float = LONGEST_ARC_DEG) -> list[Program]:
+def programs_for(rig: Rig, stage: Stage, test: DrivenTest, arc_deg: float = LONGEST_ARC_DEG) -> list[SessionProgram]:
     """Return the programs of a test at a stage, for each direction, without numbers. Raises FileError."""
     at = stage_rig(rig, stage)
     ways: tuple[Direction | None, ...] = _BOTH if test in CIRCLES else (None,)
@@ -275,18 +277,18 @@ def programs_for(rig: Rig, stage: Stage, test: DrivenTest, arc_deg: float = LONG
     programs = []
     for way, plan in zip(ways, plans_of(at, test, DWELL_S, arc_deg=arc_deg), strict=True):
         name = "-".join(filter(None, (test, way, place)))
-        programs.append(Program(name, stage.name, test, way, plan, seconds_of(plan)))
+        programs.append(SessionProgram(name, stage.name, test, way, plan, seconds_of(plan)))
     return programs
 
 
-def named_as(program: Program, name: str) -> Program:
+def named_as(program: SessionProgram, name: str) -> SessionProgram:
     """Rename a program and the plan, which determines the file name."""
     return replace(program, name=name, plan=replace(program.plan, name=name))
 
 
-def programs_of_steps(rig: Rig, stages: Sequence[Stage], steps: Sequence[Step]) -> dict[str, Program]:
+def programs_of_steps(rig: Rig, stages: Sequence[Stage], steps: Sequence[ProgramStep]) -> dict[str, SessionProgram]:
     """Return the nominal programs of steps, by name."""
-    programs: dict[str, Program] = {}
+    programs: dict[str, SessionProgram] = {}
     for stage in stages:
         stage_steps = [step for step in steps if step.stage == stage.name]
         for test in dict.fromkeys(step.test for step in stage_steps):
@@ -297,7 +299,7 @@ def programs_of_steps(rig: Rig, stages: Sequence[Stage], steps: Sequence[Step]) 
     return programs
 
 
-def write_programs(maker: MakerName, programs: Sequence[Program], directory: Path) -> list[Path]:
+def write_programs(maker: MakerName, programs: Sequence[SessionProgram], directory: Path) -> list[Path]:
     """Write the program files for the controllers of a maker and replace existing files.
 
     Raises FileError if the files are not possible in this place, and CellError if the disk refuses.

@@ -6,9 +6,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from analysis.api import diagnose, evaluate_runs
-from analysis.apps.session.answer import Driven, path_error
+from analysis.apps.session.answer import ControllerModel, path_error
 from analysis.apps.session.correction_step import CORRECTIONS, reading_deg
-from analysis.apps.session.session_state import ELSEWHERE, Place, Session, Verified, own_programs
+from analysis.apps.session.session_state import ELSEWHERE, Session, SessionDirectory, VerifiedError, own_programs
 from analysis.report.page.page_content import BeforeAfter, gather, judge
 from analysis.report.page.write_page import write_page
 from analysis.runs.loading import load_measured
@@ -19,17 +19,17 @@ from rigs.rig import Rig
 PAGE = "report.html"
 
 
-def verified_by(session: Session, place: Place) -> Verified:
+def verified_by(session: Session, place: SessionDirectory) -> VerifiedError:
     """Return the path error before and after the correction, on the same tests and at the other place.
 
     Raises RigError.
     """
-    nominal = after = Driven()
+    nominal = after = ControllerModel()
     noise_um = session.answer.noise_um if session.answer else 0.0
     if session.answer is not None and session.correction is not None and session.correction.way != "none":
         entered = session.correction.way == "entries"
         model, _ = load(place.model_of(session.answer))
-        after = Driven(model, reading_deg(place.directory / CORRECTIONS) if entered else (0.0,) * 6)
+        after = ControllerModel(model, reading_deg(place.directory / CORRECTIONS) if entered else (0.0,) * 6)
     verify = session.runs_for("verify")
     tests = {(step.stage, step.test, step.direction) for step in verify}
     main = [step for step in session.runs_for("find") if (step.stage, step.test, step.direction) in tests]
@@ -39,10 +39,12 @@ def verified_by(session: Session, place: Place) -> Verified:
         "elsewhere_before": (session.runs_for("judge"), nominal),
         "elsewhere_after": ([step for step in verify if step.stage == ELSEWHERE], after),
     }
-    return Verified(**{name: path_error(place.runs_of(steps), by, noise_um) for name, (steps, by) in sides.items()})
+    return VerifiedError(
+        **{name: path_error(place.runs_of(steps), by, noise_um) for name, (steps, by) in sides.items()}
+    )
 
 
-def write_report(session: Session, rig: Rig, place: Place) -> Path:
+def write_report(session: Session, rig: Rig, place: SessionDirectory) -> Path:
     """Write the page of a session and replace an older page.
 
     The figures show the runs for finding errors. The diagnosis uses all runs before the correction. Raises FileError

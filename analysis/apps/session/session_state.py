@@ -79,7 +79,7 @@ class Try(Part):
     held_up: Count = 0
 
 
-class Step(Part):
+class ProgramStep(Part):
     """A program to drive.
 
     program: name of the program and of the file. tries: recorded runs; the last usable run counts. skipped: reason for
@@ -122,7 +122,7 @@ class PartOfError(Part):
     fault: bool = False
 
 
-class Deed(Part):
+class SessionAct(Part):
     """An act recommended by an answer (`analysis.diagnosis.judge.acts`).
 
     words: text of the recommendation. corrected: text for a corrected robot, if different.
@@ -157,7 +157,7 @@ class Answer(Part):
     parts: tuple[PartOfError, ...]
     remedies: tuple[str, ...] = ()
     """Further recommendations after the next step."""
-    acts: tuple[Deed, ...] = ()
+    acts: tuple[SessionAct, ...] = ()
     """The next step and the remedies with the kind of each act; empty in sessions of earlier versions."""
     next_test: str = ""
     ground: str = ""
@@ -178,7 +178,7 @@ class Answer(Part):
     """Headline and tiles; None in sessions of earlier versions."""
 
 
-class Correction(Part):
+class SessionCorrection(Part):
     """A correction.
 
     sentence: instruction for the operator. before_um, expected_um: error of the readings before and after the
@@ -198,7 +198,7 @@ class Correction(Part):
     entered: bool = False
 
 
-class Verified(Part):
+class VerifiedError(Part):
     """Measured errors before and after the correction on the same tests and at the other place; None if not driven."""
 
     same_before: Deviation | None = None
@@ -228,7 +228,7 @@ class Session(Part):
     began: Annotated[str, AfterValidator(_a_time)]
     emulated: Emulated | None = None
     stages: tuple[Stage, ...]
-    steps: tuple[Step, ...]
+    steps: tuple[ProgramStep, ...]
     driven_minutes: NotNegative = 0.0
     """Total time from the start of each step to the recorded run. Pauses between sessions do not count."""
     left_alone: tuple[str, ...] = ()
@@ -240,8 +240,8 @@ class Session(Part):
     """Answer validated on the runs at the other place, which it did not use. These runs join the last answer."""
     decided: int = 0
     """Number of runs of the answer on which the end of measuring was decided."""
-    correction: Correction | None = None
-    verified: Verified | None = None
+    correction: SessionCorrection | None = None
+    verified: VerifiedError | None = None
     report: str = ""
     """File name of the page after the end of the session."""
 
@@ -257,16 +257,16 @@ class Session(Part):
                 raise ValueError(f"the step {step.program} needs a direction if and only if it is a circle")
         return self
 
-    def stage_of(self, step: Step) -> Stage:
+    def stage_of(self, step: ProgramStep) -> Stage:
         """Return the stage of a step."""
         return next(stage for stage in self.stages if stage.name == step.stage)
 
     @property
-    def open_steps(self) -> list[Step]:
+    def open_steps(self) -> list[ProgramStep]:
         """Steps that still have to be driven."""
         return [step for step in self.steps if step.is_open]
 
-    def with_step(self, number: int, step: Step) -> Session:
+    def with_step(self, number: int, step: ProgramStep) -> Session:
         """Return the session with a replaced step. number: index of the step, from 0."""
         return self.model_copy(update={"steps": (*self.steps[:number], step, *self.steps[number + 1 :])})
 
@@ -285,7 +285,7 @@ class Session(Part):
     @property
     def sides(self) -> tuple[Side, ...]:
         """Errors of the robot at each place that was driven before the correction."""
-        verified, correction = self.verified or Verified(), self.correction
+        verified, correction = self.verified or VerifiedError(), self.correction
         at_place, elsewhere = (correction.same, correction.elsewhere) if correction else (None, None)
         sides = []
         if verified.same_before:
@@ -304,7 +304,7 @@ class Session(Part):
         return open_acts if answer.acts else tuple(filter(None, (answer.next_step, *answer.remedies)))
 
     @property
-    def open_acts(self) -> tuple[Deed, ...]:
+    def open_acts(self) -> tuple[SessionAct, ...]:
         """The actions that the correction has not done."""
         if self.answer is None:
             return ()
@@ -325,7 +325,7 @@ class Session(Part):
             summary = replace(summary, error=self.judged.summary.error)
         return replace(summary, next=acts[0].step if acts else "", command=acts[0].command if acts else "")
 
-    def runs_for(self, *purposes: Purpose) -> list[Step]:
+    def runs_for(self, *purposes: Purpose) -> list[ProgramStep]:
         """Return the steps of these purposes that have a run."""
         return [step for step in self.steps if step.purpose in purposes and step.run]
 
@@ -337,18 +337,18 @@ def own_programs(session: Session, directory: Path) -> str:
     """
     if not (session.answer and session.answer.model) or (session.correction and session.correction.way == "none"):
         return ""
-    model = Place(directory).model_of(session.answer)
+    model = SessionDirectory(directory).model_of(session.answer)
     return f"rig correct {as_argument(model)} --program FILE -o DIR"
 
 
-class Place:
+class SessionDirectory:
     """The directory of a session, with the state file and a lock that allows one process at a time."""
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
         self._lock: int | None = None
 
-    def __enter__(self) -> Place:
+    def __enter__(self) -> SessionDirectory:
         """Take the lock. Raises CellError if another session has it, and FileError if the directory cannot be used."""
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
@@ -386,7 +386,7 @@ class Place:
         """Return the directory of a run."""
         return self.runs / name
 
-    def runs_of(self, steps: Sequence[Step]) -> list[Path]:
+    def runs_of(self, steps: Sequence[ProgramStep]) -> list[Path]:
         """Return the run directories of all driven steps."""
         return [self.run(step.run) for step in steps if step.run]
 
@@ -410,7 +410,7 @@ class Place:
                 raise newer from None
             raise RigFileError(str(self.file), problems_of(error, data, root, Session)) from None
 
-    def hold_whole(self, session: Session, rig_text: str) -> None:
+    def require_complete(self, session: Session, rig_text: str) -> None:
         """Check that all runs of a session exist and that it belongs to this text of the rig file.
 
         Raises RigFileError with the lines of the problems.

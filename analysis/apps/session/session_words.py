@@ -7,13 +7,13 @@ from itertools import groupby
 from pathlib import Path
 
 from analysis.apps.session.next_step import Drive, Following
-from analysis.apps.session.session_plan import Pace, minutes_of
+from analysis.apps.session.session_plan import SessionPace, minutes_of
 from analysis.apps.session.session_state import (
     Answer,
-    Correction,
     PartOfError,
-    Place,
     Session,
+    SessionCorrection,
+    SessionDirectory,
     Stage,
     Way,
     own_programs,
@@ -29,7 +29,7 @@ _LONGEST = 46
 """Maximum length of the name and size of a part. Its figures and bar then fit into a terminal of 80 columns."""
 
 
-def plan_lines(session: Session, pace: Pace, directory: Path) -> Iterator[str]:
+def plan_lines(session: Session, pace: SessionPace, directory: Path) -> Iterator[str]:
     """Yield the remaining programs, with a line for each purpose and stage."""
     if not (open_steps := session.open_steps):
         return
@@ -118,7 +118,7 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
         yield f"the arm itself is unchanged; to correct your programs: {command}"
 
 
-def correction_lines(correction: Correction, sides: Sequence[Side]) -> Iterator[str]:
+def correction_lines(correction: SessionCorrection, sides: Sequence[Side]) -> Iterator[str]:
     """Yield the correction and the error before, expected and measured after it, for each place."""
     is_driven = any(side.after for side in sides)
     yield _DRIVEN[correction.way] if is_driven else correction.sentence
@@ -165,7 +165,7 @@ def status_lines(session: Session, following: Following, directory: Path) -> Ite
         action = _NEXT.get(following) if isinstance(following, str) else None
         if isinstance(following, Drive):
             action = next(step_lines(session, following.number)).partition(": ")[2]
-        command = Place(directory).command(session.rig_file, session)
+        command = SessionDirectory(directory).command(session.rig_file, session)
         yield f"next: {action or 'diagnose the runs'}; continue with: {command}"
 
 

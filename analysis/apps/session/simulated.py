@@ -57,7 +57,7 @@ class SimulatedChild:
         options: Mapping[str | Path, str | Path] = dict(zip(arguments[2::2], arguments[3::2], strict=True))
         rig, text = load(Path(arguments[1]))
         text = as_emulated(text)
-        hidden = load_hidden(str(options["--effects"])).within(rig) if "--effects" in options else rig
+        hidden = load_hidden(str(options["--effects"])).apply_to(rig) if "--effects" in options else rig
         robot = EmulatedRobot.of_rig(hidden, int(str(options["--seed"])))
         write_cell_files(Path(options["-o"]), hidden, robot, text)
         time_of_cell.kill("cell")
@@ -103,7 +103,7 @@ class SimulatedRigd(Rigd):
         self._name, self._cell = rig_name, cell
         self._after = {}
         self._daemon: Any = cell.daemon()
-        self._hold_reading()
+        self._wait_for_readings()
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
         """Send a command to the daemon. Raises RigError."""

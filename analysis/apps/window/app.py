@@ -24,11 +24,11 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Redire
 from starlette.routing import Route
 
 from analysis.apps.plant.history import label_of
-from analysis.apps.session.session_state import Place
-from analysis.apps.window.control_posts import Controls
+from analysis.apps.session.session_state import SessionDirectory
+from analysis.apps.window.control_posts import WindowControls
 from analysis.apps.window.guard import COOKIE, Gate, Guard, form_of
-from analysis.apps.window.made import WRITERS, Made, Wanted
-from analysis.apps.window.shelf import MOST_SHOWN, Shelf, Shown, metrics_of
+from analysis.apps.window.made import WRITERS, OutputRequest, OutputStore
+from analysis.apps.window.shelf import MOST_SHOWN, Shelf, ShelfRun, metrics_of
 from analysis.apps.window.watcher import MOST_VIEWERS, Follow, Watcher
 from analysis.procedures.shared.quantity import Quantity
 from analysis.report.html_page import environment
@@ -90,10 +90,10 @@ class Window:
 
     watcher: Watcher
     shelf: Shelf
-    place: Place | None
-    made: Made
+    place: SessionDirectory | None
+    made: OutputStore
     gate: Gate
-    controls: Controls | None
+    controls: WindowControls | None
 
 
 def app_of(window: Window) -> Guard:
@@ -112,7 +112,7 @@ def app_of(window: Window) -> Guard:
         Route("/history/{robot}", pages.history),
         Route("/fleet", pages.fleet),
         Route("/metrics", pages.metrics),
-        Route("/made/{key}/{file:path}", pages.made),
+        Route("/made/{key}/{file:path}", pages.requested_output),
         Route("/login", pages.login, methods=["GET", "POST"]),
         Route("/language", pages.language, methods=["POST"]),
         Route("/control/{what}", pages.control, methods=["POST"]),
@@ -206,7 +206,7 @@ class _Pages:
             raise HTTPException(404)
         shown = self._window.shelf.run(request.path_params["name"])
         arguments = (str(shown.path.resolve()), f"{{out}}/table.{kind}")
-        made = self._window.made.get(Wanted("analysis.apps.window.made", arguments, (shown.path,)))
+        made = self._window.made.get(OutputRequest("analysis.apps.window.made", arguments, (shown.path,)))
         if made is None:
             return self._wait(request)
         return FileResponse(made / f"table.{kind}", filename=f"{shown.name}.{kind}")
@@ -253,7 +253,7 @@ class _Pages:
         text = daemon + metrics_of(self._window.shelf.runs()[0], daemon_is_up=bool(daemon))
         return Response(text, media_type="text/plain; version=0.0.4; charset=utf-8")
 
-    async def made(self, request: Request) -> Response:
+    async def requested_output(self, request: Request) -> Response:
         file = self._window.made.file(request.path_params["key"], request.path_params["file"])
         if file is None or file.suffix not in (".html", ".png"):
             raise HTTPException(404)
@@ -349,14 +349,14 @@ class _Pages:
     def _language(self, request: Request) -> Language:
         return language_of(request.cookies.get(LANGUAGE, ""), request.headers.get("accept-language", ""))
 
-    def _chosen(self, request: Request) -> list[Shown]:
+    def _chosen(self, request: Request) -> list[ShelfRun]:
         """Return the runs named by an address. Raises FileError, HTTPException."""
         names = list(dict.fromkeys(request.query_params.getlist("run")))
         if not names or len(names) > _MOST_RUNS:
             raise HTTPException(400, "choose_runs")
         return [self._window.shelf.run(name) for name in names]
 
-    def _evaluates(self, shown: Sequence[Shown]) -> bool:
+    def _evaluates(self, shown: Sequence[ShelfRun]) -> bool:
         """Start the evaluation of runs not yet evaluated, as in `rig history`. Return whether it is in progress."""
         new = {str(run.about["rig"]) for run in shown if run.record is None and _is_whole(run)}
         try:
@@ -365,17 +365,17 @@ class _Pages:
             return False
         return None in made
 
-    def _history_of(self, robot: str) -> Wanted:
+    def _history_of(self, robot: str) -> OutputRequest:
         runs = tuple(run.path for run in self._window.shelf.runs()[0] if run.about["rig"] == robot)
         directory = str(self._window.shelf.directory.resolve())
         words = ("history", robot, "--runs", directory, "-o", f"{{out}}/{_PAGE}", "--jobs", "1")
-        return Wanted("analysis.cli", words, runs)
+        return OutputRequest("analysis.cli", words, runs)
 
-    def _pictures(self, shown: Sequence[Shown]) -> tuple[list[str] | None, str]:
+    def _pictures(self, shown: Sequence[ShelfRun]) -> tuple[list[str] | None, str]:
         """Return the addresses of the pictures, None while they are drawn, and the reason for missing pictures."""
         words = ("analyse", *_paths(shown), "--json", "--plot", "{out}")
         try:
-            made = self._window.made.get(Wanted("analysis.cli", words, tuple(run.path for run in shown)))
+            made = self._window.made.get(OutputRequest("analysis.cli", words, tuple(run.path for run in shown)))
         except RigError as error:
             return [], error.what
         return (
@@ -384,10 +384,10 @@ class _Pages:
             else ([f"/made/{made.name}/{picture.name}" for picture in sorted(made.glob("*.png"))], "")
         )
 
-    def _made_page(self, request: Request, words: tuple[str, ...], shown: Sequence[Shown]) -> Response:
-        return self._served(request, Wanted("analysis.cli", words, tuple(run.path for run in shown)))
+    def _made_page(self, request: Request, words: tuple[str, ...], shown: Sequence[ShelfRun]) -> Response:
+        return self._served(request, OutputRequest("analysis.cli", words, tuple(run.path for run in shown)))
 
-    def _served(self, request: Request, making: Wanted) -> Response:
+    def _served(self, request: Request, making: OutputRequest) -> Response:
         made = self._window.made.get(making)
         if made is None:
             return self._wait(request)
@@ -423,9 +423,9 @@ async def _form(request: Request) -> dict[str, str]:
         raise HTTPException(400) from None
 
 
-def _is_whole(shown: Shown) -> bool:
+def _is_whole(shown: ShelfRun) -> bool:
     return shown.about["status"] not in ("recording", "crashed", "damaged")
 
 
-def _paths(shown: Sequence[Shown]) -> list[str]:
+def _paths(shown: Sequence[ShelfRun]) -> list[str]:
     return [str(run.path.resolve()) for run in shown]

@@ -71,11 +71,11 @@ def window(
     from rigs.errors import CellError
 
     try:
-        from analysis.apps.window.serve import Asked, run_window
+        from analysis.apps.window.serve import WindowOptions, run_window
     except ModuleNotFoundError as error:
         if error.name not in ("starlette", "uvicorn"):
             raise
         problem = f"needs the Python package {error.name}, which is not installed"
         raise CellError("rig window", problem, to_install("starlette", "uvicorn")) from None
-    asked = Asked(rig_file, port, listen, token, tuple(name or ()), control, foxglove, runs, session)
+    asked = WindowOptions(rig_file, port, listen, token, tuple(name or ()), control, foxglove, runs, session)
     run_window(asked, say)

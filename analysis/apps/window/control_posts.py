@@ -9,7 +9,7 @@ from pathlib import Path
 
 from analysis.apps.live.controls import label_of
 from analysis.apps.session.child_processes import Child
-from analysis.apps.session.session_state import Place
+from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window.watcher import Watcher
 from daq.service.trust import may_use
 from rigs.errors import CellError, RigError, UseError
@@ -19,10 +19,10 @@ from rigs.text import plain
 _TAIL_BYTES = 4096
 
 
-class Controls:
+class WindowControls:
     """Starts and stops recordings, zeroes the view, and continues the session."""
 
-    def __init__(self, watcher: Watcher, place: Place | None, rig_file: str) -> None:
+    def __init__(self, watcher: Watcher, place: SessionDirectory | None, rig_file: str) -> None:
         """Create the controls. place, rig_file: of the session; None and empty if there is no session."""
         self._watcher, self._place, self._rig_file = watcher, place, rig_file
         self._session: Child | None = None

@@ -73,8 +73,8 @@ def curve(error_curve: ErrorCurve) -> dict[str, Any]:
         "less_sine": error_curve.less_sine,
         "pieces": [
             [
-                _whole(np.degrees(error_curve.phi[piece])[::step] * _PHI_PER_DEG),
-                _whole(error_curve.error[piece][::step] * _ERROR_PER_UNIT),
+                _rounded(np.degrees(error_curve.phi[piece])[::step] * _PHI_PER_DEG),
+                _rounded(error_curve.error[piece][::step] * _ERROR_PER_UNIT),
             ]
             for piece in pieces(error_curve)
         ],
@@ -106,7 +106,7 @@ def trace(view: LiveView) -> dict[str, Any]:
     Ages are in hundredths of a second, deviations from the mean in tenths of a micrometre. Missing values are null.
     """
     recent = view.since(TRACE_S)
-    recent = recent.taken(slice(None, None, max(1, math.ceil(len(recent) / _TRACE_POINTS))))
+    recent = recent.select_rows(slice(None, None, max(1, math.ceil(len(recent) / _TRACE_POINTS))))
     if not len(recent):
         return {"t": [], "g": [[], []]}
     lines: list[list[int | None]] = [[], []]
@@ -116,7 +116,7 @@ def trace(view: LiveView) -> dict[str, Any]:
             tenths = np.where(finite, mm - mm[finite].mean(), 0.0) * _UM_TENTHS_PER_MM
             values = zip(tenths.tolist(), finite.tolist(), strict=True)
             line.extend(round(value) if is_finite else None for value, is_finite in values)
-    return {"t": _whole((recent.t_s - recent.t_s[-1]) * 100), "g": lines}
+    return {"t": _rounded((recent.t_s - recent.t_s[-1]) * 100), "g": lines}
 
 
 def links(view: LiveView) -> dict[str, Any]:
@@ -141,7 +141,7 @@ def links(view: LiveView) -> dict[str, Any]:
     }
 
 
-def _whole(values: Array) -> list[int]:
+def _rounded(values: Array) -> list[int]:
     whole_numbers: list[int] = np.rint(values).astype(int).tolist()
     return whole_numbers
 

@@ -35,7 +35,7 @@ _NICE = 10
 
 
 @dataclass(frozen=True)
-class Wanted:
+class OutputRequest:
     """Output of the `main` function of a module, run as a program. `{out}` in the arguments is the output directory.
 
     runs: input runs; a change of any run invalidates the result.
@@ -57,18 +57,18 @@ class Wanted:
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
 
 
-class Made:
+class OutputStore:
     """Queued, running and finished results in a temporary directory of this process."""
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory
         self._lock = threading.Lock()
-        self._waiting: OrderedDict[str, Wanted] = OrderedDict()
+        self._waiting: OrderedDict[str, OutputRequest] = OrderedDict()
         self._done: OrderedDict[str, str] = OrderedDict()
         """Finished keys with the error message, empty after success."""
         self._current: tuple[str, Child, float] | None = None
 
-    def get(self, making: Wanted) -> Path | None:
+    def get(self, making: OutputRequest) -> Path | None:
         """Return the directory of a result; None until it is ready.
 
         Raises FileError once after a failure, and CellError if the queue is full.

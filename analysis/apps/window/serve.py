@@ -21,12 +21,12 @@ import uvicorn
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from analysis.apps.session.session_state import Place
+from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window.app import Window, app_of
-from analysis.apps.window.control_posts import Controls
+from analysis.apps.window.control_posts import WindowControls
 from analysis.apps.window.foxglove import Foxglove
 from analysis.apps.window.guard import Gate, is_loopback, token_of
-from analysis.apps.window.made import Made
+from analysis.apps.window.made import OutputStore
 from analysis.apps.window.shelf import Shelf
 from analysis.apps.window.watcher import Watcher
 from daq.service.client import find_socket
@@ -44,7 +44,7 @@ _KEPT = 1 << 16
 _MOST_HEAD = 16384
 
 
-class Bounded(H11Protocol):
+class LimitedConnection(H11Protocol):
     """HTTP connection with limits against idle and slow clients."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -57,7 +57,7 @@ class Bounded(H11Protocol):
         open_ones = [
             connection
             for connection in self.connections
-            if isinstance(connection, Bounded) and not connection.transport.is_closing()
+            if isinstance(connection, LimitedConnection) and not connection.transport.is_closing()
         ]
         if len(open_ones) > MOST_CONNECTIONS:
             silent = [connection for connection in open_ones if connection is not self and connection.is_silent]
@@ -124,7 +124,7 @@ def listening(address: str, port: int) -> socket.socket:
     return sock
 
 
-class Server(uvicorn.Server):
+class WindowServer(uvicorn.Server):
     """Server that ends the endless event streams before closing connections at shutdown."""
 
     def __init__(self, config: uvicorn.Config, ends: Callable[[], None]) -> None:
@@ -143,11 +143,11 @@ def serve(app: ASGIApp, sock: socket.socket, ends: Callable[[], None]) -> None:
         server_of(app, ends).run(sockets=[sock])
 
 
-def server_of(app: ASGIApp, ends: Callable[[], None]) -> Server:
+def server_of(app: ASGIApp, ends: Callable[[], None]) -> WindowServer:
     """Return the server of an application."""
     logging.getLogger("uvicorn.error").addFilter(_not_of_peers)
     options: dict[str, Any] = {
-        "http": Bounded,
+        "http": LimitedConnection,
         "ws": "none",
         "loop": "asyncio",
         "lifespan": "on",
@@ -159,7 +159,7 @@ def server_of(app: ASGIApp, ends: Callable[[], None]) -> Server:
         "timeout_graceful_shutdown": 1,
         "h11_max_incomplete_event_size": _MOST_HEAD,
     }
-    return Server(uvicorn.Config(app, **options), ends)
+    return WindowServer(uvicorn.Config(app, **options), ends)
 
 
 def _not_of_peers(record: logging.LogRecord) -> bool:
@@ -168,7 +168,7 @@ def _not_of_peers(record: logging.LogRecord) -> bool:
 
 
 @dataclass(frozen=True)
-class Asked:
+class WindowOptions:
     """Options of `rig window`."""
 
     rig_file: str | None
@@ -193,19 +193,19 @@ class Asked:
         return Gate.of([self.listen, *self.names], token_of(self.token) if self.token else None)
 
 
-def run_window(asked: Asked, say: Callable[[str], object]) -> None:
+def run_window(asked: WindowOptions, say: Callable[[str], object]) -> None:
     """Serve until SIGINT or SIGTERM and print the address. Raises RigError if serving is not possible."""
     gate = asked.gate()
     if asked.session and asked.rig_file is None:
         raise UseError("--session", "needs the rig file of the cell", "give CELL")
     rig = load(asked.rig_file)[0] if asked.rig_file is not None else None
-    place = Place(asked.session or Path(f"session-{rig.name}")) if rig else None
+    place = SessionDirectory(asked.session or Path(f"session-{rig.name}")) if rig else None
     shelf = Shelf(asked.runs or (place.runs if place and place.file.exists() else Path("runs")))
     sock = listening(asked.listen, asked.port)
     # exit normally, which cleans up temporary files and processes
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with ExitStack() as ends:
-        made = Made(Path(ends.enter_context(tempfile.TemporaryDirectory(prefix="rig-window-"))))
+        made = OutputStore(Path(ends.enter_context(tempfile.TemporaryDirectory(prefix="rig-window-"))))
         stream = None
         if asked.foxglove is not None:
             stream = Foxglove(asked.foxglove, rig, gate)
@@ -217,7 +217,7 @@ def run_window(asked: Asked, say: Callable[[str], object]) -> None:
         watcher = Watcher(daemon, place, stream.show if stream else None, begin=begin)
         controls = None
         if asked.control:
-            controls = Controls(watcher, place, str(find(asked.rig_file).resolve()) if asked.rig_file else "")
+            controls = WindowControls(watcher, place, str(find(asked.rig_file).resolve()) if asked.rig_file else "")
             ends.callback(controls.close)
         ends.callback(signal.signal, signal.SIGINT, signal.SIG_IGN)
         where = f"[{asked.listen}]" if ":" in asked.listen else asked.listen

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from analysis.apps.plant.history_file import FILE, Unusable, read_records
-from analysis.apps.plant.records import Record
+from analysis.apps.plant.records import RunRecord
 from analysis.procedures.shared.quantity import Quantity
 from analysis.report.listings import run_row
 from analysis.report.texts import LEADING, in_order
@@ -40,13 +40,13 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Shown:
+class ShelfRun:
     """A run with the fields of `rig runs --json`, the history record if any, and the figures."""
 
     name: str
     path: Path
     about: Mapping[str, Any]
-    record: Record | None
+    record: RunRecord | None
     figures: tuple[Figure, ...]
 
     @property
@@ -77,7 +77,7 @@ class Shelf:
     def __init__(self, directory: Path) -> None:
         self.directory = directory
 
-    def runs(self, words: str = "") -> tuple[list[Shown], int]:
+    def runs(self, words: str = "") -> tuple[list[ShelfRun], int]:
         """Return the newest runs with all words in name, test, state or rig, and the total number of such runs."""
         searched, matching = words.lower().split(), []
         try:
@@ -91,15 +91,15 @@ class Shelf:
             return [], 0
         matching.sort(key=lambda run: run.ended_s, reverse=True)
         records = self._records()
-        return [_shown(run, records.get(run.path.name)) for run in matching[:MOST_SHOWN]], len(matching)
+        return [_shelf_run(run, records.get(run.path.name)) for run in matching[:MOST_SHOWN]], len(matching)
 
-    def run(self, name: str) -> Shown:
+    def run(self, name: str) -> ShelfRun:
         """Return a run by name. Raises FileError if it does not exist."""
         path = self.directory / name
         try:
             is_here = path.parent == self.directory and not name.startswith(".") and not path.is_symlink()
             if is_here and is_run(path):
-                return _shown(look(path), self._records().get(name))
+                return _shelf_run(look(path), self._records().get(name))
         except (OSError, ValueError):
             pass
         raise FileError(name, "is no run here", "choose a run from the list")
@@ -108,7 +108,7 @@ class Shelf:
         """Return the names of all rigs with runs in the directory."""
         return sorted({str(run.about["rig"]) for run in self.runs()[0] if run.about["rig"]})
 
-    def _records(self) -> Mapping[str, Record]:
+    def _records(self) -> Mapping[str, RunRecord]:
         """Return the history records; empty if the file is unreadable."""
         try:
             return read_records(self.directory / FILE)[0]
@@ -116,7 +116,7 @@ class Shelf:
             return {}
 
 
-def _shown(run: RunInfo, record: Record | None) -> Shown:
+def _shelf_run(run: RunInfo, record: RunRecord | None) -> ShelfRun:
     limits = limits_of(run.manifest.rig_text) if run.manifest else Limits()
     figures = record.figures if record else {}
     judged = []
@@ -124,7 +124,7 @@ def _shown(run: RunInfo, record: Record | None) -> Shown:
         limit = limits.of(record.test, name) if record else None
         value = figures[name]
         judged.append(Figure(name, value, limit, limit.standing(value.value, value.u) if limit else None))
-    return Shown(run.path.name, run.path, run_row(run, time.time()), record, tuple(judged))
+    return ShelfRun(run.path.name, run.path, run_row(run, time.time()), record, tuple(judged))
 
 
 @lru_cache(maxsize=64)
@@ -139,12 +139,12 @@ def limits_of(rig_text: str) -> Limits:
 _STANDINGS: tuple[Standing, ...] = ("pass", "watch", "fail")
 
 
-def metrics_of(runs: Iterable[Shown], *, daemon_is_up: bool) -> str:
+def metrics_of(runs: Iterable[ShelfRun], *, daemon_is_up: bool) -> str:
     """Return metrics: the daemon state, and the main and limited figures of the newest run per rig, test and direction.
 
     runs: runs in order from the newest to the oldest.
     """
-    newest: dict[tuple[str, ...], Shown] = {}
+    newest: dict[tuple[str, ...], ShelfRun] = {}
     for run in runs:
         if run.figures and run.record is not None:
             newest.setdefault((run.record.rig, run.record.test, run.record.direction), run)

@@ -19,7 +19,7 @@ from starlette.types import Receive, Scope, Send
 
 from analysis.apps.live.daemon_source import DaemonSource
 from analysis.apps.live.view import LiveView, Update
-from analysis.apps.session.session_state import Place
+from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window import frames
 from analysis.apps.window.frames import summary
 from analysis.runs.tabular import for_json
@@ -108,7 +108,7 @@ _SLOW_TICKS = 5
 """Interval in ticks for curves, trace and links: twice a second."""
 
 
-class Source(Protocol):
+class UpdateSource(Protocol):
     """Source of updates, used between `begun` and `end`."""
 
     def begun(self) -> object:
@@ -127,9 +127,9 @@ class Watcher:
     def __init__(
         self,
         find: Callable[[], Path],
-        place: Place | None,
+        place: SessionDirectory | None,
         shows: Callable[[LiveView], None] | None = None,
-        source: Source | None = None,
+        source: UpdateSource | None = None,
         begin: str = "",
     ) -> None:
         """Create a watcher.
@@ -143,7 +143,7 @@ class Watcher:
         self.zero_mm = (0.0, 0.0)
         self._find, self._place, self._shows = find, place, shows
         self._begin = begin
-        self._source: Source = source or DaemonSource(find)
+        self._source: UpdateSource = source or DaemonSource(find)
         self._session_seen: object = ...
         """State of the session file at the last check; None if the file did not exist."""
 

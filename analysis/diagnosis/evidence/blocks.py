@@ -43,7 +43,7 @@ from analysis.procedures.facts import facts_of
 from analysis.procedures.pose.evaluate import groups as visits
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import Model, SetUp, driven, posed
-from analysis.robot.model.scene import Scene, apply
+from analysis.robot.model.scene import ModelScene, apply
 from analysis.runs.tables import SAME_RAD
 from rigs.calibration import is_sine, sine_of
 from rigs.effects import Effect, late_stamps, turned
@@ -200,7 +200,7 @@ def _circle_block(first: ObservedRun, raw: Repeated, sd_mm: Array, noise: Circle
     steady, numbers = repeats.without_stamps(scatter, sd / few), band + number * len(BAND_EDGES)
     return Block(
         **vars(first), y_mm=weight @ raw.rows, sd_mm=sd, scatter_mm=without_unseen(columns, sd),
-        stamps_mm=few * raw.stamps, apart_mm=raw.apart, steady_mm=steady, band=numbers, count=len(raw.rows),
+        stamps_mm=few * raw.stamps, apart_mm=raw.deviations_mm, steady_mm=steady, band=numbers, count=len(raw.rows),
         measured=noise.measured,
     )  # fmt: skip
 
@@ -215,7 +215,7 @@ def _target_block(first: ObservedRun, raw: Repeated, noise: CircleNoise, number:
     band = np.full(len(sd), number * len(BAND_EDGES))
     return Block(
         **vars(first), y_mm=raw.rows.mean(axis=0), sd_mm=sd / np.sqrt(count), scatter_mm=scatter, stamps_mm=raw.stamps,
-        apart_mm=raw.apart, steady_mm=raw.apart, band=band, count=count, measured=measured,
+        apart_mm=raw.deviations_mm, steady_mm=raw.deviations_mm, band=band, count=count, measured=measured,
     )  # fmt: skip
 
 
@@ -243,7 +243,7 @@ def _trend_sd(sampling: Sampling, raw: Repeated, sd_mm: Array, noise: CircleNois
     drifting: Array = ((raw.drifting[:, trend] * scatter) ** 2).sum(axis=(0, 2))
     if not noise.measured or runs < 2:
         return np.asarray(np.sqrt(squares + drifting), dtype=float)
-    apart = raw.apart[:, trend]
+    apart = raw.deviations_mm[:, trend]
     expected = runs * squares + drifting  # for a single run
     channel = np.arange(len(ORDER_OF_TREND)) * 2 // len(ORDER_OF_TREND)
     alike = channel * TREND_ORDERS + ORDER_OF_TREND
@@ -288,12 +288,14 @@ class SimulatedBlock:
     block: Block
     reference: tuple[Effect, ...]
     setup: SetUp
-    _scenes: dict[tuple[Effect, ...], Scene] = field(default_factory=dict, init=False, repr=False)
+    _scenes: dict[tuple[Effect, ...], ModelScene] = field(default_factory=dict, init=False, repr=False)
     _errors: dict[tuple[tuple[Effect, ...], Effect], Array] = field(default_factory=dict, init=False, repr=False)
-    _moved: dict[tuple[Effect, ...], tuple[Scene, Scene]] = field(default_factory=dict, init=False, repr=False)
+    _moved: dict[tuple[Effect, ...], tuple[ModelScene, ModelScene]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     @cached_property
-    def scene(self) -> Scene:
+    def scene(self) -> ModelScene:
         """Scene up to the tool."""
         return self.scene_with(self.reference)
 
@@ -320,7 +322,7 @@ class SimulatedBlock:
         changed = np.stack([self.read(self.reference, self.scene, setup) - self.base for setup in setups], axis=2)
         return self.block.whitened(changed) / _STEP_MM
 
-    def scene_with(self, effects: Sequence[Effect]) -> Scene:
+    def scene_with(self, effects: Sequence[Effect]) -> ModelScene:
         """Return the scene up to the tool with `effects` in place of the reference."""
         model = _with(self.block.model, *effects)
         early = _early(model.effects)
@@ -328,10 +330,10 @@ class SimulatedBlock:
         joints = self._joints(early)
         return posed(model, self.block.path, replace(joints, link_q=sum(errors, start=joints.link_q)))
 
-    def _joints(self, early: tuple[Effect, ...]) -> Scene:
+    def _joints(self, early: tuple[Effect, ...]) -> ModelScene:
         """Return the scene before joint errors, given the effects of earlier stages."""
 
-        def compute() -> Scene:
+        def compute() -> ModelScene:
             return driven(replace(self.block.model, effects=early), self.block.path)
 
         return recent(self._scenes, early, compute, _SCENES)
@@ -348,7 +350,7 @@ class SimulatedBlock:
 
         return recent(self._errors, (early, without_origin(effect)), compute, _ERRORS)
 
-    def read(self, effects: Sequence[Effect], scene: Scene, setup: SetUp) -> Array:
+    def read(self, effects: Sequence[Effect], scene: ModelScene, setup: SetUp) -> Array:
         """Return the readings (m, k) mm of a scene up to the tool."""
         return predicted_in_scene(_with(self.block.model, *effects), self.block, scene, setup)
 
@@ -376,7 +378,7 @@ class SimulatedBlock:
             return np.zeros((len(self.block.y_mm), 1))
         early = _early((*self.block.model.effects, *self.reference))
 
-        def moment_apart() -> tuple[Scene, Scene]:
+        def moment_apart() -> tuple[ModelScene, ModelScene]:
             joints = self._joints(early)
             moment_s = STAMP_SCATTER * float(np.median(np.diff(joints.t_s[self.block.samples])))
             return joints.taken_at(joints.t_s - moment_s), joints.taken_at(joints.t_s + moment_s)

@@ -18,7 +18,7 @@ from analysis.diagnosis.evidence.observation_of import observation_of
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import SetUp
 from analysis.runs.noise.cell_noise import SEAT_MM
-from rigs.schema.declared_tests import SocketDistance
+from rigs.schema.declared_tests import KnownSocketDistance
 
 _SD_MM = float(np.sqrt(2.0)) * SEAT_MM
 """Standard deviation of the distance between two seated balls."""
@@ -31,11 +31,11 @@ class KnownDistances:
     """
 
     pairs: tuple[tuple[str, str], ...]
-    distances: tuple[SocketDistance, ...]
+    distances: tuple[KnownSocketDistance, ...]
 
     def residual(self, setups: Mapping[str, SetUp]) -> Array:
         """Return the known distances minus those of set-ups (t,), in standard deviations of their scatter."""
-        apart = [float(np.linalg.norm(_between(setups, pair))) for pair in self.pairs]
+        apart = [float(np.linalg.norm(_socket_vector(setups, pair))) for pair in self.pairs]
         stated_mm = [distance.distance_mm for distance in self.distances]
         return np.asarray((np.array(stated_mm) - np.array(apart)) / _SD_MM, dtype=float)
 
@@ -45,7 +45,7 @@ class KnownDistances:
         """
         slopes = np.zeros((len(self.pairs), count))
         for row, pair in zip(slopes, self.pairs, strict=True):
-            away = _between(setups, pair)
+            away = _socket_vector(setups, pair)
             along = away / np.linalg.norm(away) / _SD_MM
             row[terms[pair[0]][:3]] -= along
             row[terms[pair[1]][:3]] += along
@@ -64,7 +64,7 @@ def known_distances_of(blocks: Sequence[Block]) -> KnownDistances:
 
     Their rows follow the entries (N,) of the blocks.
     """
-    distances: dict[tuple[str, str], SocketDistance] = {}
+    distances: dict[tuple[str, str], KnownSocketDistance] = {}
     touched = [block for block in blocks if observation_of(block.table).parts(block.table) is not None]
     for first, second in combinations(touched, 2):
         touch = first.model.rig.tests.touch
@@ -83,7 +83,7 @@ def _socket(block: Block) -> str:
     return "" if sockets is None else str(sockets[block.rows[0]])
 
 
-def _between(setups: Mapping[str, SetUp], pair: tuple[str, str]) -> Array:
+def _socket_vector(setups: Mapping[str, SetUp], pair: tuple[str, str]) -> Array:
     """Return the vector (3,) mm from the first to the second socket."""
     first, second = (setups[name].T_instrument_world[:3, 3] for name in pair)
     return second - first

@@ -136,7 +136,7 @@ class Repeated:
     stamps: Array
 
     @cached_property
-    def apart(self) -> Array:
+    def deviations_mm(self) -> Array:
         """Deviations (n, N) mm of the runs from their mean."""
         return np.asarray(self.rows - self.rows.mean(axis=0), dtype=float)
 
@@ -151,16 +151,16 @@ class Repeated:
         the noise.
         """
         columns, taken = self._regression(scatter, sd_mm)
-        noise: Array = self.apart - (self.apart / sd_mm) @ taken.T @ columns.T * sd_mm
+        noise: Array = self.deviations_mm - (self.deviations_mm / sd_mm) @ taken.T @ columns.T * sd_mm
         return noise, 1 - np.einsum("nc,cn->n", columns, taken)
 
     def without_stamps(self, scatter: RunScatter, sd_mm: Array) -> Array:
         """Return the deviations (n, N) mm minus the expected contribution of stamps, for noise of sd_mm (N,)."""
         if not self.stamps.size:
-            return self.apart
+            return self.deviations_mm
         _, taken = self._regression(scatter, sd_mm)
         stamps = taken[taken.shape[0] - self.stamps.shape[1] :]
-        return self.apart - (self.apart / sd_mm) @ stamps.T @ self.stamps.T
+        return self.deviations_mm - (self.deviations_mm / sd_mm) @ stamps.T @ self.stamps.T
 
     def _regression(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
         """Return the response (N, c) to a standard deviation of scatter and stamps, relative to the noise sd_mm
@@ -183,7 +183,7 @@ class Repeated:
             whitened = rows / sd_mm
             return np.asarray(whitened - (whitened @ directions) @ less.T, dtype=float)
 
-        return white(self.apart), white(self.response.T).T, white(self.drifting.swapaxes(1, 2)).swapaxes(1, 2)
+        return white(self.deviations_mm), white(self.response.T).T, white(self.drifting.swapaxes(1, 2)).swapaxes(1, 2)
 
 
 def scatter_columns(constant: Array, drifting: Array, scatter: RunScatter) -> Array:
@@ -344,8 +344,8 @@ def _setup_noise(every: Sequence[Repeated]) -> tuple[list[Array], RunScatter]:
     Noise and scatter are estimated alternately, each after removing the other. The first round takes the noise from the
     part that scatter cannot explain.
     """
-    parts = [unscattered(runs.apart, np.concatenate([runs.response, *runs.drifting], axis=1)) for runs in every]
-    levels = [np.ones((len(runs.apart), 4)) for runs in every]
+    parts = [unscattered(runs.deviations_mm, np.concatenate([runs.response, *runs.drifting], axis=1)) for runs in every]
+    levels = [np.ones((len(runs.deviations_mm), 4)) for runs in every]
     for _ in range(_NOISE_ROUNDS):
         for _ in range(2):
             shape = _shape(

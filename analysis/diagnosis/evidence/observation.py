@@ -19,7 +19,7 @@ from analysis.procedures.prediction import nominal_setup, path_of, read
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 from analysis.robot.model.motion import Motion
 from analysis.robot.model.predict import Model, Path, SetUp, moved
-from analysis.robot.model.scene import Scene
+from analysis.robot.model.scene import ModelScene
 from analysis.runs.laps import laps_of
 from analysis.runs.noise.readings import is_wild, step_of
 from analysis.runs.tables import CircleTable, Table, content_order
@@ -174,7 +174,7 @@ def predicted(run: ObservedRun, setup: SetUp) -> Array:
     return predicted_in_scene(run.model, run, moved(run.model, run.path), setup)
 
 
-def predicted_in_scene(model: Model, run: ObservedRun, scene: Scene, setup: SetUp) -> Array:
+def predicted_in_scene(model: Model, run: ObservedRun, scene: ModelScene, setup: SetUp) -> Array:
     """Return the readings (m, k) mm predicted from an existing scene, common to all set-ups."""
     values = read(model, run.table, run.path, scene, setup)
     if facts_of(run.table.test).of_places:
@@ -493,10 +493,12 @@ def averaged(table: CircleTable, count: int) -> CircleTable:
         return table
     whole = len(table.t_s) // count * count
 
-    def means(values: Array) -> Array:
+    def means_by_group(values: Array) -> Array:
         return np.asarray(values[:whole].reshape(-1, count, *values.shape[1:]).mean(axis=1), dtype=float)
 
-    return replace(table, t_s=means(table.t_s), q=means(table.q), g_mm=means(table.g_mm), u_t_s=None)
+    return replace(
+        table, t_s=means_by_group(table.t_s), q=means_by_group(table.q), g_mm=means_by_group(table.g_mm), u_t_s=None
+    )
 
 
 def _laps(phi: Array) -> int:

@@ -195,7 +195,7 @@ def without_wild(
     """
     targets = [k for k, run in enumerate(runs) if not run.table.swept]
     sound, far_mm, doubts = list(runs), dict[str, float](), list[str]()
-    away = _away(with_effects([runs[k] for k in targets], effects)) if targets else []
+    away = _model_distances(with_effects([runs[k] for k in targets], effects)) if targets else []
     far = [spreads > facts_of(runs[k].table.test).wild_spreads for k, (_, spreads) in zip(targets, away, strict=True)]
     kept = _no_accidents([runs[k] for k in targets], far)
     for k, (distance_mm, _), wild in zip(targets, away, far, strict=True):
@@ -244,7 +244,7 @@ def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]
     return kept
 
 
-def _away(runs: Sequence[ObservedRun]) -> list[tuple[Array, Array]]:
+def _model_distances(runs: Sequence[ObservedRun]) -> list[tuple[Array, Array]]:
     """Return the distance of the readings (m,) of each run from the model, in mm and in robust standard deviations
     of their set-up, with set-ups fitted to the close readings.
     """

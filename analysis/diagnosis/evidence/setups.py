@@ -17,7 +17,7 @@ from analysis.procedures.prediction import nominal_setup
 from analysis.robot.geometry.pose_setup import best_rigid, moved_by
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp, moved
-from analysis.robot.model.scene import Scene
+from analysis.robot.model.scene import ModelScene
 from analysis.runs.parts_of_tests import TESTS
 from analysis.runs.tables import Table
 from rigs.effects import Effect
@@ -111,7 +111,7 @@ def columns_of(tables: Mapping[str, Table]) -> dict[str, list[int]]:
     return columns
 
 
-def tool_shift(run: ObservedRun, before: Scene, after: Scene) -> Array:
+def tool_shift(run: ObservedRun, before: ModelScene, after: ModelScene) -> Array:
     """Return the mean displacement (3,) mm of the tool at the readings of a run between two scenes.
 
     The ball of a circle or hemisphere moves with it, because operators set up a ball at the actual centre of the tool
@@ -299,7 +299,7 @@ class FittedRuns:
         default_factory=dict, init=False, repr=False
     )
 
-    def beside(self, effects: Sequence[Effect]) -> tuple[dict[str, SetUp], list[Array]]:
+    def fit_with_effects(self, effects: Sequence[Effect]) -> tuple[dict[str, SetUp], list[Array]]:
         """Return the set-ups and the residuals (m, k) mm of each run, with effects added to the model."""
         key = tuple(map(without_origin, effects))
         if key not in self._fits:
@@ -308,7 +308,7 @@ class FittedRuns:
 
     def residual_um(self, effects: Sequence[Effect]) -> float:
         """Return the rms residual in µm with effects added to the model."""
-        return 1e3 * rms(self.beside(effects)[1])
+        return 1e3 * rms(self.fit_with_effects(effects)[1])
 
 
 def without_origin(effect: Effect) -> Effect:

@@ -168,7 +168,7 @@ class Background:
             self._latest[:] = [(terms, self.marginal_responses(terms.responses, terms.r))]
         return self._latest[0][1]
 
-    def taken(self, marginal: MarginalValues) -> Array:
+    def absorbed_coefficients(self, marginal: MarginalValues) -> Array:
         """Return the coefficients (p, k) with which the columns absorb as much as possible of the values."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
@@ -205,7 +205,7 @@ class Background:
     def covariance_times(self, vector: Array) -> Array:
         """Return the product (p,) of the covariance of the coefficients, in healthy sizes, with a vector (p,)."""
         none = np.empty((0, 1))
-        return self.taken(self._absorbing(none, none, vector[None]))[:, 0]
+        return self.absorbed_coefficients(self._absorbing(none, none, vector[None]))[:, 0]
 
     @cached_property
     def spent(self) -> Array:
@@ -214,9 +214,9 @@ class Background:
         """
         return np.tensordot(self.columns.K, self.covariance, axes=2)
 
-    def posterior(self, terms: FittedTerms) -> Posterior:
+    def posterior(self, terms: FittedTerms) -> CoefficientPosterior:
         """Return the posterior of all coefficients together with the fitted terms, T (N, q)."""
-        return Posterior(self, terms)
+        return CoefficientPosterior(self, terms)
 
     def evidence(self, terms: FittedTerms) -> float:
         """Return the log density of the readings with fitted terms, T (N, q), up to a constant."""
@@ -246,7 +246,7 @@ class Gains:
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior:
+class CoefficientPosterior:
     """Posterior of all coefficients of whitened columns together with fitted terms."""
 
     background: Background
@@ -274,24 +274,28 @@ class Posterior:
         return terms.best(normal, self._products[:q, q] + terms.precision @ terms.mean)
 
     @cached_property
-    def _taken(self) -> Array:
+    def _absorbed_coefficients(self) -> Array:
         """Coefficients (p, q + 1) with which the columns absorb the fitted terms and, last, the residual."""
-        return self.background.taken(self._marginal)
+        return self.background.absorbed_coefficients(self._marginal)
 
     @cached_property
     def mean(self) -> Array:
         """Means (p,) of the background columns."""
-        return self.background.mean + self._taken[:, -1] - self._taken[:, :-1] @ self.term_means
+        return (
+            self.background.mean
+            + self._absorbed_coefficients[:, -1]
+            - self._absorbed_coefficients[:, :-1] @ self.term_means
+        )
 
     @cached_property
     def variance(self) -> Array:
         """Variances (p,) of the background columns."""
-        taken = self._taken[:, :-1]
+        taken = self._absorbed_coefficients[:, :-1]
         return np.asarray(self.background.variances + np.sum(taken @ self.term_covariance * taken, axis=1), dtype=float)
 
     def covariance_among(self, columns: Integers) -> Array:
         """Return covariances (…, q, q) among columns (…, q) of the background, in healthy sizes squared."""
-        taken = self._taken[:, :-1][columns]
+        taken = self._absorbed_coefficients[:, :-1][columns]
         without_terms = self.background.covariance[columns[..., :, None], columns[..., None, :]]
         return np.asarray(without_terms + taken @ self.term_covariance @ np.swapaxes(taken, -1, -2), dtype=float)
 
@@ -299,14 +303,14 @@ class Posterior:
         """Return the whitened covariance (f + c, f + c) of the first `fitted` terms, followed by the first `columns`
         of the background, in healthy sizes.
         """
-        among_terms, taken = self.term_covariance[:fitted], self._taken[:columns, :-1]
+        among_terms, taken = self.term_covariance[:fitted], self._absorbed_coefficients[:columns, :-1]
         across = -among_terms @ taken.T
         below = self.background.covariance[:columns, :columns] + taken @ self.term_covariance @ taken.T
         return np.asarray(np.block([[among_terms[:, :fitted], across], [across.T, below]]), dtype=float)
 
     def covariance_times(self, vector: Array) -> Array:
         """Return the product (p,) of the covariance of the whitened background columns with a vector (p,)."""
-        taken = self._taken[:, :-1]
+        taken = self._absorbed_coefficients[:, :-1]
         return self.background.covariance_times(vector) + taken @ (self.term_covariance @ (vector @ taken))
 
     @cached_property
@@ -329,7 +333,7 @@ class Posterior:
         """
         background, weight = self.background, self.background.weight[rows]
         X = background.columns.X[rows]
-        terms = self.terms.T[rows] - X @ self._taken[:, :-1]
+        terms = self.terms.T[rows] - X @ self._absorbed_coefficients[:, :-1]
         modelled = X @ background.covariance @ X.T + terms @ self.term_covariance @ terms.T
         covariance = np.linalg.inv(np.diag(weight) - weight[:, None] * modelled * weight)
         missed: Array = covariance @ (weight * self.residual[rows])
@@ -347,7 +351,7 @@ class Posterior:
         """Variances (N,) of the readings caused by the uncertainty of the fitted terms, after absorption by the
         columns.
         """
-        remainder = self.terms.T - self.background.columns.X @ self._taken[:, :-1]
+        remainder = self.terms.T - self.background.columns.X @ self._absorbed_coefficients[:, :-1]
         return np.asarray(np.sum(remainder @ self.term_covariance * remainder, axis=1), dtype=float)
 
     @property
@@ -418,7 +422,7 @@ class Posterior:
         """Return the part of whitened columns (N, q), added to the readings, not absorbed by all other terms."""
         marginal = self.background.marginal(columns)
         terms = self.term_covariance @ self._marginal.products(marginal)[:-1]
-        taken = self.background.taken(marginal) - self._taken[:, :-1] @ terms
+        taken = self.background.absorbed_coefficients(marginal) - self._absorbed_coefficients[:, :-1] @ terms
         return columns - self.terms.T @ terms - self.background.columns.X @ taken
 
 

@@ -51,7 +51,7 @@ def departure_columns(linear: Linearisation, effect: Effect) -> Array:
         parts.append(np.zeros((len(off), len(targets))))
         parts[-1][targets, np.arange(len(targets))] = off[targets]
     # The remainder of a decaying effect at a block of targets may be between zero and twice as much.
-    parts += [_apart(linear, linear.columns([effect]), sampling=False)] if departures.fades else []
+    parts += [_columns_by_block(linear, linear.columns([effect]), sampling=False)] if departures.fades else []
     # Healthy stamp delays are modelled separately from the effect. A backlash crossed 2 ms later was estimated 1.2 %
     # too narrow, with an uncertainty of 0.06 %. A wave of 5 Hz read at times with a scatter of 4 ms is 0.8 % smaller on
     # average.
@@ -101,13 +101,13 @@ def _initial_play(linear: Linearisation, axis: int, half_width_deg: float, parts
     reached = np.clip(np.linspace(-1, 1, 201)[:, None], edges[:-1], edges[1:]) - np.clip(0.0, edges[:-1], edges[1:])
     usual = np.sqrt(np.mean((reached / np.diff(edges)) ** 2, axis=0))
 
-    def off(block: Block) -> Array:
+    def edge_responses(block: Block) -> Array:
         x = block.path.q[:, axis - 1]
         return np.asarray(
             np.diff([play(x, half_width_rad, float(edge)) for edge in edges], axis=0).T * usual, dtype=float
         )
 
-    return _apart(linear, linear.by_joint(axis, off), sampling=True)
+    return _columns_by_block(linear, linear.by_joint(axis, edge_responses), sampling=True)
 
 
 def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s: float) -> Array:
@@ -143,7 +143,7 @@ def _that_change(columns: Array) -> Array:
     return columns[:, np.abs(columns).max(axis=0) > _LEAST]
 
 
-def _apart(linear: Linearisation, whole: Array, *, sampling: bool) -> Array:
+def _columns_by_block(linear: Linearisation, whole: Array, *, sampling: bool) -> Array:
     """Return columns (N, c) separately for each circle, or if not sampling, for each block of targets, as (N, f):
     zero elsewhere, omitting ineffective columns.
     """

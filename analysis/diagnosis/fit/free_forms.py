@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from analysis.diagnosis.evidence.blocks import Block
-from analysis.diagnosis.fit.background import Posterior
+from analysis.diagnosis.fit.background import CoefficientPosterior
 from analysis.diagnosis.fit.responses import Linearisation
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import circle_of
@@ -61,7 +61,7 @@ class FreeForm:
     gain: float = 0.0
 
 
-def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FreeForm:
+def best_free_form(forms: Sequence[FreeForm], posterior: CoefficientPosterior) -> FreeForm:
     """Return the free form with the highest evidence for the remaining residual, at the most likely strength;
     columns (N, c).
     """
@@ -74,7 +74,7 @@ def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FreeForm:
     return FreeForm(forms[k].words, strength * forms[k].columns, float(gains[k].max()) - FREE_PRICE)
 
 
-def discrepancy_evidence(functions: Array, posterior: Posterior) -> tuple[float, float]:
+def discrepancy_evidence(functions: Array, posterior: CoefficientPosterior) -> tuple[float, float]:
     """Return the log evidence gained by free functions (N, c) with a common amplitude, after the price of that
     amplitude, and the likeliest amplitude.
 
@@ -126,7 +126,7 @@ def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
             yield FreeForm(words, linear.by_joint(axis, partial(way, joint)))
     for where, shares in (("both gauges", (1.0, 1.0)), ("gauge 1", (1.0, 0.0)), ("gauge 2", (0.0, 1.0))):
         yield FreeForm(f"something that changes with time in {where}", linear.by_gauge(shares, _time))
-    yield FreeForm("something of the ball that goes with where the link is", linear.by_gauge((1.0, 1.0), _around))
+    yield FreeForm("something of the ball that goes with where the link is", linear.by_gauge((1.0, 1.0), _circle_waves))
 
 
 def discrepancy_functions(linear: Linearisation) -> Array:
@@ -156,7 +156,7 @@ def _time(block: Block) -> Array:
     return _waves((t - t[0]) / (t[-1] - t[0]), _UNIT_MM) if block.sampling else np.zeros((len(t), _WAVES))
 
 
-def _around(block: Block) -> Array:
+def _circle_waves(block: Block) -> Array:
     """Return functions (n, c) mm of the circle angle of a block's samples."""
     q = block.path.q
     if not block.sampling:

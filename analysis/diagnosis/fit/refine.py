@@ -52,7 +52,7 @@ _One = TypeVar("_One")
 
 
 @dataclass(frozen=True)
-class Unknown:
+class UnknownParameter:
     """An unknown parameter: index of the effect, field, expected value, prior standard deviation, and lower bound."""
 
     effect: int
@@ -74,7 +74,7 @@ class Refined:
     """
 
     effects: tuple[Effect, ...]
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[UnknownParameter, ...]
     values: Array
     covariance: Array
     to_limit: Array
@@ -196,7 +196,7 @@ def _departures(linear: Linearisation, effect: Effect, *, alike: bool) -> Respon
     return linear.near.of(f"departures{', alike' * alike}", effect, steps, compute)
 
 
-def _steps_nearby(effect: Effect, unknowns: Sequence[Unknown]) -> dict[str, float]:
+def _steps_nearby(effect: Effect, unknowns: Sequence[UnknownParameter]) -> dict[str, float]:
     """Return the differences of an effect's parameters over which derivatives and departures hardly change."""
     steps = {unknown.field: _NEARBY * unknown.spread for unknown in unknowns}
     size = size_field(effect)
@@ -225,7 +225,7 @@ class _Problem:
     linear: Linearisation
     background: Background
     fitted: Refined
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[UnknownParameter, ...]
     departures: tuple[Response, ...]
     free: Response
 
@@ -359,7 +359,7 @@ class _Problem:
         return made
 
 
-def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[Unknown]) -> Array:
+def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[UnknownParameter]) -> Array:
     """Return the derivatives (N, q) of whitened readings by the unknowns of an effect, over small steps within the
     bounds.
     """
@@ -421,21 +421,23 @@ def step_within(limits: Array, H: Array, gradient: Array) -> tuple[Array, Array]
     return bounded, at_limit
 
 
-def _unknowns(linear: Linearisation, effects: Sequence[Effect], first: int) -> list[Unknown]:
+def _unknowns(linear: Linearisation, effects: Sequence[Effect], first: int) -> list[UnknownParameter]:
     """Return the unknowns of the effects from index `first` on."""
     unknowns = []
     for k, effect in enumerate(effects[first:], start=first):
-        unknowns.append(Unknown(k, size_field(effect), 0.0, LARGEST_FAULT * healthy_size(effect)))
+        unknowns.append(UnknownParameter(k, size_field(effect), 0.0, LARGEST_FAULT * healthy_size(effect)))
         if is_wave(effect):
-            unknowns.append(Unknown(k, PHASE, float(getattr(effect, PHASE)), 360.0))
+            unknowns.append(UnknownParameter(k, PHASE, float(getattr(effect, PHASE)), 360.0))
         for stretched in effect.STRETCHED:
             begin = float(getattr(effect, stretched.field))
             unknowns.append(
-                Unknown(k, stretched.field, begin, max(stretched.share * begin, stretched.least), stretched.low)
+                UnknownParameter(
+                    k, stretched.field, begin, max(stretched.share * begin, stretched.least), stretched.low
+                )
             )
         for free in effect.free(linear.payload_kg):
             begin = float(getattr(effect, free.field))
-            unknowns.append(Unknown(k, free.field, free.expected, free.spread_from(begin), free.low))
+            unknowns.append(UnknownParameter(k, free.field, free.expected, free.spread_from(begin), free.low))
     return unknowns
 
 

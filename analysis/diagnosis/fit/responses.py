@@ -20,7 +20,7 @@ from analysis.diagnosis.evidence.setups import columns_of, moved_setup, tool_shi
 from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp
-from analysis.robot.model.scene import Scene
+from analysis.robot.model.scene import ModelScene
 from rigs.effects import Effect
 from rigs.schema.effect import PHASE, name_of
 
@@ -334,11 +334,11 @@ class Linearisation:
 
         return recent(self._fits, tuple(map(without_origin, effects)), compute, _FITS)
 
-    def _scenes(self, effects: Sequence[Effect]) -> list[Scene]:
+    def _scenes(self, effects: Sequence[Effect]) -> list[ModelScene]:
         """Return the scene of each block up to the tool with `effects` in place of the reference effects."""
         return [simulated.scene_with(effects) for simulated in self.simulated]
 
-    def _moves_with_tool(self, scenes: Sequence[Scene]) -> Array:
+    def _moves_with_tool(self, scenes: Sequence[ModelScene]) -> Array:
         """Return the terms of the set-ups (s,) mm with each ball displaced like the tool in new scenes."""
         moves, count = np.zeros(self.U.shape[1]), Counter(simulated.block.setup for simulated in self.simulated)
         for simulated, scene in zip(self.simulated, scenes, strict=True):
@@ -357,7 +357,7 @@ class Linearisation:
         return self._responses(effects, scenes, setups or self.setups_moved_by(self._moves_with_tool(scenes)))
 
     def _responses(
-        self, effects: Sequence[Effect], scenes: Sequence[Scene], setups: Mapping[str, SetUp]
+        self, effects: Sequence[Effect], scenes: Sequence[ModelScene], setups: Mapping[str, SetUp]
     ) -> list[Array]:
         """Return the contribution of `effects` to the entries (N,) mm of each block, given the scenes with these
         effects.
@@ -368,7 +368,9 @@ class Linearisation:
             for simulated, scene in both
         ]
 
-    def _residual_in(self, effects: Sequence[Effect], scenes: Sequence[Scene], setups: Mapping[str, SetUp]) -> Array:
+    def _residual_in(
+        self, effects: Sequence[Effect], scenes: Sequence[ModelScene], setups: Mapping[str, SetUp]
+    ) -> Array:
         """Return the whitened residual (N,) with `effects` in given set-ups."""
         added = zip(self.blocks, self._responses(effects, scenes, setups), strict=True)
         apart = self.distances.residual(self.setups) - self.distances.residual(setups)
@@ -447,7 +449,9 @@ def linearise(
     return Linearisation(simulated, tuple(block.y_mm for block in blocks), unlimited)
 
 
-def beside(shared: Sequence[SharedBlock], blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> Linearisation:
+def extend_linearisation(
+    shared: Sequence[SharedBlock], blocks: Sequence[Block], setups: Mapping[str, SetUp]
+) -> Linearisation:
     """Return the linearisation about set-ups of blocks shared with other linearisations, followed by more blocks,
     with N entries in total.
     """
@@ -469,7 +473,7 @@ LEAST_MATERIAL_UM = 3.0
 
 
 @dataclass(frozen=True)
-class Worth:
+class RmsByBlock:
     """Root mean square in µm, by block (b,), of a change of the readings."""
 
     um: Array
@@ -484,14 +488,14 @@ class Worth:
         return bool((self.um > limits_um).any())
 
 
-def worth(linear: Linearisation, change: Array) -> Worth:
+def rms_by_block(linear: Linearisation, change: Array) -> RmsByBlock:
     """Return the worth of a change (N,) of whitened readings, with set-ups fitted to it."""
-    return plain_worth(linear, linear.without_set_up(change))
+    return plain_rms_by_block(linear, linear.without_set_up(change))
 
 
-def plain_worth(linear: Linearisation, change: Array) -> Worth:
+def plain_rms_by_block(linear: Linearisation, change: Array) -> RmsByBlock:
     """Return the worth of a change (N,) of whitened readings, without a fit of set-ups."""
-    return Worth(np.array([rms_um(*both) for both in zip(linear.blocks, linear.in_mm(change), strict=True)]))
+    return RmsByBlock(np.array([rms_um(*both) for both in zip(linear.blocks, linear.in_mm(change), strict=True)]))
 
 
 def limits_um(linear: Linearisation, own_um: Mapping[str, float] = MappingProxyType({})) -> Array:

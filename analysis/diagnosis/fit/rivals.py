@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.diagnosis.fit.responses import Worth, worth
+from analysis.diagnosis.fit.responses import RmsByBlock, rms_by_block
 from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.fit.selection_state import FAULT, SelectionState, least_fault
 from analysis.robot.kinematics.arm import Array
@@ -69,7 +69,7 @@ def compare_with_rivals(
         compared = []
         for place in range(len(state.effects)):
             effect = state.effects[place]
-            moves = abs(size_of(effect)) >= FAULT or _worth(selection, state, place).is_material(limits)
+            moves = abs(size_of(effect)) >= FAULT or _rms_of_effect(selection, state, place).is_material(limits)
             is_reported = state.may_be_fault(place) and moves
             odds = cautious_odds(selection, state, place, faults_only=not is_reported)
             compared.append(odds)
@@ -94,7 +94,7 @@ def without_needless_names(selection: Selection, state: SelectionState, limits: 
     state = selection.settled(state)
     tried: set[str] = set()
     while True:
-        of = {k: _worth(selection, state, k) for k in range(len(state.effects)) if state.may_be_fault(k)}
+        of = {k: _rms_of_effect(selection, state, k) for k in range(len(state.effects)) if state.may_be_fault(k)}
         names = {k: label_of(state.effects[k]) for k in sorted(of, key=lambda k: of[k].um.max())[:-1]}
         place = next((k for k, name in names.items() if name not in tried and of[k].is_material(limits)), None)
         if place is None:
@@ -106,10 +106,10 @@ def without_needless_names(selection: Selection, state: SelectionState, limits: 
             state = selection.refusing(without, state.effects[place], state.origins[place])
 
 
-def _worth(selection: Selection, state: SelectionState, place: int) -> Worth:
+def _rms_of_effect(selection: Selection, state: SelectionState, place: int) -> RmsByBlock:
     """Return the worth of an effect in addition to the others."""
     change = selection.linear.residual(state.refined.without(place).effects) - state.refined.residual
-    return worth(selection.linear, change)
+    return rms_by_block(selection.linear, change)
 
 
 def cautious_odds(selection: Selection, state: SelectionState, place: int, *, faults_only: bool = False) -> RivalOdds:

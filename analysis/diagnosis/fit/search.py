@@ -13,7 +13,7 @@ import numpy as np
 from analysis.diagnosis.evidence.blocks import Block, blocks_of
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.evidence.setups import fit_run_setups
-from analysis.diagnosis.fit.background import Posterior
+from analysis.diagnosis.fit.background import CoefficientPosterior
 from analysis.diagnosis.fit.candidates import Columns, candidates_for, columns_for
 from analysis.diagnosis.fit.discrepancy import beside_discrepancy
 from analysis.diagnosis.fit.effort import Effort
@@ -24,7 +24,7 @@ from analysis.diagnosis.fit.responses import (
     basis_of,
     limits_um,
     linearise,
-    plain_worth,
+    plain_rms_by_block,
 )
 from analysis.diagnosis.fit.rivals import RivalOdds, compare_with_rivals
 from analysis.diagnosis.fit.selection import Selection
@@ -91,7 +91,7 @@ class SearchResult:
         return self.state.effects
 
     @cached_property
-    def posterior(self) -> Posterior:
+    def posterior(self) -> CoefficientPosterior:
         """The posterior of all coefficients other than the names."""
         return self.selection.posterior(self.state)
 
@@ -124,9 +124,9 @@ class SearchResult:
         return np.sqrt(np.clip(1 - 1 / np.maximum(self.strength, 1.0), 0.0, 1.0))
 
     @property
-    def built(self) -> Build:
+    def design(self) -> Build:
         """Build of the arm, the reference for usual effects."""
-        return self.linear.blocks[0].model.rig.robot.built
+        return self.linear.blocks[0].model.rig.robot.design
 
     @cached_property
     def contributions(self) -> list[Array]:
@@ -156,7 +156,7 @@ class SearchResult:
         return np.asarray(of_forms + self.columns.X[:, own] @ self.posterior.mean[own], dtype=float)
 
     @cached_property
-    def calibrated_posterior(self) -> Posterior:
+    def calibrated_posterior(self) -> CoefficientPosterior:
         """The posterior excluding free forms and discrepancy. No model contains them, and a part shared between them
         and the background would remain in it: 92 µm, compared with 19 for the names only.
         """
@@ -186,10 +186,10 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
         refitted = begun.possible_faults(begun.effects)
         state = selection.select(begun, stops=turn < _STOPS)
         is_last = turn + 1 == _ITERATIONS or effort.is_spent
-        if is_last or selection.holds_for(state):
+        if is_last or selection.is_valid_for(state):
             progress("comparing names with their rivals")
             state, odds = compare_with_rivals(selection, state, limits_um(selection.linear))
-            if is_last or selection.holds_for(state):
+            if is_last or selection.is_valid_for(state):
                 break
         so_far = state.effects
         setups = selection.linear.setups_moved_by(selection.moves(state))
@@ -220,7 +220,7 @@ def fit_given(
         # A fit with only the noise strengths leaves much of a large effect to the background.
         state = previous = selection.settled(*beginnings(begun))
         effects = state.effects
-        if selection.holds_for(state):
+        if selection.is_valid_for(state):
             break
         so_far = state.effects
         setups = selection.linear.setups_moved_by(selection.moves(state))
@@ -332,7 +332,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
         fits.append((share, ahead, sd, A, y, words, unit))
     share, ahead, sd, A, y, words, unit = max(fits, key=lambda fit: fit[0])
     poses = [facts_of(block.table.test).of_tracker for block in linear.blocks]
-    um = np.array([plain_worth(linear, A[:, [k]] @ ahead[[k]]).um[poses].max() for k in range(len(joints))])
+    um = np.array([plain_rms_by_block(linear, A[:, [k]] @ ahead[[k]]).um[poses].max() for k in range(len(joints))])
     early = (ahead > _SURE_SIGMA * sd) & (um > LEAST_MATERIAL_UM)
     if share < _LEAST_SHARE or not early.any() or share < _step_share(linear, rows, free, y):
         return ()

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.fit.background import Posterior, cavity_evidence, fault_evidence
+from analysis.diagnosis.fit.background import CoefficientPosterior, cavity_evidence, fault_evidence
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Columns, fault_sizes, order_of
 from analysis.diagnosis.fit.effort import Effort
 from analysis.diagnosis.fit.free_forms import FREE_PRICE, FreeForm, best_free_form, free_forms_of
@@ -30,8 +30,8 @@ from analysis.diagnosis.fit.selection_state import (
     SelectionState,
     beginnings,
     is_alike,
+    is_duplicate,
     is_one,
-    is_twice,
     series_among,
     settled,
     stands_softly,
@@ -133,7 +133,7 @@ class Selection:
     @cached_property
     def backgrounds(self) -> Backgrounds:
         """The backgrounds of states: all contributions not fitted as an effect."""
-        return Backgrounds(self.columns, self.linear.blocks[0].model.rig.robot.built)
+        return Backgrounds(self.columns, self.linear.blocks[0].model.rig.robot.design)
 
     @property
     def shows_free_forms(self) -> bool:
@@ -241,7 +241,7 @@ class Selection:
                 of_name = [k for k, form in enumerate(self.columns.forms) if form.name == name_of(effect)]
                 best = max((k for k in of_name if np.isfinite(gain[k])), key=lambda k: gain[k], default=None)
                 again = None if best is None else self.with_form(without, posterior, best)
-            if again is not None and not is_twice(again.effects) and self.evidence(again) > self.evidence(state):
+            if again is not None and not is_duplicate(again.effects) and self.evidence(again) > self.evidence(state):
                 state = again  # it is the last now, and the next effect has moved to this index
             else:
                 place += 1
@@ -259,7 +259,7 @@ class Selection:
             return named
         return self.likeliest([named, self._stepwise(with_free_form, accept_free_forms=True)[0]])[1]
 
-    def holds_for(self, state: SelectionState) -> bool:
+    def is_valid_for(self, state: SelectionState) -> bool:
         """Return whether the columns are valid for a state: the effects hardly move the set-ups, and the reference
         faults of the columns have nearly the response of the faults of the state.
         """
@@ -332,7 +332,7 @@ class Selection:
                     elif changed is not None and changed.may_be_fault(-1):
                         newest = changed.effects[-1]
                         is_new = not any(is_alike(effect, newest) for effect in self.linear.reference)
-                        if stops and with_free_form is None and is_new and not self.holds_for(changed):
+                        if stops and with_free_form is None and is_new and not self.is_valid_for(changed):
                             return changed, None
                         changed = self.settled(*beginnings(changed))
                 changed = changed or self._backward_step(state, posterior, below=_SURE_EVIDENCE)
@@ -342,7 +342,7 @@ class Selection:
                 state = self.renewed(changed)
         return self.renewed(self.refitted(state)), with_free_form
 
-    def posterior(self, state: SelectionState) -> Posterior:
+    def posterior(self, state: SelectionState) -> CoefficientPosterior:
         """Return the posterior of all coefficients in a state."""
         return self.backgrounds.of(state).posterior(state.refined.fitted_terms)
 
@@ -351,7 +351,7 @@ class Selection:
         none = Response(np.empty((len(self.linear.y), 0)))
         return self.renewed(replace(state, free_forms=(), discrepancy=0.0, refined=replace(state.refined, free=none)))
 
-    def not_testable(self, state: SelectionState, posterior: Posterior) -> tuple[str, ...]:
+    def not_testable(self, state: SelectionState, posterior: CoefficientPosterior) -> tuple[str, ...]:
         """Return the names that these tests would not show at the size of a large fault, with all other possible
         effects present.
         """
@@ -365,7 +365,9 @@ class Selection:
         """Return the state with strengths, robust weights and level estimated again."""
         return self._hyperparameters.update(state, self.posterior(state), self.evidence, self.posterior)
 
-    def _backward_step(self, state: SelectionState, posterior: Posterior, *, below: float) -> SelectionState | None:
+    def _backward_step(
+        self, state: SelectionState, posterior: CoefficientPosterior, *, below: float
+    ) -> SelectionState | None:
         """Return the state with the effect of least evidence removed, if that does not cover the penalty, and None
         otherwise.
 
@@ -402,7 +404,7 @@ class Selection:
                     return replace(simpler, replaced_forms=state.replaced_forms | {state.free_forms[k].words})
         return None
 
-    def gain_of(self, state: SelectionState, posterior: Posterior, place: int) -> float:
+    def gain_of(self, state: SelectionState, posterior: CoefficientPosterior, place: int) -> float:
         """Return the approximate log evidence of an effect over the share of a healthy arm in the form, from the
         cavity of the size.
         """
@@ -507,7 +509,7 @@ class Selection:
         origins = (*state.origins[:place], *state.origins[place + 1 :])
         return replace(state, refined=replace(kept, residual=self.linear.residual(kept.effects)), origins=origins)
 
-    def gains(self, state: SelectionState, posterior: Posterior) -> Array:
+    def gains(self, state: SelectionState, posterior: CoefficientPosterior) -> Array:
         """Return the log odds (n,) of each form over an equal share, as a fault or as the healthy effect of the
         name, whichever are larger.
         """
@@ -546,7 +548,7 @@ class Selection:
         return against
 
     def _forward_step(
-        self, state: SelectionState, posterior: Posterior, *, try_free_forms: bool
+        self, state: SelectionState, posterior: CoefficientPosterior, *, try_free_forms: bool
     ) -> tuple[SelectionState | None, SelectionState | None]:
         """Return the state with the effect of largest gain, if an effect covers the penalty, and the state with a
         free form instead, if those are tried and any explains much more.
@@ -557,7 +559,7 @@ class Selection:
         if best:
             # The linear prediction may gain less, or more, than the shape that is fitted on the simulator.
             with_each = {k: self.with_form(state, posterior, k) for k in best}
-            if twice := frozenset(k for k, added in with_each.items() if is_twice(added.effects)):
+            if twice := frozenset(k for k, added in with_each.items() if is_duplicate(added.effects)):
                 state = replace(state, refused=state.refused | twice)
                 return self._forward_step(state, posterior, try_free_forms=try_free_forms)
             # The level remaining after each name may decide: with the right name the arm is quieter.
@@ -578,7 +580,7 @@ class Selection:
             return changed, None
         return changed, self.refitted(replace(state, free_forms=(*state.free_forms, free_form)))
 
-    def _worth_trying(self, state: SelectionState, posterior: Posterior, gain: Array) -> list[int]:
+    def _worth_trying(self, state: SelectionState, posterior: CoefficientPosterior, gain: Array) -> list[int]:
         """Return the best form of each of the few names with the largest gains (n,), best first.
 
         If none gains much, also return the form of a clearly visible name whose gain may be low only because of the
@@ -598,7 +600,7 @@ class Selection:
                 best_of.setdefault(forms[best].name, best)
         return list(best_of.values())
 
-    def with_form(self, state: SelectionState, posterior: Posterior, k: int) -> SelectionState:
+    def with_form(self, state: SelectionState, posterior: CoefficientPosterior, k: int) -> SelectionState:
         """Return the state with form k added as an effect and fitted; the other effects move along their earlier
         tangents."""
         effects = starting_effects(self.linear, self.columns, posterior, self.columns.forms[k])

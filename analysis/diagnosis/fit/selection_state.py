@@ -12,7 +12,7 @@ import numpy as np
 
 from analysis.diagnosis.evidence.blocks import recent
 from analysis.diagnosis.evidence.noise import LEAST_ASSUMED
-from analysis.diagnosis.fit.background import Background, Posterior
+from analysis.diagnosis.fit.background import Background, CoefficientPosterior
 from analysis.diagnosis.fit.candidates import (
     LARGEST_FAULT,
     WEIGHT_DIGITS,
@@ -128,7 +128,7 @@ def is_one(effect: Effect, other_effect: Effect) -> bool:
     return name_of(effect) == name_of(other_effect) and not apart >= _SAME_ORDER
 
 
-def is_twice(effects: Sequence[Effect]) -> bool:
+def is_duplicate(effects: Sequence[Effect]) -> bool:
     """Return whether the last of several effects is a wave already present, with the same name and order."""
     *others, last = effects
     return any(is_one(effect, last) for effect in others if np.isfinite(order_of(effect)))
@@ -282,7 +282,7 @@ class Hyperparameters:
         price[self.columns.band[self.linear.of_distances]] = np.inf
         return price
 
-    def level(self, state: SelectionState, posterior: Posterior) -> float:
+    def level(self, state: SelectionState, posterior: CoefficientPosterior) -> float:
         """Return the level of the background: the ratio of the mean square of each name's effects to the expectation in
         an arm at level 1.
 
@@ -311,7 +311,7 @@ class Hyperparameters:
         likely -= _against_level(_LEVELS)
         return float(min(_LEVELS[np.argmax(likely)], state.level_cap))
 
-    def robust(self, posterior: Posterior) -> Array:
+    def robust(self, posterior: CoefficientPosterior) -> Array:
         """Return the weights (N,) of the entries: those of Student's distribution at targets, and 1 elsewhere."""
         weight, targets = np.ones(len(self._targets)), self._targets
         if targets.any():
@@ -321,7 +321,7 @@ class Hyperparameters:
             weight[targets] = np.round(fair, WEIGHT_DIGITS)
         return weight
 
-    def strength(self, state: SelectionState, posterior: Posterior) -> Array:
+    def strength(self, state: SelectionState, posterior: CoefficientPosterior) -> Array:
         """Return the strength (b,) of each band: that of the residual if it exceeds the noise by more than the
         penalty. Assumed noise, which is wide, may also be reduced.
         """
@@ -340,12 +340,12 @@ class Hyperparameters:
         least = np.where(np.bincount(self.columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
         return np.stack([least, np.where(np.isfinite(self._band_price), _MOST_STRENGTH, 1.0)])
 
-    def by_strength(self, posterior: Posterior) -> Array:
+    def by_strength(self, posterior: CoefficientPosterior) -> Array:
         """Return the derivatives (b,) of the log evidence by the logarithms of the strengths."""
         energy = np.bincount(self.columns.band, posterior.background.weight * posterior.residual**2)
         return 0.5 * (energy + posterior.weighted_spent - self.columns.count)
 
-    def nearer_strength(self, state: SelectionState, posterior: Posterior) -> Array:
+    def nearer_strength(self, state: SelectionState, posterior: CoefficientPosterior) -> Array:
         """Return the strength (b,) after a shorter step, which never makes the readings less likely (expectation
         maximisation: Dempster, Laird and Rubin 1977).
         """
@@ -355,9 +355,9 @@ class Hyperparameters:
     def update(
         self,
         state: SelectionState,
-        posterior: Posterior,
+        posterior: CoefficientPosterior,
         evidence: Callable[[SelectionState], float],
-        posterior_of: Callable[[SelectionState], Posterior],
+        posterior_of: Callable[[SelectionState], CoefficientPosterior],
     ) -> SelectionState:
         """Return a state with strengths and robust weights that increase the evidence, and the level estimated from it.
 
@@ -397,7 +397,7 @@ class Hyperparameters:
             state, whole = tried, whole + gained
         return state
 
-    def _energy(self, state: SelectionState, posterior: Posterior) -> Array:
+    def _energy(self, state: SelectionState, posterior: CoefficientPosterior) -> Array:
         """Return the robust energy (b,) of the residual of each band, in variances of the noise."""
         raw = posterior.background.weight * state.strength[self.columns.band] * posterior.residual**2
         return np.asarray(np.bincount(self.columns.band, raw), dtype=float)
@@ -411,7 +411,7 @@ class Hyperparameters:
 # millimetre.
 
 
-def background_terms(posterior: Posterior) -> list[Term]:
+def background_terms(posterior: CoefficientPosterior) -> list[Term]:
     """Return the forms of the background, each with the mean multiple."""
     mean, terms = posterior.mean, []
     for form in posterior.background.columns.forms:
@@ -423,7 +423,7 @@ def background_terms(posterior: Posterior) -> list[Term]:
     return terms
 
 
-def background_effects(posterior: Posterior) -> tuple[Effect, ...]:
+def background_effects(posterior: CoefficientPosterior) -> tuple[Effect, ...]:
     """Return the sum of the forms of the background, as effects of the arm."""
     return tuple(effects_of([(term.effect, term.times) for term in background_terms(posterior)]))
 
@@ -493,7 +493,9 @@ proportional to the width, and neighbours differ by a factor of two.
 """
 
 
-def starting_effects(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> list[Effect]:
+def starting_effects(
+    linear: Linearisation, columns: Columns, posterior: CoefficientPosterior, form: Form
+) -> list[Effect]:
     """Return the initial effects for the fit of a form to the readings (N,).
 
     A wave has the order between the neighbours that explains most, and if large, the best of all orders. Every other
@@ -528,7 +530,7 @@ def starting_effects(linear: Linearisation, columns: Columns, posterior: Posteri
     return [combined_effect(form.effects, posterior.size(form))]
 
 
-def _waves(columns: Columns, linear: Linearisation, posterior: Posterior, form: Form) -> list[Effect]:
+def _waves(columns: Columns, linear: Linearisation, posterior: CoefficientPosterior, form: Form) -> list[Effect]:
     """Return the best wave of an order near the form and, if large, the best wave of any order.
 
     The first has an order between the neighbours of the form. The second has any order between those of the forms, and

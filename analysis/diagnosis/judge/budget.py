@@ -10,12 +10,12 @@ import numpy as np
 
 from analysis.diagnosis.evidence.observation import GRID, ORDER_OF
 from analysis.diagnosis.evidence.setups import BALL_PRIOR_MM
-from analysis.diagnosis.fit.background import Posterior
+from analysis.diagnosis.fit.background import CoefficientPosterior
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Form
-from analysis.diagnosis.fit.responses import Linearisation, Response, basis_of, worth
+from analysis.diagnosis.fit.responses import Linearisation, Response, basis_of, rms_by_block
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import FAULT, combined_effect
-from analysis.diagnosis.judge.result import LARGE_SHARE, SURE_SIGMA, BudgetPart, Gap, Member, Named, Rank, Share
+from analysis.diagnosis.judge.result import LARGE_SHARE, SURE_SIGMA, BudgetPart, Gap, GroupMember, Named, Rank, Share
 from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 from rigs.effects import Effect
@@ -49,7 +49,7 @@ def group_of(effect: Effect) -> tuple[PartKind, int | None]:
 
 
 @dataclass(frozen=True)
-class Measure:
+class GapMeasure:
     """Measure of whitened changes of readings (N,) in µm: rms over the readings of all runs after removal of the part
     absorbed by set-ups.
 
@@ -131,7 +131,7 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
     The uncertainty refers to the contribution and not to a parameter: size and shape may be correlated, and the
     contribution is then as certain as the readings show.
     """
-    refined, posterior, measure = result.fit, result.posterior, Measure(result.linear)
+    refined, posterior, measure = result.fit, result.posterior, GapMeasure(result.linear)
     T, means, covariance = posterior.terms.T, posterior.term_means, posterior.term_covariance
     allowed = len(refined.unknowns) + np.cumsum([0, *(departure.columns.shape[1] for departure in refined.departures)])
     changes = []
@@ -143,7 +143,7 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
         u_um = float(np.sqrt(max(np.sum(columns @ covariance[np.ix_(parameters, parameters)] * columns), 0.0)))
         # as in an arm without a fault, in multiples of its healthy size
         shapes = {shape.field: shape.expected for shape in effect.free(result.linear.payload_kg)}
-        as_usual = scaled(healthy(effect), effect.usual_times(result.built), **shapes)
+        as_usual = scaled(healthy(effect), effect.usual_times(result.design), **shapes)
         usual = measure.um(result.linear.columns([as_usual])[:, 0])
         apart, times = runs_apart(result, k), um / usual if usual > _INVISIBLE_UM else None
         changes.append(EffectChange(change, um, float(np.hypot(u_um, apart * um)), times, apart))
@@ -151,8 +151,8 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
 
 
 @dataclass(frozen=True)
-class _Drawn:
-    """Part with its contribution (N,) as a vector of `Measure.of`."""
+class _PartVector:
+    """Part with its contribution (N,) as a vector of `GapMeasure.of`."""
 
     part: BudgetPart
     vector: Array
@@ -166,11 +166,11 @@ class Budget:
     gap: Gap
 
     @cached_property
-    def measure(self) -> Measure:
-        return Measure(self.result.linear)
+    def measure(self) -> GapMeasure:
+        return GapMeasure(self.result.linear)
 
     @cached_property
-    def whole(self) -> Array:
+    def gap_vector(self) -> Array:
         """Gap (N,) with the mean square in µm² as the sum of squares."""
         return self.measure.of(self.result.linear.residual(()))
 
@@ -179,7 +179,7 @@ class Budget:
         """Mean square of the gap in µm²: that of the mean of repeated runs plus the differences of single runs from
         the mean.
         """
-        return max(float(self.whole @ self.whole) + self._apart_um2, 1e-12)
+        return max(float(self.gap_vector @ self.gap_vector) + self._apart_um2, 1e-12)
 
     @cached_property
     def _apart_um2(self) -> float:
@@ -189,8 +189,8 @@ class Budget:
         return float(np.mean(share)) * self.gap.noise_floor_um**2
 
     def share(self, vector: Array) -> float:
-        """Return the share of a vector (N,) of `Measure.of` in the gap."""
-        return float(vector @ self.whole) / self.whole_um2
+        """Return the share of a vector (N,) of `GapMeasure.of` in the gap."""
+        return float(vector @ self.gap_vector) / self.whole_um2
 
     def parts(self, named: Sequence[Named], changes: Sequence[EffectChange]) -> list[BudgetPart]:
         """Return the parts, largest share first; shares add up to 1.
@@ -210,7 +210,7 @@ class Budget:
                     name=label_of(name.effect), times_usual=change.times_usual, rank=rank, odds=name.posterior,
                     held_out_gain=name.held_out_gain, doubt=name.doubt, index=place,
                 )  # fmt: skip
-                drawn.append(_Drawn(part, vector))
+                drawn.append(_PartVector(part, vector))
         parts = [line.part for line in self._without_cancelling([*drawn, *self._groups()])]
         # Remainder above the noise, with the free forms representing an unnamed effect.
         result = self.result
@@ -237,7 +237,7 @@ class Budget:
         whole = sum(part.share for part in every)
         return sorted((replace(part, share=part.share / whole) for part in every), key=lambda part: -part.share)
 
-    def _without_cancelling(self, drawn: Sequence[_Drawn]) -> list[_Drawn]:
+    def _without_cancelling(self, drawn: Sequence[_PartVector]) -> list[_PartVector]:
         """Return the parts, with largely cancelling parts combined. No share is negative."""
         kept = list(drawn)
         while kept and (least := min(kept, key=lambda line: line.part.share)).part.share < -_CANCELS:
@@ -251,10 +251,10 @@ class Budget:
                 share=self.share(vector),
                 together=(*(partner.part.together or (partner.part,)), *(least.part.together or (least.part,))),
             )  # fmt: skip
-            kept = [_Drawn(both, vector) if line is partner else line for line in others]
+            kept = [_PartVector(both, vector) if line is partner else line for line in others]
         return kept
 
-    def _groups(self) -> list[_Drawn]:
+    def _groups(self) -> list[_PartVector]:
         """Return the combined contribution of the small terms of each kind."""
         posterior, columns = self.result.posterior, self.result.columns
         groups: dict[tuple[PartKind, int | None], list[Form]] = {}
@@ -266,14 +266,14 @@ class Budget:
             moved = self.measure.of(columns.X[:, indices])
             vector = moved @ posterior.mean[indices]
             u_um = self._u_um(moved, indices)
-            times = np.array([form.effect.usual_times(self.result.built) for form in forms for _ in form.columns])
+            times = np.array([form.effect.usual_times(self.result.design) for form in forms for _ in form.columns])
             usual_um = float(np.sqrt(np.sum(moved**2 @ (columns.healthy[indices] * times**2))))
             um = float(np.linalg.norm(vector))
             ratio = um / usual_um if usual_um > _INVISIBLE_UM else 0.0
             rank: Rank = "undecided" if um < _DOUBTED_SIGMA * u_um else "unusual" if ratio > FAULT else "usual"
             part = BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=ratio, rank=rank)
             part = replace(part, members=self._members(forms)) if part.share > LARGE_SHARE else part
-            drawn.append(_Drawn(part, vector))
+            drawn.append(_PartVector(part, vector))
         return drawn
 
     def _u_um(self, moved: Array, indices: Integers) -> float:
@@ -290,7 +290,7 @@ class Budget:
         of_curves = zip(self.result.columns.forms, *self.result.selection.waves_of_curves, strict=True)
         return {form.columns for form, wave, piece in of_curves if (wave and piece) or form.name in hidden}
 
-    def _members(self, forms: Sequence[Form]) -> tuple[Member, ...]:
+    def _members(self, forms: Sequence[Form]) -> tuple[GroupMember, ...]:
         """Return the possible members of a group, likeliest first: each name in the best form, with the odds of being
         dominant.
 
@@ -317,7 +317,9 @@ class Budget:
             moved = self.measure.of(result.columns.X[:, indices])
             um = float(np.linalg.norm(moved @ result.posterior.mean[indices]))
             u_um = self._u_um(moved, np.array(indices))
-            members.append(Member(combined_effect(form.effects, result.posterior.size(form)), um, float(likely), u_um))
+            members.append(
+                GroupMember(combined_effect(form.effects, result.posterior.size(form)), um, float(likely), u_um)
+            )
         return tuple(sorted(members, key=lambda member: -member.odds)[:_MOST_MEMBERS])
 
     @cached_property
@@ -392,7 +394,7 @@ def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
     """Return the sizes of effect k in set-ups whose readings it changes by more than the limits (b,) µm."""
     linear, change = result.linear, result.contributions[k]
     setups = np.array([block.setup for block in linear.blocks])
-    shown = list(dict.fromkeys(setups[worth(linear, change).um > limits].tolist()))
+    shown = list(dict.fromkeys(setups[rms_by_block(linear, change).um > limits].tolist()))
     if len(shown) < 2:
         return SizesBySetUp((), np.empty(0), np.empty((0, 0)))
     # A column for each of these set-ups and a common column for all others, in which the effect is also free.
@@ -429,7 +431,7 @@ def runs_apart(result: SearchResult, k: int) -> float:
     return 0.0 if by_chance else float(np.sqrt(shown - expected))
 
 
-def _beside_size(result: SearchResult, k: int) -> Posterior:
+def _beside_size(result: SearchResult, k: int) -> CoefficientPosterior:
     """Return the posterior of all other parameters, with the fitted size of effect k fixed."""
     refined, fitted = result.fit, result.fit.fitted_terms
     field = size_field(refined.effects[k])
@@ -443,4 +445,4 @@ def _beside_size(result: SearchResult, k: int) -> Posterior:
         mean=fitted.mean[kept],
         held=fitted.held[kept],
     )
-    return Posterior(result.posterior.background, terms)
+    return CoefficientPosterior(result.posterior.background, terms)

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.diagnosis.evidence.observation import ObservedRun
-from analysis.diagnosis.fit.background import Posterior
-from analysis.diagnosis.fit.refine import Unknown
+from analysis.diagnosis.fit.background import CoefficientPosterior
+from analysis.diagnosis.fit.refine import UnknownParameter
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import background_terms
 from analysis.diagnosis.judge.misses import Widening
@@ -24,7 +24,16 @@ from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, rail_mm
 from analysis.robot.model.predict import SetUp
 from analysis.runs.loading import Measured
-from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Judged, Parameter, PlacedSetUp, Term, packed_factor
+from rigs.calibration import (
+    TIMES,
+    CalibratedModel,
+    CalibratedRun,
+    CovarianceParameter,
+    ModelAssessment,
+    PlacedSetUp,
+    Term,
+    packed_factor,
+)
 from rigs.distribution import version
 
 _LEAST = 1e-9
@@ -33,7 +42,7 @@ rounding.
 """
 
 
-def covariance_of(posterior: Posterior, unknowns: Sequence[Unknown]) -> Array:
+def covariance_of(posterior: CoefficientPosterior, unknowns: Sequence[UnknownParameter]) -> Array:
     """Return the covariance (P, P) of the fitted unknowns, each in the unit of the name, followed by the multiples
     of the forms.
     """
@@ -51,7 +60,7 @@ def calibrated_model(
     runs: Sequence[ObservedRun],
     stages: Stages,
     wider: Widening,
-    judged: Judged | None = None,
+    judged: ModelAssessment | None = None,
 ) -> CalibratedModel:
     """Return the calibrated model of a search.
 
@@ -66,8 +75,10 @@ def calibrated_model(
     background = background_terms(result.calibrated_posterior)
     if not stages.has_background:
         background = [term.model_copy(update={"times": 0.0}) for term in background]
-    parameters = [Parameter.model_construct(term=unknown.effect, field=unknown.field) for unknown in unknowns]
-    parameters += [Parameter.model_construct(term=len(terms) + k, field=TIMES) for k in range(len(background))]
+    parameters = [CovarianceParameter.model_construct(term=unknown.effect, field=unknown.field) for unknown in unknowns]
+    parameters += [
+        CovarianceParameter.model_construct(term=len(terms) + k, field=TIMES) for k in range(len(background))
+    ]
     root = wider.factor * _root(covariance_of(result.calibrated_posterior, unknowns))
     arm, q = runs[0].model.arm, np.concatenate([run.table.q[run.rows] for run in runs])
     angles, rail = np.degrees(q[:, : arm.axes]), rail_mm(arm, q)
@@ -91,10 +102,10 @@ def calibrated_model(
         parameters=tuple(parameters),
         factor=packed_factor(root),
     )
-    return calibrated if rig.calibrated is None else _beside(rig.calibrated, calibrated)
+    return calibrated if rig.calibrated is None else _combine_calibrations(rig.calibrated, calibrated)
 
 
-def _beside(before: CalibratedModel, new: CalibratedModel) -> CalibratedModel:
+def _combine_calibrations(before: CalibratedModel, new: CalibratedModel) -> CalibratedModel:
     """Combine a calibration with an earlier calibration. Multiples of a term add up, and so do the variances, as if
     independent.
     """

@@ -7,7 +7,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from analysis.diagnosis.judge.residuals import Curve, Map, Place
+from analysis.diagnosis.judge.residuals import Curve, Map, ResidualPlace
 from analysis.diagnosis.judge.staircase import Staircase
 from analysis.procedures.facts import labels_of
 from analysis.procedures.results import Result
@@ -28,7 +28,7 @@ class Disagreement:
     """
 
     rig: Rig
-    where: tuple[Place, ...]
+    where: tuple[ResidualPlace, ...]
     curves: tuple[Curve, ...]
     maps: tuple[Map, ...]
     staircase: Staircase | None

@@ -19,11 +19,11 @@ from analysis.diagnosis.evidence.setups import fit_run_setups, with_effects
 from analysis.diagnosis.fit.responses import Linearisation, linearise, noise_um
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import background_terms
-from analysis.diagnosis.judge.budget import Measure, group_of
+from analysis.diagnosis.judge.budget import GapMeasure, group_of
 from analysis.diagnosis.judge.comparison import Compared, Disagreement
 from analysis.diagnosis.judge.residuals import curves_of, maps_of, places
 from analysis.diagnosis.judge.result import BudgetPart, Verdict
-from analysis.diagnosis.judge.staircase import Left, Staircase, Step
+from analysis.diagnosis.judge.staircase import ModelResidual, Staircase, StaircaseStep
 from analysis.diagnosis.judge.validation import FrozenModel, Stages
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import Measured
@@ -61,12 +61,12 @@ def staircase_of(
     for (parts, _), row in zip(rungs, residuals_um, strict=True):
         # the uncertainty of the actions
         used, held_out, unseen = (
-            Left(um, gap.left_u_um) if gap is not None and um is not None else None
+            ModelResidual(um, gap.left_u_um) if gap is not None and um is not None else None
             for gap, um in zip(gaps, row, strict=True)
         )
         assert used is not None  # noqa: S101 - a diagnosis has runs that it used
-        steps.append(Step(parts, used, held_out, unseen))
-    return Staircase(tuple(steps), *_drawn(result.linear, [effects for _, effects in rungs]))
+        steps.append(StaircaseStep(parts, used, held_out, unseen))
+    return Staircase(tuple(steps), *_residuals_of_models(result.linear, [effects for _, effects in rungs]))
 
 
 def _rungs(
@@ -124,23 +124,25 @@ def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] 
     linear = linearise(blocks_of(runs, setups), setups)
     # Effects of the rig file by their influence on the readings, then the remainder of the calibration, each with an
     # index.
-    measure = Measure(linear)
+    measure = GapMeasure(linear)
     um = [measure.um(linear.columns([effect])[:, 0]) for effect in rig.effects]
     groups: list[tuple[int, tuple[Effect, ...]]]
     groups = [(k, (rig.effects[k],)) for k in sorted(range(len(um)), key=lambda k: -um[k])]
     if rig.calibrated and rig.calibrated.effects:
         groups.append((len(um), tuple(rig.calibrated.effects)))
     models = [tuple(effect for _, group in groups[:k] for effect in group) for k in range(len(groups) + 1)]
-    curves, maps = _drawn(linear, models)
+    curves, maps = _residuals_of_models(linear, models)
     ends = [linear.residual(effects) for effects in (models[0], models[-1])]
     before, after = (linear.in_mm(measure.without_set_up(end)) for end in ends)
     floor_um = float(np.sqrt(np.mean(noise_um(linear) ** 2)))
     u_um = [floor_um / np.sqrt(max(len(runs_there), 1)) for runs_there in (runs, elsewhere)]
     steps = []
     for k, residuals_um in enumerate(_residuals_um_of(models, (runs, elsewhere)) if groups else ()):
-        then, later = (Left(um, float(u)) if um is not None else None for um, u in zip(residuals_um, u_um, strict=True))
+        then, later = (
+            ModelResidual(um, float(u)) if um is not None else None for um, u in zip(residuals_um, u_um, strict=True)
+        )
         assert then is not None  # noqa: S101 - runs were prepared
-        steps.append(Step((groups[k - 1][0],) if k else (), then, unseen=later))
+        steps.append(StaircaseStep((groups[k - 1][0],) if k else (), then, unseen=later))
     staircase = Staircase(tuple(steps), curves, maps) if groups else None
     return Disagreement(
         rig,
@@ -166,12 +168,14 @@ def _residuals_um_of(
         yield [1e3 * rms(model.residuals(runs)) if runs else None for runs in runs_at]
 
 
-def _drawn(linear: Linearisation, models: Sequence[tuple[Effect, ...]]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+def _residuals_of_models(
+    linear: Linearisation, models: Sequence[tuple[Effect, ...]]
+) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
     """Return the residuals of models with these effects for circles (steps, n, 2) and targets (steps, n) in µm.
 
     Set-ups are as free as in the gap.
     """
-    measure, curves, maps = Measure(linear), [], []
+    measure, curves, maps = GapMeasure(linear), [], []
     for effects in models:
         residual = linear.in_mm(measure.without_set_up(linear.residual(effects)))
         curves.append([curve.after_um for curve in curves_of(linear.blocks, residual, residual)])

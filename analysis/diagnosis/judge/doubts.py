@@ -76,7 +76,7 @@ def doubts_of_rig(rig: Rig, fitted: FittedRuns) -> tuple[str, ...]:
     """Return a message for each effect of the rig file without which the model fits better."""
     if not rig.effects:
         return ()
-    whole = rms(fitted.beside(())[1])
+    whole = rms(fitted.fit_with_effects(())[1])
     doubts = []
     for k, effect in enumerate(rig.effects):
         bare = (*rig.effects[:k], *rig.effects[k + 1 :])

@@ -11,7 +11,7 @@ from analysis.diagnosis.evidence.setups import with_effects
 from analysis.diagnosis.fit.fit_evidence import Fit
 from analysis.diagnosis.fit.responses import limits_um
 from analysis.diagnosis.fit.search import early_readings
-from analysis.diagnosis.judge.budget import Budget, EffectChange, Measure, effect_changes
+from analysis.diagnosis.judge.budget import Budget, EffectChange, GapMeasure, effect_changes
 from analysis.diagnosis.judge.doubts import doubts_of_limits
 from analysis.diagnosis.judge.remains import Unexplained
 from analysis.diagnosis.judge.residuals import bands_above_noise, curves_of, maps_of, places
@@ -138,7 +138,7 @@ def _of_unknown_cause(answer: _Answer, fit: Fit, validation: Validation) -> _Ans
 def _verdict(answer: _Answer, evidence: Evidence, fit: Fit, validation: Validation) -> Verdict:
     """Return the verdict of an answer, with the figures and pictures of the residuals (m, k)."""
     result, gaps, named = fit.result, validation.gaps, answer.named
-    linear, measure = result.linear, Measure(result.linear)
+    linear, measure = result.linear, GapMeasure(result.linear)
     drawn = [linear.in_mm(measure.without_set_up(linear.residual(effects))) for effects in ((), result.effects)]
     return Verdict(
         condition=answer.condition,

@@ -24,7 +24,7 @@ from analysis.diagnosis.evidence.setups import neighbourhoods, with_effects
 from analysis.diagnosis.fit.refine import slopes_of
 from analysis.diagnosis.fit.responses import basis_of, linearise
 from analysis.diagnosis.fit.search import SearchResult
-from analysis.diagnosis.judge.remains import Looked, Remains, Subject
+from analysis.diagnosis.judge.remains import ResidualCheck, ResidualSummary, Subject
 from analysis.diagnosis.judge.validation import Stages, noise_shown
 from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
@@ -299,7 +299,7 @@ _FEWEST_GROUPS = 4
 _Functions = Callable[[Block], Array]
 
 
-def remains_of(result: SearchResult, left_out: LeftOut | None, temperature: Array | None) -> Remains | None:
+def remains_of(result: SearchResult, left_out: LeftOut | None, temperature: Array | None) -> ResidualSummary | None:
     """Return the remaining error of held-out places; None if no places were held out.
 
     temperature (n,): in °C of the rows of a single table, None if unknown.
@@ -327,9 +327,9 @@ def remains_of(result: SearchResult, left_out: LeftOut | None, temperature: Arra
             axes = [linear.by_joint(axis, functions)[left_out.rows] for axis in range(1, linear.axes + 1)]
             weighted = np.sqrt(left_out.robust)[:, None] * np.concatenate(axes, axis=1)
             share = share_left_out(weighted, off, left_out.group)
-        looked.append(Looked(subject, share))
+        looked.append(ResidualCheck(subject, share))
     noise_um = 1e3 * float(np.sqrt(3 * np.average(left_out.noise_mm2, weights=left_out.robust)))
-    return Remains(left_out.rms_um, noise_um, tuple(looked))
+    return ResidualSummary(left_out.rms_um, noise_um, tuple(looked))
 
 
 def _of_places(of_rows: Callable[[Block], Array]) -> _Functions:

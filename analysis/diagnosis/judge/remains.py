@@ -9,7 +9,7 @@ Subject = Literal["posture", "approach", "time", "temperature", "speed"]
 
 
 @dataclass(frozen=True)
-class Looked:
+class ResidualCheck:
     """A subject compared with the residual. `share`: explained part of the mean square at validation places, None if
     these runs do not contain the subject.
     """
@@ -19,14 +19,14 @@ class Looked:
 
 
 @dataclass(frozen=True)
-class Remains:
+class ResidualSummary:
     """Residual of each neighbourhood of places for a model fitted to all others, rms in µm of a distance; noise of a
     reading; and subjects compared.
     """
 
     um: float
     noise_um: float
-    looked: tuple[Looked, ...]
+    looked: tuple[ResidualCheck, ...]
 
 
 What = Literal["angle", "load", "approach", "speed", "time", "place"]

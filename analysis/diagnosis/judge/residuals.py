@@ -23,7 +23,7 @@ from rigs.schema.vocabulary import Direction, TestName
 
 
 @dataclass(frozen=True)
-class Place:
+class ResidualPlace:
     """A place of disagreement between measurement and simulation beyond noise and scatter between runs.
 
     `part` is `distance` (mean of the gauges) or `angle` (their difference over the baseline). `from_deg` and `to_deg`
@@ -202,13 +202,13 @@ _MOST = 50
 """Number of reported places. Chosen: pictures shade all places of most cells; lists stop at the worst."""
 
 
-def places(blocks: Sequence[Block], left_mm: Sequence[Array], scatter_mm: Sequence[Array]) -> tuple[Place, ...]:
+def places(blocks: Sequence[Block], left_mm: Sequence[Array], scatter_mm: Sequence[Array]) -> tuple[ResidualPlace, ...]:
     """Return the worst places, largest sigma first.
 
     left_mm: residual of each block as entries (N,) mm. scatter_mm: contribution of a standard deviation of all scatter
     between runs, (N, c) mm.
     """
-    all_places: list[Place] = []
+    all_places: list[ResidualPlace] = []
     for block, residual, scattered in zip(blocks, left_mm, scatter_mm, strict=True):
         all_places += (_on_circle if block.sampling else _at_targets)(block, residual, scattered)
     return tuple(sorted(all_places, key=lambda place: -place.sigma)[:_MOST])
@@ -223,7 +223,7 @@ def reversals_of(block: Block) -> tuple[tuple[float, int], ...]:
     return tuple((float(np.degrees(turn.phi)), turn.axis) for turn in turns(lap))
 
 
-def _on_circle(block: Block, residual: Array, scatter_mm: Array) -> list[Place]:
+def _on_circle(block: Block, residual: Array, scatter_mm: Array) -> list[ResidualPlace]:
     table = block.table
     direction = table.driven_direction
     drawn = np.column_stack([residual, scatter_mm])[: len(ORDER_OF)] * (ORDER_OF <= _SMOOTH)[:, None]
@@ -251,11 +251,15 @@ def _on_circle(block: Block, residual: Array, scatter_mm: Array) -> list[Place]:
             span = float(np.ptp(offsets)) or 1.0
             if part == "angle" and joint is None and b - a > 300:
                 why += f" (± {np.degrees(np.abs(values).max() / span):.4f}°)"
-            places_there.append(Place(table.test, direction, part, a % 360, b % 360, joint, why, 1e3 * rms, sigma))
+            places_there.append(
+                ResidualPlace(table.test, direction, part, a % 360, b % 360, joint, why, 1e3 * rms, sigma)
+            )
         for phi, joint, jump, sigma in _jumps(values, where, alike, scattered):
             why = f"reversal: jumps by {1e3 * jump:.1f} µm"
             low, high = (phi - _NEAR_DEG) % 360, (phi + _NEAR_DEG) % 360
-            places_there.append(Place(table.test, direction, part, low, high, joint, why, 1e3 * jump / 2, sigma))
+            places_there.append(
+                ResidualPlace(table.test, direction, part, low, high, joint, why, 1e3 * jump / 2, sigma)
+            )
     return places_there
 
 
@@ -316,7 +320,7 @@ def _why(where: Sequence[tuple[float, int]], values: Array, begin_deg: float, en
     return None, "all along the circle" if end_deg - begin_deg > 300 else "stretch"
 
 
-def _at_targets(block: Block, residual: Array, scatter_mm: Array) -> list[Place]:
+def _at_targets(block: Block, residual: Array, scatter_mm: Array) -> list[ResidualPlace]:
     table, coordinates = block.table, 3 if facts_of(block.table.test).of_places else 1
     variance = block.sd_mm**2 + (scatter_mm**2).sum(axis=1)
     size, noise = (np.sqrt(square.reshape(-1, coordinates).sum(axis=1)) for square in (residual**2, variance))
@@ -327,7 +331,7 @@ def _at_targets(block: Block, residual: Array, scatter_mm: Array) -> list[Place]
     why = f"{over.sum()} of {len(size)} {labels_of(table.test).rows} differ, most {number[int(np.argmax(size))]}"
     low, high = float(number[over].min()), float(number[over].max())
     rms_um, sigma = 1e3 * float(np.sqrt(np.mean(size[over] ** 2))), float((size / noise).max())
-    return [Place(table.test, None, "distance", low, high, None, why, rms_um, sigma)]
+    return [ResidualPlace(table.test, None, "distance", low, high, None, why, rms_um, sigma)]
 
 
 # ----------------------------------------------------------------------------------------------------------------------

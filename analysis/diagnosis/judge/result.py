@@ -11,8 +11,8 @@ import pyarrow as pa
 
 from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.judge.acts import Act, Doubt, JudgedOn
-from analysis.diagnosis.judge.remains import Remains, Unexplained
-from analysis.diagnosis.judge.residuals import Curve, Map, Place, ResidualBand
+from analysis.diagnosis.judge.remains import ResidualSummary, Unexplained
+from analysis.diagnosis.judge.residuals import Curve, Map, ResidualBand, ResidualPlace
 from analysis.diagnosis.judge.staircase import Staircase
 from analysis.procedures.shared.quantity import parameters_of
 from analysis.robot.model.predict import SetUp
@@ -42,7 +42,7 @@ Rank = Literal["unusual", "usual", "undecided"]
 
 
 @dataclass(frozen=True)
-class Member:
+class GroupMember:
     """A candidate effect for a group of small terms: fitted size in the unit of the effect with all other effects
     fitted, rms in µm within the group with standard uncertainty, and odds of being the dominant effect."""
 
@@ -87,7 +87,7 @@ class BudgetPart:
     doubt: Doubt | None = None
     index: int | None = None
     """Index of the fitted effect among the effects of the diagnosis."""
-    members: tuple[Member, ...] = ()
+    members: tuple[GroupMember, ...] = ()
     """Candidate effects of a group with more than a third of the gap, likeliest first."""
     together: tuple[BudgetPart, ...] = ()
     """Parts that partly cancel each other and are counted together, each with the individual size, this part first."""
@@ -109,7 +109,7 @@ class BudgetPart:
         return self.name or (f"{self.kind} {self.axis}" if self.axis else self.kind)
 
     @property
-    def cause(self) -> Member | None:
+    def cause(self) -> GroupMember | None:
         """The certain member of a group: the only dominant effect, with known contribution."""
         likeliest = next(iter(self.members), None)
         is_cause = likeliest and likeliest.odds >= CERTAIN_ODDS and likeliest.um > SURE_SIGMA * likeliest.u_um
@@ -387,7 +387,7 @@ class Verdict:
     runs_to_decide: int | None
     rig: Rig
     runs: tuple[str, ...]
-    where: tuple[Place, ...]
+    where: tuple[ResidualPlace, ...]
     effects: tuple[Named, ...]
     remainder: Remainder
     train: Gap
@@ -461,7 +461,7 @@ class Diagnosis(Verdict, Tabular):
     seconds: float
     calibrated: CalibratedModel | None = None
     staircase: Staircase | None = None
-    remains: Remains | None = None
+    remains: ResidualSummary | None = None
     """Residual of places after the calibrated model, and the subjects compared with it; None if no places were
     measured.
     """
@@ -552,7 +552,7 @@ def is_open(part: BudgetPart, named: Named) -> bool:
     return part.share > LARGE_SHARE and named.doubt in ("usual", "healthy_shows_it") and named.posterior < CERTAIN_ODDS
 
 
-def is_there(diagnosis: Diagnosis, part: BudgetPart) -> bool:
+def is_certain_part(diagnosis: Diagnosis, part: BudgetPart) -> bool:
     """Return whether the contribution of a part is certain, although the cause may be any of several similar
     effects.
     """
@@ -565,4 +565,4 @@ def is_there(diagnosis: Diagnosis, part: BudgetPart) -> bool:
 def is_sure(diagnosis: Diagnosis, part: BudgetPart) -> bool:
     """Return whether a part is certain: an effect with no rivals, or a group of small terms."""
     is_certain = part.index is None or diagnosis.effects[part.index].posterior >= CERTAIN_ODDS
-    return is_certain and is_there(diagnosis, part)
+    return is_certain and is_certain_part(diagnosis, part)

@@ -10,7 +10,7 @@ from analysis.robot.kinematics.arm import Array
 
 
 @dataclass(frozen=True)
-class Left:
+class ModelResidual:
     """Residual of a model at a place, root mean square in µm, with standard uncertainty."""
 
     um: float
@@ -18,16 +18,16 @@ class Left:
 
 
 @dataclass(frozen=True)
-class Step:
+class StaircaseStep:
     """A model of the staircase. `parts`: indices of the parts added in this step, in the budget of a diagnosis or
     among the effects of a rig file; empty for the initial model. The residuals refer to the runs used, to
     held-out runs, and to runs at an unseen place, None if not available.
     """
 
     parts: tuple[int, ...]
-    used: Left
-    held_out: Left | None = None
-    unseen: Left | None = None
+    used: ModelResidual
+    held_out: ModelResidual | None = None
+    unseen: ModelResidual | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain types, in µm."""
@@ -45,7 +45,7 @@ class Staircase:
     All are with fitted set-ups.
     """
 
-    steps: tuple[Step, ...]
+    steps: tuple[StaircaseStep, ...]
     curves: tuple[Array, ...] = ()
     maps: tuple[Array, ...] = ()
 

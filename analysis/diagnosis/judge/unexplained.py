@@ -78,7 +78,7 @@ def unusual_visits_um(result: SearchResult) -> float | None:
 def most_usual_visits_um(result: SearchResult) -> float:
     """Return the largest such distance in µm of arms of the build: the data-sheet repeatability of industrial and light
     arms, in each of three coordinates, and as many times more as such an arm has more backlash."""
-    return 1e3 * float(np.sqrt(3)) * TARGET_MM.high * play_of_joint(1, 1.0).usual_times(result.built)
+    return 1e3 * float(np.sqrt(3)) * TARGET_MM.high * play_of_joint(1, 1.0).usual_times(result.design)
 
 
 def _folds(result: SearchResult) -> Integers:

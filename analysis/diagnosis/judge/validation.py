@@ -67,8 +67,10 @@ def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
     """
     names = result.effects
     whole = (*names, *background_effects(result.calibrated_posterior))
-    bare, named, calibrated = (FrozenModel(effects, fitted.beside(effects)[0]) for effects in ((), names, whole))
-    is_worse = rms(fitted.beside(whole)[1]) > rms(fitted.beside(names)[1])
+    bare, named, calibrated = (
+        FrozenModel(effects, fitted.fit_with_effects(effects)[0]) for effects in ((), names, whole)
+    )
+    is_worse = rms(fitted.fit_with_effects(whole)[1]) > rms(fitted.fit_with_effects(names)[1])
     return Stages(bare, named, named if is_worse else calibrated)
 
 
@@ -222,4 +224,4 @@ def residual_um(runs: Sequence[ObservedRun], used: FittedRuns, effects: Sequence
 
     As in the gap, runs in a set-up of the runs used keep it, and a set-up is fitted to each other run.
     """
-    return 1e3 * rms(FrozenModel(tuple(effects), used.beside(effects)[0]).residuals(runs))
+    return 1e3 * rms(FrozenModel(tuple(effects), used.fit_with_effects(effects)[0]).residuals(runs))

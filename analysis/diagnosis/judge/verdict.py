@@ -15,11 +15,11 @@ from analysis.diagnosis.evidence.setups import FittedRuns
 from analysis.diagnosis.fit.candidates import order_of
 from analysis.diagnosis.fit.free_forms import best_free_form, free_forms_of
 from analysis.diagnosis.fit.out_of_range import OutOfRange
-from analysis.diagnosis.fit.responses import LEAST_MATERIAL_UM, Worth, plain_worth, worth
+from analysis.diagnosis.fit.responses import LEAST_MATERIAL_UM, RmsByBlock, plain_rms_by_block, rms_by_block
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import DRIVEN_WAVES, least_fault, series_among
 from analysis.diagnosis.judge.acts import Doubt, JudgedOn
-from analysis.diagnosis.judge.budget import EffectChange, Measure, sizes_by_setup
+from analysis.diagnosis.judge.budget import EffectChange, GapMeasure, sizes_by_setup
 from analysis.diagnosis.judge.residuals import bands_above_noise
 from analysis.diagnosis.judge.result import (
     CERTAIN_ODDS,
@@ -42,7 +42,7 @@ from analysis.procedures.results import Result, borrowers, by_test, evaluated_ag
 from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import Measured
-from rigs.calibration import Judged
+from rigs.calibration import ModelAssessment
 from rigs.errors import RigError
 from rigs.rig import Rig
 from rigs.schema.effect import is_wave, label_of, name_of, size_field, size_of
@@ -239,7 +239,7 @@ def named_effects(
     """
     effects = result.effects
     named = [
-        _named(result, k, gain, change, fitted.residual_um([*effects[:k], *effects[k + 1 :]]))
+        _judge_effect(result, k, gain, change, fitted.residual_um([*effects[:k], *effects[k + 1 :]]))
         for k, (gain, change) in enumerate(zip(gains, changes, strict=True))
     ]
     series = series_among(effects)
@@ -271,7 +271,9 @@ def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
     return [replace(name, doubt="unsure") if name.stands and name.posterior < _SURE_ODDS else name for name in named]
 
 
-def _named(result: SearchResult, k: int, gain: float | None, change: EffectChange, gap_without_um: float) -> Named:
+def _judge_effect(
+    result: SearchResult, k: int, gain: float | None, change: EffectChange, gap_without_um: float
+) -> Named:
     """Return an effect with its contribution, and the reason for not confirming it, if any."""
     effect, own_odds = result.effects[k], result.rival_odds[k]
     axis = int(getattr(effect, "axis", 1))
@@ -289,7 +291,7 @@ def _named(result: SearchResult, k: int, gain: float | None, change: EffectChang
     for tried, likely in own_odds.rivals:
         if likely > _NEGLIGIBLE:
             other = tried.effects[-1]
-            is_fault = abs(size_of(other)) > least_fault(other, result.built)
+            is_fault = abs(size_of(other)) > least_fault(other, result.design)
             rival = Rival(other, tried.refined.sd(len(tried.effects) - 1), likely, is_fault)
             apart = result.linear.without_set_up(tried.refined.residual - result.fit.residual)
             (twins if np.linalg.norm(apart) < _SAME_SIGMA else rivals).append(rival)
@@ -316,7 +318,7 @@ def _doubt(
     state, healthy_odds = result.state, result.rival_odds[k].healthy_odds
     effect = state.effects[k]
     reasons: tuple[tuple[bool, Doubt], ...] = (
-        (abs(size_of(effect)) <= least_fault(effect, result.built), "usual"),
+        (abs(size_of(effect)) <= least_fault(effect, result.design), "usual"),
         (effect.NEEDS_REPEATS and not shows_time(result.linear.blocks), "one_lap"),
         (gain is not None and gain <= 0, "held_out"),
         (healthy_odds >= _HEALTHY, "healthy_shows_it"),
@@ -343,7 +345,7 @@ def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list
     """
     if swing.gain < np.log(ODDS):
         return []
-    moves = Worth(np.full(len(limits), 1e3 * swing.amplitude_mm / np.sqrt(2)))
+    moves = RmsByBlock(np.full(len(limits), 1e3 * swing.amplitude_mm / np.sqrt(2)))
     if not moves.is_material(limits):
         return []
     odds = 1 / (1 + float(np.exp(-min(swing.gain, 50.0))))
@@ -381,13 +383,13 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
     linear, posterior = result.linear, result.posterior
     beyond = result.beyond_noise * posterior.residual + result.free_share
     unexplained = beyond + linear.without_set_up(imitated)
-    um = min(Measure(linear).um(unexplained), train.before_um)
-    is_material = plain_worth(linear, unexplained).is_material(np.maximum(limits, LEAST_MATERIAL_UM))
+    um = min(GapMeasure(linear).um(unexplained), train.before_um)
+    is_material = plain_rms_by_block(linear, unexplained).is_material(np.maximum(limits, LEAST_MATERIAL_UM))
     single_um, missed_um = _single_runs_um(train), _missed_elsewhere_um(gaps)
     if max(single_um, missed_um) > max(um, LEAST_MATERIAL_UM):
         um, is_material = max(single_um, missed_um), True
     share = (um / train.before_um) ** 2 if train.before_um else 0.0
-    healthy = worth(linear, posterior.healthy_share)
+    healthy = rms_by_block(linear, posterior.healthy_share)
     words = (
         _in_words(result, imitating) if is_material else "within the noise, the scatter and the errors of a healthy arm"
     )
@@ -478,7 +480,7 @@ def _is_testable(result: SearchResult, *, early: bool) -> bool:
     if readings < _ENOUGH * result.linear.U.shape[1] or not result.columns.forms:
         return False
     poses_alone = all(facts_of(block.table.test).of_places for block in result.linear.blocks)
-    shows = worth(result.linear, result.initial_residual).is_material(result.scatter_limits_um)
+    shows = rms_by_block(result.linear, result.initial_residual).is_material(result.scatter_limits_um)
     return not (early and poses_alone and shows)
 
 
@@ -529,7 +531,7 @@ def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
     return int(min(max(2, most + 1, np.ceil(most * factor)), _MOST_RUNS))
 
 
-def judged_of(verdict: Verdict, whole: Gaps, gaps: Gaps, unexplained_mm: float | None) -> Judged:
+def judged_of(verdict: Verdict, whole: Gaps, gaps: Gaps, unexplained_mm: float | None) -> ModelAssessment:
     """Return the judgement of the model for the calibration file: of the `whole` model and of the part in the file.
 
     unexplained_mm: per coordinate; if no places show it, the residual at the validation runs is used.
@@ -538,7 +540,7 @@ def judged_of(verdict: Verdict, whole: Gaps, gaps: Gaps, unexplained_mm: float |
     excess_um2 = max(judged.calibrated_um**2 - judged.noise_floor_um**2, 0.0)
     if unexplained_mm is None or any(not facts_of(tested.test).of_places for tested in judged.tests):
         unexplained_mm = 1e-3 * float(np.sqrt(excess_um2))
-    return Judged(
+    return ModelAssessment(
         condition=verdict.condition, place=verdict.accuracy.place,
         before_um=judged.before_um, names_um=judged.after_um,
         whole_um=whole.judged.calibrated_um, handed_um=judged.calibrated_um, noise_um=judged.noise_floor_um,

@@ -12,7 +12,7 @@ import numpy as np
 
 from analysis.diagnosis.evidence.blocks import Block, SharedBlock
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Candidate
-from analysis.diagnosis.fit.responses import beside
+from analysis.diagnosis.fit.responses import extend_linearisation
 from analysis.diagnosis.plan.expected import (
     DETECTABLE,
     SEPARABLE,
@@ -31,7 +31,7 @@ from rigs.effects import Effect, turned
 from rigs.errors import FileError, UseError
 from rigs.readiness import missing_for, require_test
 from rigs.rig import Rig
-from rigs.schema.declared_tests import Circle, SocketDistance
+from rigs.schema.declared_tests import Circle, KnownSocketDistance
 from rigs.schema.effect import healthy, healthy_size, label_of, name_of, phases, scaled
 from rigs.schema.vocabulary import CIRCLES, TestName
 
@@ -83,7 +83,7 @@ def further_tests(rig: Rig, tests: Sequence[TestName]) -> list[FurtherTest]:
             further.append(FurtherTest((test,), why, ((words, rig),)))
     if "touch" in tests and (touch := rig.tests.touch) and len(touch.sockets) > 1 and not touch.distances:
         between = touch.sockets[:2]
-        apart = touch.model_copy(update={"distances": (SocketDistance(between=between, distance_mm=_APART_MM),)})
+        apart = touch.model_copy(update={"distances": (KnownSocketDistance(between=between, distance_mm=_APART_MM),)})
         measured = rig.model_copy(update={"tests": rig.tests.model_copy(update={"touch": apart})})
         words = f"touch, with tests.touch.distances of {' and '.join(between)} measured"
         further.append(FurtherTest(("touch",), "touches alone do not show the scale of the arm", ((words, measured),)))
@@ -245,7 +245,7 @@ def possible_tests(
                 refused = refused or error.what
                 continue
             added = [replace(block, sd_mm=noise_share * block.sd_mm) for block in added]
-            expected = ExpectedPosterior(beside(shared, without_bands(added), places), level)
+            expected = ExpectedPosterior(extend_linearisation(shared, without_bands(added), places), level)
             set_ups = len({block.setup for block in added})
             minutes = sum(block.count * float(np.ptp(block.path.t_s)) for block in added) / 60
             is_other = not set(further.tests) <= set(tests)
@@ -441,7 +441,7 @@ class Gain:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan(Detected):
+class TestSetCapability(Detected):
     """Capability of a set of tests.
 
     `gains`: further tests, most useful first. `impossible`: tests this arm cannot drive, each with the reason. `level`:
@@ -462,7 +462,7 @@ class Plan(Detected):
         return tuple(detectability for detectability in self.detectabilities if detectability.hidden)
 
 
-def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0) -> Plan:
+def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0) -> TestSetCapability:
     """Return the capability of tests of a rig, each driven `runs` times in each direction.
 
     The prediction uses the model of a diagnosis: noise of real cells and a healthy background, at the `level` found by
@@ -479,7 +479,7 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0)
         joined = [group for group in groups if set(group) & set(pair)]
         groups = [group for group in groups if group not in joined]
         groups.append(list(dict.fromkeys([name for group in joined for name in group] + list(pair))))
-    return Plan(
+    return TestSetCapability(
         detectabilities=tuple(
             replace(detectability, further=further.get(name_of(detectability.effect), ()))
             for detectability in judgement.detectabilities

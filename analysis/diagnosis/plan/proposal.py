@@ -22,7 +22,7 @@ from analysis.diagnosis.plan.detectability import (
 )
 from analysis.diagnosis.plan.expected import DETECTABLE, SEPARABLE, FormInformation, expected_posterior, planned_blocks
 from analysis.robot.geometry.circle import frame_of
-from analysis.robot.geometry.driven_programs import circle_program, hold_six
+from analysis.robot.geometry.driven_programs import circle_program, require_drivable_arm
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import SetUp
 from rigs.errors import FileError, PathError, RigPlace, Undrivable, UseError
@@ -195,7 +195,7 @@ class ProposedCircle:
 
 
 @dataclass(frozen=True)
-class Proposal:
+class CircleProposal:
     """Circles to drive in addition to `tests`, best first, with the judgements before and after.
 
     `runs`: number of runs of each test in each direction. `minutes`: available time. `feasible`: number of circles that
@@ -230,13 +230,13 @@ class _Simulated:
 
 def propose(
     rig: Rig, tests: Sequence[TestName], runs: int, minutes: float, progress: Callable[[str], None] = lambda _: None
-) -> Proposal:
+) -> CircleProposal:
     """Propose circles that make effects testable which `tests`, driven `runs` times in each direction, cannot show.
 
     Raises UseError if `tests` contains no circle test, and FileError for a rig that has no circle or if the arm cannot
     drive a test.
     """
-    hold_six(rig)
+    require_drivable_arm(rig)
     circle_tests = [test for test in tests if test in CIRCLES]
     if not circle_tests:
         raise UseError("--tests", "has no test on a circle", "give yaw or roll: circles are proposed beside them")
@@ -258,7 +258,7 @@ def propose(
         circles.append(ProposedCircle(chosen.candidate, testable, separated))
     progress("judging the tests with the proposed circles")
     after = judged(expected_posterior(blocks, setups)) if circles else before
-    return Proposal(
+    return CircleProposal(
         rig, tuple(tests), runs, minutes, tuple(circles), before, after, len(candidates.found), candidates.refused
     )
 

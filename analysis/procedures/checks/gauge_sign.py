@@ -471,8 +471,8 @@ def _slopes(rig: Rig, test: TestName, acw: _Way, cw: _Way) -> Array:
     arm, centre = arm_of(rig.robot), frame_of(circle).centre
     offsets = np.array([gauge.offset_mm for _, gauge in rig.gauges])[:2]
 
-    def seen(angles: Array) -> Array:
+    def gauge_readings(angles: Array) -> Array:
         return link_readings(forward(arm, angles), centre, offsets, test, circle.radius_mm)  # type: ignore[arg-type]
 
     steps = _STEP * np.eye(6)
-    return np.stack([(seen(q + step) - seen(q - step)) / (2 * _STEP) for step in steps], axis=2)
+    return np.stack([(gauge_readings(q + step) - gauge_readings(q - step)) / (2 * _STEP) for step in steps], axis=2)

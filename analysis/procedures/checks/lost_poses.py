@@ -134,7 +134,7 @@ first table."""
 
 
 @dataclass(frozen=True)
-class Kept:
+class RemainingPoses:
     """A table with lost poses removed; rows (m,): indices of the remaining rows in the original table. notes: texts."""
 
     table: PoseTable
@@ -219,17 +219,17 @@ def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Ar
     return mm, far
 
 
-def without_lost(table: PoseTable, bare: Arm, fit: Fit) -> Kept:
+def without_lost(table: PoseTable, bare: Arm, fit: Fit) -> RemainingPoses:
     """Return a table with the unmeasured poses removed, by places and rotations relative to a bare arm."""
     far = far_poses(table, bare, fit)
     out = (table.xyz_mm == 0).all(axis=1) | far.wild
     if out.all():
-        return Kept(table, np.arange(len(out)), ())
+        return RemainingPoses(table, np.arange(len(out)), ())
     notes = [words] if (words := far.words(table)) else []
     if out.any():
         away = np.linalg.norm(fit(_of(table, ~out), table)[0], axis=1)
         notes.insert(0, left_out(table, out, np.where(far.wild, far.far_mm, away)))
-    return Kept(_of(table, ~out), np.flatnonzero(~out), tuple(notes))
+    return RemainingPoses(_of(table, ~out), np.flatnonzero(~out), tuple(notes))
 
 
 def _of(table: PoseTable, mask: Mask) -> PoseTable:

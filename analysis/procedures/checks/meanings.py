@@ -144,17 +144,17 @@ def judged_by_path(table: Table, rig: Rig) -> Verdict:
     columns = {name: column for name, column in vars(table).items() if isinstance(column, np.ndarray)}
     part = replace(table, **{name: column[rows] for name, column in columns.items()})
 
-    def off(read: Callable[[Array], Array]) -> tuple[float, bool]:
+    def path_deviation(read: Callable[[Array], Array]) -> tuple[float, bool]:
         path = checks_of(part.test).off_path(part, rig, forward(arm, read(part.q)))
         return (0.0, True) if path is None else (path.off_mm, path.on)
 
-    as_labelled, is_on = off(lambda q: q)
+    as_labelled, is_on = path_deviation(lambda q: q)
     if is_on:
         return None, as_labelled, []
     judged = [
         JudgedMeaning(meaning, off_mm, len(part.q))
         for meaning in meanings(arm.axes)
-        for off_mm, on in [off(meaning.of)]
+        for off_mm, on in [path_deviation(meaning.of)]
         if on
     ]
     return _decided(judged, as_labelled, np.inf) if judged else (None, as_labelled, [])

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.procedures.shared.evaluate import hold_alive, hold_radius
+from analysis.procedures.shared.evaluate import check_radius, require_live_gauges
 from analysis.procedures.shared.lap_curve import SEED, LapCurve, at_resolution, curve_of, figures
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.reduction import PHI, Reduced, nodes_of
@@ -54,15 +54,15 @@ def evaluate(
     independent of orientation errors. Raises FileError.
     """
     radius = laps.frame.radius
-    hold_radius(where, radius)
-    hold_alive(where, g_mm=laps.g_mm.mean(axis=1))
+    check_radius(where, radius)
+    require_live_gauges(where, g_mm=laps.g_mm.mean(axis=1))
     curve = curve_of(run, mean_of_gauges, np.sqrt(0.5), 1, like)
     turned = curve.turned(np.random.default_rng(SEED).normal(0.0, u_lag_s, DRAWS))
 
-    def drawn(curves: Sequence[Array]) -> list[Array]:
-        return [curve.drawn(curves[0], turned, np.ones(DRAWS))]
+    def draw_noise(curves: Sequence[Array]) -> list[Array]:
+        return [curve.draw_noise(curves[0], turned, np.ones(DRAWS))]
 
-    of_distance = figures(lambda d: figures_at(d[0], radius), [curve], drawn, run.samples, RANGES)
+    of_distance = figures(lambda d: figures_at(d[0], radius), [curve], draw_noise, run.samples, RANGES)
     fit = fit_circle(curve.y, radius)
     return Circularity(at_resolution(curve.y - circle_at(fit, radius)), curve, fit[:2], of_distance)
 

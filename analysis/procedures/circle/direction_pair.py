@@ -172,15 +172,15 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Di
     turned = [run.curve.turned(lag_s) for run in (acw, cw)] * 2
     scale, unscaled = 1.0 + rng.normal(0.0, acw.u_scale, DRAWS), np.ones(DRAWS)
 
-    def drawn(about: Sequence[Array]) -> list[Array]:
+    def draw_noise(about: Sequence[Array]) -> list[Array]:
         parts = zip(curves, about, turned, (scale, scale, unscaled, unscaled), strict=True)
-        return [curve.drawn(y, orders, factor) for curve, y, orders, factor in parts]
+        return [curve.draw_noise(y, orders, factor) for curve, y, orders, factor in parts]
 
     samples = acw.samples + cw.samples
     calm = [*_calm(acw.curve, cw.curve), *_calm(acw.distance.curve, cw.distance.curve)]
-    of_pair = figures(lambda y: figures_at(y, radius), curves, drawn, samples, RANGES, calm)
+    of_pair = figures(lambda y: figures_at(y, radius), curves, draw_noise, samples, RANGES, calm)
     # Largest hysteresis of angle and distance, and its position for the angle.
-    draws, noise = drawn([curve.y for curve in curves]), of_pair["hysteresis_mean_deg"].noise
+    draws, noise = draw_noise([curve.y for curve in curves]), of_pair["hysteresis_mean_deg"].noise
     sizes = []
     for k, unit, per_unit in ((0, "deg", np.degrees(1.0)), (2, "mm", 1.0)):
         between = per_unit * at_resolution(curves[k].y - curves[k + 1].y)

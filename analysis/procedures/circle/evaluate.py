@@ -16,7 +16,13 @@ import numpy as np
 
 from analysis.procedures.circle.circularity import Circularity
 from analysis.procedures.circle.circularity import evaluate as evaluate_distance
-from analysis.procedures.shared.evaluate import Evaluation, Instruments, hold_alive, hold_numbers, hold_radius
+from analysis.procedures.shared.evaluate import (
+    Evaluation,
+    Instruments,
+    check_numbers,
+    check_radius,
+    require_live_gauges,
+)
 from analysis.procedures.shared.lap_curve import SEED, LapCurve, at_resolution, curve_of, figures
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.reduction import PHI, Reduced, nodes_of, reduced
@@ -177,11 +183,11 @@ class AngleTest:
         turned = curve.turned(rng.normal(0.0, u_lag_s, DRAWS))
         scale = 1.0 + rng.normal(0.0, u_scale, DRAWS)
 
-        def drawn(curves: Sequence[Array]) -> list[Array]:
-            return [curve.drawn(curves[0], turned, scale)]
+        def draw_noise(curves: Sequence[Array]) -> list[Array]:
+            return [curve.draw_noise(curves[0], turned, scale)]
 
         ranges = frozenset[str]().union(*(measure.ranges for measure in self.measures))
-        of_angle = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, run.samples, ranges)
+        of_angle = figures(lambda y: self.figures_at(y[0], radius), [curve], draw_noise, run.samples, ranges)
         sine = Sine(*(float(part) for part in sine_of(curve.y)))
         residual = at_resolution(curve.y - sine(PHI))
         distance = evaluate_distance(run, laps, u_lag_s, where, like and like[1])
@@ -254,9 +260,9 @@ def _hold(laps: Laps, baseline_mm: float, where: str) -> None:
     if baseline_mm == 0:
         problem = "the gauges have the same offset_mm, which cannot measure an angle"
         raise FileError(where, problem, "correct offset_mm of g1 and g2 in the rig file")
-    hold_radius(where, laps.frame.radius)
-    hold_numbers(where, t_s=laps.t_s, q=laps.q, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
-    hold_alive(where, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
+    check_radius(where, laps.frame.radius)
+    check_numbers(where, t_s=laps.t_s, q=laps.q, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
+    require_live_gauges(where, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
 
 
 GAUGE_RATE_HZ = 50.0

@@ -25,7 +25,7 @@ _NEIGHBOURHOOD = np.radians(8.0)
 
 
 @dataclass(frozen=True)
-class Turn:
+class MeasuredReversal:
     """Reversal of a joint (1 … 6) at circle angle phi ± u_rad, 0 … 2 pi, in row `row` of the lap; upper: from rising to
     falling with increasing phi."""
 
@@ -36,7 +36,7 @@ class Turn:
     row: int
 
 
-def turns(laps: Laps) -> list[Turn]:
+def turns(laps: Laps) -> list[MeasuredReversal]:
     """Return the reversals of all joints in the first lap, by axis and phi."""
     lap = laps.first
     order = np.argsort(lap.phi, kind="stable")
@@ -48,36 +48,41 @@ def turns(laps: Laps) -> list[Turn]:
     head, tail = phi < phi[0] + _BEYOND, phi > phi[-1] - _BEYOND
     phi = np.concatenate([phi[tail] - 2 * np.pi, phi, phi[head] + 2 * np.pi])
     q, rows = np.concatenate([q[tail] - whole, q, q[head] + whole]), np.concatenate([order[tail], order, order[head]])
-    seen: list[Turn] = []
+    seen: list[MeasuredReversal] = []
     start = float(phi[0] + _BEYOND)  # of the lap itself
     for axis, joint in enumerate(q.T, start=1):
-        turned: list[Turn] = []
+        turned: list[MeasuredReversal] = []
         prominence = max(PROMINENCE_RAD, _NOISES * noise_beneath(joint, 0.0))
         for sign in (1.0, -1.0):
             for k in peaks(sign * joint, prominence):
                 vertex, u = _vertex(phi, sign * joint, float(phi[k]))
                 if not start - np.radians(1) <= vertex < start + 2 * np.pi + np.radians(1):
                     continue
-                turn = Turn(axis, vertex % (2 * np.pi), u, sign > 0, int(rows[k]))
+                turn = MeasuredReversal(axis, vertex % (2 * np.pi), u, sign > 0, int(rows[k]))
                 # A reversal at the seam of the lap is found twice.
-                if all(turn.upper != kept.upper or abs(apart(turn.phi, kept.phi)) > np.radians(2) for kept in turned):
+                if all(
+                    turn.upper != kept.upper or abs(angle_difference(turn.phi, kept.phi)) > np.radians(2)
+                    for kept in turned
+                ):
                     turned.append(turn)
         seen += turned
     return sorted(seen, key=lambda turn: (turn.axis, turn.phi))
 
 
-def beside(seen: Sequence[Turn], nominal: Sequence[Reversal]) -> list[tuple[Reversal, Turn | None]]:
+def match_reversals(
+    seen: Sequence[MeasuredReversal], nominal: Sequence[Reversal]
+) -> list[tuple[Reversal, MeasuredReversal | None]]:
     """Return each nominal reversal with the closest reversal of the same joint and sense within 30°, or None."""
     pairs = []
     for reversal in nominal:
         alike = [turn for turn in seen if (turn.axis, turn.upper) == (reversal.axis, reversal.upper)]
-        nearest = min(alike, key=lambda turn: abs(apart(turn.phi, reversal.phi)), default=None)
-        near = nearest is not None and abs(apart(nearest.phi, reversal.phi)) < np.radians(30)
+        nearest = min(alike, key=lambda turn: abs(angle_difference(turn.phi, reversal.phi)), default=None)
+        near = nearest is not None and abs(angle_difference(nearest.phi, reversal.phi)) < np.radians(30)
         pairs.append((reversal, nearest if near else None))
     return pairs
 
 
-def apart(phi: float, other_phi: float) -> float:
+def angle_difference(phi: float, other_phi: float) -> float:
     """Return phi - other_phi, from -pi to pi."""
     return float((phi - other_phi + np.pi) % (2 * np.pi) - np.pi)
 

@@ -34,7 +34,7 @@ from analysis.procedures.shared.reduction import (
 from analysis.robot.geometry.circle import SENSE, frame_of
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import Array, Integers, arm_of
-from analysis.runs.align import Joined, NotTogether, Seen, doubts_of, gauges_of, join
+from analysis.runs.align import InstrumentObservations, Joined, NotTogether, doubts_of, gauges_of, join
 from analysis.runs.clocks import Columns
 from analysis.runs.laps import Laps, laps_of, leaps_of, places_along
 from analysis.runs.loading import Measured, known_doubts, measured_as, rig_of
@@ -57,7 +57,7 @@ _MARGIN_NS = 6e9
 
 
 @dataclass(frozen=True)
-class Part:
+class StreamInterval:
     """Rows of streams received in [begin_ns, end_ns), with a margin of a few seconds."""
 
     streams: dict[str, Columns]
@@ -71,7 +71,7 @@ def rows_of_gauge(manifest: Manifest) -> int:
     return sum(chunk.rows for chunk in manifest.chunks_of(first)) if first else 0
 
 
-def parts_of(path: Path, manifest: Manifest) -> Iterator[Part]:
+def parts_of(path: Path, manifest: Manifest) -> Iterator[StreamInterval]:
     """Yield the streams of gauges and robot part by part, in order of time.
 
     Raises FileError for a missing or damaged chunk, and for decreasing stamps: such a run is refused as a whole.
@@ -84,8 +84,10 @@ def parts_of(path: Path, manifest: Manifest) -> Iterator[Part]:
     first, begin_ns = read[_stream_of(manifest, "g1_mm")], -math.inf
     while begin_ns < math.inf:
         end_ns = first.time_after(begin_ns, _ROWS)
-        streams = {name: window.between(begin_ns - _MARGIN_NS, end_ns + _MARGIN_NS) for name, window in read.items()}
-        yield Part(streams, begin_ns, end_ns)
+        streams = {
+            name: window.rows_between(begin_ns - _MARGIN_NS, end_ns + _MARGIN_NS) for name, window in read.items()
+        }
+        yield StreamInterval(streams, begin_ns, end_ns)
         begin_ns = end_ns
 
 
@@ -101,7 +103,7 @@ class _Window:
         self._chunks = chunks
         self._kept: list[Columns] = []
 
-    def between(self, begin_ns: float, end_ns: float) -> Columns:
+    def rows_between(self, begin_ns: float, end_ns: float) -> Columns:
         """Return the rows received in [begin_ns, end_ns); intervals must not move backwards."""
         while self._last_ns() < end_ns and self._reads_on():
             pass
@@ -197,7 +199,7 @@ class _Piece:
     """Result of a part. robot: columns of thinned rows. rows: None if gauges and robot have no common time."""
 
     robot: dict[str, Array]
-    seen: dict[str, Seen]
+    seen: dict[str, InstrumentObservations]
     rows: _Rows | None = None
 
 
@@ -234,7 +236,9 @@ def long_circle(directory: Path, path: Path) -> tuple[Measured, Reduced] | None:
     u_t_s = np.concatenate([table.u_t_s for table in tables if table.u_t_s is not None])
     table = CircleTable(tables[0].test, tables[0].direction, t_s, q, g_mm, u_t_s)
     laps = laps_of(table, rig, str(path))
-    seen = {name: reduce(Seen.then, (piece.seen[name] for piece in pieces)) for name in pieces[0].seen}
+    seen = {
+        name: reduce(InstrumentObservations.then, (piece.seen[name] for piece in pieces)) for name in pieces[0].seen
+    }
     beyond = {name: sum(part.beyond[name] for part in parts) for name in parts[0].beyond}
     doubts = doubts_of(seen, rows_of_gauge(manifest)) + beyond_certificates(rig, beyond, sum(rows))
     u_lag_s = float(np.sqrt(np.average([part.u_lag_s**2 for part in parts], weights=rows)))
@@ -320,7 +324,7 @@ def _stretches(phi: Array, g_mm: Array, marks: Mask, slot: Integers, start: floa
     return np.concatenate(firsts)[first], key % (2 * NODES), together
 
 
-def _shown_of_robot(part: Part, manifest: Manifest) -> dict[str, Array]:
+def _shown_of_robot(part: StreamInterval, manifest: Manifest) -> dict[str, Array]:
     """Return thinned robot rows of a part, and those with a state change."""
     stream = part.streams.get("robot")
     if not stream:

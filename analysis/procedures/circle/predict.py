@@ -12,7 +12,7 @@ from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.motion import Motion
 from analysis.robot.model.predict import Model, Path, SetUp, gauged
-from analysis.robot.model.scene import Scene, apply
+from analysis.robot.model.scene import ModelScene, apply
 from analysis.runs.tables import CircleTable
 from rigs.rig import Rig
 
@@ -26,7 +26,7 @@ class CirclePrediction(Prediction[CircleTable]):
     def path(self, model: Model, table: CircleTable) -> Path:
         return Path(Motion(table.t_s, table.q), np.arange(len(table.q)))
 
-    def read(self, model: Model, table: CircleTable, path: Path, scene: Scene, setup: SetUp) -> Array:
+    def read(self, model: Model, table: CircleTable, path: Path, scene: ModelScene, setup: SetUp) -> Array:
         """Return the readings of both gauges (m, 2) mm."""
         to_tool = scene.T[:, :3, 3] - setup.ball
         circle = frame_of(circle_of(model.rig))

@@ -42,7 +42,7 @@ _NORMAL = 1.4826
 
 
 @dataclass(frozen=True)
-class Moved:
+class PathMove:
     """Move: rows of the table from `first` to before `last`, length length_mm by spans, and chord chord_mm; whole:
     whether the tracker data is complete."""
 
@@ -53,7 +53,7 @@ class Moved:
     whole: bool
 
 
-def moves_of(t_s: Array, xyz_mm: Array) -> list[Moved]:
+def moves_of(t_s: Array, xyz_mm: Array) -> list[PathMove]:
     """Return the moves between standstills, in order, for positions xyz_mm (n, 3) at increasing times t_s (n,)."""
     if len(t_s) < 10 * _SAMPLES:
         return []
@@ -80,7 +80,7 @@ def moves_of(t_s: Array, xyz_mm: Array) -> list[Moved]:
     for out, back in zip(ends[:-1].tolist(), begins[1:].tolist(), strict=True):
         rows = int(first[out]), int(first[back])
         chord = float(np.linalg.norm(at[back] - at[out]))
-        moves.append(Moved(*rows, float(way[out:back].sum()), chord, bool(gaps[rows[1]] == gaps[rows[0]])))
+        moves.append(PathMove(*rows, float(way[out:back].sum()), chord, bool(gaps[rows[1]] == gaps[rows[0]])))
     return moves
 
 
@@ -98,7 +98,7 @@ _ENDS = 0.02
 
 
 @dataclass(frozen=True)
-class Driven:
+class DrivenPath:
     """One path in all cycles.
 
     places: per cycle (k, 3) mm in the world. s_mm (m,): stations. off_mm (cycles, m, 3): mean deviation at each
@@ -116,7 +116,7 @@ class Driven:
 class DrivenPaths:
     """Paths by name, tracker frame in the world (4, 4), and omissions as text."""
 
-    paths: Mapping[PathName, Driven]
+    paths: Mapping[PathName, DrivenPath]
     T_world_instrument: Array
     notes: tuple[str, ...]
 
@@ -142,7 +142,7 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
         raise FileError(where, problem, "check the unit, the cube of the rig file, and the recording")
     places = {name: [table.xyz_mm[move.first : move.last] for move in cycles] for name, cycles in whole.items()}
     T = _fitted(places, commands) if T_world_instrument is None else T_world_instrument
-    paths: dict[PathName, Driven] = {}
+    paths: dict[PathName, DrivenPath] = {}
     coarse = []
     for name, cycles in whole.items():
         times = [table.t_s[move.first : move.last] for move in cycles]
@@ -167,10 +167,10 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
 
 
 def _sorted(
-    table: PathTable, commands: Mapping[PathName, CommandPath], moves: list[Moved]
-) -> dict[PathName, list[Moved]]:
+    table: PathTable, commands: Mapping[PathName, CommandPath], moves: list[PathMove]
+) -> dict[PathName, list[PathMove]]:
     """Return the moves of each path, in order of time."""
-    cycles: dict[PathName, list[Moved]] = {}
+    cycles: dict[PathName, list[PathMove]] = {}
     around: Array | None = None
     lengths = {name: command.length_mm for name, command in commands.items()}
     ends = {name: command.at(np.array([0.0, command.length_mm])) for name, command in commands.items()}
@@ -209,7 +209,7 @@ def _fitted(places: Mapping[PathName, list[Array]], commands: Mapping[PathName, 
     return T
 
 
-def _driven(command: CommandPath, places: list[Array], times: list[Array]) -> Driven | None:
+def _driven(command: CommandPath, places: list[Array], times: list[Array]) -> DrivenPath | None:
     fewest = min(map(len, places))
     stations = min(_STATIONS, fewest // 3)
     if stations < _FEWEST:
@@ -229,4 +229,4 @@ def _driven(command: CommandPath, places: list[Array], times: list[Array]) -> Dr
         off.append(np.stack(means, axis=1))
         middle = np.flatnonzero((s > 0.25 * command.length_mm) & (s < 0.75 * command.length_mm))
         speeds.append((s[middle[-1]] - s[middle[0]]) / (t_s[middle[-1]] - t_s[middle[0]]))
-    return Driven(command, tuple(places), at, np.array(off), np.array(speeds))
+    return DrivenPath(command, tuple(places), at, np.array(off), np.array(speeds))

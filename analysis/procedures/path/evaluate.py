@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.procedures.path.driven_paths import Driven, DrivenPaths, driven_paths
+from analysis.procedures.path.driven_paths import DrivenPath, DrivenPaths, driven_paths
 from analysis.procedures.shared.evaluate import Evaluation, Instruments
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.result_curves import PathCurve
@@ -36,7 +36,7 @@ from analysis.robot.geometry.iso_cube import Cube, PathName, Polygon, Ring, cube
 from analysis.robot.kinematics.arm import Array, transform
 from analysis.runs.tables import PathTable
 from rigs.rig import Rig
-from rigs.schema.declared_tests import Instrument
+from rigs.schema.declared_tests import TrackerPose
 from rigs.schema.vocabulary import Direction
 
 CYCLES_ASKED, _CORNER_CYCLES = 10, 3
@@ -78,7 +78,7 @@ class PathResult:
 
 
 def evaluate(
-    table: PathTable, cube: Cube, instrument: Instrument | None, where: str, speed_mm_s: float | None = None
+    table: PathTable, cube: Cube, instrument: TrackerPose | None, where: str, speed_mm_s: float | None = None
 ) -> PathResult:
     """Return the figures of a path recording.
 
@@ -144,7 +144,7 @@ def _redone(values: Array, plain: Callable[[Array], dict[str, Array]]) -> dict[s
     return figures
 
 
-def _corners(rectangle: Driven) -> dict[str, Quantity]:
+def _corners(rectangle: DrivenPath) -> dict[str, Quantity]:
     """Return CR and CO from the first three cycles of the standard; u from all cycles.
 
     Between two positions the chord cuts a right corner by up to half its length: this is the minimum of 2 u.
@@ -189,7 +189,7 @@ def corner_of(places: Array, command: Polygon, knot: int) -> tuple[float, float,
     return cut, float(np.where(y > 0, np.hypot(x, y), 0.0).max()), apart
 
 
-def _radial(acw: Driven, cw: Driven) -> dict[str, Quantity]:
+def _radial(acw: DrivenPath, cw: DrivenPath) -> dict[str, Quantity]:
     """Return F and D of the large circle in both directions, with stations at equal positions."""
     ring, n = acw.command, min(len(acw.places), len(cw.places))
     stations = min(len(acw.s_mm), len(cw.s_mm))

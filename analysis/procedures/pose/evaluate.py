@@ -31,7 +31,7 @@ from analysis.procedures.checks.lost_poses import (
     without_lost,
 )
 from analysis.procedures.shared.axis_curves import AxisCurve, axis_curves
-from analysis.procedures.shared.evaluate import Evaluation, Instruments, hold_joints, hold_numbers
+from analysis.procedures.shared.evaluate import Evaluation, Instruments, check_joints, check_numbers
 from analysis.procedures.shared.lap_curve import SEED
 from analysis.procedures.shared.quantity import Quantity, figures_of
 from analysis.procedures.shared.result_curves import PoseCurve
@@ -55,7 +55,7 @@ from analysis.runs.noise.target_scatter import Scatter, scatter_of
 from analysis.runs.tables import PoseTable, content_order
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.declared_tests import Instrument
+from rigs.schema.declared_tests import TrackerPose
 from rigs.schema.vocabulary import DRIVEN_AXES, Direction
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def evaluate(
     where: str = "the pose table",
     same_rad: float = SAME_RAD,
     cube: Cube | None = None,
-    instrument: Instrument | None = None,
+    instrument: TrackerPose | None = None,
 ) -> PoseResult:
     """Return the figures of tracker poses.
 
@@ -164,7 +164,7 @@ def evaluate(
     )  # fmt: skip
 
 
-def _in_frame(arm: Arm, table: PoseTable, instrument: Instrument) -> tuple[Array, Array | None]:
+def _in_frame(arm: Arm, table: PoseTable, instrument: TrackerPose) -> tuple[Array, Array | None]:
     """Return errors (n, 3) mm and (n, 3) rad, or None, in the arm's base, with the tool of the rig file and the
     measured instrument frame, without a fit."""
     T = np.linalg.inv(arm.T_world_base) @ forward(arm, table.q)
@@ -181,7 +181,7 @@ def _of_visits(
     twisted: Array | None,
     group: NDArray[np.int64],
     pose: Integers,
-    instrument: Instrument | None,
+    instrument: TrackerPose | None,
 ) -> tuple[dict[str, Quantity], list[str], Scatter, Scatter | None]:
     """Return figures of repeated poses, notes, and the scatter of their positions and rotations.
 
@@ -373,10 +373,10 @@ def _doubts(rms: Quantity, setup: PoseSetUp) -> list[str]:
 def _hold(table: PoseTable, where: str) -> None:
     if len(table.q) < _FEWEST:
         raise FileError(where, f"has {len(table.q)} poses, too few to fit base and tool", f"give at least {_FEWEST}")
-    hold_numbers(where, q=table.q, xyz_mm=table.xyz_mm)
+    check_numbers(where, q=table.q, xyz_mm=table.xyz_mm)
     if table.rpy is not None:
-        hold_numbers(where, rpy=table.rpy)
-    hold_joints(where, table.q, "give poses from the whole working space")
+        check_numbers(where, rpy=table.rpy)
+    check_joints(where, table.q, "give poses from the whole working space")
     if np.ptp(table.xyz_mm, axis=0).max() == 0:
         raise FileError(
             where, "the instrument reported the same place in all rows", "check that the instrument follows the target"

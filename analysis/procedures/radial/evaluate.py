@@ -31,7 +31,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.procedures.prediction import nominal_setup
-from analysis.procedures.shared.evaluate import Evaluation, Instruments, hold_alive, hold_numbers, hold_radius
+from analysis.procedures.shared.evaluate import (
+    Evaluation,
+    Instruments,
+    check_numbers,
+    check_radius,
+    require_live_gauges,
+)
 from analysis.procedures.shared.lap_curve import SEED
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.result_curves import RadialCurve
@@ -81,9 +87,9 @@ def free_sphere(points: Array) -> Sphere:
     """Fit a sphere to points (n, 3) mm with free centre and radius (geometric distance, Gauss-Newton)."""
     x = np.append(np.zeros(3), np.linalg.norm(points, axis=1).mean())
     for _ in range(_STEPS):
-        x = x + _slopes(_design(points, x[:3])) @ _off(points, x)
+        x = x + _slopes(_design(points, x[:3])) @ _distances_from_sphere(points, x)
     design = _design(points, x[:3])
-    return Sphere(x[:3], float(x[3]), _off(points, x), _slopes(design), design, _unknown(design))
+    return Sphere(x[:3], float(x[3]), _distances_from_sphere(points, x), _slopes(design), design, _unknown(design))
 
 
 def conditioned(points: Array) -> bool:
@@ -98,10 +104,10 @@ def far_off(points: Array) -> NDArray[np.bool_]:
     read = points[np.isfinite(points).all(axis=-1)]
     x = np.append(np.zeros(3), np.median(np.linalg.norm(read, axis=1)))
     for _ in range(_ROBUST_STEPS):
-        off, design = _off(read, x), _design(read, x[:3])
+        off, design = _distances_from_sphere(read, x), _design(read, x[:3])
         root = (1 + (off / max(_spread(off), 1e-6)) ** 2) ** -0.25
         x = x + _slopes(design * root[:, None]) @ (off * root)
-    distance = _off(points, x)
+    distance = _distances_from_sphere(points, x)
     gross = max(_GROSS_MM, SPREADS * _spread(distance[np.isfinite(distance)]))
     far = np.any(np.abs(distance) > gross, axis=1)
     means = np.nanmean(points[~far], axis=1)
@@ -110,7 +116,7 @@ def far_off(points: Array) -> NDArray[np.bool_]:
     return np.asarray(far)
 
 
-def _off(points: Array, x: Array) -> Array:
+def _distances_from_sphere(points: Array, x: Array) -> Array:
     """Return the distances (...,) mm of points (..., 3) mm from the sphere x: centre and radius."""
     return np.asarray(np.linalg.norm(points - x[:3], axis=-1) - x[3])
 
@@ -220,7 +226,7 @@ def evaluate(
     largest and mean range over several orientations; ap_mm, largest |mean g| of a target (ISO 9283 AP along the
     radius); for targets with three visits, rp_mm and rp_mean_mm. Raises FileError.
     """
-    hold_radius(where, radius_mm)
+    check_radius(where, radius_mm)
     cells = _cells(table, radius_mm, where)
     measured = cells.by_orientation
     if len(measured) < _FEWEST:
@@ -301,8 +307,8 @@ def _cells(table: RadialTable, radius_mm: float, where: str) -> Cells:
     """Return the readings by target and orientation. Raises FileError for a table impossible in a radial test."""
     if len(table.g_mm) == 0:
         raise FileError(where, "has no rows", "give a table with readings")
-    hold_numbers(where, g1_mm=table.g_mm, polar=table.polar, azimuth=table.azimuth)
-    hold_alive(where, g1_mm=table.g_mm)
+    check_numbers(where, g1_mm=table.g_mm, polar=table.polar, azimuth=table.azimuth)
+    require_live_gauges(where, g1_mm=table.g_mm)
     if np.abs(table.polar).max() > np.pi + 1e-6 or np.abs(table.azimuth).max() > 2 * np.pi + 1e-6:
         problem = "has targets beyond 180° polar or 360° azimuth"
         raise FileError(where, problem, "check the units of polar_deg and azimuth_deg")

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.procedures.prediction import nominal_setup
-from analysis.procedures.shared.evaluate import Evaluation, Instruments, hold_alive, hold_numbers
+from analysis.procedures.shared.evaluate import Evaluation, Instruments, check_numbers, require_live_gauges
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.result_curves import RepeatabilityCurve
 from analysis.procedures.shared.scatter_figures import (
@@ -78,8 +78,8 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
     """
     if len(table.g_mm) == 0:
         raise FileError(where, "has no rows", "give a table with readings")
-    hold_numbers(where, g1_mm=table.g_mm)
-    hold_alive(where, g1_mm=table.g_mm)
+    check_numbers(where, g1_mm=table.g_mm)
+    require_live_gauges(where, g1_mm=table.g_mm)
     if unknown := sorted({str(name) for name in table.approach} - {"none", *SIDES}):
         remedy = "write out, in or none for the side of approach"
         raise FileError(where, f"approach {unknown[0]!r} is not a side", remedy)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.procedures.shared.stop_predictions import TargetPrediction
-from analysis.robot.geometry.driven_programs import beside, hemisphere_of, repeatability_of
+from analysis.robot.geometry.driven_programs import displace_tool, hemisphere_of, repeatability_of
 from analysis.robot.geometry.hemisphere import hemisphere_frame, target_angles
 from analysis.robot.model.predict import Model, Path, stops
 from analysis.runs.tables import RepeatabilityTable
@@ -20,7 +20,7 @@ class RepeatabilityPrediction(TargetPrediction[RepeatabilityTable]):
         polar, azimuth = (angles[table.target - 1] for angles in target_angles(hemisphere))
         side = np.select([table.approach == "out", table.approach == "in"], [1.0, -1.0], 0.0)
         away = (side * repeatability_of(model.rig).approach_mm)[:, None]
-        came_from = beside(model.arm, table.q, away * hemisphere_frame(hemisphere).direction(polar, azimuth))
+        came_from = displace_tool(model.arm, table.q, away * hemisphere_frame(hemisphere).direction(polar, azimuth))
         return stops(table.q, table.t_s, came_from)
 
 

@@ -57,7 +57,7 @@ def axis_curves(
     """
     curves, figures, rng = list[AxisCurve](), dict[str, Quantity](), np.random.default_rng(SEED)
     for joint in range(axes):
-        rows = _alone(q, sides, joint)
+        rows = _rows_of_joint(q, sides, joint)
         # Index of each distinct angle, in increasing order.
         order, number, way = np.argsort(q[rows, joint]), np.zeros(len(rows), dtype=np.int64), sides[rows, joint]
         number[order[1:]] = np.cumsum(np.diff(q[rows, joint][order]) > _SAME_RAD)
@@ -68,7 +68,9 @@ def axis_curves(
         freedom = 2 * len(rows) - _ACROSS
         sd = float(np.sqrt((across_mm**2).sum() / freedom)) * np.sqrt(freedom / rng.chisquare(freedom, (DRAWS, 1)))
         drawn = off_mm + sd * rng.standard_normal((DRAWS, len(rows)))
-        up, down = (_means(np.vstack([off_mm, drawn]) / radius_mm, number, way == side, count) for side in (1, -1))
+        up, down = (
+            _mean_errors(np.vstack([off_mm, drawn]) / radius_mm, number, way == side, count) for side in (1, -1)
+        )
         if not np.isfinite(up[0] + down[0]).any():
             continue
         u_deg = np.degrees(np.nanmax([up[1:].std(axis=0), down[1:].std(axis=0)], axis=0))
@@ -94,7 +96,7 @@ _SAME_RAD = float(np.radians(0.1))
 """Joint motion below which an angle is repeated or a joint stands."""
 
 
-def _alone(q: Array, sides: Integers, joint: int) -> Integers:
+def _rows_of_joint(q: Array, sides: Integers, joint: int) -> Integers:
     """Return the rows in which one joint moved, with the others at their most frequent position."""
     rows = np.flatnonzero((sides[:, joint] != 0) & (np.delete(sides, joint, axis=1) == 0).all(axis=1))
     if not len(rows):
@@ -120,7 +122,7 @@ def _about_circle(angle: Array, xyz_mm: Array) -> tuple[float, Array, Array]:
     return radius_mm, along, np.stack([outwards, off[:, 2]], axis=1)
 
 
-def _means(off: Array, number: Integers, kept: Array, count: int) -> Array:
+def _mean_errors(off: Array, number: Integers, kept: Array, count: int) -> Array:
     """Return the means (m, count) of errors (m, n) over the kept rows (n,) of each angle; nan if there are none."""
     share = (number[:, None] == np.arange(count)) & np.asarray(kept, dtype=bool)[:, None]
     rows = share.sum(axis=0)

@@ -102,7 +102,7 @@ def evaluate(
     return evaluation_of(table.test).evaluate(table, rig, where, instruments)
 
 
-def hold_joints(where: str, q: Array, remedy: str) -> None:
+def check_joints(where: str, q: Array, remedy: str) -> None:
     """Raise FileError with the remedy if joints q (n, axes) rad never moved, or have a different unit."""
     if np.ptp(q, axis=0).max() < 1e-6:
         raise FileError(where, "the robot stood still in all rows", remedy)
@@ -111,7 +111,7 @@ def hold_joints(where: str, q: Array, remedy: str) -> None:
         raise FileError(where, angle, "check the unit of q: files hold degrees")
 
 
-def hold_numbers(where: str, **columns: Array) -> None:
+def check_numbers(where: str, **columns: Array) -> None:
     """Raise FileError if a column (n, …) contains a value that is not a number."""
     for name, values in columns.items():
         if np.isfinite(values).all():
@@ -124,7 +124,7 @@ def hold_numbers(where: str, **columns: Array) -> None:
         raise FileError(where, f"{name} of row {row} is not a number ({bad.sum()} such rows)", "remove such rows")
 
 
-def hold_alive(where: str, **readings: Array) -> None:
+def require_live_gauges(where: str, **readings: Array) -> None:
     """Raise FileError if a gauge has constant readings: real gauges never do."""
     for name, values in readings.items():
         if len(values) > 1 and np.ptp(values) == 0:
@@ -132,7 +132,7 @@ def hold_alive(where: str, **readings: Array) -> None:
             raise FileError(where, f"{name} reads {values[0]:g} mm in all {len(values)} rows", remedy)
 
 
-def hold_radius(where: str, radius_mm: float) -> None:
+def check_radius(where: str, radius_mm: float) -> None:
     """Raise FileError for a radius that is not a positive number."""
     if not (np.isfinite(radius_mm) and radius_mm > 0):
         raise FileError(where, f"a radius of {radius_mm:g} mm is impossible", "correct radius_mm in the rig file")

@@ -91,7 +91,7 @@ class LapCurve:
         factors: NDArray[np.complex128] = np.exp(-1j * ORDERS * self.rate * lag_s[:, None])
         return factors
 
-    def drawn(self, curve: Array, turned: NDArray[np.complex128], scale: Array) -> Array:
+    def draw_noise(self, curve: Array, turned: NDArray[np.complex128], scale: Array) -> Array:
         """Return a curve (NODES,), this one or its calm version, with different noise, lag (`turned`) and relative
         scale (DRAWS,): (DRAWS, NODES)."""
         return np.fft.irfft(np.fft.rfft(curve) * turned, NODES, axis=1) / scale[:, None] + self.errors

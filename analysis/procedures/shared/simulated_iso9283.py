@@ -78,7 +78,7 @@ def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None 
 def _leg(arm: Arm, cube: Cube, path: CommandPath, speed_mm_s: float, where: str) -> Array:
     """Return the joints (n, 6) rad along a path from rest to rest, with the standstill after it."""
     s = np.linspace(0.0, path.length_mm, _STEPS)
-    s = np.unique(np.concatenate([s, path.along])) if isinstance(path, Polygon) else s
+    s = np.unique(np.concatenate([s, path.arc_length_mm])) if isinstance(path, Polygon) else s
     q = joints_along(arm, cube, path, s, where)
     ramp_s = min(speed_mm_s / _ACCELERATION_MM_S2, float(np.sqrt(path.length_mm / _ACCELERATION_MM_S2)))
     whole_s = path.length_mm / (_ACCELERATION_MM_S2 * ramp_s) + ramp_s

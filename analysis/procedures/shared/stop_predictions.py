@@ -12,7 +12,7 @@ from analysis.robot.geometry.driven_programs import hemisphere_of
 from analysis.robot.geometry.hemisphere import hemisphere_frame
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import Model, Path, SetUp, gauged, stops, visits
-from analysis.robot.model.scene import Scene, apply
+from analysis.robot.model.scene import ModelScene, apply
 from analysis.runs.tables import PlaceTable, TargetTable
 from rigs.rig import Rig
 
@@ -29,7 +29,7 @@ class TargetPrediction(Prediction[H]):
     def path(self, model: Model, table: H) -> Path:
         return stops(table.q, table.t_s)
 
-    def read(self, model: Model, table: H, path: Path, scene: Scene, setup: SetUp) -> Array:
+    def read(self, model: Model, table: H, path: Path, scene: ModelScene, setup: SetUp) -> Array:
         """Return the reading of the gauge (m, 1) mm: distance between ball and tool less the radius."""
         to_tool = scene.T[:, :3, 3] - setup.ball
         sphere = hemisphere_frame(hemisphere_of(model.rig))
@@ -48,7 +48,7 @@ class PlacePrediction(Prediction[P]):
     def path(self, model: Model, table: P) -> Path:
         return visits(table.q, table.came_from)
 
-    def read(self, model: Model, table: P, path: Path, scene: Scene, setup: SetUp) -> Array:
+    def read(self, model: Model, table: P, path: Path, scene: ModelScene, setup: SetUp) -> Array:
         """Return T_instrument_target of the target, (m, 16) row by row."""
         T = setup.T_instrument_world @ path.at_readings(scene.T) @ setup.T_tool_target
         return T.reshape(-1, 16)

@@ -20,7 +20,7 @@ import numpy as np
 
 from analysis.procedures.checks.lost_poses import far_touches, left_out
 from analysis.procedures.prediction import path_of
-from analysis.procedures.shared.evaluate import Evaluation, Instruments, hold_joints, hold_numbers
+from analysis.procedures.shared.evaluate import Evaluation, Instruments, check_joints, check_numbers
 from analysis.procedures.shared.lap_curve import SEED
 from analysis.procedures.shared.quantity import Quantity, figures_of
 from analysis.procedures.shared.result_curves import PoseCurve
@@ -78,12 +78,12 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
 
     Raises FileError for too few touches, and for a robot that did not move.
     """
-    hold_numbers(where, q=table.q)
+    check_numbers(where, q=table.q)
     count = len(np.unique(table.socket))
     if 3 * len(table.q) <= 3 + 3 * count or len(table.q) < _FEWEST:
         problem = f"has {len(table.q)} touches of {count} socket{'s' * (count > 1)}, too few to fit their places"
         raise FileError(where, problem, f"give at least {max(_FEWEST, count + 2)}, in postures that differ")
-    hold_joints(where, table.q, "touch each socket in many postures")
+    check_joints(where, table.q, "touch each socket in many postures")
     table = table.in_content_order()
     T = forward(model.arm, table.q) if not model.effects else moved(model, path_of(model, table)).T
     far = far_touches(table, T)

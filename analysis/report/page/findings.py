@@ -22,7 +22,7 @@ _SAME_DEG = 15.0
 
 
 @dataclass(frozen=True)
-class Finding:
+class FaultText:
     """A fault in sentences: cause and size, place, share of the error, rivals and indistinguishable effects, and odds.
 
     The recommended acts are listed separately.
@@ -35,7 +35,7 @@ class Finding:
     sure: str
 
 
-def findings_of(diagnosis: Diagnosis, texts: Texts) -> list[Finding]:
+def findings_of(diagnosis: Diagnosis, texts: Texts) -> list[FaultText]:
     """Return the faults of a diagnosis, largest part of the error first."""
     words, findings = AnswerWords(diagnosis, texts), []
     for named in sorted(diagnosis.standing, key=lambda named: -named.worth_um):
@@ -47,7 +47,7 @@ def findings_of(diagnosis: Diagnosis, texts: Texts) -> list[Finding]:
         made = ""
         if part is not None and math.isfinite(part.um):
             made = texts("made_of_error", share=percent(part.share), um=micrometres(part.um))
-        finding = Finding(
+        finding = FaultText(
             what=_sentence(words, named.effect, named),
             where=_where(diagnosis, named, texts),
             share=made,
@@ -131,7 +131,7 @@ def budget_rows(diagnosis: Diagnosis, texts: Texts) -> list[BudgetRow]:
         doubt = [texts(f"doubt_{part.doubt}")] if part.doubt and part.doubt != "usual" else []
         row = BudgetRow(
             part=words.part_name(part),
-            beside=tuple(filter(None, [words.size_of(part), *doubt, *words.alone(part.shown_together)])),
+            beside=tuple(filter(None, [words.size_of(part), *doubt, *words.describe_parts_alone(part.shown_together)])),
             um=beside_u(part.um, part.u_um),
             share=shown,
             width=width,

@@ -32,7 +32,7 @@ _MOST_NAMED = 3
 
 
 @dataclass(frozen=True)
-class Verdict:
+class PageVerdict:
     """Verdict on accuracy.
 
     overall: standing by the tolerance given to the diagnosis, otherwise the worst standing; `unjudged` if no limits are
@@ -50,16 +50,16 @@ class Verdict:
         return [figure for figure in self.judged if figure.standing == standing]
 
 
-def judge(results: Sequence[Result], limits: Limits, diagnosis: Diagnosis | None = None) -> Verdict:
+def judge(results: Sequence[Result], limits: Limits, diagnosis: Diagnosis | None = None) -> PageVerdict:
     """Judge runs by the limits of a rig file, or by the tolerance given to their diagnosis."""
     judged = judged_figures(results, limits)
     tests = tuple(dict.fromkeys(result.measured.run.manifest.test for result in results))
     if diagnosis is not None and diagnosis.accuracy.limit == "tolerance" and diagnosis.accuracy.standing is not None:
-        return Verdict(diagnosis.accuracy.standing, judged, tests, by_tolerance=True)
-    return Verdict(judged[0].standing if judged else "unjudged", judged, tests)
+        return PageVerdict(diagnosis.accuracy.standing, judged, tests, by_tolerance=True)
+    return PageVerdict(judged[0].standing if judged else "unjudged", judged, tests)
 
 
-def verdict_sentence(verdict: Verdict, texts: Texts) -> str:
+def verdict_sentence(verdict: PageVerdict, texts: Texts) -> str:
     """Return the reason for the verdict as a sentence."""
     if verdict.by_tolerance:
         return texts("verdict_tolerance")
@@ -75,21 +75,21 @@ def verdict_sentence(verdict: Verdict, texts: Texts) -> str:
         bounds = (("watch_above", watch), ("fail_above", figure.limit.fail))
         limits = [f"{texts(key)} {bound:g} {figure.figure.sign}" for key, bound in bounds if bound is not None]
         limits += [texts("not_proven")] if figure.straddled else []
-        values = {"figure": named(figure, texts), "value": figure.figure, "limits": ", ".join(limits)}
+        values = {"figure": figure_title(figure, texts), "value": figure.figure, "limits": ", ".join(limits)}
         worst.append(texts("bad_figure", **values))
     ending = [texts("and_more", count=len(bad) - len(worst))] if len(bad) > len(worst) else []
     numbers = {"bad": len(bad), "count": len(verdict.judged), "worst": "; ".join([*worst, *ending])}
     return texts(f"verdict_{verdict.overall}", **numbers)
 
 
-def named(figure: JudgedFigure, texts: Texts) -> str:
+def figure_title(figure: JudgedFigure, texts: Texts) -> str:
     """Return the test, the direction and the label of a figure."""
     title = title_of(figure.column, texts)
     of = texts.test(figure.test) + (f" {title}" if title else "")
     return f"{of}: {whole_label(figure.name, texts.label)}"
 
 
-def example_limits(verdict: Verdict) -> str:
+def example_limits(verdict: PageVerdict) -> str:
     """Return an example of the limits section of a rig file for the tests made, with bounds to replace.
 
     Tests that cannot have limits are omitted.
@@ -130,7 +130,7 @@ class BeforeAfter:
     judged: tuple[float, float] | None = None
     joined: int = 0
     own_programs: str = ""
-    verdict: Verdict | None = None
+    verdict: PageVerdict | None = None
 
     @property
     def driven(self) -> tuple[Deviation, Deviation] | None:

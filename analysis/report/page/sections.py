@@ -9,7 +9,7 @@ from typing import get_args
 import numpy as np
 
 from analysis.procedures.circle.evaluate import CircleResult
-from analysis.procedures.circle.joint_reversals import apart, turns
+from analysis.procedures.circle.joint_reversals import angle_difference, turns
 from analysis.procedures.pooled import figure_columns, pairs_of, pooled
 from analysis.procedures.results import Result, by_test
 from analysis.procedures.shared.quantity import Quantity
@@ -26,7 +26,7 @@ _UNPLACED_DEG = 15.0
 
 
 @dataclass(frozen=True)
-class Column:
+class SectionColumn:
     """Figures by name. title: `acw`. note: origin of the figures. sd: standard deviations between repeated runs."""
 
     title: str
@@ -35,16 +35,16 @@ class Column:
     sd: Mapping[str, str]
 
 
-def columns_of(group: Sequence[Result], texts: Texts) -> list[Column]:
+def columns_of(group: Sequence[Result], texts: Texts) -> list[SectionColumn]:
     """Return the columns for the runs of a test."""
     columns, words = [], {"mean": "mean_of_runs", "pairs": "pairs"}
     for column in figure_columns(group):
         note = column.run if column.kind == "run" else texts(words[column.kind], count=column.count)
-        columns.append(Column(title_of(column, texts), note, column.figures, column.sd))
+        columns.append(SectionColumn(title_of(column, texts), note, column.figures, column.sd))
     return columns
 
 
-def shown(name: str, figure: Quantity, texts: Texts) -> str:
+def format_figure(name: str, figure: Quantity, texts: Texts) -> str:
     """Return a figure rounded to two digits of u, or a remark if it is a place with too large an uncertainty."""
     if name.endswith("_at_deg") and not figure.u < _UNPLACED_DEG:
         return texts("no_place")
@@ -59,7 +59,7 @@ _NOMINAL_DEG = 30.0
 
 
 @dataclass(frozen=True)
-class Row:
+class FigureRow:
     """A figure in each column, with the standard deviation between repeated runs below."""
 
     label: str
@@ -78,21 +78,21 @@ class ReversalRow:
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """A test at a given place. words: description of the test and of the charts."""
 
     test: str
     title: str
     words: str
-    columns: tuple[Column, ...]
-    rows: tuple[Row, ...]
+    columns: tuple[SectionColumn, ...]
+    rows: tuple[FigureRow, ...]
     remarks: tuple[str, ...]
     doubts: tuple[str, ...]
     reversals: tuple[ReversalRow, ...]
     pictures: tuple[Picture, ...]
 
 
-def sections_of(report: Report, texts: Texts) -> list[Section]:
+def sections_of(report: Report, texts: Texts) -> list[PageSection]:
     """Return a section for each test, in the order of the vocabulary."""
     groups = sorted(by_test(report.results), key=lambda group: _ORDER.index(group[0].test))
     first_circle = next((group for group in groups if isinstance(group[0].found, CircleResult)), None)
@@ -111,7 +111,7 @@ def sections_of(report: Report, texts: Texts) -> list[Section]:
         remarks = [what_u_is(group, [means for means in pooled(group) if means.figures])]
         remarks += [*lag_in_words(pairs_of(group), group), *eccentricities_in_words(group)]
         columns = columns_of(group, texts)
-        section = Section(
+        section = PageSection(
             test=test,
             title=texts.test(test) + (f" · {place}" if place and place != test else ""),
             words=about,
@@ -126,16 +126,16 @@ def sections_of(report: Report, texts: Texts) -> list[Section]:
     return sections
 
 
-def _rows(columns: Sequence[Column], texts: Texts) -> list[Row]:
+def _rows(columns: Sequence[SectionColumn], texts: Texts) -> list[FigureRow]:
     rows = []
     for name in in_order(name for column in columns for name in column.figures):
         cells = []
         for column in columns:
             figure = column.figures.get(name)
-            value = shown(name, figure, texts) if figure else ""
+            value = format_figure(name, figure, texts) if figure else ""
             sd = column.sd.get(name, "")
             cells.append((value, f"{texts('sd')} {sd}" if sd and figure and value == str(figure) else ""))
-        rows.append(Row(texts.label(name), tuple(cells), name in LEADING))
+        rows.append(FigureRow(texts.label(name), tuple(cells), name in LEADING))
     return rows
 
 
@@ -161,7 +161,8 @@ def _reversals(result: Result, texts: Texts) -> tuple[ReversalRow, ...]:
             reversal for reversal in result.reversals if (reversal.joint, reversal.upper) == (turn.axis, turn.upper)
         ]
         away = {
-            reversal.phi_deg: abs(np.degrees(apart(turn.phi, np.radians(reversal.phi_deg)))) for reversal in candidates
+            reversal.phi_deg: abs(np.degrees(angle_difference(turn.phi, np.radians(reversal.phi_deg))))
+            for reversal in candidates
         }
         near = min(away, key=lambda phi: away[phi], default=None)
         nominal = f"{near:.1f}°" if near is not None and away[near] < _NOMINAL_DEG else ""

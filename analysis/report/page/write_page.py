@@ -36,7 +36,15 @@ from analysis.report.html_page import environment, is_pdf, write_html, write_pdf
 from analysis.report.live_chart import colours, live
 from analysis.report.model_charts import diagnosis_charts
 from analysis.report.page.findings import budget_rows, diagnosis_words, findings_of, step_table
-from analysis.report.page.page_content import BeforeAfter, Report, example_limits, judge, named, rule, verdict_sentence
+from analysis.report.page.page_content import (
+    BeforeAfter,
+    Report,
+    example_limits,
+    figure_title,
+    judge,
+    rule,
+    verdict_sentence,
+)
 from analysis.report.page.sections import sections_of
 from analysis.report.still_chart import still
 from analysis.report.summary import Summary
@@ -104,7 +112,7 @@ class RunTrace:
 
 
 @dataclass(frozen=True)
-class Instrument:
+class CertifiedInstrument:
     """A gauge, the ball or the link, with the certificate."""
 
     name: str
@@ -134,17 +142,19 @@ def runs_of(results: Sequence[Result]) -> list[RunTrace]:
     ]
 
 
-def instruments_of(rig: Rig) -> list[Instrument]:
+def instruments_of(rig: Rig) -> list[CertifiedInstrument]:
     """Return gauges, ball and link of a rig."""
     parts = [_instrument(name, gauge.interface, gauge.certificate, gauge.calibrated) for name, gauge in rig.gauges]
     others = (("ball", rig.ball), ("link", rig.link))
     return parts + [_instrument(name, "", part, None) for name, part in others if part is not None]
 
 
-def _instrument(name: str, kind: str, certificate: Certificate | None, calibrated: dt.date | None) -> Instrument:
+def _instrument(
+    name: str, kind: str, certificate: Certificate | None, calibrated: dt.date | None
+) -> CertifiedInstrument:
     if certificate is None:
-        return Instrument(name, kind, "", str(calibrated or ""), "")
-    return Instrument(name, kind, certificate.number, str(certificate.date), str(certificate.due or ""))
+        return CertifiedInstrument(name, kind, "", str(calibrated or ""), "")
+    return CertifiedInstrument(name, kind, certificate.number, str(certificate.date), str(certificate.due or ""))
 
 
 def write_page(report: Report, file: Path, language: Language = "en", heading: Heading = NO_HEADING) -> Path:
@@ -176,7 +186,7 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         report=report,
         verdict=verdict,
         sentence_of=lambda verdict: verdict_sentence(verdict, texts),
-        named=named,
+        named=figure_title,
         answer=AnswerWords(report.found, texts, judged) if report.found else None,
         summary=_summary(report.found, report.after, texts) if report.found else None,
         acts=_acts(report, texts),

@@ -48,7 +48,7 @@ class Joint:
 
 
 @dataclass(frozen=True)
-class Section:
+class RobotSection:
     """A robot, and the section as text.
 
     largest_mm, largest_rad: largest differences from the poses of the source, over random postures.
@@ -59,7 +59,7 @@ class Section:
     largest_mm: float
     largest_rad: float
 
-    def with_build(self, build: Build) -> Section:
+    def with_build(self, build: Build) -> RobotSection:
         """Return the section with the build of the arm as stated by the user."""
         head = "".join(line for line in self.text.splitlines(keepends=True) if line.startswith("#"))
         robot = self.robot.model_copy(update={"build": build})
@@ -117,7 +117,7 @@ def checked_section(
     source: Callable[[Array], Array],
     path: Path,
     tolerance_mm: float = TOLERANCE,
-) -> Section:
+) -> RobotSection:
     """Build a section, and compare it with the source.
 
     head: comment lines above the section. source: function that returns flange poses (n, 4, 4) mm for joint angles q
@@ -137,7 +137,7 @@ def checked_section(
     if not (largest_mm <= tolerance_mm and largest_rad <= TOLERANCE):
         problem = f"as modified Denavit-Hartenberg it differs by {largest_mm:.1e} mm and {largest_rad:.1e} rad"
         raise FileError(str(path), problem, "nothing is written; please report it with this file")
-    return Section(robot, text, largest_mm, largest_rad)
+    return RobotSection(robot, text, largest_mm, largest_rad)
 
 
 def parsed(text: str) -> Robot:

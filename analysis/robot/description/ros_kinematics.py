@@ -19,14 +19,14 @@ from analysis.robot.description.axis_lines import AxisLines
 from analysis.robot.description.rig_section import (
     TOLERANCE,
     Joint,
-    Section,
+    RobotSection,
     checked_section,
     flange_poses,
     largest_difference,
     random_postures,
 )
 from analysis.robot.kinematics.arm import Array, arm_of, link_frames
-from rigs.arms import Arm
+from rigs.arms import LibraryArm
 from rigs.errors import FileError
 from rigs.files import read_text
 
@@ -58,18 +58,18 @@ class Differences:
 
 
 @dataclass(frozen=True)
-class CalibratedArm:
+class DescribedArm:
     """A calibrated arm. doubts: facts for the user to check.
 
     moved_mm: largest flange displacement relative to the published arm, over random postures.
     """
 
-    section: Section
+    section: RobotSection
     doubts: tuple[str, ...]
     moved_mm: float
 
 
-def calibrated(arm: Arm, path: Path) -> CalibratedArm:
+def calibrated(arm: LibraryArm, path: Path) -> DescribedArm:
     """Apply the calibration in a file to an arm of the library. Raises FileError."""
     if arm.maker != MAKER:
         raise FileError(arm.name, "has no calibration.conf: only the arms of Universal Robots do", "remove it")
@@ -97,7 +97,7 @@ def calibrated(arm: Arm, path: Path) -> CalibratedArm:
     doubts = [] if by.is_calibrated else ["calibration_status is 0: the arm was not calibrated"]
     if moved_mm > _LARGE_MM:
         doubts.append(f"that is more than {_LARGE_MM:g} mm; check that the file is of this model")
-    return CalibratedArm(section, tuple(doubts), moved_mm)
+    return DescribedArm(section, tuple(doubts), moved_mm)
 
 
 def read_calibration(path: Path) -> Differences:

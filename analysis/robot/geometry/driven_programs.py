@@ -38,7 +38,7 @@ JOINT_SPEED = np.radians(30.0)
 _SHORTEST_MOVE_S = 0.6
 
 
-def hold_six(rig: Rig) -> None:
+def require_drivable_arm(rig: Rig) -> None:
     """Raise FileError for an arm unable to drive the ball link tests."""
     for missing in missing_arm(rig):
         raise missing.error(rig)
@@ -46,7 +46,7 @@ def hold_six(rig: Rig) -> None:
 
 def circle_of(rig: Rig) -> Circle:
     """Return the circle of a rig. Raises FileError if there is none."""
-    hold_six(rig)
+    require_drivable_arm(rig)
     return require_part(rig, rig.tests.circle, "circle")
 
 
@@ -66,7 +66,7 @@ class CircleProgram:
 
 
 @dataclass(frozen=True)
-class Laps:
+class LapMotion:
     """Equal laps of a circle from rest to rest, and the returns between them at `back` times the speed.
 
     For one lap with lead-in and lead-out: t_s (n,); phi (n,) rad; q (n, 6) rad.
@@ -114,7 +114,7 @@ def circle_program(rig: Rig, direction: Direction) -> CircleProgram:
     return CircleProgram(np.concatenate(times), laps.phi[order], laps.q[order])
 
 
-def circle_laps(rig: Rig, direction: Direction) -> Laps:
+def circle_laps(rig: Rig, direction: Direction) -> LapMotion:
     """Return the laps of a circle program. Raises FileError if the robot cannot drive them.
 
     Between laps the robot returns along the circle, because few arms have two spare turns of the wrist; twice as fast
@@ -130,7 +130,7 @@ def circle_laps(rig: Rig, direction: Direction) -> Laps:
         most, speed = np.degrees(arm.speed[axis]), np.degrees(fastest[axis])
         problem = f"axis {axis + 1} would move at {speed:.0f}°/s, it can do {most:.0f}°/s"
         raise PathError(where, problem, "lower speed_mm_s, or move the circle away from the singularity", "speed")
-    return Laps(t_s, phi, q, circle.laps, way_back(arm, fastest))
+    return LapMotion(t_s, phi, q, circle.laps, way_back(arm, fastest))
 
 
 def drive(arm: Arm, frame: CircleFrame, phi: Array, posture: Array, where: str) -> Array:
@@ -259,14 +259,14 @@ def repeatability_stops(rig: Rig) -> Array:
     program, plan = repeatability_program(rig), repeatability_of(rig)
     radius = hemisphere_frame(hemisphere_of(rig)).direction(program.polar, program.azimuth)
     arm = arm_of(rig.robot)
-    out = beside(arm, program.q, plan.approach_mm * radius)
-    back = beside(arm, program.q, -plan.approach_mm * radius)
+    out = displace_tool(arm, program.q, plan.approach_mm * radius)
+    back = displace_tool(arm, program.q, -plan.approach_mm * radius)
     at = program.q
     rounds = np.stack([out, at, back, at], axis=1)
     return np.concatenate([at[:, None], *[rounds] * plan.rounds], axis=1).reshape(-1, 6)
 
 
-def beside(arm: Arm, q: Array, offset_mm: Array) -> Array:
+def displace_tool(arm: Arm, q: Array, offset_mm: Array) -> Array:
     """Return joint angles (n, 6) rad with the tool displaced by offset_mm (n, 3) from its position at q (n, 6), same
     orientation."""
     from analysis.robot.kinematics.arm import forward  # noqa: PLC0415

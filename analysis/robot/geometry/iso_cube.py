@@ -258,23 +258,23 @@ class Polygon:
     knots: Array
 
     @property
-    def along(self) -> Array:
+    def arc_length_mm(self) -> Array:
         """Length (k,) mm at each knot."""
         return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.knots, axis=0), axis=1))])
 
     @property
     def length_mm(self) -> float:
         """Total length."""
-        return float(self.along[-1])
+        return float(self.arc_length_mm[-1])
 
     def at(self, s_mm: Array) -> Array:
         """Return positions (n, 3) mm at lengths s_mm (n,)."""
-        return np.stack([np.interp(s_mm, self.along, column) for column in self.knots.T], axis=1)
+        return np.stack([np.interp(s_mm, self.arc_length_mm, column) for column in self.knots.T], axis=1)
 
     def nearest(self, places: Array) -> Array:
         """Return the lengths (n,) mm of the closest path points to positions (n, 3) mm."""
         best, lengths = np.full(len(places), np.inf), np.zeros(len(places))
-        for begin, end, s in zip(self.knots[:-1], self.knots[1:], self.along[:-1], strict=True):
+        for begin, end, s in zip(self.knots[:-1], self.knots[1:], self.arc_length_mm[:-1], strict=True):
             length = float(np.linalg.norm(end - begin))
             on_leg = np.clip((places - begin) @ (end - begin) / length, 0.0, length)
             off = np.linalg.norm(places - begin - on_leg[:, None] * (end - begin) / length, axis=1)

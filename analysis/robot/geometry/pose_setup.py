@@ -87,7 +87,7 @@ def fit_setup(T: Array, xyz_mm: Array, steps: int = _STEPS) -> PoseSetUp:
     start = best_rigid(T[:, :3, 3], xyz_mm)
     reach = float(np.linalg.norm(T[:, :3, 3], axis=1).max()) or 1.0
     R, origin, tool = start[:3, :3], start[:3, 3], np.zeros(3)
-    residual = _left(T, xyz_mm, R, origin, tool)
+    residual = _position_residuals(T, xyz_mm, R, origin, tool)
     damping = 1e-6
     for _ in range(steps):
         design = _design(T, R, tool, reach)
@@ -96,7 +96,7 @@ def fit_setup(T: Array, xyz_mm: Array, steps: int = _STEPS) -> PoseSetUp:
             damped = normal + damping * np.diag(np.maximum(np.diag(normal), 1e-9))
             step = np.asarray(-np.linalg.solve(damped, gradient), dtype=float)
             tried = (_turn(step[:3] / reach) @ R, origin + step[3:6], tool + step[6:])
-            new = _left(T, xyz_mm, *tried)
+            new = _position_residuals(T, xyz_mm, *tried)
             if new @ new <= residual @ residual:
                 break
             damping *= 10
@@ -128,7 +128,7 @@ def frame(R: Array, origin: Array) -> Array:
     return T
 
 
-def _left(T: Array, xyz_mm: Array, R: Array, origin: Array, tool: Array) -> Array:
+def _position_residuals(T: Array, xyz_mm: Array, R: Array, origin: Array, tool: Array) -> Array:
     """Return the residuals (3 n,) mm of positions for a base and a tool."""
     values: Array = xyz_mm - ((T[:, :3, 3] + T[:, :3, :3] @ tool) @ R.T + origin)
     return values.ravel()

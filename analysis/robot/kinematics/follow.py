@@ -122,7 +122,7 @@ def _nearest_branch(arm: Arm, pose: Array, q: Array) -> Array | None:
 
 
 def _out_of_reach(poses: Array, index: int, where: str) -> PathError:
-    what = f"{_named(poses, index)} is out of reach of the arm in every posture"
+    what = f"{_pose_name(poses, index)} is out of reach of the arm in every posture"
     return PathError(where, what, "move the centre", "reach")
 
 
@@ -130,13 +130,14 @@ def _flips(arm: Arm, poses: Array, index: int, q: Array, where: str) -> PathErro
     axes = " and ".join(str(axis) for axis in cancelling_axes(arm, q))
     return PathError(
         where,
-        f"the arm changes its posture near {_named(poses, index)}: a singularity, where axes {axes} cancel each other "
+        f"the arm changes its posture near {_pose_name(poses, index)}: "
+        f"a singularity, where axes {axes} cancel each other "
         f"(conditioning {conditioning(arm, q[None])[0]:.1g} at {np.degrees(q).round(1).tolist()}°)",
         "move the circle or choose another posture_deg",
         "singularity",
     )
 
 
-def _named(poses: Array, index: int) -> str:
+def _pose_name(poses: Array, index: int) -> str:
     point = [float(x) for x in np.round(poses[index][:3, 3], 1)]
     return f"pose {index + 1} of {len(poses)} at {point} mm"

@@ -50,7 +50,7 @@ def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mas
         steps = root ** -np.arange(1.0, 7.0)
         filled: Array = 2 * np.pi * ((np.arange(1, _SEEDS + 1)[:, None] * steps) % 1.0) - np.pi
         theta: Array = np.broadcast_to(filled, (len(poses), _SEEDS, 6))
-        return _beside(arm, poses, *_first(*_reached(arm, poses, _joints(arm, theta))))
+        return _add_singular_solutions(arm, poses, *_first(*_reached(arm, poses, _joints(arm, theta))))
     theta = branches(form, poses)
     q[:, :8], solved[:, :8], clear = _near_branches(arm, form, poses, theta)
     doubtful = np.flatnonzero(~clear)
@@ -61,7 +61,7 @@ def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mas
         seeds = _joints(arm, np.concatenate([snapped, apart]).transpose(2, 0, 1))
         seeds = distinct(arm, seeds, np.concatenate([~solved[doubtful, :8], has_moved], axis=1))[0]
         more = _reached(arm, poses[doubtful], seeds)
-        q[doubtful], solved[doubtful] = _beside(
+        q[doubtful], solved[doubtful] = _add_singular_solutions(
             arm, poses[doubtful], *_together(arm, q[doubtful], solved[doubtful], *more)
         )
     return _first(q, solved)
@@ -87,7 +87,7 @@ def _near_branches(arm: Arm, form: Canonical, poses: Array, theta: Array) -> tup
     return q.reshape(-1, 8, 6), solved.reshape(-1, 8), clear
 
 
-def _beside(arm: Arm, poses: Array, q: Array, solved: Mask) -> tuple[Array, Mask]:
+def _add_singular_solutions(arm: Arm, poses: Array, q: Array, solved: Mask) -> tuple[Array, Mask]:
     """Add solutions on both sides of singular ones: q (n, 16, 6) rad, solved (n, 16).
 
     Near a singularity, branches are close together, along the joint motion that does not move the tool. Several start

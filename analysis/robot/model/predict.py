@@ -18,7 +18,7 @@ import numpy as np
 
 from analysis.robot.kinematics.arm import Arm, Array, Integers, arm_of, forward
 from analysis.robot.model.motion import Motion
-from analysis.robot.model.scene import Load, Scene, apply, load_of
+from analysis.robot.model.scene import Load, ModelScene, apply, load_of
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.scene import STAGES
@@ -44,7 +44,9 @@ class Path:
     rows: Integers
     stands: bool = False
     alone: bool = False
-    _scenes: dict[Hashable, tuple[Model, Scene]] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _scenes: dict[Hashable, tuple[Model, ModelScene]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @property
     def t_s(self) -> Array:
@@ -121,13 +123,13 @@ def visits(q: Array, came_from: Array | None = None) -> Path:
     return Path(motion, samples * np.arange(len(q)) + samples - 1, stands=True, alone=True)
 
 
-def gauged(model: Model, path: Path, scene: Scene, setup: SetUp, g_mm: Array) -> Array:
+def gauged(model: Model, path: Path, scene: ModelScene, setup: SetUp, g_mm: Array) -> Array:
     """Return gauge readings (m, k) mm for plunger positions g_mm (n, k) mm, with zeros and gauge errors."""
     scene = apply(model.effects, "gauge", replace(scene, g_mm=g_mm - setup.zeros_mm))
     return path.at_readings(scene.g_mm)
 
 
-def moved(model: Model, path: Path) -> Scene:
+def moved(model: Model, path: Path) -> ModelScene:
     """Return the scene up to the tool stage.
 
     Recent scenes of short paths are cached, because fits, gaps and steps of a diagnosis reuse the scenes.
@@ -144,7 +146,7 @@ def moved(model: Model, path: Path) -> Scene:
     return kept[1]
 
 
-def posed(model: Model, path: Path, scene: Scene) -> Scene:
+def posed(model: Model, path: Path, scene: ModelScene) -> ModelScene:
     """Return the scene up to the tool stage, from a scene up to the joint stage."""
     if path.alone:
         visit = min(path.motion.samples_per_visit, 1)
@@ -153,10 +155,10 @@ def posed(model: Model, path: Path, scene: Scene) -> Scene:
     return apply(model.effects, "tool", replace(scene, T=forward(scene.arm, scene.link_q)))
 
 
-def driven(model: Model, path: Path) -> Scene:
+def driven(model: Model, path: Path) -> ModelScene:
     """Return the scene up to the joint stage, at all n samples of a path."""
     n = len(path.q)
-    scene = Scene(
+    scene = ModelScene(
         arm=model.arm,
         load=model.load,
         motion=path.motion,

@@ -87,7 +87,7 @@ def pull(arm: Arm, load: Load, q: Array) -> Pull:
 
 
 @dataclass(frozen=True)
-class Scene:
+class ModelScene:
     """A scene with n samples in order of time. Values of later stages are empty.
 
     motion: as reported. link_q (n, axes) rad. T (n, 4, 4): the tool in the world. contact (n,) rad: contact angle of
@@ -175,25 +175,25 @@ class Scene:
             end[block] = links[axis][3].T if axis < self.arm.axes else self.T[block, :3, 3]
         return place, direction, end
 
-    def taken_at(self, t_s: Array) -> Scene:
+    def taken_at(self, t_s: Array) -> ModelScene:
         """Return the scene as reported at other times t_s (n,) s."""
         q = self.reported_at(t_s)
         return replace(self, motion=Motion(self.t_s, q), link_q=q)
 
-    def with_constant(self, field: str, axis: int, delta: float) -> Scene:
+    def with_constant(self, field: str, axis: int, delta: float) -> ModelScene:
         """Return the scene with an arm constant (a, d in mm; alpha, beta in rad) of an axis (from 1) changed by
         delta."""
         column = getattr(self.arm, field).copy()
         column[axis - 1] += delta
         return replace(self, arm=replace(self.arm, **{field: column}))
 
-    def turned(self, axis: int, deviation: Array | float) -> Scene:
+    def turned(self, axis: int, deviation: Array | float) -> ModelScene:
         """Return the scene with the link side of a joint (from 1) turned by a deviation (n,) rad."""
         link_q = self.link_q.copy()
         link_q[:, axis - 1] += deviation
         return replace(self, link_q=link_q)
 
-    def along_rail(self, error_mm_m: Array) -> Scene:
+    def along_rail(self, error_mm_m: Array) -> ModelScene:
         """Return the scene with the tool moved by an error (3,) in mm per metre of the rail position.
 
         Components: along the rail, across the rail horizontally in the base frame, and across both. The scene is
@@ -204,7 +204,7 @@ class Scene:
         offset = rail_frame(self.arm) @ error_mm_m / RAIL_MM
         return self.shifted(rail_mm(self.arm, self.q[: len(self.T)])[:, None] * offset)
 
-    def tilted(self, turn: Array, below_mm: float) -> Scene:
+    def tilted(self, turn: Array, below_mm: float) -> ModelScene:
         """Return the scene with the arm turned by rotation vectors (n, 3) rad in base axes, about a point below the
         base origin."""
         from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
@@ -217,30 +217,30 @@ class Scene:
         T[:, :3, 3] = pivot + np.einsum("nij,nj->ni", R, self.T[:, :3, 3] - pivot)
         return replace(self, T=T)
 
-    def raised(self, height_mm: Array) -> Scene:
+    def raised(self, height_mm: Array) -> ModelScene:
         """Return the scene with the arm moved along the z axis of its base by (n,) mm."""
         return self.shifted(np.outer(height_mm, self.arm.T_world_base[:3, 2]))
 
-    def shifted(self, offset_mm: Array) -> Scene:
+    def shifted(self, offset_mm: Array) -> ModelScene:
         """Return the scene with the tool moved by (n, 3) mm in the world."""
         T = self.T.copy()
         T[:, :3, 3] += offset_mm
         return replace(self, T=T)
 
-    def with_form(self, form_mm: Array) -> Scene:
+    def with_form(self, form_mm: Array) -> ModelScene:
         """Return the scene with a ball radius larger by (n,) mm at the contact."""
         return replace(self, form_mm=self.form_mm + form_mm)
 
-    def blended(self, before: Scene, after: Scene, share: float) -> Scene:
+    def blended(self, before: ModelScene, after: ModelScene, share: float) -> ModelScene:
         """Return the scene with a share of the change made by a joint or gauge effect."""
         link_q, g_mm = share * (after.link_q - before.link_q), share * (after.g_mm - before.g_mm)
         return replace(self, link_q=self.link_q + link_q, g_mm=self.g_mm + g_mm)
 
-    def with_gauges_at(self, offsets_mm: Array) -> Scene:
+    def with_gauges_at(self, offsets_mm: Array) -> ModelScene:
         """Return the scene with gauges at other positions (k,) mm on the baseline."""
         return replace(self, offsets_mm=offsets_mm)
 
-    def read(self, gauge: str, change: Callable[[Array], Array]) -> Scene:
+    def read(self, gauge: str, change: Callable[[Array], Array]) -> ModelScene:
         """Return the scene with changed readings (n,) mm of a gauge; unchanged if the test does not use this gauge."""
         column = {"g1": 0, "g2": 1}[gauge]
         if column >= self.g_mm.shape[1]:
@@ -249,12 +249,12 @@ class Scene:
         g_mm[:, column] = change(g_mm[:, column])
         return replace(self, g_mm=g_mm)
 
-    def all_read(self, change: Callable[[Array], Array]) -> Scene:
+    def all_read(self, change: Callable[[Array], Array]) -> ModelScene:
         """Return the scene with changed readings (n, k) mm of all gauges."""
         return replace(self, g_mm=change(self.g_mm))
 
 
-def apply(effects: Sequence[Effect], stage: Stage, scene: Scene) -> Scene:
+def apply(effects: Sequence[Effect], stage: Stage, scene: ModelScene) -> ModelScene:
     """Return the scene after all effects of a stage, in order."""
     for effect in effects:
         if stage == effect.STAGE:

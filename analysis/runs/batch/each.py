@@ -97,7 +97,7 @@ def _connected(address: str) -> Any:
         logging.getLogger(logger).setLevel(logging.CRITICAL)
     try:
         # A client of a missing scheduler takes long to close, even after Ctrl-C.
-        asyncio.run(asyncio.wait_for(_asked(address), _CONNECTED_S))
+        asyncio.run(asyncio.wait_for(_query_scheduler(address), _CONNECTED_S))
         return Client(address, timeout=_CONNECTED_S, set_as_default=False)
     # MemoryError: other programs may announce any message size
     except (MemoryError, OSError, TypeError, ValueError) as error:
@@ -106,7 +106,7 @@ def _connected(address: str) -> Any:
         raise CellError(f"--scheduler {address}", problem, remedy) from None
 
 
-async def _asked(address: str) -> None:
+async def _query_scheduler(address: str) -> None:
     """Query the identity of a scheduler. Raises the errors of distributed."""
     from distributed import Security  # noqa: PLC0415
     from distributed.core import rpc  # noqa: PLC0415

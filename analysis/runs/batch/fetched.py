@@ -39,10 +39,12 @@ def fetched(run: Path) -> Iterator[Path]:
             yield copy
         except RigError as error:
             kind = FileError if isinstance(error, FileError) else CellError
-            raise kind(*(named(text, copy, run) for text in (error.where, error.what, error.remedy))) from None
+            raise kind(
+                *(restore_run_path(text, copy, run) for text in (error.where, error.what, error.remedy))
+            ) from None
 
 
-def named(text: str, copy: Path, run: Path) -> str:
+def restore_run_path(text: str, copy: Path, run: Path) -> str:
     """Replace the path of the copy by the original run in a text."""
     if copy == run:
         return text

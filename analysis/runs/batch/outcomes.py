@@ -15,7 +15,7 @@ _REMEDY = "check those in the rig file and in the readings"
 
 
 @dataclass(frozen=True)
-class Done(Generic[Item, Value]):
+class CompletedItem(Generic[Item, Value]):
     """An item with a value. deaths: number of processes killed before while working on it."""
 
     item: Item
@@ -24,7 +24,7 @@ class Done(Generic[Item, Value]):
 
 
 @dataclass(frozen=True)
-class Failed(Generic[Item]):
+class FailedItem(Generic[Item]):
     """An item with an error. deaths: number of processes killed while working on it."""
 
     item: Item
@@ -32,7 +32,7 @@ class Failed(Generic[Item]):
     deaths: int = 0
 
 
-Outcome = Done[Item, Value] | Failed[Item]
+Outcome = CompletedItem[Item, Value] | FailedItem[Item]
 
 
 def attempt(work: Callable[[Item], Value], item: Item) -> Value | RigError:
@@ -56,7 +56,7 @@ def attempt(work: Callable[[Item], Value], item: Item) -> Value | RigError:
 
 def outcome_of(item: Item, result: Value | RigError, deaths: int = 0) -> Outcome[Item, Value]:
     """Convert a result of `attempt` to an outcome."""
-    return Failed(item, result, deaths) if isinstance(result, RigError) else Done(item, result, deaths)
+    return FailedItem(item, result, deaths) if isinstance(result, RigError) else CompletedItem(item, result, deaths)
 
 
 def is_numerical(error: BaseException) -> bool:

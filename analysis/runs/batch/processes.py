@@ -18,7 +18,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from analysis.runs.batch.outcomes import Failed, Item, Outcome, Value, attempt, outcome_of
+from analysis.runs.batch.outcomes import FailedItem, Item, Outcome, Value, attempt, outcome_of
 from rigs.errors import CellError
 
 _CONTEXT = mp.get_context("fork") if sys.platform == "linux" else mp.get_context("spawn")
@@ -77,7 +77,9 @@ def in_processes(
                         if deaths[place] < _TRIES:
                             todo.append(place)
                         else:
-                            outcomes[place] = Failed(items[place], _killed(items[place], worker.process), deaths[place])
+                            outcomes[place] = FailedItem(
+                                items[place], _killed(items[place], worker.process), deaths[place]
+                            )
             yield outcomes.pop(following)
     finally:
         for worker in workers:

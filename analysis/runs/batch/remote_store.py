@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
-from analysis.runs.batch.outcomes import Failed
+from analysis.runs.batch.outcomes import FailedItem
 from analysis.runs.batch.processes import in_processes
 from analysis.runs.batch.remote_path import RemotePath
 from daq.store.durable import TEMPORARY
@@ -225,7 +225,7 @@ class RemoteRun:
 def remote_runs(top: RemotePath) -> list[RemoteRun]:
     """Return the runs below a URL, or the run at the URL, in order of names. Raises RigError."""
     (outcome,) = in_processes(listed, [top], 1)
-    if isinstance(outcome, Failed):
+    if isinstance(outcome, FailedItem):
         raise outcome.error
     return outcome.value
 

@@ -87,10 +87,10 @@ def bursts(laps: Array) -> Mask:
     for lap in range(len(laps) if len(laps) > 1 else 0):
         others = np.delete(laps, lap, axis=0).mean(axis=0)
         apart = laps[lap] - others
-        leaves = np.abs(apart - _around(apart))
+        leaves = np.abs(apart - _local_median(apart))
         # If the curve jumps, laps also differ because their rows are at slightly different angles.
         bad = beyond_neighbours(leaves) & (leaves > changes(others))
-        bad &= np.abs(laps[lap] - _around(laps[lap])) > np.abs(others - _around(others))
+        bad &= np.abs(laps[lap] - _local_median(laps[lap])) > np.abs(others - _local_median(others))
         if bad.any():
             wide = np.any([np.roll(bad, by) for by in range(-_RINGS, _RINGS + 1)], axis=0)
             odd[lap] = wide if wide.sum() < NODES // 4 else False
@@ -135,7 +135,7 @@ def changes(lap: Array) -> Array:
     return changes
 
 
-def _around(values: Array) -> Array:
+def _local_median(values: Array) -> Array:
     """Return the median (NODES,) of the nodes around each node, cyclic along the lap."""
     half = _NEAR // 2
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(values, half, mode="wrap"), _NEAR)

@@ -165,13 +165,13 @@ def _third_difference_passes(scale: int) -> Array:
 def _prior() -> Array:
     """Return the log prior (whites, slows, 1): uniform on a logarithmic scale over the range of real cells, falling
     outside."""
-    white = -2.0 * (_beyond(0.5 * WHITE_MM.low / _WHITES_MM) + _beyond(_WHITES_MM / (2 * WHITE_MM.high)))
-    slow = -1.0 * _beyond(0.6 * SLOW_MM.low / _SLOWS_MM) - 2.0 * _beyond(_SLOWS_MM / (1.5 * SLOW_MM.high))
+    white = -2.0 * (_positive_log(0.5 * WHITE_MM.low / _WHITES_MM) + _positive_log(_WHITES_MM / (2 * WHITE_MM.high)))
+    slow = -1.0 * _positive_log(0.6 * SLOW_MM.low / _SLOWS_MM) - 2.0 * _positive_log(_SLOWS_MM / (1.5 * SLOW_MM.high))
     prior: Array = (white[:, None] + slow[None, :])[:, :, None]
     return prior
 
 
-def _beyond(ratio: Array) -> Array:
+def _positive_log(ratio: Array) -> Array:
     return np.maximum(0.0, np.log(ratio))
 
 

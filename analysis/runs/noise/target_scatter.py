@@ -168,7 +168,7 @@ class _Sampler:
     step_mm: float
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(_SEED))
 
-    def _within(self, values: Array) -> Array:
+    def _cell_deviations(self, values: Array) -> Array:
         """Return values (t, k, n, d) minus their mean over the readings of a cell."""
         read = self.there[..., None]
         mean = np.where(read, values, 0.0).sum(axis=2, keepdims=True) / np.maximum(read.sum(axis=2, keepdims=True), 1)
@@ -190,8 +190,8 @@ class _Sampler:
         self.d0 = self.rng.choice(_AGREEMENT, self.chains)
         self.tail = self.rng.choice(_TAILS, self.chains)
         self.share = np.broadcast_to(1.0 * self.there, (self.chains, *self.y.shape))
-        away = self._within(self.y[..., None])[..., 0]
-        shapes = self._within(self.shapes).reshape(-1, _DRIFT_DEGREE)
+        away = self._cell_deviations(self.y[..., None])[..., 0]
+        shapes = self._cell_deviations(self.shapes).reshape(-1, _DRIFT_DEGREE)
         again = np.broadcast_to(self.there.sum(axis=-1, keepdims=True) > 1, away.shape) & self.there
         typical = _typical(away[again], self.least_mm)
         normal = shapes.T @ shapes + typical**2 * np.eye(_DRIFT_DEGREE)

@@ -18,7 +18,7 @@ from pydantic import BaseModel, TypeAdapter
 from daq import gauges
 from daq.acquisition.stream_buffer import size_of
 from daq.apps.commission.trial import USUAL_LINES
-from daq.protocol.conversation import Fault, FaultKind, Host, Item, Step
+from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Host, Item
 from daq.protocol.streamed import Streamed
 from rigs.interfaces import models, name_of
 from rigs.load import load
@@ -176,21 +176,21 @@ class Probing:
         self._faults = 0
         self._has_read = False
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         step = self._host.connected(now_ns)
         self._opening = step.send
         return self._limited(step)
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         return self._limited(self._host.received(data, now_ns))
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         return self._limited(self._host.tick(now_ns))
 
-    def lost(self, now_ns: int) -> tuple[Item, ...]:
-        return self._host.lost(now_ns)
+    def handle_link_loss(self, now_ns: int) -> tuple[Item, ...]:
+        return self._host.handle_link_loss(now_ns)
 
-    def _limited(self, step: Step) -> Step:
+    def _limited(self, step: ConversationStep) -> ConversationStep:
         for item in step.items:
             if not isinstance(item, Fault):
                 self._has_read = True

@@ -10,7 +10,7 @@ from daq.protocol.conversation import Sample
 from rigs.schema.condition import CONDITION, FULL_PERCENT, MOTORS, PROGRAM, SAFETY, SPEED, ProgramState, SafetyState
 
 
-class Verdict(StrEnum):
+class FindingVerdict(StrEnum):
     """Verdict of a finding."""
 
     OK = "ok"
@@ -21,31 +21,31 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True)
-class Finding:
+class CellFinding:
     """A finding about a gauge, the robot, the disk, …
 
     about: subject. what: observation. remedy: action; empty if all is well.
     """
 
     about: str
-    verdict: Verdict
+    verdict: FindingVerdict
     what: str
     remedy: str = ""
 
 
-def ok(about: str, observation: str) -> Finding:
+def ok(about: str, observation: str) -> CellFinding:
     """Return a finding that all is well."""
-    return Finding(about, Verdict.OK, observation)
+    return CellFinding(about, FindingVerdict.OK, observation)
 
 
-def doubtful(about: str, observation: str, remedy: str) -> Finding:
+def doubtful(about: str, observation: str, remedy: str) -> CellFinding:
     """Return a finding that deserves attention."""
-    return Finding(about, Verdict.DOUBTFUL, observation, remedy)
+    return CellFinding(about, FindingVerdict.DOUBTFUL, observation, remedy)
 
 
-def wrong(about: str, observation: str, remedy: str) -> Finding:
+def wrong(about: str, observation: str, remedy: str) -> CellFinding:
     """Return a finding that must be corrected."""
-    return Finding(about, Verdict.WRONG, observation, remedy)
+    return CellFinding(about, FindingVerdict.WRONG, observation, remedy)
 
 
 STOPS = {
@@ -68,7 +68,7 @@ def stopped_by(shown: Mapping[str, float]) -> str:
     return "; ".join(STOPS.get(shown.get(SAFETY), ()))  # type: ignore[call-overload] # nan is no state
 
 
-def of_condition(about: str, shown: Mapping[str, float]) -> Iterator[Finding]:
+def of_condition(about: str, shown: Mapping[str, float]) -> Iterator[CellFinding]:
     """Yield problems to solve before a recording. shown: columns of the condition; missing columns are not checked."""
     if shown.get(SAFETY) in STOPS:
         state, remedy = STOPS[SafetyState(int(shown[SAFETY]))]

@@ -20,7 +20,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from daq import clock
-from daq.apps.commission.cell_finding import Finding, Verdict, doubtful, ok, wrong
+from daq.apps.commission.cell_finding import CellFinding, FindingVerdict, doubtful, ok, wrong
 from daq.wire.serial_port import port_names
 
 _GB = 1e9
@@ -38,7 +38,7 @@ _TIME_ERROR = 5
 _UNIT_PROPERTIES = "LoadState,ActiveState,SubState,Result,NRestarts,UnitFileState"
 
 
-def examine_computer(runs: Path, unit: str | None) -> Iterator[Finding]:
+def examine_computer(runs: Path, unit: str | None) -> Iterator[CellFinding]:
     """Check the computer. unit: service of the rig, if any."""
     try:
         place = next(path for path in (runs, *runs.parents) if path.is_dir())
@@ -57,7 +57,7 @@ def examine_computer(runs: Path, unit: str | None) -> Iterator[Finding]:
         yield service(unit, properties)
 
 
-def room(runs: Path, free_gb: float) -> Finding:
+def room(runs: Path, free_gb: float) -> CellFinding:
     """Check the free space for recording."""
     observation = f"{free_gb:.1f} GB free for {runs}"
     if free_gb < _TOO_LITTLE_GB:
@@ -67,7 +67,7 @@ def room(runs: Path, free_gb: float) -> Finding:
     return ok("disk", observation)
 
 
-def sync_time(runs: Path, slowest_s: float) -> Finding:
+def sync_time(runs: Path, slowest_s: float) -> CellFinding:
     """Check that the disk is fast enough for two syncs a second."""
     observation = f"writing 64 kB to the disk took up to {slowest_s * 1e3:.0f} ms"
     if slowest_s > _TOO_SLOW_S:
@@ -77,7 +77,7 @@ def sync_time(runs: Path, slowest_s: float) -> Finding:
     return ok("disk", observation)
 
 
-def wall_clock(state: int) -> Finding:
+def wall_clock(state: int) -> CellFinding:
     """Check that NTP controls the clock. state: result of adjtimex."""
     if state != _TIME_ERROR:
         return ok("clock", "synchronised by NTP")
@@ -85,7 +85,7 @@ def wall_clock(state: int) -> Finding:
     return doubtful("clock", observation, "run: sudo timedatectl set-ntp true")
 
 
-def service(unit: str, properties: Mapping[str, str]) -> Finding:
+def service(unit: str, properties: Mapping[str, str]) -> CellFinding:
     """Check the state of the unit according to `systemctl show`."""
     if properties.get("LoadState") != "loaded":
         return doubtful(unit, "not installed", "run: sudo scripts/install")
@@ -147,17 +147,17 @@ _GROUP = "dialout"
 _LONG_MS = 2
 
 
-def examine_port(about: str, port: str, root: Path, *, served: bool) -> Iterator[Finding]:
+def examine_port(about: str, port: str, root: Path, *, served: bool) -> Iterator[CellFinding]:
     """Yield findings about a serial port up to the first defect. served: rigd may have opened the port."""
     checks = (present, lasting, quick) if served else (present, lasting, allowed, free, quick)
     for check in checks:
         if finding := check(about, port, root):
             yield finding
-            if finding.verdict is Verdict.WRONG:
+            if finding.verdict is FindingVerdict.WRONG:
                 return
 
 
-def present(about: str, port: str, root: Path) -> Finding:
+def present(about: str, port: str, root: Path) -> CellFinding:
     """Check that the port exists."""
     if _at(port, root).exists():
         return ok(about, f"{port} exists")
@@ -169,7 +169,7 @@ def present(about: str, port: str, root: Path) -> Finding:
     )
 
 
-def lasting(about: str, port: str, root: Path) -> Finding | None:
+def lasting(about: str, port: str, root: Path) -> CellFinding | None:
     """Check that the name of a port belongs permanently to the adapter; None for a built-in port."""
     if not _BY_PLUGGING_ORDER.fullmatch(port):
         return None
@@ -180,7 +180,7 @@ def lasting(about: str, port: str, root: Path) -> Finding | None:
     return doubtful(about, f"{port} depends on the order in which adapters are connected", remedy)
 
 
-def allowed(about: str, port: str, root: Path) -> Finding | None:
+def allowed(about: str, port: str, root: Path) -> CellFinding | None:
     """Check that this user and the user of the service may read and write the port."""
     device = _at(port, root)
     status = device.stat()
@@ -201,7 +201,7 @@ def allowed(about: str, port: str, root: Path) -> Finding | None:
     return None
 
 
-def free(about: str, port: str, root: Path) -> Finding | None:
+def free(about: str, port: str, root: Path) -> CellFinding | None:
     """Check for other processes using the port; None if no process is found.
 
     Only processes visible to this user are found. A pty is used by the process that created it.
@@ -224,7 +224,7 @@ def free(about: str, port: str, root: Path) -> Finding | None:
     return None
 
 
-def quick(about: str, port: str, root: Path) -> Finding | None:
+def quick(about: str, port: str, root: Path) -> CellFinding | None:
     """Check the latency timer of an FTDI adapter; None for other adapters."""
     timer = root / "sys/bus/usb-serial/devices" / _at(port, root).resolve().name / "latency_timer"
     try:

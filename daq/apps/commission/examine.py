@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.acquisition.streams import Stream, streams_of
-from daq.apps.commission.cell_finding import Finding, Verdict, doubtful, of_condition, ok, wrong
+from daq.apps.commission.cell_finding import CellFinding, FindingVerdict, doubtful, of_condition, ok, wrong
 from daq.apps.commission.computer import examine_computer, examine_port
 from daq.apps.commission.trial import examine_conversation
 from daq.service.client import Client, find_socket
@@ -21,7 +21,7 @@ _FRESH_S = 3.0
 
 def examine(
     rig: Rig, runs: Path, unit: str | None = None, root: Path = Path("/"), *, example: bool = False
-) -> Iterator[Finding]:
+) -> Iterator[CellFinding]:
     """Yield findings one by one.
 
     unit: service of the rig. root: parent of /dev, /proc and /sys. example: the rig file is a shipped example. The
@@ -48,7 +48,7 @@ def examine(
         if stream.port.startswith("/"):
             findings = list(examine_port(stream.name, stream.port, root, served=status is not None))
         yield from findings
-        if status is None and all(finding.verdict is not Verdict.WRONG for finding in findings):
+        if status is None and all(finding.verdict is not FindingVerdict.WRONG for finding in findings):
             gauge = rig.gauges.recorded.get(stream.columns[0].removesuffix("_mm"))
             yield from examine_conversation(stream, (gauge.timeout_s if gauge else rig.feedback.timeout_s))
 
@@ -71,7 +71,7 @@ def ask(rig: str) -> dict[str, Any] | None:
         return client.ask("status")
 
 
-def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Finding]:
+def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[CellFinding]:
     """Yield findings from the status of a daemon that has opened the ports. streams: streams of the rig file."""
     recording = f"records {status['recording']}" if status["recording"] else "records nothing"
     yield ok("rigd", f"serves {status['rig']} and {recording}; queried through the daemon")
@@ -90,7 +90,7 @@ def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Fin
             yield from of_condition(name, now)
 
 
-def _stream(name: str, stream: dict[str, Any]) -> Finding:
+def _stream(name: str, stream: dict[str, Any]) -> CellFinding:
     if not stream["connected"]:
         return wrong(name, "the port is not open", stream["last_fault"] or "see rig logs")
     ages_s = {column: age_s for column, age_s in stream["age_s"].items() if column not in CONDITION}

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from daq import clock
 from daq.acquisition.streams import Stream, streams_of
-from daq.apps.commission.cell_finding import Finding, doubtful, ok, wrong
+from daq.apps.commission.cell_finding import CellFinding, doubtful, ok, wrong
 from daq.apps.commission.trial import USUAL_LINES
 from daq.protocol.conversation import Fault
 from daq.protocol.modbus import Wire, exception_of, registers_of, unpack
@@ -55,7 +55,7 @@ Seen = Mapping[int, Sequence[int]]
 
 
 @dataclass(frozen=True)
-class Way:
+class ValueDecoding:
     """A decoding of the value.
 
     changed: keys that differ from the rig file. readings_mm (n,): decoded readings. moving: registers that changed,
@@ -71,7 +71,7 @@ class Way:
         """Number of errors in the rig file implied by this decoding."""
         return sum(_SELDOM.get(key, 1) for key in self.changed)
 
-    def is_part_of(self, way: Way) -> bool:
+    def is_part_of(self, way: ValueDecoding) -> bool:
         """Return whether this decoding is the upper part of a different number: the same motion, truncated.
 
         The registers may have been read one after the other, so only the distributions are compared.
@@ -83,7 +83,7 @@ class Way:
         return ", ".join(f"{key}: {value}" for key, value in self.changed.items())
 
 
-def ways(gauge: ModbusMap, seen: Mapping[tuple[Place, Piece], Seen]) -> list[Way]:
+def ways(gauge: ModbusMap, seen: Mapping[tuple[Place, Piece], Seen]) -> list[ValueDecoding]:
     """Return the decodings with moving readings, ordered by decreasing likelihood."""
     of_pieces = [way for (place, _), registers in seen.items() for way in _of_piece(gauge, *place, registers)]
     moving = {str(way): way for way in of_pieces}.values()
@@ -91,7 +91,7 @@ def ways(gauge: ModbusMap, seen: Mapping[tuple[Place, Piece], Seen]) -> list[Way
     return sorted(whole, key=lambda way: way.effort)
 
 
-def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterator[Way]:
+def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterator[ValueDecoding]:
     """Yield the decodings of the registers read from a unit."""
     orders = product(get_args(Order), repeat=2)
     for address, kind, (word_order, byte_order) in product(seen, get_args(Number), list(orders)):
@@ -116,7 +116,7 @@ def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterato
         if is_motion(readings_mm, gauge):
             changed = {key: read for key, (read, written) in settings.items() if read != written}
             moving = [address + k for k in range(register.count) if len(set(seen[address + k])) > 1]
-            yield Way(changed, readings_mm, frozenset((unit, function, place) for place in moving))
+            yield ValueDecoding(changed, readings_mm, frozenset((unit, function, place) for place in moving))
 
 
 def is_motion(readings_mm: NDArray[np.float64], gauge: ModbusMap) -> bool:
@@ -183,7 +183,7 @@ class Asker:
         return None
 
 
-def scan_modbus(rig: Rig, say: Callable[[str], None]) -> Iterator[Finding]:
+def scan_modbus(rig: Rig, say: Callable[[str], None]) -> Iterator[CellFinding]:
     """Yield findings about each Modbus gauge of a rig. say: shows instructions to the user."""
     gauges = {name: gauge for name, gauge in rig.gauges if isinstance(gauge, ModbusMap)}
     if not gauges:
@@ -194,7 +194,7 @@ def scan_modbus(rig: Rig, say: Callable[[str], None]) -> Iterator[Finding]:
                 yield scan_gauge(name, gauges[name], stream, say)
 
 
-def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str], None]) -> Finding:
+def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str], None]) -> CellFinding:
     """Search for a gauge, with the line settings of the rig file or others."""
     say(f"{name}: querying all unit addresses on {stream.port}, for up to half a minute")
     lines = [stream.line]
@@ -251,7 +251,9 @@ def _readable(asker: Asker, gauge: ModbusMap, unit: int) -> Iterator[tuple[Place
                 yield from ((place, (address, n)) for n in sizes if asker.read(place, (address, n), gauge.timeout_s))
 
 
-def _finding(name: str, gauge: ModbusMap, line: dict[str, object], moving: list[Way], asker: Asker) -> Finding:
+def _finding(
+    name: str, gauge: ModbusMap, line: dict[str, object], moving: list[ValueDecoding], asker: Asker
+) -> CellFinding:
     """Describe the result."""
     if not moving:
         around = f"registers {gauge.value.address} ± {_AROUND}"

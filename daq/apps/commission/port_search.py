@@ -25,7 +25,7 @@ from daq.acquisition.host_clock import StallWatch
 from daq.acquisition.stream_buffer import faults_of
 from daq.acquisition.streams import Stream
 from daq.apps.commission.attempts import Attempt, FoundGauge, PortReport, Probing, Sends, attempts, evidence_of
-from daq.apps.commission.cell_finding import Verdict
+from daq.apps.commission.cell_finding import FindingVerdict
 from daq.apps.commission.computer import examine_port
 from daq.apps.commission.trial import Trial, try_line
 from daq.protocol.conversation import FaultKind, Host
@@ -58,7 +58,7 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Wanted:
+class SearchOptions:
     """Search options. ports: serial devices and TCP addresses named by the user. Other ports are not opened.
 
     named: attempts for ports with a known instrument. listen_s: listening time for each setting. modbus_units: units to
@@ -79,7 +79,7 @@ def ports_here() -> dict[str, str]:
     return {name: descriptions.get(Path(name).resolve(), "") for name in port_names()}
 
 
-def search(options: Wanted, progress: Progress) -> list[PortReport]:
+def search(options: SearchOptions, progress: Progress) -> list[PortReport]:
     """Search all ports in parallel. Ctrl-C ends all attempts and restores the settings of the ports."""
     descriptions, reports, stop = ports_here(), dict[str, PortReport](), clock.Event()
 
@@ -106,7 +106,9 @@ def join_started(threads: Sequence[threading.Thread]) -> None:
             thread.join()
 
 
-def search_port(port: str, description: str, options: Wanted, progress: Progress, stop: threading.Event) -> PortReport:
+def search_port(
+    port: str, description: str, options: SearchOptions, progress: Progress, stop: threading.Event
+) -> PortReport:
     """Search one port."""
     report = PortReport(port, description)
     try:
@@ -115,7 +117,7 @@ def search_port(port: str, description: str, options: Wanted, progress: Progress
         return _failed(report, "is not a port", "write a port such as /dev/serial/by-id/… or tcp://host:502")
     if port.startswith("/"):
         for finding in examine_port(port, port, _ROOT, served=False):
-            if finding.verdict is Verdict.WRONG:
+            if finding.verdict is FindingVerdict.WRONG:
                 return _failed(report, finding.what.removeprefix(f"{port}: "), finding.remedy)
     tried = options.named.get(port) or attempts(port, options.modbus_units)
     stalls = StallWatch(_STOOD_STILL_NS)

@@ -27,7 +27,7 @@ from daq.apps.commission.attempts import OF_THE_INSTRUMENT, Probing, RobotReport
 from daq.apps.commission.cell_finding import condition_in, stopped_by
 from daq.apps.commission.trial import Trial, try_line
 from daq.protocol.conversation import Arrival, Fault, FaultKind
-from daq.protocol.framing import Lines, Message
+from daq.protocol.framing import DelimitedLines, Message
 from daq.protocol.numerals import number
 from daq.wire.links import LinkLost, open_link
 from rigs.errors import CellError
@@ -42,7 +42,7 @@ _PACE = 0.25
 
 
 @dataclass(frozen=True)
-class Layout:
+class LineLayout:
     """Layout of lines. fields, separator: as in the rig file. sure: the unit is certain."""
 
     fields: tuple[str, ...]
@@ -50,9 +50,9 @@ class Layout:
     sure: bool
 
 
-def layout_of(arrivals: Sequence[Arrival]) -> Layout | None:
+def layout_of(arrivals: Sequence[Arrival]) -> LineLayout | None:
     """Return the layout of received lines; None for lines with fewer than six numbers."""
-    frames = Lines(b"\n", joined_midway=True)
+    frames = DelimitedLines(b"\n", joined_midway=True)
     lines = [
         (message.data.decode("ascii", "replace").strip(), message.last_byte_ns / 1e9)
         for data, at_ns in arrivals
@@ -83,7 +83,7 @@ def layout_of(arrivals: Sequence[Arrival]) -> Layout | None:
     if first_clock is not None:
         names[first_clock] = clocks[first_clock]
     fields = tuple(names.get(place, "_") for place in range(len(columns)))
-    return Layout(fields, separator, largest > 2 * math.pi)
+    return LineLayout(fields, separator, largest > 2 * math.pi)
 
 
 def _clock(column: list[float | None], at_s: list[float]) -> str | None:

@@ -16,7 +16,7 @@ import numpy as np
 from daq import clock
 from daq.acquisition.stream_buffer import faults_of, samples_of
 from daq.acquisition.streams import Stream
-from daq.apps.commission.cell_finding import Finding, condition_in, doubtful, of_condition, ok, wrong
+from daq.apps.commission.cell_finding import CellFinding, condition_in, doubtful, of_condition, ok, wrong
 from daq.protocol.bus import Bus
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
 from daq.wire.conversation_loop import run_conversation
@@ -142,11 +142,11 @@ def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> 
         end.append(Fault(FaultKind.DISCONNECTED, clock.now_ns(), f"the connection was lost: {lost}"))
     finally:
         link.close()
-    items += [*host.lost(clock.now_ns()), *link.take_ignored(), *end]  # including pending faults
+    items += [*host.handle_link_loss(clock.now_ns()), *link.take_ignored(), *end]  # including pending faults
     return Trial(items, clock.now_s() - began, counted.received, counted.carried)
 
 
-def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = try_line) -> Iterator[Finding]:
+def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = try_line) -> Iterator[CellFinding]:
     """Check the responses, rate and clock of an instrument, and the condition of a robot.
 
     timeout_s: time-out of the instrument.
@@ -166,7 +166,7 @@ def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = tr
         yield from of_condition(stream.name, condition_in(stream.columns, trial.samples[-1]))
 
 
-def of_signs(stream: Stream, trial: Trial) -> Iterator[Finding]:
+def of_signs(stream: Stream, trial: Trial) -> Iterator[CellFinding]:
     """Check whether gauges of a link report negative values as large positive values."""
     values = samples_of(trial.items).values
     for name, column in zip(stream.columns, values.T, strict=True):
@@ -175,7 +175,7 @@ def of_signs(stream: Stream, trial: Trial) -> Iterator[Finding]:
             yield wrong(stream.name, f"{name}: {shown.words}", shown.remedy)
 
 
-def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> Finding:
+def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> CellFinding:
     """Check that the protocol works. search: finds the correct line settings."""
     if trial.error is not None:
         return wrong(stream.name, f"{stream.port}: {trial.error.what}", trial.error.remedy)
@@ -197,7 +197,7 @@ def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> 
     return wrong(stream.name, f"{how}: nothing arrived", trial.last_fault or "check that it is on, and the cable")
 
 
-def _of_readings(stream: Stream, trial: Trial, how: str) -> Finding:
+def _of_readings(stream: Stream, trial: Trial, how: str) -> CellFinding:
     """Check the readings: all gauges of the link must deliver some, with few faults."""
     readings = samples_of(trial.items)
     observation = f"{how}: {len(readings)} readings in {trial.seconds:.0f} s"
@@ -213,7 +213,7 @@ def _of_readings(stream: Stream, trial: Trial, how: str) -> Finding:
     return ok(stream.name, f"{observation}; not available: {', '.join(silent)}" if silent else observation)
 
 
-def pace(stream: Stream, trial: Trial) -> Finding | None:
+def pace(stream: Stream, trial: Trial) -> CellFinding | None:
     """Compare the rate with the capacity of the line."""
     readings, reached_hz = len(trial.samples), trial.rate_hz
     if readings < _ENOUGH or not reached_hz:
@@ -229,7 +229,7 @@ def pace(stream: Stream, trial: Trial) -> Finding | None:
     )
 
 
-def pace_of_clock(about: str, samples: Sequence[Sample]) -> Finding | None:
+def pace_of_clock(about: str, samples: Sequence[Sample]) -> CellFinding | None:
     """Compare the rate of the instrument clock with the clock of this computer; None if the instrument has no clock.
 
     The earliest arrivals of the first and last quarter are closest to the truth, because delays are always positive.

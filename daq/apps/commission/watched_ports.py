@@ -46,7 +46,7 @@ def pushed(rest_mm: Mapping[str, Sequence[float]], now_mm: Mapping[str, float]) 
     return None
 
 
-class Watch:
+class PortWatch:
     """Reads gauges in separate threads. Use it in a `with` statement."""
 
     def __init__(self, gauges: Sequence[FoundGauge]) -> None:
@@ -58,7 +58,7 @@ class Watch:
         self._lost: dict[str, str] = {}
         self._threads: list[threading.Thread] = []
 
-    def __enter__(self) -> Watch:
+    def __enter__(self) -> PortWatch:
         by_port: dict[str, list[FoundGauge]] = {}
         for gauge in self._gauges:
             by_port.setdefault(gauge.gauge.port, []).append(gauge)
@@ -83,7 +83,7 @@ class Watch:
                 raise CellError(place, f"was lost ({why})", "check the cable, and run rig init again: it goes on here")
             return {place: values[-1] for place, values in self._latest.items() if values}
 
-    def rest(self) -> None:
+    def measure_rest(self) -> None:
         """Measure the rest positions. Raises CellError if a gauge is silent."""
         with self._changed:
             for values in self._latest.values():

@@ -28,7 +28,7 @@ from rigs.yaml_text import data_of
 _NOTICE_S = 0.05
 
 
-class Server(Protocol):
+class EmulatedPort(Protocol):
     """Local port of an emulated instrument."""
 
     port: str
@@ -60,7 +60,7 @@ class Adversity:
 NONE = Adversity()
 
 
-class Cell:
+class EmulatedInstruments:
     """All instruments of a rig, each with a thread that runs until `stop`.
 
     devices: creates the instrument for each connection, by stream name: `g1`, `g1_g2` for a shared port, `robot`.
@@ -76,7 +76,7 @@ class Cell:
         names: Path | None = None,
         *,
         paced: bool = True,
-    ) -> Cell:
+    ) -> EmulatedInstruments:
         """Open the ports of a cell. The instruments are not started. paced: see `PtyLine.open`."""
         cell = cls()
         for stream in streams_of(rig):
@@ -88,7 +88,7 @@ class Cell:
         self._threads: list[clock.Thread] = []
         self._devices: dict[str, list[Device]] = {}
         self._lines: list[PtyLine] = []
-        self._servers: dict[str, Server] = {}
+        self._servers: dict[str, EmulatedPort] = {}
         self._plugged: dict[str, clock.Event] = {}
         self._silenced: set[str] = set()
         self.ports: dict[str, str] = {}
@@ -143,24 +143,24 @@ class Cell:
         name, late_ms = stream.name, adversity.jitter_ms
         self._devices[name] = []
 
-        def made() -> Device:
+        def make_device() -> Device:
             device = make()
             self._devices[name].append(device)
             return device
 
         if udp_address(stream.port):
-            port = self._serve(name, UdpPort.open(made, calls=stream.listens, jitter_ms=late_ms))
+            port = self._serve(name, UdpPort.open(make_device, calls=stream.listens, jitter_ms=late_ms))
         elif tcp_address(stream.port) and stream.listens:
-            port = self._serve(name, TcpCaller.open(made, late_ms))
+            port = self._serve(name, TcpCaller.open(make_device, late_ms))
         elif tcp_address(stream.port):
-            port = self._serve(name, TcpPort.open(made, late_ms if name == ROBOT else 0.0))
+            port = self._serve(name, TcpPort.open(make_device, late_ms if name == ROBOT else 0.0))
         else:
             line = PtyLine.open(stream.line, adversity.latency_ms, link, paced=paced)
-            port = self._serve_pty(name, made, line, paced)
+            port = self._serve_pty(name, make_device, line, paced)
         called = ["feedback"] if name == ROBOT else name.split("_")
         self.ports.update(dict.fromkeys(called, port))
 
-    def _serve(self, name: str, server: Server) -> str:
+    def _serve(self, name: str, server: EmulatedPort) -> str:
         self._servers[name] = server
         self._plugged[name] = server.plugged
         self._threads.append(clock.Thread(target=server.serve, args=(self._stop,), name=f"emulated {name}"))

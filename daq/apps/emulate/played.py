@@ -14,8 +14,8 @@ from itertools import pairwise
 from statistics import median
 
 from daq.apps.emulate.timebase import Steps, Timebase
-from daq.protocol.conversation import Step
-from daq.wire.capture import Mark, Piece
+from daq.protocol.conversation import ConversationStep
+from daq.wire.capture import CaptureMark, Piece
 
 _LOOK_NS = 20_000_000
 """Interval for checking whether the replay has started."""
@@ -41,7 +41,7 @@ class StreamingPlayer:
         self._begin()
 
     @property
-    def done(self) -> bool:
+    def is_finished(self) -> bool:
         """True if all pieces have been sent."""
         return not self._left
 
@@ -50,67 +50,67 @@ class StreamingPlayer:
         """True if any data has been sent or received."""
         return self._time.shift_ns is not None and len(self._left) < self._whole
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         if self._hangs_up and self._pieces:
             self._time.begin(now_ns, self._pieces[0].at_ns)
         return self._play(now_ns)
 
-    def received(self, data: bytes, now_ns: int) -> Step:
-        first = next((piece for piece in self._pieces if piece.mark is Mark.SENT), None)
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
+        first = next((piece for piece in self._pieces if piece.mark is CaptureMark.SENT), None)
         if first is not None:
             self._time.begin(now_ns, first.at_ns)
         self._replayed += data
         return self._play(now_ns)
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         return self._play(now_ns)
 
     def _begin(self) -> None:
         self._turn = self._time.turn
-        spoken = [piece for piece in self._pieces if piece.mark in (Mark.SENT, Mark.CAME)]
-        while spoken and spoken[-1].mark is Mark.SENT:
+        spoken = [piece for piece in self._pieces if piece.mark in (CaptureMark.SENT, CaptureMark.CAME)]
+        while spoken and spoken[-1].mark is CaptureMark.SENT:
             spoken.pop()  # not followed by any data
         self._left, self._whole = deque(spoken), len(spoken)
         self._end_ns = self._pieces[-1].at_ns if self._pieces else 0
         self._replayed = bytearray()
         self._knocked_ns: int | None = None
 
-    def _play(self, now_ns: int) -> Step:
+    def _play(self, now_ns: int) -> ConversationStep:
         """Return at most one received chunk. Over UDP each chunk is a datagram."""
         if self._turn != self._time.turn:
             self._begin()
         shift_ns = self._time.shift_ns
         if shift_ns is None and self._pieces:
-            return self._knock(now_ns) if self._calls else Step(wake_ns=now_ns + _LOOK_NS)
+            return self._knock(now_ns) if self._calls else ConversationStep(wake_ns=now_ns + _LOOK_NS)
         while self._left and shift_ns is not None:
             piece = self._left[0]
             due_ns = shift_ns + piece.at_ns
             if now_ns < due_ns:
-                return Step(wake_ns=due_ns)
-            if piece.mark is Mark.CAME:
+                return ConversationStep(wake_ns=due_ns)
+            if piece.mark is CaptureMark.CAME:
                 self._left.popleft()
-                self._steps.said(piece.at_ns, now_ns - due_ns)
+                self._steps.record_delay(piece.at_ns, now_ns - due_ns)
                 self.sent += 1
-                return Step(piece.data, wake_ns=now_ns)
+                return ConversationStep(piece.data, wake_ns=now_ns)
             if len(self._replayed) < len(piece.data) and now_ns < due_ns + _PATIENCE_NS:
-                return Step(wake_ns=due_ns + _PATIENCE_NS)
+                return ConversationStep(wake_ns=due_ns + _PATIENCE_NS)
             self._left.popleft()
             self._steps.otherwise += self._replayed[: len(piece.data)] != piece.data
             del self._replayed[: len(piece.data)]
         self._steps.judge()
         if not self._hangs_up:
-            return Step()
+            return ConversationStep()
         over_ns = self._end_ns + (shift_ns or 0)
-        return Step(hang_up=True) if now_ns >= over_ns else Step(wake_ns=over_ns)
+        return ConversationStep(hang_up=True) if now_ns >= over_ns else ConversationStep(wake_ns=over_ns)
 
-    def _knock(self, now_ns: int) -> Step:
+    def _knock(self, now_ns: int) -> ConversationStep:
         """Send the first piece. If no process listens at the port, the link is lost; otherwise the timebase starts."""
         if self._knocked_ns is None:
             self._knocked_ns = now_ns
             self.sent += 1
-            return Step(self._left.popleft().data, wake_ns=now_ns + _LOOK_NS)
+            return ConversationStep(self._left.popleft().data, wake_ns=now_ns + _LOOK_NS)
         self._time.begin(self._knocked_ns, self._pieces[0].at_ns)
-        return Step(wake_ns=now_ns)
+        return ConversationStep(wake_ns=now_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,12 +157,12 @@ class Exchanges:
     @classmethod
     def of(cls, pieces: Sequence[Piece]) -> Exchanges:
         """Return the exchanges in the pieces. Data before the first request does not count as an answer."""
-        questions = [number for number, piece in enumerate(pieces) if piece.mark is Mark.SENT]
+        questions = [number for number, piece in enumerate(pieces) if piece.mark is CaptureMark.SENT]
         exchanges = [
             Exchange(
                 pieces[begin].at_ns,
                 pieces[begin].data,
-                tuple(piece for piece in pieces[begin:end] if piece.mark is Mark.CAME),
+                tuple(piece for piece in pieces[begin:end] if piece.mark is CaptureMark.CAME),
             )
             for begin, end in pairwise([*questions, len(pieces)])
         ]
@@ -187,23 +187,23 @@ class AnsweringPlayer:
         """True if a request was received."""
         return self._last >= 0
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         if self._hangs_up:
             self._time.begin(now_ns, self._exchanges.begin_ns)
         return self._play(now_ns)
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         if self._exchanges.all:
             self._time.begin(now_ns, self._exchanges.asked_ns[0])
         self._replayed += data
         return self._play(now_ns, asked=True)
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         return self._play(now_ns)
 
     def _begin(self) -> None:
         self._turn = self._time.turn
-        self.done = not self._exchanges.all
+        self.is_finished = not self._exchanges.all
         self._replayed = bytearray()
         self._last = -1
         """Index of the last exchange played."""
@@ -213,32 +213,32 @@ class AnsweringPlayer:
         """Time shift of the current exchange, until the answer begins."""
         self._question_ns = 0
 
-    def _play(self, now_ns: int, *, asked: bool = False) -> Step:
+    def _play(self, now_ns: int, *, asked: bool = False) -> ConversationStep:
         if self._turn != self._time.turn:
             self._begin()
         shift_ns = self._time.shift_ns
         if shift_ns is None:
-            return Step(wake_ns=now_ns + _LOOK_NS)
+            return ConversationStep(wake_ns=now_ns + _LOOK_NS)
         at_ns = now_ns - shift_ns
         if asked:
             self._hear(at_ns)
         if self._saying and at_ns >= self._saying[0].at_ns:
             if self._middle_ns is not None:
-                self._steps.said(at_ns, (self._question_ns + at_ns) / 2 - self._middle_ns)
+                self._steps.record_delay(at_ns, (self._question_ns + at_ns) / 2 - self._middle_ns)
                 self._middle_ns = None
             self.sent += 1
             data = bytearray()
             while self._saying and at_ns >= self._saying[0].at_ns:
                 data += self._saying.popleft().data
-            return Step(bytes(data), wake_ns=now_ns)
-        if not self.done and at_ns >= self._exchanges.end_ns:
-            self.done = True
+            return ConversationStep(bytes(data), wake_ns=now_ns)
+        if not self.is_finished and at_ns >= self._exchanges.end_ns:
+            self.is_finished = True
             self._skip_to(len(self._exchanges.all))
-        if self.done and not self._saying:
+        if self.is_finished and not self._saying:
             self._steps.judge()
-            return Step(hang_up=self._hangs_up)
+            return ConversationStep(hang_up=self._hangs_up)
         next_ns = self._saying[0].at_ns if self._saying else self._exchanges.end_ns
-        return Step(wake_ns=next_ns + shift_ns)
+        return ConversationStep(wake_ns=next_ns + shift_ns)
 
     def _hear(self, at_ns: int) -> None:
         """Select the answer when a request is complete."""

@@ -18,12 +18,12 @@ import yaml
 from daq import clock
 from daq.acquisition.capture_writer import out_of_step_line
 from daq.acquisition.streams import ROBOT, Stream, streams_of
-from daq.apps.emulate.emulated_cell import Cell
+from daq.apps.emulate.emulated_cell import EmulatedInstruments
 from daq.apps.emulate.played import AnsweringPlayer, Exchanges, StreamingPlayer
 from daq.apps.emulate.timebase import Steps, Timebase, bearable_ns, u_asked_ns, u_cycle_ns
 from daq.protocol.bus import Bus
 from daq.protocol.polled import Polled
-from daq.wire.capture import Capture, Mark, Piece
+from daq.wire.capture import Capture, CaptureMark, Piece
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.links import tcp_address, udp_address
@@ -40,17 +40,23 @@ class Replay:
 
     @classmethod
     def open(
-        cls, rig: Rig, capture: Capture, marks: Path | None = None, *, opening: Callable[..., Cell] = Cell.open
+        cls,
+        rig: Rig,
+        capture: Capture,
+        marks: Path | None = None,
+        *,
+        opening: Callable[..., EmulatedInstruments] = EmulatedInstruments.open,
     ) -> Replay:
         """Open the ports of a capture.
 
-        marks: file for timing deviations, or None. opening: function with the arguments of `Cell.open` that opens the
-        cell. Raises FileError if the capture lacks a stream of the rig, and OSError if the file cannot be created.
+        marks: file for timing deviations, or None. opening: function with the arguments of `EmulatedInstruments.open`
+        that opens the cell. Raises FileError if the capture lacks a stream of the rig, and OSError if the file cannot
+        be created.
         """
         streams, timebase = streams_of(rig), Timebase()
         heard = {stream.name: capture.of(stream.name) for stream in streams}
         for name, pieces in heard.items():
-            if not any(piece.mark is Mark.CAME for piece in pieces):
+            if not any(piece.mark is CaptureMark.CAME for piece in pieces):
                 problem = (
                     f"the capture contains no data of {name} (it contains {', '.join(capture.streams) or 'nothing'})"
                 )
@@ -59,7 +65,7 @@ class Replay:
             [_u_ns(stream, heard[stream.name]) for stream in streams if stream.name != ROBOT],
             *(_u_ns(stream, heard[stream.name]) for stream in streams if stream.name == ROBOT),
         )
-        marked = Marks(marks.absolute() if marks else None)
+        marked = TimingMarks(marks.absolute() if marks else None)
         marked.begin()
         steps = {
             stream.name: Steps(may_ns, asked=_is_asked(stream), out_of_step=partial(marked.add, stream.name))
@@ -77,12 +83,12 @@ class Replay:
 
     def __init__(
         self,
-        cell: Cell,
+        cell: EmulatedInstruments,
         timebase: Timebase,
         end_ns: int,
         replayed: Mapping[str, ReplayedStream],
         steps: Mapping[str, Steps],
-        marks: Marks,
+        marks: TimingMarks,
     ) -> None:
         """Create a replay. end_ns: time of the last piece. steps: timing accuracy of each stream."""
         self.cell, self.steps = cell, steps
@@ -94,10 +100,10 @@ class Replay:
         return self._marks.failure
 
     @property
-    def done(self) -> bool:
+    def is_finished(self) -> bool:
         """True if all streams have been played."""
         over = self._time.is_past(clock.now_ns(), self._end_ns + _OVER_NS)
-        return over or bool(self.unmarked) or all(heard.done for heard in self._replayed.values())
+        return over or bool(self.unmarked) or all(heard.is_finished for heard in self._replayed.values())
 
     @property
     def restarts(self) -> int:
@@ -117,7 +123,7 @@ class Replay:
 
 
 @dataclass
-class Marks:
+class TimingMarks:
     """File of timing deviations, if requested. failure: reason for failing to write a mark."""
 
     path: Path | None
@@ -153,14 +159,16 @@ class ReplayedStream:
         self._playing = over()
 
     @property
-    def done(self) -> bool:
+    def is_finished(self) -> bool:
         """True if the last connection has been played."""
-        return self._turn == self._time.turn and self._playing.done and self._number >= len(self._connections) - 1
+        return (
+            self._turn == self._time.turn and self._playing.is_finished and self._number >= len(self._connections) - 1
+        )
 
     def __call__(self) -> Player:
         """Return the player of the next connection. A player closed by the host before sending is reused."""
         if self._turn == self._time.turn:
-            if self._playing.done:
+            if self._playing.is_finished:
                 self._number += 1
             elif self._playing.begun:
                 self._time.restart(self._turn)
@@ -203,7 +211,7 @@ def _connections(stream: Stream, pieces: Sequence[Piece]) -> Iterable[Sequence[P
         return [pieces]
     connections: list[list[Piece]] = []
     for piece in pieces:
-        if piece.mark is Mark.OPENED or not connections:
+        if piece.mark is CaptureMark.OPENED or not connections:
             connections.append([])
         connections[-1].append(piece)
-    return [connection for connection in connections if any(piece.mark is Mark.CAME for piece in connection)]
+    return [connection for connection in connections if any(piece.mark is CaptureMark.CAME for piece in connection)]

@@ -11,9 +11,9 @@ from typing import Any
 
 from daq import clock
 from daq.acquisition.streams import streams_of
-from daq.apps.emulate.instruments import Motion, instruments_of
+from daq.apps.emulate.instruments import MotionSource, instruments_of
 from daq.apps.emulate.simulated_clock import SimulatedClock, close_files_in
-from daq.protocol.conversation import Device, Fault, Item, Step
+from daq.protocol.conversation import ConversationStep, Device, Fault, Item
 from daq.service.daemon import Daemon
 from daq.wire.links import LinkLost
 from rigs.errors import CellError
@@ -38,15 +38,15 @@ class SimulatedLine:
         self.change: Callable[[bytes], tuple[bytes, int]] = lambda data: (data, 0)
         self.sent: Callable[[bytes, bytes, int, int], Callable[[], None]] = lambda *_: _nothing
         self.connections = 0
-        self.ends: tuple[_End, _End] | None = None
+        self.ends: tuple[_LineEnd, _LineEnd] | None = None
         """Ends of the daemon and of the instrument while the link is open."""
         self._character_ns = character_ns
 
-    def open(self) -> _End:
+    def open(self) -> _LineEnd:
         """Open a connection and return the end of the daemon. Raises CellError while unplugged."""
         if not self.plugged:
             raise CellError(self.name, "does not exist", "plug it in")
-        ours, theirs = _End(self, self._character_ns), _End(self, self._character_ns)
+        ours, theirs = _LineEnd(self, self._character_ns), _LineEnd(self, self._character_ns)
         ours.other, theirs.other, self.ends = theirs, ours, (ours, theirs)
         theirs.sends_changed = True
         self.connections += 1
@@ -68,12 +68,12 @@ class SimulatedLine:
         self.ends = None
 
 
-class _End:
+class _LineEnd:
     """An end of a line, used in place of `daq.wire.links.Link`."""
 
     def __init__(self, line: SimulatedLine, character_ns: int) -> None:
         self.name, self.lost, self.sends_changed = line.name, False, False
-        self.other: _End = self
+        self.other: _LineEnd = self
         self._line, self._character_ns = line, character_ns
         self.coming: deque[tuple[int, bytes, Callable[[], None]]] = deque()
         self._free_ns = 0
@@ -137,7 +137,7 @@ class SimulatedCell:
         time: SimulatedClock,
         folder: Path,
         text: str,
-        motion: Motion,
+        motion: MotionSource,
         signal: Callable[[int], float],
         devices: Mapping[str, Callable[[], Device]] | None = None,
         *,
@@ -202,7 +202,7 @@ def _serving(line: SimulatedLine, make: Callable[[], Device], made: list[Device]
     return serve
 
 
-def _converse(line: SimulatedLine, end: _End, device: Device) -> None:
+def _converse(line: SimulatedLine, end: _LineEnd, device: Device) -> None:
     """Run a conversation like `run_conversation`.
 
     An idle instrument does not wake up, which makes quiet hours cheap.
@@ -221,7 +221,7 @@ def _converse(line: SimulatedLine, end: _End, device: Device) -> None:
             elif step.wake_ns is not None and now_ns >= step.wake_ns:
                 step = device.tick(now_ns)
             else:
-                step = Step(wake_ns=step.wake_ns)
+                step = ConversationStep(wake_ns=step.wake_ns)
     if line.ends and line.ends[1] is end:
         line.reset()
 

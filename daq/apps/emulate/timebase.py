@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
-from daq.wire.capture import Mark, Piece
+from daq.wire.capture import CaptureMark, Piece
 
 _HEAD_START_NS = 100_000_000
 """Delay of the replay relative to the capture. The threads of the host start about 10 ms after the ports open, or later
@@ -86,7 +86,7 @@ class Steps:
         self.repeated = 0
         """Number of repeated answers, because the host sent more requests than captured."""
 
-    def said(self, at_ns: int, off_ns: float) -> None:
+    def record_delay(self, at_ns: int, off_ns: float) -> None:
         """Add the delay of a piece of this instant; negative if early."""
         if at_ns // _SECOND_NS != self._second:
             self.judge()
@@ -120,14 +120,14 @@ def u_asked_ns(pieces: Sequence[Piece]) -> float:
     windows_ns = [
         answer.at_ns - question.at_ns
         for question, answer in pairwise(pieces)
-        if (question.mark, answer.mark) == (Mark.SENT, Mark.CAME)
+        if (question.mark, answer.mark) == (CaptureMark.SENT, CaptureMark.CAME)
     ]
     return statistics.median(windows_ns or [0]) / math.sqrt(12)
 
 
 def u_cycle_ns(pieces: Sequence[Piece]) -> float:
     """Return the standard uncertainty of the time of a streamed position, latched anywhere in the cycle."""
-    came_ns = [piece.at_ns for piece in pieces if piece.mark is Mark.CAME]
+    came_ns = [piece.at_ns for piece in pieces if piece.mark is CaptureMark.CAME]
     return statistics.median([after - before for before, after in pairwise(came_ns)] or [0]) / math.sqrt(3)
 
 

@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from daq.protocol.conversation import Device, Step
+from daq.protocol.conversation import ConversationStep, Device
 from rigs.schema.probe import Timing
 
 Read = Callable[[int], Sequence[float]]
@@ -36,13 +36,13 @@ class OwnClock:
     def sent(self) -> int:
         return self._device.sent
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         return self._step(self._device.connected(self._own(now_ns)))
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         return self._step(self._device.received(data, self._own(now_ns)))
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         return self._step(self._device.tick(self._own(now_ns)))
 
     def _own(self, host_ns: int) -> int:
@@ -51,7 +51,7 @@ class OwnClock:
     def _host(self, own_ns: int) -> int:
         return own_ns - round(own_ns * self._fast / (1 + self._fast))
 
-    def _step(self, step: Step) -> Step:
+    def _step(self, step: ConversationStep) -> ConversationStep:
         # A delay of 1 ns prevents rounding from waking the device early.
         return step if step.wake_ns is None else replace(step, wake_ns=self._host(step.wake_ns) + 1)
 
@@ -140,23 +140,23 @@ class _Late:
     def __init__(self, device: Device, delay_ns: int) -> None:
         self._device = device
         self._delay_ns = delay_ns
-        self._answers: deque[tuple[int, Step]] = deque()
+        self._answers: deque[tuple[int, ConversationStep]] = deque()
 
     @property
     def sent(self) -> int:
         return self._device.sent
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         return self._device.connected(now_ns)
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         answer = self._device.received(data, now_ns)
         if not answer.send:
             return replace(answer, wake_ns=self._due_ns(answer.wake_ns))
         self._answers.append((now_ns + self._delay_ns, answer))
-        return Step(wake_ns=self._answers[0][0])
+        return ConversationStep(wake_ns=self._answers[0][0])
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         if self._answers and self._answers[0][0] <= now_ns:
             answer = self._answers.popleft()[1]
             return replace(answer, wake_ns=self._due_ns(answer.wake_ns))
@@ -182,20 +182,20 @@ class _Paced:
     def sent(self) -> int:
         return self._device.sent
 
-    def connected(self, now_ns: int) -> Step:
-        return self._held(self._device.connected(now_ns), now_ns)
+    def connected(self, now_ns: int) -> ConversationStep:
+        return self._delay_wake_up(self._device.connected(now_ns), now_ns)
 
-    def received(self, data: bytes, now_ns: int) -> Step:
-        return self._held(self._device.received(data, now_ns), now_ns)
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
+        return self._delay_wake_up(self._device.received(data, now_ns), now_ns)
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         if now_ns < self._next_ns:
-            return Step(wake_ns=self._next_ns)
+            return ConversationStep(wake_ns=self._next_ns)
         interval = self._pace_ns * (1 + self._chance.uniform(-self._uneven, self._uneven))
         self._next_ns = now_ns + round(interval)
-        return self._held(self._device.tick(now_ns), now_ns)
+        return self._delay_wake_up(self._device.tick(now_ns), now_ns)
 
-    def _held(self, step: Step, now_ns: int) -> Step:
+    def _delay_wake_up(self, step: ConversationStep, now_ns: int) -> ConversationStep:
         at_once = step.wake_ns is not None and step.wake_ns <= now_ns
         return replace(step, wake_ns=max(self._next_ns, now_ns)) if at_once else step
 
@@ -222,13 +222,13 @@ class Punctual:
     def sent(self) -> int:
         return self._device.sent
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         return self._noted(self._device.connected(now_ns))
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         return self._noted(self._device.received(data, now_ns))
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         asked_ns = now_ns if self._wake_ns is None else self._wake_ns
         at_ns = min(now_ns, max(asked_ns, self._line.free_ns))
         step = self._noted(self._device.tick(at_ns))
@@ -236,6 +236,6 @@ class Punctual:
             self._line.set_out(at_ns)
         return step
 
-    def _noted(self, step: Step) -> Step:
+    def _noted(self, step: ConversationStep) -> ConversationStep:
         self._wake_ns = step.wake_ns
         return step

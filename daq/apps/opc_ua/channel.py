@@ -66,7 +66,7 @@ class Unreadable(Exception):
     """The data is not a valid OPC UA message of this conversation."""
 
 
-class Bounded:
+class BoundedBuffer:
     """Bytes with a read position, also usable by asyncua. Every length is checked against the remaining bytes."""
 
     def __init__(self, data: bytes) -> None:
@@ -94,15 +94,15 @@ class Bounded:
         return count
 
 
-Reader = Callable[[Bounded], Any]
+Reader = Callable[[BoundedBuffer], Any]
 
 
 def decoded(kind: type[Any], body: bytes) -> Any:
     """Decode a message into an object of the types of asyncua. Raises Unreadable."""
-    return structure(kind, Bounded(body))
+    return structure(kind, BoundedBuffer(body))
 
 
-def structure(kind: Any, data: Bounded) -> Any:
+def structure(kind: Any, data: BoundedBuffer) -> Any:
     """Decode a structure of the types of asyncua. Raises Unreadable."""
     size = len(data)
     try:
@@ -114,7 +114,7 @@ def structure(kind: Any, data: Bounded) -> Any:
 def type_of(body: bytes) -> Any:
     """Return the type number of a message, as `TypeId.Identifier` in asyncua. Raises Unreadable."""
     try:
-        return nodeid_from_binary(Bounded(body)).Identifier
+        return nodeid_from_binary(BoundedBuffer(body)).Identifier
     except _UNREADABLE as error:
         raise Unreadable(f"the message type cannot be decoded: {error}") from None
 
@@ -145,7 +145,7 @@ def _structure_reader(kind: type[Any]) -> Reader:
             hint, bit, next_bit = type_from_optional(hint), next_bit, next_bit << 1
         parts.append((field.name, bit, _reader(hint)))
 
-    def read(data: Bounded) -> Any:
+    def read(data: BoundedBuffer) -> Any:
         values, present = dict[str, Any](), 0
         for name, bit, reader in parts:
             if name == "Encoding":
@@ -157,7 +157,7 @@ def _structure_reader(kind: type[Any]) -> Reader:
     return read
 
 
-def _variant(data: Bounded) -> Any:
+def _variant(data: BoundedBuffer) -> Any:
     """Read a value with a type. A matrix is flattened, because none of the values used here is a matrix."""
     encoding = data.read(1)[0]
     kind = ua.VariantType(encoding & _TYPE)
@@ -169,7 +169,7 @@ def _variant(data: Bounded) -> Any:
     return ua.Variant(value, kind, is_array=is_array)
 
 
-def _extension_object(data: Bounded) -> Any:
+def _extension_object(data: BoundedBuffer) -> Any:
     """Read a structure of the type given in the data."""
     type_id, encoding = nodeid_from_binary(data), data.read(1)[0]
     kind = _EXTENSIONS.get(type_id)
@@ -271,12 +271,12 @@ class Channel:
         if kind in _PLAIN:
             return Received(kind, 0, chunk[_HEADER.size :])
         if kind == OPEN:
-            remainder = Bounded(chunk[_HEADER.size + 4 :])
+            remainder = BoundedBuffer(chunk[_HEADER.size + 4 :])
             policy = structure(ua.AsymmetricAlgorithmHeader, remainder).SecurityPolicyURI
             if policy != NO_SECURITY:
                 raise Unreadable(f"unsupported security policy {str(policy)[:100]!r}")
         else:
-            remainder = Bounded(chunk[_HEADER.size + 8 :])
+            remainder = BoundedBuffer(chunk[_HEADER.size + 8 :])
         request = structure(ua.SequenceHeader, remainder).RequestId
         part = remainder.read(len(remainder))
         if final == _ABORT:

@@ -134,20 +134,20 @@ def robot_nodes(feedback: OPCUARobotics) -> Talk[RobotNodes]:
         deg_per_unit = yield from _deg_per_unit(feedback.axes, positions, feedback)
         return RobotNodes(tuple(positions), deg_per_unit, {})
     system, robot = yield from _system_and_robot(feedback)
-    axes = _in_order((yield from _below(robot.get("Axes"))), feedback)
+    axes = _in_order((yield from _children_of(robot.get("Axes"))), feedback)
     parameters = yield from _parameters(list(axes.values()))
     if missing := [name for name, below in zip(axes, parameters, strict=True) if "ActualPosition" not in below]:
         raise Unfit(f"axis {missing[0]!r} has no ActualPosition; give `axes` as node ids")
     positions = [below["ActualPosition"] for below in parameters]
     deg_per_unit = yield from _deg_per_unit(tuple(axes), positions, feedback)
-    shown = (yield from _shown(system, robot, list(axes.values()))) if feedback.condition else {}
+    shown = (yield from _condition_nodes(system, robot, list(axes.values()))) if feedback.condition else {}
     return RobotNodes(tuple(positions), deg_per_unit, shown)
 
 
 def _system_and_robot(feedback: OPCUARobotics) -> Talk[tuple[Children, Children]]:
     """Return the children of the motion device system and those of the robot."""
-    objects = yield from _below(OBJECTS)
-    devices = yield from children(list((yield from _below(objects.get("DeviceSet"))).values()))
+    objects = yield from _children_of(OBJECTS)
+    devices = yield from children(list((yield from _children_of(objects.get("DeviceSet"))).values()))
     systems = [below for below in devices if "MotionDevices" in below]
     folders = yield from children([system["MotionDevices"] for system in systems])
     robots = [
@@ -162,7 +162,7 @@ def _system_and_robot(feedback: OPCUARobotics) -> Talk[tuple[Children, Children]
         names = ", ".join(name for name, _, _ in robots)[:300]
         raise Unfit(f"the server shows the robots {names}; name an existing effect as `device`")
     (_, node, system) = chosen[0]
-    return system, (yield from _below(node))
+    return system, (yield from _children_of(node))
 
 
 def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
@@ -197,14 +197,14 @@ def _name(unit: Any) -> str:
     return (unit.DisplayName.Text or "").strip()[:40]
 
 
-def _shown(system: Children, robot: Children, axes: Sequence[Any]) -> Talk[Mapping[str, Any]]:
+def _condition_nodes(system: Children, robot: Children, axes: Sequence[Any]) -> Talk[Mapping[str, Any]]:
     """Return the available condition nodes; none if there are several safety states or tasks."""
     nodes: dict[str, Any] = {}
     (parameters,) = yield from _parameters_of_children([robot])
-    safety = (yield from _below(system.get("SafetyStates"))).values()
+    safety = (yield from _children_of(system.get("SafetyStates"))).values()
     safe = (yield from _parameters(list(safety)))[0] if len(safety) == 1 else {}
     nodes |= {name: below[name] for below in (parameters, safe) for name in FRONT if name in below}
-    load = yield from _below(robot.get("FlangeLoad"))
+    load = yield from _children_of(robot.get("FlangeLoad"))
     motors = yield from _motors(robot, axes)
     measured = {name: node for name, node in {"Mass": load.get("Mass"), **motors}.items() if node is not None}
     units = yield from engineering_units(list(measured.values()))
@@ -216,7 +216,7 @@ def _shown(system: Children, robot: Children, axes: Sequence[Any]) -> Talk[Mappi
 
 def _motors(robot: Children, axes: Sequence[Any]) -> Talk[dict[str, Any]]:
     """Return the motor temperature nodes by column. A power train lists the motors and the driven axis."""
-    trains = yield from children(list((yield from _below(robot.get("PowerTrains"))).values()))
+    trains = yield from children(list((yield from _children_of(robot.get("PowerTrains"))).values()))
     temperatures: dict[str, Any] = {}
     for train in trains:
         moved = [axes.index(node) for node in train.values() if node in axes]
@@ -229,19 +229,19 @@ def _motors(robot: Children, axes: Sequence[Any]) -> Talk[dict[str, Any]]:
 
 def _task(system: Children) -> Talk[dict[str, Any]]:
     """Return the state nodes of the only task and of the ready substate."""
-    controllers = yield from children(list((yield from _below(system.get("Controllers"))).values()))
+    controllers = yield from children(list((yield from _children_of(system.get("Controllers"))).values()))
     folders = yield from children([below["TaskControls"] for below in controllers if "TaskControls" in below])
     tasks = [task for folder in folders for task in folder.values()]
     if len(tasks) != 1:
         return {}
-    operation = yield from _below((yield from _below(tasks[0])).get("TaskControlOperation"))
-    machine = yield from _below(operation.get("TaskControlStateMachine"))
-    ready = yield from _below(machine.get("ReadySubstateMachine"))
+    operation = yield from _children_of((yield from _children_of(tasks[0])).get("TaskControlOperation"))
+    machine = yield from _children_of(operation.get("TaskControlStateMachine"))
+    ready = yield from _children_of(machine.get("ReadySubstateMachine"))
     states = {STATE: machine.get("CurrentState"), READY: ready.get("CurrentState")}
     return {name: node for name, node in states.items() if node is not None}
 
 
-def _below(node: Any | None) -> Talk[Children]:
+def _children_of(node: Any | None) -> Talk[Children]:
     """Return the children of a node; empty for None."""
     if node is None:
         return {}
@@ -296,7 +296,7 @@ def children(nodes: Sequence[Any]) -> Talk[list[Children]]:
     results = (yield request).Results or ()
     if len(results) != len(nodes):
         raise Unfit(f"the server answered for {len(results)} of {len(nodes)} nodes; update the server")
-    named = [_named(result.References) for result in results]
+    named = [_node_ids_by_name(result.References) for result in results]
     open_ = {k: result.ContinuationPoint for k, result in enumerate(results) if result.ContinuationPoint}
     for _ in range(_MOST_PAGES):
         if (shown := sum(map(len, named))) > _MOST_NODES:
@@ -308,12 +308,12 @@ def children(nodes: Sequence[Any]) -> Talk[list[Children]]:
         next_page.Parameters.ContinuationPoints = list(open_.values())
         pages = dict(zip(open_, (yield next_page).Parameters.Results or (), strict=False))
         for k, page in pages.items():
-            named[k] |= _named(page.References)
+            named[k] |= _node_ids_by_name(page.References)
         open_ = {k: page.ContinuationPoint for k, page in pages.items() if page.ContinuationPoint}
     return list(named)
 
 
-def _named(references: Sequence[Any] | None) -> dict[str, Any]:
+def _node_ids_by_name(references: Sequence[Any] | None) -> dict[str, Any]:
     return {reference.BrowseName.Name or "": reference.NodeId for reference in references or ()}
 
 
@@ -328,7 +328,7 @@ _LIFETIME = 10
 """Publishing intervals with no message after which the server deletes the subscription."""
 
 
-class Refused(Exception):
+class RequestRefused(Exception):
     """The server refused a request. The text is the name of the status code."""
 
 
@@ -375,7 +375,7 @@ def session(feedback: OPCUARobotics) -> Talk[None]:
 
 
 def subscribed(nodes: RobotNodes, feedback: OPCUARobotics) -> Talk[None]:
-    """Subscribe to all nodes, with the indices as handles. Raises Refused if the server has no subscriptions."""
+    """Subscribe to all nodes, with the indices as handles. Raises RequestRefused if the server has no subscriptions."""
     interval_ms = 1e3 / feedback.rate_hz
     request = ua.CreateSubscriptionRequest()
     asked = request.Parameters
@@ -408,7 +408,7 @@ def subscribed(nodes: RobotNodes, feedback: OPCUARobotics) -> Talk[None]:
     results = (yield items).Results or ()
     refused = [result.StatusCode.name for result in results[: len(nodes.axes)] if not result.StatusCode.is_good()]
     if refused or len(results) < len(nodes.axes):
-        raise Refused(refused[0] if refused else "too few answers")
+        raise RequestRefused(refused[0] if refused else "too few answers")
 
 
 def _keep_alive(interval_ms: float, feedback: OPCUARobotics) -> int:

@@ -28,7 +28,7 @@ from daq.apps.opc_ua.channel import (
     type_of,
 )
 from daq.apps.opc_ua.nodes import (
-    Refused,
+    RequestRefused,
     RobotNodes,
     Talk,
     Unfit,
@@ -42,7 +42,7 @@ from daq.apps.opc_ua.nodes import (
 from daq.apps.opc_ua.server import RobotServer
 from daq.apps.opc_ua.values import RobotValues
 from daq.feedback import Read
-from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Step
+from daq.protocol.conversation import NO_TIME, ConversationStep, Device, Fault, FaultKind, Host
 from daq.protocol.framing import Message
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.feedback import OPCUARobotics
@@ -72,13 +72,13 @@ class _Host(Streamed):
         super().__init__(client, timeout_s)
         self._client = client
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         return self._polling(super().received(data, now_ns), now_ns)
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         return self._polling(super().tick(now_ns), now_ns)
 
-    def _polling(self, step: Step, now_ns: int) -> Step:
+    def _polling(self, step: ConversationStep, now_ns: int) -> ConversationStep:
         if step.hang_up or self._client.due_ns is None:
             return step
         if now_ns >= self._client.due_ns:
@@ -121,11 +121,11 @@ class _Client:
             received = self._channel.read(message.data)
             reaction = Reaction() if received is None else self._meaning(received, message)
         except Unreadable as error:
-            return _over(FaultKind.GARBLED, f"{error}; reconnecting", message)
+            return _hang_up(FaultKind.GARBLED, f"{error}; reconnecting", message)
         except Unfit as error:
-            return _over(FaultKind.MISSING, str(error), message)
-        except Refused as error:
-            return _over(FaultKind.DEVICE_ERROR, f"the server answers {error}", message)
+            return _hang_up(FaultKind.MISSING, str(error), message)
+        except RequestRefused as error:
+            return _hang_up(FaultKind.DEVICE_ERROR, f"the server answers {error}", message)
         renewal = b""
         if self._renew_ns is not None and message.last_byte_ns >= self._renew_ns:
             self._renew_ns = None
@@ -138,14 +138,14 @@ class _Client:
             return Reaction(send=self._request(channel_request(renew=False), OPEN))
         if received.kind == ERROR:
             reply = decoded(ua.ErrorMessage, received.body)
-            raise Refused(f"{reply.Error.name} ({(reply.Reason or '')[:100]}); check port and `path`")
+            raise RequestRefused(f"{reply.Error.name} ({(reply.Reason or '')[:100]}); check port and `path`")
         if received.kind not in (OPEN, MESSAGE) or received.request not in self._asked:
             raise Unreadable(f"an answer {received.kind!r} without a request")
         request, asked_ns = self._asked.pop(received.request)
         response = _response(request, received.body)
         if isinstance(request, ua.OpenSecureChannelRequest):
             if isinstance(response, ua.ServiceFault):
-                raise Refused(f"{_name(response)} instead of a channel")
+                raise RequestRefused(f"{_name(response)} instead of a channel")
             token, begins = response.Parameters.SecurityToken, self._channel.number == 0
             self._channel.number, self._channel.token = token.ChannelId, token.TokenId
             self._renew_ns = message.last_byte_ns + round(_RENEW * max(token.RevisedLifetime, _SHORTEST_MS) * 1e6)
@@ -155,7 +155,7 @@ class _Client:
         if isinstance(request, ua.PublishRequest):
             return self._published(self._values, response, message)
         if isinstance(response, ua.ServiceFault):
-            raise Refused(f"{_name(response)} instead of values")
+            raise RequestRefused(f"{_name(response)} instead of values")
         self.due_ns = max(asked_ns + round(1e9 / self._feedback.rate_hz), message.last_byte_ns)
         return Reaction(tuple(self._values.polled(response.Results or (), asked_ns, message)))
 
@@ -165,7 +165,7 @@ class _Client:
             self._session = response.Parameters.AuthenticationToken
         try:
             if isinstance(response, ua.ServiceFault):
-                return Reaction(send=self._request(self._talk.throw(Refused(_name(response)))))
+                return Reaction(send=self._request(self._talk.throw(RequestRefused(_name(response)))))
             return Reaction(send=self._request(self._talk.send(response)))
         except StopIteration as end:
             nodes, subscribed_to = end.value
@@ -187,12 +187,12 @@ class _Client:
         if isinstance(response, ua.ServiceFault):
             if _name(response) == "BadTooManyPublishRequests":
                 return Reaction()
-            raise Refused(f"{_name(response)}; reconnecting")
+            raise RequestRefused(f"{_name(response)}; reconnecting")
         if self._polls:  # an earlier answer
             return Reaction()
         note = response.Parameters.NotificationMessage
         if ended := [data for data in note.NotificationData or () if isinstance(data, ua.StatusChangeNotification)]:
-            raise Refused(f"{ended[0].Status.name}, which ends the subscription; reconnecting")
+            raise RequestRefused(f"{ended[0].Status.name}, which ends the subscription; reconnecting")
         if values.stand_still(note):
             self._polls, self.due_ns = True, message.last_byte_ns
             return Reaction()
@@ -204,13 +204,13 @@ def _prepared(feedback: OPCUARobotics) -> Talk[tuple[RobotNodes, bool]]:
     """Open a session, find the robot and subscribe. Return whether the subscription succeeded."""
     try:
         yield from session(feedback)
-    except Refused as error:
+    except RequestRefused as error:
         remedy = "allow anonymous reading without encryption in the settings, or close other clients"
-        raise Refused(f"{error} instead of a session; {remedy}") from None
+        raise RequestRefused(f"{error} instead of a session; {remedy}") from None
     nodes = yield from robot_nodes(feedback)
     try:
         yield from subscribed(nodes, feedback)
-    except Refused:
+    except RequestRefused:
         return nodes, False
     return nodes, True
 
@@ -230,5 +230,5 @@ def _name(fault: Any) -> str:
     return str(fault.ResponseHeader.ServiceResult.name)
 
 
-def _over(kind: FaultKind, detail: str, message: Message) -> Reaction:
+def _hang_up(kind: FaultKind, detail: str, message: Message) -> Reaction:
     return Reaction((Fault(kind, message.last_byte_ns, detail),), hang_up=True)

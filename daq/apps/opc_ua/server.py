@@ -46,9 +46,9 @@ from daq.apps.opc_ua.nodes import (
     STATE,
     shown_of,
 )
-from daq.protocol.conversation import Fault, Step
+from daq.protocol.conversation import ConversationStep, Fault
 from daq.protocol.framing import Message
-from daq.protocol.positions import Pace
+from daq.protocol.positions import SteadyRate
 from rigs.schema.condition import TEMPERATURES, UNDISTURBED
 from rigs.schema.feedback import OPCUARobotics, are_nodes, condition_columns
 
@@ -178,17 +178,17 @@ class RobotServer:
         self._frames, self._channel = chunks(), Channel()
         self._space = space or robot_space(feedback)
         self._start_ns = 0
-        self._pace: Pace | None = None
+        self._pace: SteadyRate | None = None
         self._interval_ms = _SLOWEST_MS
         self._items: dict[int, str] = {}
         self._waiting: list[tuple[int, Any]] = []
         self._notes = 0
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         self._start_ns = now_ns
-        return Step()
+        return ConversationStep()
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         answers = b""
         for chunk in self._frames.feed(data, now_ns):
             try:
@@ -196,13 +196,13 @@ class RobotServer:
                     raise Unreadable(chunk.detail)
                 answers += self._answer(chunk, now_ns)
             except Unreadable:
-                return Step(answers, hang_up=True)
+                return ConversationStep(answers, hang_up=True)
         return self._step(answers)
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         """Send all subscribed values of an instant. After a late tick the next follows immediately."""
         if self._pace is None or not self._waiting:
-            return Step()
+            return ConversationStep()
         instant_ns = self._pace.step(now_ns)
         if instant_ns is None:
             return self._step(b"")
@@ -222,8 +222,8 @@ class RobotServer:
         )
         return self._step(self._reply(request, number, response))
 
-    def _step(self, send: bytes) -> Step:
-        return Step(send, wake_ns=self._pace.next_ns if self._pace and self._waiting else None)
+    def _step(self, send: bytes) -> ConversationStep:
+        return ConversationStep(send, wake_ns=self._pace.next_ns if self._pace and self._waiting else None)
 
     def _answer(self, chunk: Message, now_ns: int) -> bytes:
         received = self._channel.read(chunk.data)
@@ -297,7 +297,7 @@ class RobotServer:
                 for item in asked.ItemsToCreate:
                     self._items[item.RequestedParameters.ClientHandle] = item.ItemToMonitor.NodeId
                 response.Results = [ua.MonitoredItemCreateResult() for _ in asked.ItemsToCreate]
-                self._pace = Pace(1e3 / self._interval_ms, now_ns)
+                self._pace = SteadyRate(1e3 / self._interval_ms, now_ns)
         return response
 
     def _clock(self, now_ns: int) -> datetime:

@@ -13,7 +13,7 @@ from analysis.correction.support import supports
 from analysis.correction.work import tool_poses
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.robot.model.predict import model_of
-from rigs.calibration import Judged, PlacedSetUp
+from rigs.calibration import ModelAssessment, PlacedSetUp
 from rigs.effects import Backlash, Compliance
 from rigs.errors import FileError
 from rigs.load import load
@@ -73,7 +73,7 @@ def test_where_no_run_measured_there_is_no_uncertainty(tmp_path: Path) -> None:
     there[:3, 3] = -ball
     frames = [tuple(map(tuple, T.tolist())) for T in (there, np.eye(4))]
     touched = {"touch at a, socket A": PlacedSetUp(T_instrument_world=frames[0], T_tool_target=frames[1])}
-    nothing = Judged(
+    nothing = ModelAssessment(
         condition="outside_library", place="used", before_um=9, names_um=9, whole_um=9, handed_um=9, noise_um=1,
         unexplained_um=8,
     )  # fmt: skip

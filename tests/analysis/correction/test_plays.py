@@ -14,7 +14,7 @@ from analysis.apps.makers.programs.compensated import targets_of
 from analysis.apps.makers.programs.planned import plans_of
 from analysis.apps.makers.report.correction_report import write
 from analysis.correction.plays import known_plays
-from rigs.calibration import TIMES, Parameter, Term, packed_factor
+from rigs.calibration import TIMES, CovarianceParameter, Term, packed_factor
 from rigs.effects import Backlash, Effect, JointOffset, size_field
 from rigs.load import load
 from rigs.rig import Rig
@@ -36,7 +36,7 @@ def calibrated(*plays: Effect) -> Rig:
         Term(effect=SMALL, times=1.0),
     )
     fields = [*(size_field(term.effect) for term in terms[:-1]), TIMES]
-    parameters = tuple(Parameter(term=k, field=name) for k, name in enumerate(fields))
+    parameters = tuple(CovarianceParameter(term=k, field=name) for k, name in enumerate(fields))
     model = calibrated_model(terms=terms, parameters=parameters, factor=packed_factor(U_DEG * np.eye(len(parameters))))
     rig, _ = load("paper-fanuc")
     return rig.model_copy(update={"effects": (NAMED,)}).with_calibration(None, model)

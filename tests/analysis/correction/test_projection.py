@@ -30,7 +30,7 @@ from analysis.correction.work import tool_poses, work_angles
 from analysis.robot.kinematics.arm import forward
 from analysis.robot.model.predict import model_of
 from rigs.edit import extended
-from rigs.effects import Compliance, Effect, Found, JointOffset, LinkGeometry, TransmissionError, size_field
+from rigs.effects import Compliance, Effect, EffectProvenance, JointOffset, LinkGeometry, TransmissionError, size_field
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
@@ -43,7 +43,9 @@ RANGES = ((-60.0, 60.0), (-110.0, -50.0), (60.0, 120.0), (-60.0, 20.0), (40.0, 1
 
 
 def _known(effect: Effect, sd: float, joints_deg: tuple[tuple[float, float], ...] | None = None) -> Effect:
-    found = Found(date=dt.date(2026, 11, 20), runs=("yaw",), sd={size_field(effect): sd}, joints_deg=joints_deg)
+    found = EffectProvenance(
+        date=dt.date(2026, 11, 20), runs=("yaw",), sd={size_field(effect): sd}, joints_deg=joints_deg
+    )
     known: Effect = effect.model_copy(update={"found": found})
     return known
 

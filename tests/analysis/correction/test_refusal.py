@@ -11,12 +11,12 @@ import yaml
 
 from analysis.apps.makers.correct_rig import correct_rig
 from analysis.correction.support import ANYWAY
-from rigs.calibration import Judged
+from rigs.calibration import ModelAssessment
 from rigs.load import load
 from tests.support.command_line import ran
 from tests.support.handmade_calibration import calibrated_model, written
 
-SOUND = Judged(
+SOUND = ModelAssessment(
     condition="named", place="unseen", before_um=90, names_um=40, whole_um=30, handed_um=30, noise_um=5,
     unexplained_um=20,
 )  # fmt: skip
@@ -34,7 +34,7 @@ NOTHING = [
 
 
 def _cell(directory: Path, **changed: object) -> Path:
-    judged = Judged.model_validate(SOUND.model_dump() | changed)
+    judged = ModelAssessment.model_validate(SOUND.model_dump() | changed)
     return written(directory, calibrated_model(judged=judged))[0]
 
 

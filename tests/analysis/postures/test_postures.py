@@ -20,7 +20,7 @@ from analysis.postures.sequence import best_sequence
 from analysis.postures.work_map import work_map
 from analysis.robot.kinematics.arm import Array, arm_of, forward
 from rigs.arms import load_arm
-from rigs.calibration import TIMES, Parameter, Term, packed_factor
+from rigs.calibration import TIMES, CovarianceParameter, Term, packed_factor
 from rigs.effects import Backlash, Effect, JointOffset
 from rigs.load import load, parse
 from rigs.rig import Rig
@@ -38,7 +38,7 @@ def ur10(*effects: Effect, reaches_deg: float = 360.0) -> Rig:
     rig = load("ur10")[0]
     rig = rig.model_copy(update={"effects": (), "robot": rig.robot.model_copy(update={"tool": type(rig.robot.tool)()})})
     terms = tuple(Term(effect=effect, times=1.0) for effect in effects)
-    parameters = tuple(Parameter(term=k, field=TIMES) for k in range(len(terms)))
+    parameters = tuple(CovarianceParameter(term=k, field=TIMES) for k in range(len(terms)))
     # the root of the covariance is in multiples of each effect
     factor = packed_factor(U_DEG / SIZE_DEG * np.eye(len(terms)))
     joints = ((-reaches_deg, reaches_deg),) * 6

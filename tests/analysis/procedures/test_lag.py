@@ -32,7 +32,7 @@ def distance(rig: Rig, direction: Direction, seed: int | None, effects: list[Eff
 
 @pytest.mark.parametrize("lag_s", [0.005, -0.02, 0.0])
 def test_a_lag_is_found_where_nothing_else_reverses(lag_s: float) -> None:
-    rig = load_hidden("ur10e").within(load("ur10e")[0])
+    rig = load_hidden("ur10e").apply_to(load("ur10e")[0])
     effects: list[Effect] = [TimeLag(effect="time_lag", lag_s=lag_s)] if lag_s else []
     acw, cw = (distance(rig, direction, None, effects) for direction in ("acw", "cw"))
     found = lag_of([(acw, cw)], [1.0], 100)
@@ -42,7 +42,7 @@ def test_a_lag_is_found_where_nothing_else_reverses(lag_s: float) -> None:
 
 def test_play_widens_the_uncertainty_that_covers_the_lag() -> None:
     """With the robot's own plays, and with noise and scatter of four pairs of runs."""
-    rig = load_hidden("ur10e").within(load("ur10e")[0])
+    rig = load_hidden("ur10e").apply_to(load("ur10e")[0])
     for effects, least_ms in (([LAGGING], 1.0), ([LAGGING, *rig.effects], 20.0)):
         off = []
         for seed in range(4):
@@ -55,7 +55,7 @@ def test_play_widens_the_uncertainty_that_covers_the_lag() -> None:
 
 def test_the_lag_is_told_of_two_directions_and_one_alone_says_that_it_cannot(tmp_path: Path) -> None:
     rig, text = load("ur10e")
-    rig = load_hidden("ur10e").within(rig)
+    rig = load_hidden("ur10e").apply_to(rig)
     runs = list(write_simulated(rig, text, "yaw", ("acw", "cw"), [3], tmp_path, [LAGGING]))
     results = [evaluate(load_run(path)) for path in runs]
     (told,) = as_object(results)["acw_against_cw"]
@@ -69,7 +69,7 @@ def test_the_lag_is_told_of_two_directions_and_one_alone_says_that_it_cannot(tmp
 
 def test_a_figure_beside_the_truth_deviates_upwards_where_it_is_larger(tmp_path: Path) -> None:
     rig, text = load("ur10e")
-    rig = load_hidden("ur10e").within(rig)
+    rig = load_hidden("ur10e").apply_to(rig)
     result = evaluate(load_run(next(write_simulated(rig, text, "yaw", ("acw",), [3], tmp_path, ()))))
     figure = result.figures["band_deg"]
     truth = {"rig": "ur10e", "yaw": {"acw": {"band_deg": figure.value - 3 * figure.u}}}

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from analysis.diagnosis.judge.acts import Act, Against, Cost, Doubt, JudgedOn, NamingTest, Objection, is_done
-from analysis.diagnosis.judge.result import Accuracy, BudgetPart, Condition, Member
+from analysis.diagnosis.judge.result import Accuracy, BudgetPart, Condition, GroupMember
 from analysis.report.act_words import ActWords, acts_in_words
 from analysis.report.answer_words import AnswerWords
 from analysis.report.diagnosis_screen import as_screen
@@ -132,7 +132,7 @@ def test_what_is_sure_is_counted_first_and_what_has_a_rival_is_said_of_it_alone(
 
 
 def test_a_group_above_a_third_names_its_likeliest_members_and_the_test_that_names_one() -> None:
-    members = (Member(ZERO.effect, 40.0, 0.62), Member(PLAY.effect, 10.0, 0.005))
+    members = (GroupMember(ZERO.effect, 40.0, 0.62), GroupMember(PLAY.effect, 10.0, 0.005))
     part = BudgetPart("constants", 80.0, 4.0, 0.77, times_usual=0.8, rank="usual", members=members)
     test = NamingTest("roll on the circle", "the tool's other tilt", 6.0, 0.998)
     act = Act("measure", "group", (0,), cost=Cost(4.8), test=test)

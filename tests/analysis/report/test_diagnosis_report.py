@@ -18,9 +18,9 @@ from analysis.correction.support import supports
 from analysis.diagnosis.judge.acts import Act
 from analysis.diagnosis.judge.residuals import ResidualBand
 from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis, Gap
-from analysis.diagnosis.judge.staircase import Left, Staircase, Step
+from analysis.diagnosis.judge.staircase import ModelResidual, Staircase, StaircaseStep
 from analysis.report.diagnosis_picture import picture
-from analysis.report.diagnosis_report import hold_empty, write
+from analysis.report.diagnosis_report import require_empty, write
 from analysis.report.diagnosis_screen import as_screen
 from analysis.report.diagnosis_words import closed, plain, shortened, size, stretch, sure
 from analysis.report.model_charts import diagnosis_charts, strands_of
@@ -102,7 +102,10 @@ def test_the_last_line_says_where_the_noise_comes_from(shows: bool, words: str) 
 
 def test_a_bar_has_the_figures_of_all_places_in_their_order() -> None:
     """That of the runs used stood to the right of the mark of the runs held out, and seemed to be theirs."""
-    steps = (Step((), Left(116.2, 1.0), Left(126.0, 2.0)), Step((0,), Left(2.8, 1.0), Left(3.1, 2.0)))
+    steps = (
+        StaircaseStep((), ModelResidual(116.2, 1.0), ModelResidual(126.0, 2.0)),
+        StaircaseStep((0,), ModelResidual(2.8, 1.0), ModelResidual(3.1, 2.0)),
+    )
     drawn = picture(diagnosis(staircase=Staircase(steps), **NO_PICTURE)).findobj(Text)
     assert {"116.2 ± 1.0 · 126.0 ± 2.0", "2.8 ± 1.0 · 3.1 ± 2.0"} <= {text.get_text() for text in drawn}
 
@@ -286,12 +289,12 @@ def test_only_names_that_stand_go_into_the_rig_file(tmp_path: Path) -> None:
 
 
 def test_a_directory_in_use_is_refused(tmp_path: Path) -> None:
-    hold_empty(tmp_path)
-    hold_empty(tmp_path / "new")
+    require_empty(tmp_path)
+    require_empty(tmp_path / "new")
     (tmp_path / "file").write_text("mine")
     for taken in (tmp_path, tmp_path / "file"):
         with pytest.raises(FileError, match="not empty"):
-            hold_empty(taken)
+            require_empty(taken)
     with pytest.raises(FileError, match="file"):
         write(diagnosis(), TEXT, tmp_path / "file" / "below")
 

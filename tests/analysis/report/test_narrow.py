@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from analysis.report.daemon_screen import screen
-from analysis.report.plain_console import whole
+from analysis.report.plain_console import fold_long_words
 
 STREAM = {"connected": True, "rate_hz": 53.5, "last": {}, "age_s": {}, "counters": {"samples": 1333}, "last_fault": ""}
 STATE = {
@@ -41,7 +41,7 @@ def test_50_columns_hold_the_links_of_a_daemon_a_line_each() -> None:
 def test_a_whole_table_loses_no_letter(width: int) -> None:
     table = Table("figure", "value")
     table.add_row("repeatability, bi-directional", "0.261 mm")
-    text = shown(whole(table), width)
+    text = shown(fold_long_words(table), width)
     assert "…" not in text
     assert sum(text.count(letter) for letter in "bdpty") >= sum(
         "repeatability, bi-directional".count(c) for c in "bdpty"

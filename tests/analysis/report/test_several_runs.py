@@ -26,7 +26,7 @@ from rigs.rig import Rig
 from tests.support.written_runs import write_simulated
 
 RIG, TEXT = load("ur10e")
-RIG = load_hidden("ur10e").within(RIG)
+RIG = load_hidden("ur10e").apply_to(RIG)
 
 
 @pytest.fixture(scope="module")

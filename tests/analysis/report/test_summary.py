@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from analysis.apps.session.session_state import Answer, Correction, Deed, Session, Verified
+from analysis.apps.session.session_state import Answer, Session, SessionAct, SessionCorrection, VerifiedError
 from analysis.apps.window.frames import shown_summary
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.evidence.movements import Movement
@@ -182,14 +182,14 @@ def test_a_summary_survives_the_file_of_a_session() -> None:
     answer = Answer(
         runs=2, condition="undecided", standing=None, headline="h", accuracy="a", next_step="n", parts=(), now_um=1,
         calibrated_um=1, noise_um=1, seconds=1, found="f", summary=summary,
-        acts=(Deed(kind="none", why="sound", words="w"),),
+        acts=(SessionAct(kind="none", why="sound", words="w"),),
     )  # fmt: skip
     assert Answer.model_validate(answer.model_dump(mode="json", exclude_defaults=True)).summary == summary
 
 
 def test_a_session_that_corrected_shows_the_measured_error_and_the_step_that_is_open() -> None:
-    done = Deed(kind="load", why="correction", words="w", step="Correct the robot.")
-    still_open = Deed(kind="repair", why="fault", words="w", step="Repair it.", command="rig moved")
+    done = SessionAct(kind="load", why="correction", words="w", step="Correct the robot.")
+    still_open = SessionAct(kind="repair", why="fault", words="w", step="Repair it.", command="rig moved")
     answer = Answer(
         runs=2, condition="named", standing=None, headline="h", accuracy="a", next_step="n", parts=(), now_um=1,
         calibrated_um=1, noise_um=1, seconds=1, found="f", summary=summarise(diagnosis("named")),
@@ -199,8 +199,8 @@ def test_a_session_that_corrected_shows_the_measured_error_and_the_step_that_is_
     first = shown_summary(session)
     assert first and first["next"] == "Correct the robot." and first["error"]["size"] == "6.3 ± 1.9 → 1.9 ± 1.9 µm rms"
     before, after = (Deviation(um=um, largest_um=200, u_um=1.0, runs=2) for um in (93.0, 4.0))
-    verified = Verified(same_before=before, same_after=after)
-    correction = Correction(way="programs", sentence="s", before_um=93, expected_um=4)
+    verified = VerifiedError(same_before=before, same_after=after)
+    correction = SessionCorrection(way="programs", sentence="s", before_um=93, expected_um=4)
     corrected = shown_summary(session.model_copy(update={"verified": verified, "correction": correction}))
     assert corrected and (corrected["next"], corrected["command"]) == ("Repair it.", "rig moved")
     assert corrected["error"]["size"] == "93.0 ± 1.0 → 4.0 ± 1.0 µm rms"

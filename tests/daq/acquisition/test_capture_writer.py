@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from daq.acquisition import capture_writer
 from daq.wire import capture
-from daq.wire.capture import HEAD, Capture, Mark, Piece, read_capture
+from daq.wire.capture import HEAD, Capture, CaptureMark, Piece, read_capture
 from rigs.errors import FileError
 from tests.support.bench import BIN, PATIENCE_S, Bench
 
@@ -20,7 +20,7 @@ PIECES = st.builds(
     Piece,
     st.integers(0, 2**62),
     st.sampled_from(["g1", "g1_g2", "robot"]),
-    st.sampled_from(Mark),
+    st.sampled_from(CaptureMark),
     st.binary(max_size=40),
 )
 
@@ -39,7 +39,7 @@ def read_text(path: Path, text: str) -> Capture:
 
 
 def test_a_cut_line_is_told_and_left_out() -> None:
-    whole = Piece(5, "g1", Mark.CAME, b"+0.1\r")
+    whole = Piece(5, "g1", CaptureMark.CAME, b"+0.1\r")
     assert read_text(Path("cut"), f"{HEAD}\n{whole.line()}\n9 g1 < +0.") == Capture((whole,), cut=True)
 
 
@@ -76,11 +76,11 @@ def test_the_daemon_keeps_what_it_sends_and_hears_and_refuses_a_file_that_is_the
         capture = read_capture(tmp_path / "cell.log")
         assert not capture.cut and set(capture.streams) == set(counters)
         for name, state in counters.items():
-            came = b"".join(piece.data for piece in capture.of(name) if piece.mark is Mark.CAME)
+            came = b"".join(piece.data for piece in capture.of(name) if piece.mark is CaptureMark.CAME)
             least = 4 if name.startswith("g") else 50
             assert len(came) > least * state["counters"]["samples"]
-        marks = [piece.mark for piece in capture.of("robot") if piece.mark in (Mark.OPENED, Mark.LOST)]
-        assert marks[:3] == [Mark.OPENED, Mark.LOST, Mark.OPENED]
+        marks = [piece.mark for piece in capture.of("robot") if piece.mark in (CaptureMark.OPENED, CaptureMark.LOST)]
+        assert marks[:3] == [CaptureMark.OPENED, CaptureMark.LOST, CaptureMark.OPENED]
         said = bench.fails("rigd", bench.rig, "--capture", "cell.log", code=FileError.exit_code)
         assert "give --capture a different file" in said
 
@@ -93,15 +93,15 @@ def test_a_capture_that_grows_too_long_or_loses_its_disk_ends_and_says_so(
     monkeypatch.setattr(capture_writer, "_ROOM", 10)
     found = capture_writer.CaptureWriter(tmp_path / "log", [])
     for number in range(15):
-        found.add("g1", Mark.CAME, bytes(100) + str(number).encode())
+        found.add("g1", CaptureMark.CAME, bytes(100) + str(number).encode())
     found.start()
     until = time.monotonic() + PATIENCE_S
     while "grown" not in caplog.text and time.monotonic() < until:
         if " ! 5\n" in (tmp_path / "log").read_text():
-            found.add("g1", Mark.SENT, bytes(1000))
+            found.add("g1", CaptureMark.SENT, bytes(1000))
         time.sleep(0.01)
     found.stop(20)
     capture = read_capture(tmp_path / "log")
     assert [piece.data[100:] for piece in capture.pieces[:10]] == [str(n).encode() for n in range(10)]
-    assert Piece(capture.pieces[10].at_ns, "g1", Mark.LEFT_OUT, b"5") == capture.pieces[10]
+    assert Piece(capture.pieces[10].at_ns, "g1", CaptureMark.LEFT_OUT, b"5") == capture.pieces[10]
     assert caplog.text.count("grown") == 1

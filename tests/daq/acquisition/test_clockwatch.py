@@ -14,8 +14,8 @@ import daq.store.writer
 from daq.acquisition.host_clock import HOST, ClockReadings, HostClockMonitor, read_clocks
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Sample
-from daq.recording.active_run import Label
-from daq.recording.machine import Recording
+from daq.recording.active_run import RunLabel
+from daq.recording.machine import RecordingRequest
 from daq.recording.recorder import Recorder
 from daq.store import RunWriter, read_run
 from daq.store.ledger import Clock
@@ -78,7 +78,7 @@ def test_a_run_keeps_the_step_and_tells_the_right_time_after_it(tmp_path: Path, 
         monkeypatch.setattr(module, "clock_now", lambda: anchor)
     buffer = StreamBuffer("g1", ("g1_mm",))
 
-    def create(label: Label, follows: str) -> RunWriter:
+    def create(label: RunLabel, follows: str) -> RunWriter:
         return RunWriter.create(
             tmp_path,
             name=label.name,
@@ -92,7 +92,7 @@ def test_a_run_keeps_the_step_and_tells_the_right_time_after_it(tmp_path: Path, 
 
     recorder = Recorder({"g1": buffer}, create, lambda: None)
     monkeypatch.setattr(daq.recording.recorder, "require_readings", lambda buffers, test: None)
-    path = recorder.start_run(Recording(Label(name="a", test="radial"))).result()
+    path = recorder.start_run(RecordingRequest(RunLabel(name="a", test="radial"))).result()
     now[0] = later(START, 10.0, stepped_s=3600.0)
     anchor = Clock(monotonic_ns=now[0].monotonic_ns, unix_ns=now[0].wall_ns, bracket_ns=0)
     buffer.deliver([Sample((1.0,), -1, now[0].monotonic_ns, now[0].monotonic_ns, 8)])

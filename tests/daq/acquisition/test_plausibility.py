@@ -13,8 +13,8 @@ import daq.gauges
 from daq.acquisition.plausibility import IN_ERROR_S, STUCK_S, TIMES_IN_ERROR, PlausibilityCheck
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
-from daq.recording.active_run import Label
-from daq.recording.machine import Recording
+from daq.recording.active_run import RunLabel
+from daq.recording.machine import RecordingRequest
 from daq.recording.recorder import Recorder
 from daq.store import RunWriter, read_run
 from tests.support.drivers import PLAIN, modbus
@@ -127,7 +127,7 @@ def test_a_doubt_is_in_the_run_and_in_the_status(tmp_path: Path) -> None:
     now_ns = time.monotonic_ns()
     buffers["g1"].deliver([_sample([0.1], now_ns)])
     buffers["robot"].deliver([_sample([0.0] * 6, now_ns)])
-    recorder.start_run(Recording(Label(name="x", test="radial"))).result()
+    recorder.start_run(RecordingRequest(RunLabel(name="x", test="radial"))).result()
     for _ in range(TIMES_IN_ERROR):
         buffers["g1"].deliver([_sample([0.1], now_ns), Fault(FaultKind.DEVICE_ERROR, now_ns, "ERR3")])
     recorder.start()
@@ -146,7 +146,7 @@ def test_a_doubt_about_the_last_readings_before_a_stop_is_in_that_run(tmp_path: 
     now_ns = time.monotonic_ns()
     buffers["g1"].deliver([_sample([0.1], now_ns)])
     buffers["robot"].deliver([_sample([0.0] * 6, now_ns)])
-    recorder.start_run(Recording(Label(name="x", test="radial"))).result()
+    recorder.start_run(RecordingRequest(RunLabel(name="x", test="radial"))).result()
     for _ in range(TIMES_IN_ERROR):
         buffers["g1"].deliver([_sample([0.1], now_ns), Fault(FaultKind.DEVICE_ERROR, now_ns, "ERR3")])
     ended = recorder.stop_run().result()
@@ -157,7 +157,7 @@ def test_a_doubt_about_the_last_readings_before_a_stop_is_in_that_run(tmp_path: 
     assert buffers["g1"].state().counters[FaultKind.DOUBTFUL] == 1 and buffers["g1"].drain() == []
 
 
-def _create(folder: Path, label: Label) -> RunWriter:
+def _create(folder: Path, label: RunLabel) -> RunWriter:
     streams = {"g1": G1, "robot": ROBOT}
     about = {"rig_name": "x", "rig_text": "", "operator": "", "streams": streams}
     return RunWriter.create(folder, name=label.name, test=label.test, direction=label.direction, **about)  # type: ignore[arg-type]

@@ -17,11 +17,11 @@ import pytest
 import daq.acquisition.reader
 import daq.acquisition.streams
 import daq.recording.recorder
-from daq.acquisition.reader import Reader
+from daq.acquisition.reader import StreamReader
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream, streams_of
 from daq.apps.emulate.simulated_clock import SimulatedClock
-from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
+from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Item, Sample
 from daq.store import Run, read_run
 from daq.wire.links import Link, LinkLost, open_link
 from rigs.errors import CellError
@@ -56,16 +56,16 @@ def _sees_what_is_wrong(path: Path) -> None:
 class _OneReading:
     """Gives a sample, then nothing more comes of the link."""
 
-    def connected(self, now_ns: int) -> Step:
-        return Step(items=(Sample((1.0,), 0, now_ns, now_ns, 1),), hang_up=True)
+    def connected(self, now_ns: int) -> ConversationStep:
+        return ConversationStep(items=(Sample((1.0,), 0, now_ns, now_ns, 1),), hang_up=True)
 
-    def received(self, data: bytes, now_ns: int) -> Step:
-        return Step()
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
+        return ConversationStep()
 
-    def tick(self, now_ns: int) -> Step:
-        return Step()
+    def tick(self, now_ns: int) -> ConversationStep:
+        return ConversationStep()
 
-    def lost(self, now_ns: int) -> tuple[Item, ...]:
+    def handle_link_loss(self, now_ns: int) -> tuple[Item, ...]:
         return ()
 
 
@@ -119,7 +119,7 @@ def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch
         raise CellError("g1", "does not exist" if len(attempts) < 20 else "permission denied", "connect the device")
 
     stream = replace(stream, opening=opened)
-    reader = Reader(stream, buffer, Link("g1", -1, lambda: None))
+    reader = StreamReader(stream, buffer, Link("g1", -1, lambda: None))
     reader.start()
     assert ended.wait(PATIENCE_S)
     reader.stop()
@@ -154,7 +154,7 @@ def test_faults_held_back_to_be_told_as_one_are_told_when_the_link_is_lost() -> 
     link = _Breaking(b"ERR0\r", 50)
     with SimulatedClock(1).running():
         # private _read: what the thread does until its link is lost, without the thread
-        Reader(stream, buffer, link)._read(link)
+        StreamReader(stream, buffer, link)._read(link)
     assert buffer.state().counters == {"device_error": 50, "disconnected": 1}
 
 

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from daq.acquisition.host_clock import StallWatch
-from daq.acquisition.reader import Reader
+from daq.acquisition.reader import StreamReader
 from daq.acquisition.stream_buffer import STALL_NS, StreamBuffer, faults_of, samples_of
-from daq.protocol.conversation import Fault, FaultKind, Sample, Samples, Step
+from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Sample, SampleBlock
 from daq.store import read_run, verify
 from daq.wire.links import LinkLost
 from tests.support.bench import Bench
@@ -112,7 +112,7 @@ def test_a_block_that_finds_no_room_is_counted_sample_by_sample(
 ) -> None:
     # private: the room is minutes of readings
     monkeypatch.setattr("daq.acquisition.stream_buffer._ROOM", 500)
-    block = Samples.of([Sample((float(k),), -1, k, k, 3) for k in range(200)])
+    block = SampleBlock.of([Sample((float(k),), -1, k, k, 3) for k in range(200)])
     for _ in range(4):
         buffer.deliver([block])
     items = buffer.drain()
@@ -152,14 +152,14 @@ def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: p
         def take_ignored(self) -> None: ...
 
     class Costly:
-        def connected(self, now_ns: int) -> Step:
-            return Step()
+        def connected(self, now_ns: int) -> ConversationStep:
+            return ConversationStep()
 
-        def received(self, data: bytes, now_ns: int) -> Step:
+        def received(self, data: bytes, now_ns: int) -> ConversationStep:
             nonlocal used_s, now_s
             took_s = {b"flood": 0.05, b"fast": 0.015}.get(data, 0.00003)
             used_s, now_s = used_s + took_s, now_s + (0.04 if data == b"fast" else took_s)
-            return Step()
+            return ConversationStep()
 
         def lost(self, now_ns: int) -> tuple[()]:
             return ()
@@ -169,7 +169,7 @@ def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: p
     )
     stream: Any = SimpleNamespace(name="robot", port="tcp://x:1", host=Costly)
     link: Any = Endless()
-    reader = Reader(stream, StreamBuffer("robot", ()), link)
+    reader = StreamReader(stream, StreamBuffer("robot", ()), link)
     # private _stop_asked, _read: what the thread does until its link is lost, with the pauses it asks for
     monkeypatch.setattr(reader, "_stop_asked", SimpleNamespace(is_set=lambda: False, wait=lambda s: True))
     for module in ("daq.acquisition.reader", "daq.wire.conversation_loop"):

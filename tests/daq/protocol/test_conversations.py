@@ -208,10 +208,10 @@ def test_late_answers_are_counted_also_where_the_link_is_then_lost() -> None:
     script.wake()
     _fault(script, FaultKind.SILENT)
     script.receive(b"+1.000\r+2.00")
-    (late,) = host.lost(script.now_ns)
+    (late,) = host.handle_link_loss(script.now_ns)
     assert isinstance(late, Fault) and (late.kind, late.count) == (FaultKind.LATE, 2)
     script.wake()
-    assert script.sent.endswith(b"?\r") and host.lost(script.now_ns) == ()
+    assert script.sent.endswith(b"?\r") and host.handle_link_loss(script.now_ns) == ()
 
 
 def test_sylvac_cable() -> None:

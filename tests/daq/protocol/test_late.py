@@ -8,7 +8,7 @@ import pytest
 
 import daq.gauges
 from daq.acquisition.stream_buffer import samples_of
-from daq.protocol.conversation import Device, FaultKind, Step
+from daq.protocol.conversation import ConversationStep, Device, FaultKind
 from daq.protocol.framing import Message
 from daq.protocol.modbus import Resync, RtuRequests
 from daq.protocol.polled import STIR_EVERY_NS, Polled
@@ -64,18 +64,18 @@ class _InMenu:
     def __init__(self, device: Device) -> None:
         self._device, self._waiting = device, deque[bytes]()
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         return self._device.connected(now_ns)
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         if self._waiting or 2 * S <= now_ns < 9 * S:
             self._waiting.append(data)
-            return Step(wake_ns=max(now_ns, 9 * S))
+            return ConversationStep(wake_ns=max(now_ns, 9 * S))
         return self._device.received(data, now_ns)
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         step = self._device.received(self._waiting.popleft(), now_ns)
-        return Step(step.send, wake_ns=now_ns if self._waiting else None)
+        return ConversationStep(step.send, wake_ns=now_ns if self._waiting else None)
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -20,7 +20,7 @@ from daq.protocol.conversation import (
     Gathering,
     Item,
     Sample,
-    Samples,
+    SampleBlock,
     packed,
 )
 from rigs.schema.gauges import MicroEpsilonILD1420
@@ -33,15 +33,15 @@ FAULT = Fault(FaultKind.SILENT, 1, "nothing")
 
 
 def test_a_block_holds_the_samples_that_it_is_made_of() -> None:
-    block = Samples.of(MANY)
+    block = SampleBlock.of(MANY)
     assert list(block) == MANY and len(block) == 20 and block[3] == MANY[3] and block[-1] == MANY[-1]
     assert list(block[5:9]) == MANY[5:9] and list(block.chosen(block.status == 1)) == MANY[1::2]
-    assert list(Samples.joined([block[:4], NO_SAMPLES, block[4:]])) == MANY
-    assert not len(Samples.of([])) and not len(Samples.joined([])) and list(NO_SAMPLES) == []
+    assert list(SampleBlock.joined([block[:4], NO_SAMPLES, block[4:]])) == MANY
+    assert not len(SampleBlock.of([])) and not len(SampleBlock.joined([])) and list(NO_SAMPLES) == []
 
 
 def test_packing_keeps_the_order_and_every_sample() -> None:
-    items: list[Item] = [FAULT, *MANY[:3], Samples.of(MANY[3:9]), FAULT, FAULT, *MANY[9:]]
+    items: list[Item] = [FAULT, *MANY[:3], SampleBlock.of(MANY[3:9]), FAULT, FAULT, *MANY[9:]]
     found = packed(items)
     assert [size_of(item) for item in found] == [1, 3, 6, 1, 1, 11] and found[0] is FAULT
     assert list(samples_of(items)) == MANY and faults_of(items) == [FAULT] * 3
@@ -83,12 +83,12 @@ def test_what_is_read_by_arrays_is_what_is_read_message_by_message(data: bytes, 
         for item in gathering.received_all(arrivals[first : first + at_once]).items
     ]
     assert _plain(gathered) == _plain(one_by_one)
-    assert single.lost(10**9) == gathering.lost(10**9)
+    assert single.handle_link_loss(10**9) == gathering.handle_link_loss(10**9)
 
 
 def _plain(items: list[Item]) -> list[object]:
     """All items, single and comparable: nan is never equal to itself."""
-    singles = [single for item in items for single in (item if isinstance(item, Samples) else [item])]
+    singles = [single for item in items for single in (item if isinstance(item, SampleBlock) else [item])]
     assert all(isinstance(one, Fault) or math.isnan(one.device_time_s) for one in singles)
     return [one if isinstance(one, Fault) else (one.values, one.first_byte_ns, one.last_byte_ns) for one in singles]
 
@@ -113,6 +113,6 @@ def test_arrays_are_used() -> None:
     (block, fault, *rest) = conversation.received_all(
         [(_value(1000) * 100, 2), (_value(1000)[:1], 3), (_value(1000)[1:] + b"\xff", 4), (_value(1000), 5)]
     ).items
-    assert isinstance(block, Samples) and len(block) == 101 and isinstance(fault, Fault)
+    assert isinstance(block, SampleBlock) and len(block) == 101 and isinstance(fault, Fault)
     assert (block[-1].first_byte_ns, block[-1].last_byte_ns) == (3, 4)
     assert rest == [] and block[0].values[0] == pytest.approx((102 / 65520 * 1000 - 1) / 10)

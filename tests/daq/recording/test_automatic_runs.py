@@ -16,7 +16,7 @@ import yaml
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import streams_of
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.recording.active_run import Label
+from daq.recording.active_run import RunLabel
 from daq.recording.automatic import Arbiter
 from daq.recording.recorder import Recorder
 from daq.store import Manifest, RunWriter, durable, load_manifest, read_run, verify
@@ -138,7 +138,7 @@ def _by_hand(tmp_path: Path) -> tuple[Recorder, Arbiter, dict[str, StreamBuffer]
     buffers = {stream.name: StreamBuffer(stream.name, stream.columns) for stream in streams_of(rig)}
     columns = {name: buffer.columns for name, buffer in buffers.items()}
 
-    def create(label: Label, follows: str) -> RunWriter:
+    def create(label: RunLabel, follows: str) -> RunWriter:
         more = {"rig_name": rig.name, "rig_text": text, "streams": columns, "follows": follows}
         return RunWriter.create(tmp_path, **label.model_dump(), **more)
 
@@ -167,9 +167,9 @@ def test_a_recording_that_cannot_be_ends_none(tmp_path: Path) -> None:
     # private: a gauge that fell silent long ago
     buffers["g1_g2"]._last["g2_mm"] = (2.0, 0)
     with pytest.raises(CellError, match="g2: no reading"):
-        arbiter.start(Label(name="mine", test="yaw", direction="cw"))
+        arbiter.start(RunLabel(name="mine", test="yaw", direction="cw"))
     assert name and recorder.state()["recording"] == name
-    arbiter.start(Label(name="mine", test="radial"))
+    arbiter.start(RunLabel(name="mine", test="radial"))
     assert recorder.state()["recording"] == "mine"
     arbiter.stop()
     recorder._io.shut_down()
@@ -210,7 +210,7 @@ def test_people_come_first_while_the_disk_is_still_asked_for_the_automats_run(
     arbiter.after_round()
     assert asked.wait(60)
     mine: list[Path] = []
-    person = threading.Thread(target=lambda: mine.append(arbiter.start(Label(name="mine", test="radial"))))
+    person = threading.Thread(target=lambda: mine.append(arbiter.start(RunLabel(name="mine", test="radial"))))
     person.start()
     while recorder.state()["beginning"] != "mine":
         person.join(0.01)

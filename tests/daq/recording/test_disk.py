@@ -22,8 +22,8 @@ import daq.recording.warnings
 from daq import clock
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Sample
-from daq.recording.active_run import Label
-from daq.recording.machine import Recording, Waiting
+from daq.recording.active_run import RunLabel
+from daq.recording.machine import RecordingRequest, Waiting
 from daq.recording.recorder import Recorder
 from daq.store import RunWriter, durable, load_manifest, read_run, recover, verify
 from rigs.errors import CellError
@@ -39,10 +39,10 @@ class Written:
         self.recorder = Recorder(self.buffers, self._create, lambda: None)
         self.delivered = 0
         self.deliver()
-        self.path = self.recorder.start_run(Recording(Label(name="lap", test="yaw", direction="cw"))).result()
+        self.path = self.recorder.start_run(RecordingRequest(RunLabel(name="lap", test="yaw", direction="cw"))).result()
         self.delivered = 0
 
-    def _create(self, label: Label, follows: str) -> RunWriter:
+    def _create(self, label: RunLabel, follows: str) -> RunWriter:
         who = {"rig_name": "r", "rig_text": "", "operator": "", "streams": COLUMNS, "follows": follows}
         return RunWriter.create(self.runs, name=label.name, test=label.test, direction=label.direction, **who)
 
@@ -112,7 +112,7 @@ def test_the_log_names_a_direction_where_there_is_one(tmp_path: Path, caplog: py
     written = Written(tmp_path)
     written.recorder.stop_run().result()
     written.deliver()
-    written.recorder.start_run(Recording(Label(name="dome", test="radial"))).result()
+    written.recorder.start_run(RecordingRequest(RunLabel(name="dome", test="radial"))).result()
     written.recorder.stop_run().result()
     assert "recording lap (yaw cw) to" in caplog.text and "recording dome (radial) to" in caplog.text
 
@@ -289,7 +289,11 @@ def test_a_run_that_is_deleted_is_followed_by_another_and_counts_as_dropped(
 
 
 @pytest.mark.parametrize(
-    "end", [Recorder.stop_run, lambda recorder: recorder.start_run(Recording(Label(name="b", test="radial"))).result()]
+    "end",
+    [
+        Recorder.stop_run,
+        lambda recorder: recorder.start_run(RecordingRequest(RunLabel(name="b", test="radial"))).result(),
+    ],
 )
 def test_who_stops_or_starts_anew_ends_the_waiting(
     written: Written,
@@ -422,7 +426,7 @@ def test_a_run_that_takes_long_to_close_keeps_neither_the_watchdog_nor_the_next_
     assert begun.wait(60)
     written.deliver()
     written.recorder._round()
-    follower = written.recorder.start_run(Recording(Label(name="next", test="yaw", direction="cw"))).result()
+    follower = written.recorder.start_run(RecordingRequest(RunLabel(name="next", test="yaw", direction="cw"))).result()
     written.deliver()
     written.recorder._round()
     assert not closing.done() and written.recorder.state()["recording"] == "next"
@@ -470,7 +474,7 @@ def test_a_run_that_takes_long_to_begin_has_all_that_came_meanwhile(
     asked, done = making
     written.recorder.stop_run().result()
     written.delivered = 0
-    beginning = written.recorder.start_run(Recording(Label(name="next", test="yaw", direction="cw")))
+    beginning = written.recorder.start_run(RecordingRequest(RunLabel(name="next", test="yaw", direction="cw")))
     assert asked.wait(60)
     for _ in range(4):  # each would wait for ever, were it to wait for the disk
         written.deliver()
@@ -478,7 +482,7 @@ def test_a_run_that_takes_long_to_begin_has_all_that_came_meanwhile(
     state = written.recorder.state()
     assert (state["beginning"], state["waiting"], state["recording"]) == ("next", None, None)
     with pytest.raises(CellError, match="recording next: already running"):
-        written.recorder.start_run(Recording(Label(name="other", test="radial")))
+        written.recorder.start_run(RecordingRequest(RunLabel(name="other", test="radial")))
     ending = written.recorder.stop_run("interrupted", "enough") if stopped else None
     assert written.recorder.state().get("closing", False) == stopped
     done.set()
@@ -498,7 +502,7 @@ def test_what_comes_while_a_run_begins_has_its_bound(
     monkeypatch.setattr(daq.acquisition.stream_buffer, "_ROOM", 40)
     asked, done = making
     written.recorder.stop_run().result()
-    beginning = written.recorder.start_run(Recording(Label(name="next", test="yaw", direction="cw")))
+    beginning = written.recorder.start_run(RecordingRequest(RunLabel(name="next", test="yaw", direction="cw")))
     assert asked.wait(60)
     for _ in range(12):
         written.deliver()
@@ -577,7 +581,7 @@ def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_fir
     written.retry()
     while not asked.is_set():
         written.recorder._round()
-    beginning = written.recorder.start_run(Recording(Label(name="next", test="radial")))
+    beginning = written.recorder.start_run(RecordingRequest(RunLabel(name="next", test="radial")))
     written.deliver(5)
     written.recorder._round()
     done.set()
@@ -603,15 +607,15 @@ def test_a_disk_that_makes_no_run_is_given_no_more_to_make(
     ending = []
     for _ in range(2):
         written.deliver()
-        written.recorder.start_run(Recording(Label(name="next", test="yaw", direction="cw")))
+        written.recorder.start_run(RecordingRequest(RunLabel(name="next", test="yaw", direction="cw")))
         ending.append(written.recorder.stop_run())
     written.deliver()
     with pytest.raises(CellError, match="disk: is still creating the last 2 runs"):
-        written.recorder.start_run(Recording(Label(name="next", test="yaw", direction="cw")))
+        written.recorder.start_run(RecordingRequest(RunLabel(name="next", test="yaw", direction="cw")))
     done.set()
     assert len({end.result().path for end in ending}) == 2
     written.begun()
-    written.recorder.start_run(Recording(Label(name="next", test="yaw", direction="cw"))).result()
+    written.recorder.start_run(RecordingRequest(RunLabel(name="next", test="yaw", direction="cw"))).result()
     written.recorder.stop_run().result()
 
 
@@ -623,7 +627,7 @@ def test_an_error_in_the_program_while_a_run_begins_is_told_and_ends_the_daemon(
     ended: list[type[BaseException]] = []
     monkeypatch.setattr(threading, "excepthook", lambda args: ended.append(args.exc_type))
     monkeypatch.setattr(daq.recording.active_run.PlausibilityCheck, "check", lambda *_: 1 / 0)
-    beginning = written.recorder.start_run(Recording(Label(name="next", test="yaw", direction="cw")))
+    beginning = written.recorder.start_run(RecordingRequest(RunLabel(name="next", test="yaw", direction="cw")))
     with pytest.raises(ZeroDivisionError):
         beginning.result(20)
     written.recorder._io.shut_down()

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.recording.active_run import Label
+from daq.recording.active_run import RunLabel
 from daq.recording.machine import (
     FIRST_PAUSE_S,
     LONGEST_PAUSE_S,
@@ -21,17 +21,17 @@ from daq.recording.machine import (
     Closed,
     Create,
     Created,
+    DiskFailed,
     Event,
-    Failed,
     GiveUp,
     Idle,
-    Recording,
-    Refused,
+    RecorderState,
+    RecordingRequest,
     Reject,
     Running,
-    Start,
-    State,
-    Stop,
+    RunRefused,
+    StartRequested,
+    StopRequested,
     Suspend,
     Tick,
     Waiting,
@@ -39,10 +39,10 @@ from daq.recording.machine import (
 )
 
 LONG_S = 1e9
-MINE = Recording(Label(name="mine", test="radial"))
-THEIRS = Recording(Label(name="theirs", test="yaw", direction="cw", operator="automatic"), "robot")
-ENOUGH, STANDS = Stop("complete", "enough"), Stop("complete", "the robot stands still", "robot")
-FULL = Failed("interrupted", "disk nearly full", 0.0)
+MINE = RecordingRequest(RunLabel(name="mine", test="radial"))
+THEIRS = RecordingRequest(RunLabel(name="theirs", test="yaw", direction="cw", operator="automatic"), "robot")
+ENOUGH, STANDS = StopRequested("complete", "enough"), StopRequested("complete", "the robot stands still", "robot")
+FULL = DiskFailed("interrupted", "disk nearly full", 0.0)
 
 
 @dataclass(frozen=True)
@@ -59,14 +59,14 @@ class World:
     gap: int | Literal["none", "waiting"] = "none"
 
 
-Point = tuple[State, World]
+Point = tuple[RecorderState, World]
 
 
 def events(world: World) -> Iterator[Event]:
     """Everything that may come: of the disk only answers to what it was asked."""
-    yield from (Start(MINE), Start(THEIRS), ENOUGH, STANDS, FULL, Tick(0.0), Tick(LONG_S))
+    yield from (StartRequested(MINE), StartRequested(THEIRS), ENOUGH, STANDS, FULL, Tick(0.0), Tick(LONG_S))
     for run in sorted(world.asked):
-        yield from (Created(run), Refused(run, 0.0))
+        yield from (Created(run), RunRefused(run, 0.0))
     yield from map(Closed, sorted(world.closing))
 
 
@@ -80,12 +80,12 @@ def follow(point: Point, event: Event) -> Point:
     return after, world
 
 
-def _happened(world: World, event: Event, after: State) -> World:
+def _happened(world: World, event: Event, after: RecorderState) -> World:
     match event:
         case Created(run):
             gap = "none" if world.gap == run else world.gap
             return replace(world, asked=world.asked - {run}, made=world.made | {run}, gap=gap)
-        case Refused(run, _):
+        case RunRefused(run, _):
             waits = "waiting" if isinstance(after.phase, Waiting) else "none"
             return replace(world, asked=world.asked - {run}, gap=waits if world.gap == run else world.gap)
         case Closed(run):
@@ -112,7 +112,7 @@ def _carried_out(world: World, actions: tuple[Action, ...]) -> World:
     return world
 
 
-def _require_order(state: State, world: World) -> None:
+def _require_order(state: RecorderState, world: World) -> None:
     """Every run is where it belongs, and there is exactly one place for what comes."""
     leaving = {close.run for close in state.leaving}
     beginning = {state.phase.run} if isinstance(state.phase, Beginning) else set()
@@ -122,24 +122,26 @@ def _require_order(state: State, world: World) -> None:
     assert len(leaving) <= MOST_LEAVING + 1, "what is in memory is bounded"
 
 
-def _require_people_first(before: State, event: Event, after: State, actions: tuple[Action, ...]) -> None:
+def _require_people_first(
+    before: RecorderState, event: Event, after: RecorderState, actions: tuple[Action, ...]
+) -> None:
     rejected = next((action.why for action in actions if isinstance(action, Reject)), None)
     mine = before.recording == MINE
     if mine and after.recording != MINE:
         first = isinstance(before.phase, Beginning) and not before.phase.pause_s
-        refused = first and isinstance(event, Refused)
+        refused = first and isinstance(event, RunRefused)
         assert event == ENOUGH or refused, "only a person ends a person's recording, or a disk that never began it"
-    if event == Start(MINE) and rejected == "running":
+    if event == StartRequested(MINE) and rejected == "running":
         assert mine and not isinstance(before.phase, Waiting), "nothing but a person keeps a person waiting"
-    if event == Start(THEIRS):
+    if event == StartRequested(THEIRS):
         assert (rejected is None) == (isinstance(before.phase, Idle) and len(before.leaving) < MOST_LEAVING)
-    if event in (Start(MINE), Start(THEIRS)) and rejected:
+    if event in (StartRequested(MINE), StartRequested(THEIRS)) and rejected:
         assert after == before and len(actions) == 1, "what is rejected changes nothing"
 
 
 def test_every_sequence_of_events() -> None:
     """All sequences of nine events; those that lead to the same point go on as one."""
-    points: set[Point] = {(State(), World())}
+    points: set[Point] = {(RecorderState(), World())}
     phases: set[type] = set()
     for _ in range(9):
         points = {follow(point, event) for point in points for event in events(point[1])}
@@ -149,7 +151,7 @@ def test_every_sequence_of_events() -> None:
         _goes_on(state, world)
 
 
-def _goes_on(state: State, world: World) -> None:
+def _goes_on(state: RecorderState, world: World) -> None:
     """From everywhere: once the disk answers, what is to be recorded is recorded, and the rest is closed."""
     point = (state, world)
     for run in sorted(world.closing):
@@ -166,44 +168,44 @@ def _goes_on(state: State, world: World) -> None:
 @settings(max_examples=300)
 @given(data=st.data())
 def test_long_sequences_of_events(data: st.DataObject) -> None:
-    point = (State(), World())
+    point = (RecorderState(), World())
     for _ in range(data.draw(st.integers(10, 80))):
         point = follow(point, data.draw(st.sampled_from(list(events(point[1])))))
     _goes_on(*point)
 
 
-def _after(*happened: Event) -> State:
-    point = (State(), World())
+def _after(*happened: Event) -> RecorderState:
+    point = (RecorderState(), World())
     for event in happened:
         point = follow(point, event)
     return point[0]
 
 
 def test_pauses_double_up_to_a_minute() -> None:
-    state, pauses, now_s = _after(Start(MINE), Created(1), FULL, Closed(1)), [], 0.0
+    state, pauses, now_s = _after(StartRequested(MINE), Created(1), FULL, Closed(1)), [], 0.0
     for run in range(2, 9):
         assert isinstance(state.phase, Waiting)
         assert step(state, Tick(state.phase.due_s - 0.1)) == (state, ())
         pauses.append(state.phase.due_s - now_s)
         now_s = state.phase.due_s
-        state = step(step(state, Tick(now_s))[0], Refused(run, now_s))[0]
+        state = step(step(state, Tick(now_s))[0], RunRefused(run, now_s))[0]
     assert pauses == [FIRST_PAUSE_S, 5, 10, 20, 40, LONGEST_PAUSE_S, LONGEST_PAUSE_S]
 
 
 def test_a_run_that_was_removed_is_followed_at_once() -> None:
-    state = _after(Start(MINE), Created(1), replace(FULL, removed=True), Closed(1))
+    state = _after(StartRequested(MINE), Created(1), replace(FULL, removed=True), Closed(1))
     assert step(state, Tick(0.2))[1] == (Create(2, MINE, resumes=True),)
 
 
 def test_a_run_that_is_tried_again_has_the_run_before_closed() -> None:
-    waiting = _after(Start(MINE), Created(1), FULL)
+    waiting = _after(StartRequested(MINE), Created(1), FULL)
     assert step(waiting, Tick(LONG_S)) == (waiting, ())
     assert step(step(waiting, Closed(1))[0], Tick(LONG_S))[1] == (Create(2, MINE, resumes=True),)
 
 
 @pytest.mark.parametrize("happened", [(), (Created(1),), (Created(1), FULL)])
 def test_a_person_takes_over_from_the_robot(happened: tuple[Event, ...]) -> None:
-    state, actions = step(_after(Start(THEIRS), *happened), Start(MINE))
+    state, actions = step(_after(StartRequested(THEIRS), *happened), StartRequested(MINE))
     assert state.phase == Beginning(MINE, 2) and actions[-1] == Create(2, MINE)
     why = "a person started mine"
     ended = {
@@ -215,6 +217,6 @@ def test_a_person_takes_over_from_the_robot(happened: tuple[Event, ...]) -> None
 
 
 def test_a_disk_that_makes_no_run_is_asked_for_no_third() -> None:
-    state = _after(Start(MINE), ENOUGH, Start(MINE), ENOUGH)
-    assert step(state, Start(MINE)) == (state, (Reject("making"),))
-    assert not isinstance(step(step(state, Refused(1, 0.0))[0], Start(MINE))[1][0], Reject)
+    state = _after(StartRequested(MINE), ENOUGH, StartRequested(MINE), ENOUGH)
+    assert step(state, StartRequested(MINE)) == (state, (Reject("making"),))
+    assert not isinstance(step(step(state, RunRefused(1, 0.0))[0], StartRequested(MINE))[1][0], Reject)

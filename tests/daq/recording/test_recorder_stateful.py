@@ -25,16 +25,16 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_s
 import daq.recording.io_worker
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Sample
-from daq.recording.active_run import Label
-from daq.recording.machine import Beginning, Recording, Waiting
+from daq.recording.active_run import RunLabel
+from daq.recording.machine import Beginning, RecordingRequest, Waiting
 from daq.recording.recorder import Recorder
 from daq.store import RunWriter, load_manifest, read_run, recover, verify
 from rigs.errors import CellError
 from tests.support.failing_disk import COLUMNS, failing
 from tests.support.nightly import cases
 
-MINE = Recording(Label(name="mine", test="yaw", direction="cw"))
-THEIRS = Recording(Label(name="theirs", test="yaw", direction="acw"), "robot")
+MINE = RecordingRequest(RunLabel(name="mine", test="yaw", direction="cw"))
+THEIRS = RecordingRequest(RunLabel(name="theirs", test="yaw", direction="acw"), "robot")
 
 
 class ByHand:
@@ -83,7 +83,7 @@ class Recordings(RuleBasedStateMachine):
         self.deliver()
         self._start(MINE)
 
-    def _create(self, label: Label, follows: str) -> RunWriter:
+    def _create(self, label: RunLabel, follows: str) -> RunWriter:
         who: dict[str, Any] = {"rig_name": "r", "rig_text": "", "operator": "", "streams": COLUMNS}
         about = {"name": label.name, "test": label.test, "direction": label.direction, "follows": follows}
         return RunWriter.create(self.folder, **about, **who, chunk_rows=20)
@@ -123,13 +123,13 @@ class Recordings(RuleBasedStateMachine):
         self.creator.go_on()
 
     @rule(recording=st.sampled_from((MINE, THEIRS)), stops=st.sampled_from((False, False, True)))
-    def ask(self, recording: Recording, stops: bool) -> None:
+    def ask(self, recording: RecordingRequest, stops: bool) -> None:
         if stops:
             self._stop(recording.by)
         else:
             self._start(recording)
 
-    def _start(self, recording: Recording) -> None:
+    def _start(self, recording: RecordingRequest) -> None:
         before = self.recorder._state
         with suppress(CellError):
             self.recorder.start_run(recording)

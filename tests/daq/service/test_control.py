@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import daq.service.client
-from daq.recording.active_run import Label
+from daq.recording.active_run import RunLabel
 from daq.service.client import Client, find_socket
 from daq.service.control import ControlServer, reply
 from daq.service.trust import InstanceLock
@@ -87,7 +87,7 @@ def test_a_daemon_that_hangs_is_told_from_none(tmp_path: Path, monkeypatch: pyte
 def test_an_operator_of_another_encoding_is_recorded(tmp_path: Path) -> None:
     """As the command line of a Latin-1 terminal gives him."""
     operator = json.loads(json.dumps(os.fsdecode("Müller".encode("latin-1"))))
-    label = Label(name="lap", test="radial", operator=operator)
+    label = RunLabel(name="lap", test="radial", operator=operator)
     who = {"rig_name": "r", "rig_text": "", "streams": {"g1": ("g1_mm",)}}
     writer = RunWriter.create(tmp_path, name="lap", test="radial", direction=None, operator=operator, **who)
     writer.close("interrupted", f"{label.operator} started another", {})

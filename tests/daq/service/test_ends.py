@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import daq.feedback
-from daq.acquisition.reader import Reader
+from daq.acquisition.reader import StreamReader
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream, streams_of
 from daq.protocol.conversation import Fault, FaultKind
@@ -72,7 +72,7 @@ def test_a_port_that_takes_long_to_open_is_no_reader_that_hangs(monkeypatch: pyt
     monkeypatch.setattr(Stream, "open", resolve)
     robot = streams_of(parse(rig_text(), "bench"))[-1]
     buffer = StreamBuffer(robot.name, robot.columns)
-    reader = Reader(robot, buffer, _lost(robot))
+    reader = StreamReader(robot, buffer, _lost(robot))
     reader.start()
     try:
         assert opening.wait(60)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from daq.acquisition.stream_buffer import StreamBuffer
-from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample, Samples
+from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample, SampleBlock
 from daq.service.answers import LONGEST_ANSWER, read_answer
 from daq.service.client import Client
 from daq.service.daemon import MOST, recent_samples
@@ -57,7 +57,7 @@ def test_blocks_of_a_quick_stream_are_cut_where_the_client_is_and_bounded() -> N
     buffer = StreamBuffer("g1", ("g1_mm",))
     for first in range(0, 4800, 240):
         block = [Sample((float(k),), NO_TIME, k, k, 3) for k in range(first + 1, first + 241)]
-        buffer.deliver([Samples.of(block)])
+        buffer.deliver([SampleBlock.of(block)])
     assert numbers(asked(buffer, 4790)) == list(range(4791, 4801))
     newest, kept = buffer.recent(0)
     assert newest == 4800 and [kept[0].values, kept[-1].values] == [(3601.0,), (4800.0,)]

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from analysis.cli import app
 from daq.store import judge, load_manifest, read_run, recover, relabel, verify
-from daq.store.ledger import Entry, Ledger, claim_in, line_of, verified
+from daq.store.ledger import Ledger, LedgerEntry, claim_in, line_of, verified
 from daq.store.verify import END_UNKNOWN
 from rigs.errors import CellError, FileError
 from tests.support.nightly import examples
@@ -330,9 +330,9 @@ def test_a_manifest_of_a_version_to_come_is_refused(run: Path) -> None:
 
 @given(st.binary(max_size=400))
 def test_any_bytes_are_a_ledger_that_ends_early(data: bytes) -> None:
-    line, last = line_of(Entry(opening="0" * 64), "")
+    line, last = line_of(LedgerEntry(opening="0" * 64), "")
     found = verified(line + data)
-    assert found.entries[0] == Entry(opening="0" * 64) and found.unread == len(data) and found.last == last
+    assert found.entries[0] == LedgerEntry(opening="0" * 64) and found.unread == len(data) and found.last == last
 
 
 def test_counters_are_compared_only_where_the_run_ended_in_order(tmp_path: Path) -> None:

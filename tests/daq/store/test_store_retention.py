@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from analysis.cli import app
 from daq.service.maintenance import RunRetention
 from daq.store import durable, mark_exported, mark_kept, survey, verify
-from daq.store.marks import MARKS, Export, Marks, load_marks
+from daq.store.marks import MARKS, Export, RunMarks, load_marks
 from daq.store.retention import RunInfo, decide, delete, look
 from rigs.errors import CellError, FileError
 from rigs.schema.declared_tests import Retention
@@ -38,7 +38,7 @@ def _exported(runs: Path) -> Path:
 
 def test_marks_are_kept_beside_the_manifest_and_verify(run: Path) -> None:
     before = (run / "manifest.json").read_bytes()
-    assert load_marks(run) == Marks()
+    assert load_marks(run) == RunMarks()
     mark_exported(run, "csv", Path("/elsewhere/table.csv"))
     mark_kept(run, True)
     mark_exported(run, "mcap", Path("/elsewhere/raw.mcap"))
@@ -140,7 +140,7 @@ def test_only_a_whole_exported_run_that_is_not_kept_may_go(tmp_path: Path) -> No
 
 
 def _info(number: int, age_days: float, size: int, exported: bool = True, kept: bool = False) -> RunInfo:
-    marks = Marks(kept=kept, exports=(Export(at="", format="csv", file=""),) * exported)
+    marks = RunMarks(kept=kept, exports=(Export(at="", format="csv", file=""),) * exported)
     return RunInfo(Path(str(number)), _MANIFEST, marks, "complete", size, NOW_S - age_days * DAY_S)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from daq.store import RunWriter, load_manifest, read_run, recover, verify
-from daq.store.writer import Work
+from daq.store.writer import DiskOperation
 from tests.support.store_cases import assert_holds, crash, samples, start
 
 
@@ -19,7 +19,7 @@ def _append(writer: RunWriter, first: int) -> None:
 
 
 @pytest.fixture
-def ended(tmp_path: Path) -> tuple[RunWriter, Work]:
+def ended(tmp_path: Path) -> tuple[RunWriter, DiskOperation]:
     """A run whose chunks are full, the sync that they ended with, and more rows that came meanwhile."""
     writer = start(tmp_path, chunk_rows=4)
     _append(writer, 0)
@@ -32,7 +32,7 @@ def _files(writer: RunWriter, stream: str) -> list[str]:
     return sorted(path.name for path in writer.path.glob(f"{stream}-*"))
 
 
-def test_the_next_chunk_begins_when_the_disk_has_the_one_before(ended: tuple[RunWriter, Work]) -> None:
+def test_the_next_chunk_begins_when_the_disk_has_the_one_before(ended: tuple[RunWriter, DiskOperation]) -> None:
     writer, work = ended
     assert _files(writer, "g1") == ["g1-0001.arrow"] and writer.stored() == work.synced == {"g1": 4, "robot": 4}
     assert writer.begin_roll() is None
@@ -47,7 +47,9 @@ def test_the_next_chunk_begins_when_the_disk_has_the_one_before(ended: tuple[Run
 
 
 @pytest.mark.parametrize("synced", [True, False])
-def test_a_run_that_ends_meanwhile_holds_what_was_held_back(ended: tuple[RunWriter, Work], synced: bool) -> None:
+def test_a_run_that_ends_meanwhile_holds_what_was_held_back(
+    ended: tuple[RunWriter, DiskOperation], synced: bool
+) -> None:
     writer, work = ended
     if synced:
         work.wait()
@@ -56,7 +58,7 @@ def test_a_run_that_ends_meanwhile_holds_what_was_held_back(ended: tuple[RunWrit
     assert_holds(read_run(writer.path), 8)
 
 
-def test_a_crash_with_two_chunks_of_a_stream(ended: tuple[RunWriter, Work]) -> None:
+def test_a_crash_with_two_chunks_of_a_stream(ended: tuple[RunWriter, DiskOperation]) -> None:
     writer, work = ended
     work.wait()
     writer.end_work(None)

@@ -16,11 +16,11 @@ import daq.gauges
 from daq.acquisition.streams import streams_of
 from daq.apps.commission import trial
 from daq.apps.emulate.pty_line import PtyLine
-from daq.protocol.conversation import Fault, FaultKind, Host, Item, Sample, Step
+from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Host, Item, Sample
 from daq.wire import links, serial_port
 from daq.wire.conversation_loop import run_conversation
 from daq.wire.links import SerialLink, open_link
-from rigs.interfaces import known
+from rigs.interfaces import list_interfaces
 from rigs.load import SHIPPED, parse
 from rigs.schema.links import Line, ModemLines
 from tests.support.drivers import gauge, sylvac
@@ -48,7 +48,7 @@ class OptoRS:
     def supplied(self) -> bool:
         return self.rts if self.simplex else self.dtr and not self.rts
 
-    def hear(self, step: Step, now_ns: int) -> bytes:
+    def hear(self, step: ConversationStep, now_ns: int) -> bytes:
         """What it answers to a step, at once."""
         if step.dtr is not None:
             fallen, self.dtr = self.dtr and not step.dtr, step.dtr
@@ -190,7 +190,7 @@ def test_a_pty_without_modem_lines_is_opened_all_the_same() -> None:
 
 
 def test_interfaces_and_doctor_show_the_lines() -> None:
-    (shown,) = [one for one in known() if one.name == "sylvac_opto_rs"]
+    (shown,) = [one for one in list_interfaces() if one.name == "sylvac_opto_rs"]
     assert shown.modem == "duplex DTR on, RTS off; simplex DTR on, RTS on"
     text = (SHIPPED / "paper-fanuc.yaml").read_text()
     stream = streams_of(parse(text, "cell"))[0]

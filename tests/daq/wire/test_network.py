@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import yaml
 
-from daq.acquisition.reader import Reader
+from daq.acquisition.reader import StreamReader
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream, streams_of
 from daq.store import read_run
@@ -47,7 +47,7 @@ def _until(so: Callable[[], Any]) -> None:
 def _reading(stream: Stream) -> Iterator[Callable[[str], int]]:
     """A reader on its link; gives what counts its samples and faults."""
     buffer = StreamBuffer(stream.name, stream.columns)
-    reader = Reader(stream, buffer, stream.open())
+    reader = StreamReader(stream, buffer, stream.open())
     reader.start()
     try:
         yield lambda kind: buffer.state().counters.get(kind, 0)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from daq.protocol.conversation import NO_TIME, Arrival, Item, Sample, Step
+from daq.protocol.conversation import NO_TIME, Arrival, ConversationStep, Item, Sample
 from daq.wire.conversation_loop import run_conversation
 from daq.wire.links import LinkLost
 
@@ -34,19 +34,19 @@ class Gathered:
     def __init__(self) -> None:
         self.calls: list[Sequence[Arrival]] = []
 
-    def connected(self, now_ns: int) -> Step:
-        return Step()
+    def connected(self, now_ns: int) -> ConversationStep:
+        return ConversationStep()
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         raise AssertionError("it gathers")
 
-    def received_all(self, arrivals: Sequence[Arrival]) -> Step:
+    def received_all(self, arrivals: Sequence[Arrival]) -> ConversationStep:
         self.calls.append(arrivals)
         samples = [Sample((float(byte),), NO_TIME, at_ns, at_ns, 1) for data, at_ns in arrivals for byte in data]
-        return Step(items=tuple(samples), wake_ns=0)
+        return ConversationStep(items=tuple(samples), wake_ns=0)
 
-    def tick(self, now_ns: int) -> Step:
-        return Step(wake_ns=0)
+    def tick(self, now_ns: int) -> ConversationStep:
+        return ConversationStep(wake_ns=0)
 
 
 def _run(conversation: Gathered, link: Pieces) -> list[Item]:

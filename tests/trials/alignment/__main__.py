@@ -93,7 +93,7 @@ def table() -> list[str]:
 def figures_of(setup: SetUp) -> dict[tuple[str, str], float]:
     """The figures of a set-up by test and name."""
     rig, text = load(ROBOT)
-    hidden = load_hidden(ROBOT).within(rig)
+    hidden = load_hidden(ROBOT).apply_to(rig)
     found = {}
     for test in TESTS:
         direction = None if test == "radial" else "acw"

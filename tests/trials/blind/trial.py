@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from analysis.runs.batch.each import each
-from analysis.runs.batch.outcomes import Done
+from analysis.runs.batch.outcomes import CompletedItem
 from tests.trials.blind.answers import name_in
 from tests.worlds.stranger import energy_of, gap_of, gap_of_real, generate, generate_real, left_of
 from tests.worlds.stranger.cases import Lap
@@ -245,4 +245,4 @@ def run_all(jobs: Sequence[Job], workers: int, work: Callable[[Job], Any] = answ
     Numbers that cannot be computed are errors, as they are in the program.
     """
     for outcome in each(work, jobs, jobs=workers):
-        yield outcome.item, outcome.value if isinstance(outcome, Done) else {"error": str(outcome.error)}
+        yield outcome.item, outcome.value if isinstance(outcome, CompletedItem) else {"error": str(outcome.error)}

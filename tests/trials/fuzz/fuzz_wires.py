@@ -13,7 +13,7 @@ from random import Random
 
 import daq.feedback
 import daq.gauges
-from daq.protocol.conversation import Conversation, Device, Item, Sample, Step
+from daq.protocol.conversation import Conversation, ConversationStep, Device, Item, Sample
 from daq.protocol.framing import LIMIT
 from daq.protocol.websocket import LIMIT as WEBSOCKET_LIMIT
 from daq.store.chunk import batch_of, schema_of
@@ -99,16 +99,16 @@ class _Overheard:
         self._conversation = conversation
         self.said: list[bytes] = []
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         return self._heard(self._conversation.connected(now_ns))
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         return self._heard(self._conversation.received(data, now_ns))
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         return self._heard(self._conversation.tick(now_ns))
 
-    def _heard(self, step: Step) -> Step:
+    def _heard(self, step: ConversationStep) -> ConversationStep:
         if step.send:
             self.said.append(step.send)
         return step
@@ -175,16 +175,16 @@ class Watched:
             self.tick(self.now_ns)
         self.now_ns = max(self.now_ns, until_ns)
 
-    def connected(self, now_ns: int) -> Step:
+    def connected(self, now_ns: int) -> ConversationStep:
         return self.step
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         return self._keep(self._conversation.received(data, now_ns), len(data))
 
-    def tick(self, now_ns: int) -> Step:
+    def tick(self, now_ns: int) -> ConversationStep:
         return self._keep(self._conversation.tick(now_ns), 0)
 
-    def _keep(self, step: Step, size: int) -> Step:
+    def _keep(self, step: ConversationStep, size: int) -> ConversationStep:
         self.step, self.over = step, self.over or step.hang_up
         assert len(step.items) <= size + 8, f"{len(step.items)} items of {size} bytes"
         assert len(step.send) <= 600 * (size + 100), f"{len(step.send)} bytes to {size}"
@@ -221,7 +221,7 @@ def _works(host: Watched, device: Conversation) -> bool:
         if not asked and step.wake_ns is not None and step.wake_ns <= now_ns:
             step = device.tick(now_ns)
             continue
-        step = Step(wake_ns=step.wake_ns)
+        step = ConversationStep(wake_ns=step.wake_ns)
         if not asked and host.step.wake_ns is not None and host.step.wake_ns <= now_ns:
             asked = host.tick(now_ns).send
     return False

@@ -9,7 +9,7 @@ import pytest
 
 # private _Continuous, _label: what stands behind a gauge's messages and a request, the innermost that inputs reach
 from daq.gauges.sylvac_opto_rs import _Continuous
-from daq.protocol.framing import Lines
+from daq.protocol.framing import DelimitedLines
 from daq.service.control import reply
 from daq.service.daemon import _label
 from tests.trials.fuzz.fuzz_files import use
@@ -38,13 +38,13 @@ def test_a_framer_that_keeps_everything_is_found(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_conversation_that_never_recovers_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    feed = Lines.feed
+    feed = DelimitedLines.feed
 
-    def stuck(self: Lines, data: bytes, now_ns: int) -> object:
+    def stuck(self: DelimitedLines, data: bytes, now_ns: int) -> object:
         self.dead = getattr(self, "dead", False) or b"\0" in data  # type: ignore[attr-defined]
         return [] if self.dead else feed(self, data, now_ns)  # type: ignore[attr-defined]
 
-    monkeypatch.setattr(Lines, "feed", stuck)
+    monkeypatch.setattr(DelimitedLines, "feed", stuck)
     assert "no reading after a quiet line" in run_block(Block("sylvac_opto_rs", 5, 0, 2000)).failure
 
 

@@ -97,7 +97,7 @@ class Case:
 
     def named(self, touches: tuple[list[str], np.ndarray]) -> Cause | None:
         """Return the cause that touches name at 20 to 1."""
-        return compare(self.reference, observed(self.model, *touches)).named
+        return compare(self.reference, observed(self.model, *touches)).identified_cause
 
 
 def label(cause: Cause | None) -> str:
@@ -181,7 +181,7 @@ def _touches_needed(case: Case, most: int, *, planned: bool) -> int:
         name, near = case.touch([case.sockets[row]], case.q[row : row + 1])
         sockets, q = sockets + name, np.concatenate([q, near])
         compared = compare(case.reference, observed(case.model, sockets, q))
-        if compared.named is not None and compared.named.what != "nothing":
+        if compared.identified_cause is not None and compared.identified_cause.what != "nothing":
             return count
     return most + 1
 

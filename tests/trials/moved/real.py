@@ -111,7 +111,7 @@ def main(data: Path, cases: int) -> None:
                 rows = np.sort(rng.choice(np.arange(half, len(table.q)), size=count, replace=False))
                 new = changed(model, _rows(table, rows), cause, rng)
                 compared = compare(reference, by_socket(observe(model, new, name)))
-                counts[_verdict(label(compared.named), cause)] += 1
+                counts[_verdict(label(compared.identified_cause), cause)] += 1
             total += Counter({name.partition(":")[0]: count for name, count in counts.items()})
             print(f"   {cause}: {dict(counts)}", flush=True)
     print(dict(total))

@@ -56,7 +56,7 @@ def test_one_unseated_ball_is_no_movement() -> None:
     sockets, q = drawn.touch_again(8)
     q[3, 2] += np.radians(0.3)  # some millimetres
     compared = compare(drawn.reference, observed(drawn.model, sockets, q))
-    assert compared.named is None or compared.named.what in ("nothing", "other")
+    assert compared.identified_cause is None or compared.identified_cause.what in ("nothing", "other")
 
 
 def test_one_socket_and_the_base_are_not_separated() -> None:

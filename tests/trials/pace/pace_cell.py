@@ -29,7 +29,7 @@ import typer
 import yaml
 
 from daq import feedback
-from daq.protocol.conversation import Step
+from daq.protocol.conversation import ConversationStep
 from rigs.load import find, parse
 
 SPAN = 64_000
@@ -137,7 +137,7 @@ class Controller:
             self._do(self._device.tick(now_ns))
         return self._wake_ns or now_ns
 
-    def _do(self, step: Step) -> None:
+    def _do(self, step: ConversationStep) -> None:
         assert self._socket is not None
         self._wake_ns = step.wake_ns
         before_ns = time.monotonic_ns()

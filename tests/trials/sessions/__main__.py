@@ -22,7 +22,7 @@ from typing import Annotated, Any
 import typer
 import yaml
 
-from analysis.apps.session.session_state import Aim, Place, Session
+from analysis.apps.session.session_state import Aim, Session, SessionDirectory
 from rigs.load import find, load
 from rigs.schema.vocabulary import MAKERS
 
@@ -130,7 +130,7 @@ def _run(trial: Trial, place: Path, request: str) -> None:
 
 def outcome(trial: Trial, directory: Path, came: dict[str, Any]) -> dict[str, Any]:
     """What came of a session. came: how it ended; empty where its process did not end by itself."""
-    session = Place(directory).read()
+    session = SessionDirectory(directory).read()
     found: dict[str, Any] = {
         "number": trial.number,
         "arm": trial.arm,

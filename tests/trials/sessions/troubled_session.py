@@ -17,9 +17,9 @@ from typing import Any
 
 from analysis.apps.session.correction_step import CORRECTIONS, entries_file
 from analysis.apps.session.daemon_cell import EmulatedHands
-from analysis.apps.session.run_session import Asked, Means, run_session
-from analysis.apps.session.session_plan import Program
-from analysis.apps.session.session_state import Emulated, Place
+from analysis.apps.session.run_session import SessionDependencies, SessionOptions, run_session
+from analysis.apps.session.session_plan import SessionProgram
+from analysis.apps.session.session_state import Emulated, SessionDirectory
 from analysis.apps.session.simulated import SimulatedCells, SimulatedInference
 from daq import clock
 from daq.apps.emulate.simulated_clock import SimulatedClock
@@ -41,20 +41,20 @@ class TroubledHands(EmulatedHands):
     def __init__(
         self,
         directory: Path,
-        asked: Asked,
+        asked: SessionOptions,
         cells: SimulatedCells,
         at_robot: dict[int, str],
         meanwhile: Callable[[], None],
     ) -> None:
         assert asked.emulated is not None
-        kept = Place(directory).read()
+        kept = SessionDirectory(directory).read()
         entered = kept is not None and kept.correction is not None and kept.correction.entered
         files = [entries_file(directory / CORRECTIONS)] if entered else []
         super().__init__(directory, asked.maker, asked.emulated, files, cells.start_cell)
         self._troubles, self._file, self._meanwhile = at_robot, directory / "starts.txt", meanwhile
         self._later: list[tuple[float, str]] = []
 
-    def start(self, program: Program) -> None:
+    def start(self, program: SessionProgram) -> None:
         number = int(self._file.read_text()) if self._file.exists() else 0
         self._file.write_text(str(number + 1))
         trouble, now_s = self._troubles.get(number, ""), clock.now_s()
@@ -144,7 +144,7 @@ def _starts(simulated: SimulatedClock, request: dict[str, Any]) -> list[int]:
     computer = Computer(directory, cells, [(at_s, kind) for at_s, kind in request["at_computer"]])
     at_robot = {int(number): trouble for number, trouble in request["at_robot"].items()}
     rig, text = load(request["rig"])
-    asked = Asked(
+    asked = SessionOptions(
         rig_file=request["rig"],
         aim=request["aim"],
         minutes=request["minutes"],
@@ -163,15 +163,17 @@ def _one_start(
     rig: Any,
     text: str,
     directory: Path,
-    asked: Asked,
+    asked: SessionOptions,
     cells: SimulatedCells,
     at_robot: dict[int, str],
     computer: Computer,
 ) -> int:
     hands = TroubledHands(directory, asked, cells, at_robot, computer.meanwhile)
-    place = Place(directory)
+    place = SessionDirectory(directory)
     try:
-        run_session(rig, text, place, asked, Lines(), Means(hands, cells.start_rigd, SimulatedInference.start))
+        run_session(
+            rig, text, place, asked, Lines(), SessionDependencies(hands, cells.start_rigd, SimulatedInference.start)
+        )
     except RigError as error:
         print(f"error: {error}", flush=True)
         return error.exit_code

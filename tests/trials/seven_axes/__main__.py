@@ -25,7 +25,7 @@ from rigs.arms import load_arm
 from rigs.effects import Effect, changed, turned
 from rigs.load import parse
 from rigs.rig import Rig
-from rigs.schema.declared_tests import SocketDistance
+from rigs.schema.declared_tests import KnownSocketDistance
 from rigs.schema.effect import name_of, size_field
 from rigs.schema.vocabulary import DRIVEN_AXES
 from tests.worlds.arms.seven_axes import (
@@ -112,7 +112,7 @@ def drawn(
         reach = reach_mm(rig.robot)
         places = _bars(rng, reach, bars_mm) if bars_mm else np.array([somewhere(rng, reach) for _ in range(sockets)])
         known = [
-            SocketDistance(
+            KnownSocketDistance(
                 between=("ABCD"[first], "ABCD"[first + 1]),
                 distance_mm=float(np.linalg.norm(places[first + 1] - places[first])) + float(rng.normal(0, known_mm)),
                 u_mm=known_mm,
@@ -155,7 +155,7 @@ def _ball_mm(rig: Rig) -> Array:
     return np.array([ASIDE_MM, BALL_MM[1], BALL_MM[2]]) if few else BALL_MM
 
 
-def _rig(name: str, sockets: int, *distances: SocketDistance) -> Rig:
+def _rig(name: str, sockets: int, *distances: KnownSocketDistance) -> Rig:
     names = ", ".join(f'"{letter}"' for letter in "ABCD"[:sockets])
     stated = f", distances: [{', '.join(known.model_dump_json() for known in distances)}]" if distances else ""
     return parse(f"name: seven\n{load_arm(name).text}tests: {{touch: {{sockets: [{names}]{stated}}}}}\n", "seven.yaml")

@@ -64,7 +64,7 @@ def draw_case(number: int, sockets: int) -> tuple[Rig, Case]:
     rig = parse(f"name: cell\n{text}" + ("tests: {touch: {sockets: [A, B, C, D]}}\n" if sockets else ""), "cell.yaml")
     faults = draw_faults(rig.robot, rng, 1) if rng.uniform() < 0.5 else ()
     truth = draw_truth(rig.robot, rng, faults)
-    if rig.robot.built == "industrial":
+    if rig.robot.design == "industrial":
         truth = replace(truth, soft=_STIFF_JOINTS * truth.soft)
     arm = OnStand(rig.robot, truth, draw_stand(kind, rng))
     if sockets:

@@ -8,7 +8,7 @@ from typing import Any
 from unittest.mock import patch
 
 from daq import clock
-from daq.acquisition.reader import Reader
+from daq.acquisition.reader import StreamReader
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.recording.io_worker import IoWorker
@@ -36,15 +36,15 @@ def synced_before_it_is() -> Iterator[None]:
 @contextmanager
 def first_batch_after_an_outage_lost() -> Iterator[None]:
     """What ends an outage is not handed on."""
-    deliver = Reader._deliver  # private: the mutant stands in its place
+    deliver = StreamReader._deliver  # private: the mutant stands in its place
 
-    def delivered(self: Reader, items: Sequence[Item]) -> None:
+    def delivered(self: StreamReader, items: Sequence[Item]) -> None:
         was_out = self._lost_ns is not None
         deliver(self, [item for item in items if isinstance(item, Fault)] if was_out else items)
         if was_out and not all(isinstance(item, Fault) for item in items):
             self._end_outage(self._lost_ns or 0)
 
-    with patch.object(Reader, "_deliver", delivered):
+    with patch.object(StreamReader, "_deliver", delivered):
         yield
 
 
@@ -91,9 +91,9 @@ def stamped_after_reading() -> Iterator[None]:
 @contextmanager
 def no_third_connection() -> Iterator[None]:
     """A reader whose link was lost twice opens it no more."""
-    reopen = Reader._reopen  # private: the mutant stands in its place
+    reopen = StreamReader._reopen  # private: the mutant stands in its place
 
-    def reopened(self: Reader) -> None:
+    def reopened(self: StreamReader) -> None:
         opened = self.__dict__.setdefault("opened", [])
         if len(opened) >= 1:
             self._back_off()
@@ -102,7 +102,7 @@ def no_third_connection() -> Iterator[None]:
         if self._link is not None:
             opened.append(clock.now_ns())
 
-    with patch.object(Reader, "_reopen", reopened):
+    with patch.object(StreamReader, "_reopen", reopened):
         yield
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from analysis.diagnosis.evidence.observation import ObservedRun, observe_run
 from analysis.diagnosis.evidence.setups import FittedRuns, without_a_fold
-from analysis.diagnosis.fit.responses import worth
+from analysis.diagnosis.fit.responses import rms_by_block
 from analysis.diagnosis.fit.search import SearchResult, search
 from analysis.diagnosis.judge.budget import effect_changes
 from analysis.diagnosis.judge.validation import gap, stages_of
@@ -50,7 +50,7 @@ def shares_of(look: SearchResult) -> list[tuple[str, float]]:
     for form in look.columns.forms:
         columns.setdefault(form.name, []).extend(form.columns)
     X, mean = look.columns.X, look.posterior.mean
-    own = [(name, worth(look.linear, X[:, cols] @ mean[cols]).whole_um) for name, cols in columns.items()]
+    own = [(name, rms_by_block(look.linear, X[:, cols] @ mean[cols]).whole_um) for name, cols in columns.items()]
     return sorted(own, key=lambda one: -one[1])
 
 

@@ -13,15 +13,15 @@ from scipy.spatial.transform import Rotation
 
 from analysis.robot.kinematics.arm import arm_of
 from analysis.robot.kinematics.newton import newton
-from rigs.effects import Effect, Found, JointOffset, LinkGeometry, TransmissionError
+from rigs.effects import Effect, EffectProvenance, JointOffset, LinkGeometry, TransmissionError
 from rigs.rig import Rig
 from tests.worlds.arms.independent_arm import Array, Constants, Wrong, flange
 
 _ZERO_3_DEG, _ZERO_5_DEG, _A2_MM, _GEAR_DEG = 0.05, -0.03, 0.4, 0.02
 
 
-def found(**sd: float) -> Found:
-    return Found(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd=sd)
+def found(**sd: float) -> EffectProvenance:
+    return EffectProvenance(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd=sd)
 
 
 EFFECTS: tuple[Effect, ...] = (

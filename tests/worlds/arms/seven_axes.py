@@ -64,7 +64,7 @@ Plays: 0.87 to 1.49 degrees were measured of new Feetech STS3215, whose data she
 
 def sizes_of(robot: Robot) -> Sizes:
     """What arms built as this one show."""
-    return HOBBY if robot.built == "servo" else INDUSTRY
+    return HOBBY if robot.design == "servo" else INDUSTRY
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
-from analysis.apps.makers.emulated import Array, Flange, Pose
+from analysis.apps.makers.emulated import Array, Flange, ToolPose
 from rigs.load import SHIPPED, load, parse
 from rigs.rig import Rig
 from rigs.schema.robot import Pose as RigPose
@@ -120,9 +120,9 @@ def flange_of(rig: Rig) -> Flange:
     return at
 
 
-def pose_of(pose: RigPose) -> Pose:
+def pose_of(pose: RigPose) -> ToolPose:
     """A pose of a rig file: rotations about the fixed x, y, z axes."""
-    return Pose(np.array(pose.xyz_mm), Rotation.from_euler("xyz", pose.rpy_deg, degrees=True))
+    return ToolPose(np.array(pose.xyz_mm), Rotation.from_euler("xyz", pose.rpy_deg, degrees=True))
 
 
 def reached(rig: Rig, q: Array) -> tuple[Array, Rotation]:

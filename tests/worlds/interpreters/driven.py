@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analysis.apps.emulate.pendant import interpret
-from analysis.apps.makers.emulated import Array, Event, Machine, Round, Stood, Straight
+from analysis.apps.makers.emulated import Array, Event, LinearMove, Machine, Round, Stood
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
 from tests.worlds.interpreters.arms import flange_of, pose_of
@@ -22,7 +22,7 @@ def run(dialect: MakerName, files: dict[str, str], rig: Rig) -> list[Event]:
     return machine.events
 
 
-def along(pieces: list[Straight | Round], distance_mm: Array) -> tuple[Array, Rotation]:
+def along(pieces: list[LinearMove | Round], distance_mm: Array) -> tuple[Array, Rotation]:
     """Places (n, 3) mm and orientations at rising distances (n,) mm from the beginning of the first piece."""
     places, quaternions = np.empty((len(distance_mm), 3)), np.empty((len(distance_mm), 4))
     begin = 0.0
@@ -36,9 +36,9 @@ def along(pieces: list[Straight | Round], distance_mm: Array) -> tuple[Array, Ro
     return places, Rotation.from_quat(quaternions)
 
 
-def paths(events: list[Event]) -> list[Straight | Round]:
+def paths(events: list[Event]) -> list[LinearMove | Round]:
     """The lines and arcs that have a length."""
-    return [event for event in events if isinstance(event, Straight | Round) and event.length_mm > ROUNDING]
+    return [event for event in events if isinstance(event, LinearMove | Round) and event.length_mm > ROUNDING]
 
 
 def stops(events: list[Event]) -> tuple[Array, Rotation]:
@@ -48,7 +48,7 @@ def stops(events: list[Event]) -> tuple[Array, Rotation]:
 
 
 def _ends(event: Event) -> bool:
-    if isinstance(event, Straight | Round):
+    if isinstance(event, LinearMove | Round):
         moves = event.length_mm > ROUNDING or (event.begin.turn.inv() * event.end.turn).magnitude() > ROUNDING
         return event.stops and moves
     return isinstance(event, Stood)

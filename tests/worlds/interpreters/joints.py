@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analysis.apps.makers.emulated import Array, Event, Pose, Posture, Round, Stood, Straight
+from analysis.apps.makers.emulated import Array, Event, LinearMove, PostureFlags, Round, Stood, ToolPose
 from rigs.rig import Rig
 from tests.worlds.interpreters.arms import flange_of, pose_of
 
@@ -18,12 +18,12 @@ _ARM_MM = 500.0
 """Weighs places against angles."""
 
 
-def postures(rig: Rig, events: list[Event], q: Array) -> list[tuple[Array, Posture]]:
+def postures(rig: Rig, events: list[Event], q: Array) -> list[tuple[Array, PostureFlags]]:
     """Joint angles (6,) rad at the end of each move, with what its position says of them; q (6,) at the first."""
     found = []
     flange, tool = flange_of(rig), pose_of(rig.robot.tool)
 
-    def missing(q: Array, pose: Pose) -> Array:
+    def missing(q: Array, pose: ToolPose) -> Array:
         """How far the tool is from a pose (6,): in lengths of an arm, and rad."""
         matrix, place = flange(q)
         turn = Rotation.from_matrix(matrix)
@@ -31,9 +31,9 @@ def postures(rig: Rig, events: list[Event], q: Array) -> list[tuple[Array, Postu
         return np.concatenate([away / _ARM_MM, (turn * tool.turn * pose.turn.inv()).as_rotvec()])
 
     for event in events:
-        if isinstance(event, Straight | Round):
+        if isinstance(event, LinearMove | Round):
             for place, turn in zip(*event.at(_SAMPLES), strict=True):
-                q = _reached(missing, q, Pose(place, turn))
+                q = _reached(missing, q, ToolPose(place, turn))
             end = event.end
         elif isinstance(event, Stood):
             q = q if event.q is None else event.q
@@ -45,7 +45,7 @@ def postures(rig: Rig, events: list[Event], q: Array) -> list[tuple[Array, Postu
     return found
 
 
-def _reached(missing: Callable[[Array, Pose], Array], q: Array, pose: Pose) -> Array:
+def _reached(missing: Callable[[Array, ToolPose], Array], q: Array, pose: ToolPose) -> Array:
     for _ in range(3):
         error = missing(q, pose)
         columns = [(missing(q + step, pose) - error) / _STEP_RAD for step in _STEP_RAD * np.eye(6)]

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from analysis.robot.kinematics.arm import arm_of
 from analysis.robot.kinematics.inverse import inverse
-from rigs.effects import Found, JointOffset, LinkGeometry, TransmissionError
+from rigs.effects import EffectProvenance, JointOffset, LinkGeometry, TransmissionError
 from rigs.rig import Rig
 from tests.worlds.arms.independent_arm import Constants, Wrong, flange
 from tests.worlds.interpreters.arms import rig_of
@@ -43,12 +43,12 @@ _EYE = np.eye(4)
 _NEARLY_BACK = 0.9
 """The cosine of half a turn has no sine that says its axis; steps that large are few."""
 _A3_MM, _GEAR_DEG = 0.4, 0.03
-_FOUND = Found(
+_FOUND = EffectProvenance(
     date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd={"offset_deg": 1e-3, "delta": 0.01, "amplitude_deg": 5e-4}
 )
 
 
-def _found(key: str) -> Found:
+def _found(key: str) -> EffectProvenance:
     return _FOUND.model_copy(update={"sd": {key: _FOUND.sd[key]}})
 
 

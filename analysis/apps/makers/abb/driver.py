@@ -16,15 +16,15 @@ from scipy.spatial.transform import Rotation
 from analysis.apps.makers.emulated import (
     GEAR_RATIO,
     READING,
-    Held,
+    ControllerParameter,
     Machine,
-    Parameter,
-    Pose,
+    MoveLimits,
+    OperatorPause,
     ProgramDriver,
     ProgramError,
-    Speed,
     Switched,
     Tokens,
+    ToolPose,
     Turning,
 )
 
@@ -65,7 +65,7 @@ def run(text: str, _: str, machine: Machine) -> None:
         raise ProgramError("a procedure needs a unique name")
     tokens.take("(")
     tokens.take(")")
-    controller = _Controller(data, machine)
+    controller = _AbbController(data, machine)
     while tokens.peek()[1] != "ENDPROC":
         # Name and arguments of an instruction, including switches and optional arguments as written.
         words = [_name(tokens)]
@@ -128,7 +128,7 @@ def _form(value: Any) -> str:
     return {bool: "b", float: "n", str: "t"}[type(value)]
 
 
-class _Controller:
+class _AbbController:
     def __init__(self, data: dict[str, Any], machine: Machine) -> None:
         self._data, self._machine = data, machine
         self._free_posture = self._by_path = False
@@ -147,7 +147,7 @@ class _Controller:
             case ["SetDO", signal, ",", "0" | "1" as state]:
                 self._machine.events.append(Switched(signal, state == "1"))
             case ["Stop"]:
-                self._machine.events.append(Held())
+                self._machine.events.append(OperatorPause())
             case ["MoveAbsJ", target, "\\", "NoEOffs", ",", speed, ",", "fine", ",", *frames]:
                 self._frames(frames)
                 self._machine.joints(np.radians(self._of(target, "jointtarget")[0]), self._limits(speed))
@@ -171,11 +171,11 @@ class _Controller:
     def _mm_s(self, name: str) -> float:
         return float(self._of(name, "speeddata")[0])
 
-    def _limits(self, name: str) -> Speed:
+    def _limits(self, name: str) -> MoveLimits:
         mm_s, deg_s, *_ = self._of(name, "speeddata")
         if not (mm_s > 0 and deg_s > 0):
             raise ProgramError(f"{name} is no speed")
-        return Speed(mm_s=mm_s, rad_s=np.radians(deg_s), mm_s2=self._mm_s2)
+        return MoveLimits(mm_s=mm_s, rad_s=np.radians(deg_s), mm_s2=self._mm_s2)
 
     def _frames(self, words: list[str]) -> None:
         if len(words) != 5 or words[1:4] != ["\\", "WObj", ":="] or not (self._free_posture and self._mm_s2):
@@ -188,7 +188,7 @@ class _Controller:
             raise ProgramError("this interpreter supports only the base as work object")
         self._machine.tool = _pose(frame)
 
-    def _pose(self, name: str) -> Pose:
+    def _pose(self, name: str) -> ToolPose:
         return _pose(self._of(name, "robtarget"))
 
     def _of(self, name: str, kind: str) -> Any:
@@ -197,14 +197,14 @@ class _Controller:
         return self._data[name][1]
 
 
-def _pose(value: Any) -> Pose:
+def _pose(value: Any) -> ToolPose:
     if abs(np.linalg.norm(value[1]) - 1) > 1e-6:
         raise ProgramError("the length of a quaternion is not 1")
-    return Pose(np.array(value[0]), Rotation.from_quat(value[1], scalar_first=True))
+    return ToolPose(np.array(value[0]), Rotation.from_quat(value[1], scalar_first=True))
 
 
 DRIVER = ProgramDriver(
     run,
-    (READING, Parameter("MOTOR_CALIB rob1_{axis} cal_offset", "rad", "reading", -1 / GEAR_RATIO)),
+    (READING, ControllerParameter("MOTOR_CALIB rob1_{axis} cal_offset", "rad", "reading", -1 / GEAR_RATIO)),
 )
 """The reading of an axis is (motor angle - offset) / gear ratio."""

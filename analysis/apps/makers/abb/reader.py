@@ -14,12 +14,20 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.apps.makers.abb.statements import Reader, external_axes_in, literal_frames, read_module
+from analysis.apps.makers.abb.statements import RapidReader, external_axes_in, literal_frames, read_module
 from analysis.apps.makers.numbers import Decimals
 from analysis.apps.makers.points import Points, as_value
 from analysis.apps.makers.program_machine import OFF, Call, Program, Set, Unknown, Value
 from analysis.apps.makers.program_reader import ProgramReader, Remark
-from analysis.apps.makers.target import Left, Named, Parsed, Texts, blanked, lines_of, with_newlines
+from analysis.apps.makers.target import (
+    NamedFrame,
+    Parsed,
+    ProgramTexts,
+    UncorrectedTarget,
+    blanked,
+    lines_of,
+    with_newlines,
+)
 
 _DECIMALS = Decimals(place=(4, 7), turn=(8, 12))
 """Decimals for 0.1 µm, and 1e-8 of a quaternion or of a degree: a num has about seven digits."""
@@ -39,10 +47,10 @@ _WORD = re.compile(r"[A-Za-z]\w*")
 _NULL = {"tool tool0": np.eye(4), "frame wobj0": np.eye(4)}
 
 
-def parse(texts: Texts) -> Parsed:
+def parse(texts: ProgramTexts) -> Parsed:
     """Parse the targets of a module."""
     blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
-    reader = Reader(texts.names, blank, tuple(map(lines_of, blank)), Points(texts.own))
+    reader = RapidReader(texts.names, blank, tuple(map(lines_of, blank)), Points(texts.own))
     stated: dict[str, Value] = {key: as_value(frame) for key, frame in _NULL.items()}
     # They belong to the system module BASE.sys, which may be in the same directory.
     reader.of |= dict.fromkeys(_NULL, len(blank))
@@ -82,7 +90,7 @@ def parse(texts: Texts) -> Parsed:
     )
 
 
-def _other_tasks(reader: Reader) -> None:
+def _other_tasks(reader: RapidReader) -> None:
     """Add the tools and work objects set by other tasks and programs.
 
     A module with a main routine belongs to another task or program. Persistent data with the same name may be shared by
@@ -110,7 +118,7 @@ def _other_tasks(reader: Reader) -> None:
                 )
 
 
-def _declare(reader: Reader, file: int, stated: dict[str, Value]) -> None:
+def _declare(reader: RapidReader, file: int, stated: dict[str, Value]) -> None:
     """Add the points, tools and work objects declared by a module. Modules of the program are read first."""
     text, declares = reader.texts[file], set()
     for declared in _DATA.finditer(text):
@@ -124,7 +132,7 @@ def _declare(reader: Reader, file: int, stated: dict[str, Value]) -> None:
         elif of_program and declared["value"] and declared["array"]:
             for element in _ELEMENT.finditer(declared["value"]):
                 line = reader.lines[file].at(declared.start("value") + element.end() - 1)
-                reader.points.leave(Left(file, line, declared["name"], "array"))
+                reader.points.leave(UncorrectedTarget(file, line, declared["name"], "array"))
         elif of_program and declared["value"]:
             begin = declared.start("value")
             target, reason = reader.literal(file, kind, begin, declared.end("value"), declared["name"])
@@ -137,7 +145,7 @@ def _declare(reader: Reader, file: int, stated: dict[str, Value]) -> None:
 
 
 def _declare_frame(
-    reader: Reader, file: int, kind: str, declared: re.Match[str], stated: dict[str, Value], *, shares: bool
+    reader: RapidReader, file: int, kind: str, declared: re.Match[str], stated: dict[str, Value], *, shares: bool
 ) -> None:
     """Add a declared tool or work object.
 
@@ -158,7 +166,7 @@ def _declare_frame(
     if part not in stated:
         stated[part], reader.of[part] = value, shared_by
         if frames is not None:
-            reader.points.state(Named(declared["name"], family, file, line, as_value(frames)))
+            reader.points.state(NamedFrame(declared["name"], family, file, line, as_value(frames)))
     elif value != stated[part] or -1 in (shared_by, reader.of.get(part, -1)) or file == reader.of[part]:
         reader.shadowed[part] = Unknown(file, line, f"{declared['name']} is declared twice")
 

@@ -22,10 +22,10 @@ from analysis.apps.makers.program_machine import (
     Call,
     Elsewhere,
     End,
-    Forget,
+    ForgetAll,
+    ForgetFamily,
     Jump,
-    Label,
-    Lose,
+    JumpTarget,
     Move,
     Ref,
     Set,
@@ -34,7 +34,17 @@ from analysis.apps.makers.program_machine import (
     Value,
 )
 from analysis.apps.makers.programs.posture import beyond_stretch, wrist_in_front
-from analysis.apps.makers.target import NUMBER, Flags, Left, Lines, Number, Target, arguments, brackets, words
+from analysis.apps.makers.target import (
+    NUMBER,
+    Flags,
+    LineNumbers,
+    Number,
+    Target,
+    UncorrectedTarget,
+    arguments,
+    brackets,
+    words,
+)
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
@@ -161,12 +171,12 @@ def literal_frames(kind: str, text: str) -> Array | None:
 
 
 @dataclass
-class Reader:
+class RapidReader:
     """State of a program during parsing, with names in lower case."""
 
     names: tuple[str, ...]
     texts: tuple[str, ...]
-    lines: tuple[Lines, ...]
+    lines: tuple[LineNumbers, ...]
     points: Points
     spent: set[tuple[int, int]] = field(default_factory=set)
     shared: set[str] = field(default_factory=set)
@@ -203,11 +213,11 @@ class Reader:
         key = name.lower()
         return self._defined.get(f"{self.file}:{key}") or self._defined.get(key) or []
 
-    def called(self, begin: int, name: str) -> Statement:
-        """Return the call of a routine, or `Forget` if the name is not unique or not known."""
+    def call_of(self, begin: int, name: str) -> Statement:
+        """Return the call of a routine, or `ForgetAll` if the name is not unique or not known."""
         routines = self.defined(name)
         why = self.why(begin, f"{name} is called" if len(routines) == 1 else f"{name} is unknown here")
-        return Call(routines[0], why) if len(routines) == 1 else Forget(why)
+        return Call(routines[0], why) if len(routines) == 1 else ForgetAll(why)
 
     def literal(self, file: int, kind: str, begin: int, end: int, name: str) -> tuple[Target | None, Reason | None]:
         """Return the target of [[…],[…]…], and the reason if it cannot be corrected.
@@ -246,7 +256,7 @@ def external_axes_in(text: str) -> set[str]:
     return axes
 
 
-def read_module(reader: Reader, file: int) -> None:
+def read_module(reader: RapidReader, file: int) -> None:
     """Parse the routines of a module."""
     reader.file = file
     for begin, end, head in _statements(reader.texts[file]):
@@ -263,7 +273,7 @@ def read_module(reader: Reader, file: int) -> None:
         elif reader.blocks is None:
             continue
         elif head is not None and head["label"]:
-            reader.blocks.add(Label(head["label"].lower()))
+            reader.blocks.add(JumpTarget(head["label"].lower()))
         elif head is not None:
             _flow(reader, reader.blocks, head["word"].upper(), head.end(), end)
         else:
@@ -296,13 +306,13 @@ def _statements(text: str) -> Iterator[tuple[int, int, re.Match[str] | None]]:
         at = end
 
 
-def _close(reader: Reader) -> None:
+def _close(reader: RapidReader) -> None:
     if reader.blocks is not None:
-        reader.routines[reader.routine] = reader.blocks.done()
+        reader.routines[reader.routine] = reader.blocks.finish_routine()
     reader.blocks = None
 
 
-def _flow(reader: Reader, blocks: Blocks, word: str, begin: int, end: int) -> None:
+def _flow(reader: RapidReader, blocks: Blocks, word: str, begin: int, end: int) -> None:
     """Parse a block header with its condition in [begin, end), or a keyword that ends a block."""
     text = reader.texts[reader.file]
     match word:
@@ -338,7 +348,7 @@ def _flow(reader: Reader, blocks: Blocks, word: str, begin: int, end: int) -> No
             pass
 
 
-def _handler(reader: Reader, begin: int, word: str) -> None:
+def _handler(reader: RapidReader, begin: int, word: str) -> None:
     """End the routine before its handler.
 
     The handler may run at any moment, and the routine may then continue at any statement.
@@ -372,7 +382,7 @@ def _after_condition(text: str, begin: int, end: int) -> int:
     return end
 
 
-def _functions(reader: Reader, begin: int, end: int) -> None:
+def _functions(reader: RapidReader, begin: int, end: int) -> None:
     """Parse the function calls in an expression."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text = reader.texts[reader.file]
@@ -380,13 +390,13 @@ def _functions(reader: Reader, begin: int, end: int) -> None:
     for call in _CALL.finditer(text, begin, end):
         closing = begin + closes.get(call.end() - 1 - begin, end - begin)
         if reader.defined(call[1]) or call[1].lower() not in _FUNCTIONS:
-            reader.blocks.evaluated(text[begin : call.start()], reader.called(call.start(), call[1]))
+            reader.blocks.evaluated(text[begin : call.start()], reader.call_of(call.start(), call[1]))
             _handed(reader, call.end(), closing)
         elif call[1].lower() in _WRITES:
             _handed(reader, call.end(), closing)
 
 
-def _handed(reader: Reader, begin: int, end: int) -> None:
+def _handed(reader: RapidReader, begin: int, end: int) -> None:
     """Parse the arguments of a routine: it may write to tools and work objects, and move to targets."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text = reader.texts[reader.file]
@@ -400,7 +410,7 @@ def _handed(reader: Reader, begin: int, end: int) -> None:
                 reader.blocks.add(Set(f"{kind} {word[0].lower()}", why))
 
 
-def _statement(reader: Reader, begin: int, end: int) -> None:
+def _statement(reader: RapidReader, begin: int, end: int) -> None:
     """Parse an instruction, an assignment or a call."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text, blocks = reader.texts[reader.file], reader.blocks
@@ -414,12 +424,12 @@ def _statement(reader: Reader, begin: int, end: int) -> None:
         return
     instruction = _INSTRUCTION.fullmatch(text, begin, end)
     if instruction is None:
-        blocks.add(Forget(reader.why(begin, f"{text[begin:end]} is unknown here")))
+        blocks.add(ForgetAll(reader.why(begin, f"{text[begin:end]} is unknown here")))
         return
     name, at = instruction["name"].lower(), instruction.start("name")
     _functions(reader, instruction.start("rest"), end)
     if reader.defined(instruction["name"]):
-        blocks.add(reader.called(at, instruction["name"]))
+        blocks.add(reader.call_of(at, instruction["name"]))
         _handed(reader, instruction.start("rest"), end)
     elif move := _MOVE.fullmatch(instruction["name"]):
         _move(reader, at, instruction, move)
@@ -431,16 +441,16 @@ def _statement(reader: Reader, begin: int, end: int) -> None:
         blocks.add(End(halts=name != "return"))
     elif name in _EXTERNAL_MOVES:
         _handed(reader, instruction.start("rest"), end)
-        blocks.add(Lose(EXTERNAL, reader.why(at, f"{instruction['name']} moves external axes")))
+        blocks.add(ForgetFamily(EXTERNAL, reader.why(at, f"{instruction['name']} moves external axes")))
     elif name in ("setdataval", "setalldataval"):
         reader.by_name = reader.why(at, "data are written by a name in a string")
-        blocks.add(Forget(reader.by_name))
+        blocks.add(ForgetAll(reader.by_name))
     elif name in _NOTHING:
         _handed(
             reader, instruction.start("rest"), end
         )  # Incr, Add, UnpackRawBytes and others write to their arguments.
     else:
-        blocks.add(Forget(reader.why(at, f"{instruction['name']} is unknown here")))
+        blocks.add(ForgetAll(reader.why(at, f"{instruction['name']} is unknown here")))
 
 
 def _switch(name: str, rest: str) -> Set | None:
@@ -457,7 +467,7 @@ def _switch(name: str, rest: str) -> Set | None:
     return Set(*_SWITCHES[name]) if name in _SWITCHES else None
 
 
-def _assigned(reader: Reader, begin: int, assignment: re.Match[str]) -> None:
+def _assigned(reader: RapidReader, begin: int, assignment: re.Match[str]) -> None:
     """Parse an assignment to a tool or a work object. Assigned points are detected elsewhere, by name."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     name, right = assignment["name"].lower(), assignment["right"].strip()
@@ -475,7 +485,7 @@ def _assigned(reader: Reader, begin: int, assignment: re.Match[str]) -> None:
         reader.blocks.add(Set(part, value))
 
 
-def _move(reader: Reader, at: int, instruction: re.Match[str], move: re.Match[str]) -> None:
+def _move(reader: RapidReader, at: int, instruction: re.Match[str], move: re.Match[str]) -> None:
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text = reader.texts[reader.file]
     kind = (move["move"] or move["trigg"] or move["arc"] or move["spot"]).upper()
@@ -509,10 +519,10 @@ def _move(reader: Reader, at: int, instruction: re.Match[str], move: re.Match[st
         state = Move("", way, reader.file, line, active["tool"], active["frame"], needs, trusts)
         _target(reader, begin, end, state, "jointtarget" if kind == "ABSJ" else "robtarget", instruction["name"])
     if instruction["name"].lower().endswith("sync"):
-        reader.blocks.add(Forget(reader.why(at, f"{instruction['name']} runs a procedure named in a string")))
+        reader.blocks.add(ForgetAll(reader.why(at, f"{instruction['name']} runs a procedure named in a string")))
 
 
-def _target(reader: Reader, begin: int, end: int, move: Move, kind: str, instruction: str) -> None:
+def _target(reader: RapidReader, begin: int, end: int, move: Move, kind: str, instruction: str) -> None:
     """Parse the target of a move: a point, a literal, or a point with an offset."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text, of_program = reader.texts[reader.file], reader.file < reader.points.files
@@ -539,7 +549,9 @@ def _target(reader: Reader, begin: int, end: int, move: Move, kind: str, instruc
     if not key.startswith("["):
         reader.spent.add((reader.file, begin))
     if offset and isinstance(offset[1], Unknown) and of_program:
-        reader.points.leave(Left(reader.file, move.line, " ".join(name.split())[:60], "offset", (offset[1],)))
+        reader.points.leave(
+            UncorrectedTarget(reader.file, move.line, " ".join(name.split())[:60], "offset", (offset[1],))
+        )
     if reader.points.joints(key):
         move = replace(move, needs=())
     point_key = f"{key}@{reader.file}:{begin}" if offset else key
@@ -565,16 +577,16 @@ def _shift(function: str, texts: list[str]) -> Array | None:
     return T
 
 
-def _leave(reader: Reader, begin: int, reason: Reason, name: str) -> None:
+def _leave(reader: RapidReader, begin: int, reason: Reason, name: str) -> None:
     assert reader.blocks is not None  # noqa: S101 - within a routine
     _list(reader, begin, reason, name)
     reader.blocks.add(Elsewhere())
 
 
-def _list(reader: Reader, begin: int, reason: Reason, name: str) -> None:
+def _list(reader: RapidReader, begin: int, reason: Reason, name: str) -> None:
     if reader.file < reader.points.files:
         line = reader.lines[reader.file].at(begin)
-        reader.points.leave(Left(reader.file, line, " ".join(name.split())[:60], reason))
+        reader.points.leave(UncorrectedTarget(reader.file, line, " ".join(name.split())[:60], reason))
 
 
 def agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:

@@ -17,10 +17,10 @@ from analysis.apps.makers.programs.motion_plan import (
     Arc,
     Demand,
     JointMove,
-    Line,
+    MotionPlan,
     Move,
-    Plan,
-    Turn,
+    StraightMove,
+    ToolRotation,
     start_of,
     turns_with_path,
 )
@@ -50,7 +50,7 @@ _JOINT_MOVE_MM_S = 250.0
 """Maximum speed of the tool in joint moves: the limit of manual mode at reduced speed (ISO 10218-1)."""
 
 
-def write(plan: Plan, demand: Demand) -> dict[str, str]:
+def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
     """Write the module. All data are LOCAL, so several modules can be loaded together."""
     name = identifier(plan.name, _NAME_LENGTH)
     data: dict[str, str] = {}
@@ -94,11 +94,11 @@ def _move(data: dict[str, str], step: Move) -> list[str]:
         case JointMove(target, speed_rad_s):
             joints = f"jointtarget @:=[[{listed(np.degrees(target.q), DEG_DECIMALS)}],{_NO_EXTERNAL}]"
             speed = _speed(_JOINT_MOVE_MM_S, float(np.degrees(speed_rad_s)), data)
-            return [f"MoveAbsJ {_named(joints, 'j', data)}\\NoEOffs,{speed},fine,{frames};"]
-        case Line(target, speed_mm_s, stops):
+            return [f"MoveAbsJ {_declare_data(joints, 'j', data)}\\NoEOffs,{speed},fine,{frames};"]
+        case StraightMove(target, speed_mm_s, stops):
             speed, zone = _speed(speed_mm_s, _TURN_DEG_S, data), "fine" if stops else "z0"
             return [f"MoveL {_point(target.T, data)},{speed},{zone},{frames};"]
-        case Turn(target, _, speed_rad_s):
+        case ToolRotation(target, _, speed_rad_s):
             speed = _speed(_JOINT_MOVE_MM_S, float(np.degrees(speed_rad_s)), data)
             return [f"MoveL {_point(target.T, data)},{speed},fine,{frames};"]
         case Arc(via, end, speed_mm_s, stops):
@@ -108,14 +108,14 @@ def _move(data: dict[str, str], step: Move) -> list[str]:
 
 
 def _point(T: Array, data: dict[str, str]) -> str:
-    return _named(f"robtarget @:=[{_pose(T)[1:-1]},[0,0,0,0],{_NO_EXTERNAL}]", "p", data)
+    return _declare_data(f"robtarget @:=[{_pose(T)[1:-1]},[0,0,0,0],{_NO_EXTERNAL}]", "p", data)
 
 
 def _speed(speed_mm_s: float, turn_deg_s: float, data: dict[str, str]) -> str:
-    return _named(f"speeddata @:=[{fixed(speed_mm_s, 3)},{fixed(turn_deg_s, 1)},{_OTHER_AXES}]", "v", data)
+    return _declare_data(f"speeddata @:=[{fixed(speed_mm_s, 3)},{fixed(turn_deg_s, 1)},{_OTHER_AXES}]", "v", data)
 
 
-def _named(text: str, letter: str, data: dict[str, str]) -> str:
+def _declare_data(text: str, letter: str, data: dict[str, str]) -> str:
     """Return the name of a data item, declared on first use."""
     return data.setdefault(text, f"{letter}_{len(data) + 1}")
 

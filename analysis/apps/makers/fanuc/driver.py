@@ -20,15 +20,15 @@ from analysis.apps.makers.emulated import (
     COUNTS_PER_DEG,
     READING,
     Array,
-    Held,
+    ControllerParameter,
     Machine,
-    Parameter,
-    Pose,
-    Posture,
+    MoveLimits,
+    OperatorPause,
+    PostureFlags,
     ProgramDriver,
     ProgramError,
-    Speed,
     Switched,
+    ToolPose,
 )
 
 _NAME = re.compile(r"[A-Z][A-Z0-9_]{0,35}")
@@ -50,7 +50,7 @@ _CARTESIAN = re.compile(_CONFIG + r",\s*".join(_PLACES))
 class _Position:
     user_frame: int
     tool: int
-    pose: Pose | None
+    pose: ToolPose | None
     q: Array | None
 
 
@@ -68,7 +68,7 @@ def run(text: str, _: str, machine: Machine) -> None:
             raise ProgramError(f"{body[at : at + 40]!r} is not line {len(lines) + 1}")
         lines.append(numbered[2])
         at = numbered.end()
-    _Controller(_positions(match[3]), machine).obey(lines)
+    _FanucController(_positions(match[3]), machine).obey(lines)
 
 
 def _positions(text: str) -> dict[int, _Position]:
@@ -82,7 +82,7 @@ def _positions(text: str) -> dict[int, _Position]:
             pose, q = None, np.radians([float(value) for value in joints.groups()])
         elif cartesian:
             flip, *counts = cartesian.groups()[:4]
-            posture = Posture(flip == "F", tuple(map(int, counts)))
+            posture = PostureFlags(flip == "F", tuple(map(int, counts)))
             pose, q = replace(_pose([float(value) for value in cartesian.groups()[4:]]), posture=posture), None
         else:
             raise ProgramError(f"the coordinates {match[4]!r} are not in FANUC format")
@@ -91,15 +91,15 @@ def _positions(text: str) -> dict[int, _Position]:
     return positions
 
 
-def _pose(values: list[float]) -> Pose:
-    return Pose(np.array(values[:3]), Rotation.from_euler("xyz", values[3:], degrees=True))
+def _pose(values: list[float]) -> ToolPose:
+    return ToolPose(np.array(values[:3]), Rotation.from_euler("xyz", values[3:], degrees=True))
 
 
-class _Controller:
+class _FanucController:
     def __init__(self, positions: dict[int, _Position], machine: Machine) -> None:
         self._positions, self._machine = positions, machine
         self._register: dict[int, list[float]] = {}
-        self._tools: dict[int, Pose] = {}
+        self._tools: dict[int, ToolPose] = {}
         self._frame = self._tool = -1
 
     def obey(self, lines: list[str]) -> None:
@@ -111,15 +111,17 @@ class _Controller:
                 position = self._at(match[1])
                 if position.q is None or not 1 <= int(match[2]) <= 100:
                     raise ProgramError("this interpreter supports joint moves only to joint positions, at 1 to 100 %")
-                self._machine.joints(position.q, Speed(share=int(match[2]) / 100))
+                self._machine.joints(position.q, MoveLimits(share=int(match[2]) / 100))
             elif match := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}mm/sec (FINE|CNT0)", line):
-                self._machine.line(self._pose_at(match[1]), float(match[2]), stops=match[3] == "FINE", speed=Speed())
+                self._machine.line(
+                    self._pose_at(match[1]), float(match[2]), stops=match[3] == "FINE", speed=MoveLimits()
+                )
             elif match := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}deg/sec FINE", line):
                 self._machine.turn(self._pose_at(match[1]), np.radians(float(match[2])))
             elif match := re.fullmatch(rf"C P\[(\d+)\]\n    :  P\[(\d+)\] {_NUMBER}mm/sec (FINE|CNT100)", line):
                 via, end = self._pose_at(match[1]), self._pose_at(match[2])
                 stops, speed_mm_s = match[4] == "FINE", float(match[3])
-                self._machine.arc(via.place, end, speed_mm_s, turning="even", stops=stops, speed=Speed())
+                self._machine.arc(via.place, end, speed_mm_s, turning="even", stops=stops, speed=MoveLimits())
             else:
                 self._act(line)
 
@@ -140,7 +142,7 @@ class _Controller:
         elif match := re.fullmatch(r"  DO\[(\d+)\]=(ON|OFF)", line):
             self._machine.events.append(Switched(int(match[1]), match[2] == "ON"))
         elif line == "  PAUSE":
-            self._machine.events.append(Held())
+            self._machine.events.append(OperatorPause())
         else:
             raise ProgramError(f"{line!r} is not an instruction")
 
@@ -152,7 +154,7 @@ class _Controller:
             raise ProgramError(f"P[{number}] belongs to a different frame or tool")
         return position
 
-    def _pose_at(self, number: str) -> Pose:
+    def _pose_at(self, number: str) -> ToolPose:
         pose = self._at(number).pose
         if pose is None:
             raise ProgramError(f"P[{number}] has joint angles, but this interpreter needs a pose")
@@ -163,9 +165,9 @@ DRIVER = ProgramDriver(
     run,
     (
         READING,
-        Parameter("$DMR_GRP[1].$MASTER_COUN[{axis}]", "counts", "reading", -math.radians(1) / COUNTS_PER_DEG),
-        Parameter("$PARAM_GROUP[1].$DH_A[{axis}]", "mm", "a", 1.0, later=1, grows=True),
-        Parameter("$PARAM_GROUP[1].$DH_D[{axis}]", "mm", "d", 1.0, grows=True),
+        ControllerParameter("$DMR_GRP[1].$MASTER_COUN[{axis}]", "counts", "reading", -math.radians(1) / COUNTS_PER_DEG),
+        ControllerParameter("$PARAM_GROUP[1].$DH_A[{axis}]", "mm", "a", 1.0, later=1, grows=True),
+        ControllerParameter("$PARAM_GROUP[1].$DH_D[{axis}]", "mm", "d", 1.0, grows=True),
     ),
 )
 """The reading of an axis is (count - count at zero) / counts per degree."""

@@ -19,14 +19,14 @@ from analysis.apps.makers.program_machine import (
     HERE,
     OFF,
     Blocks,
-    Built,
     Call,
+    ComputedValue,
     Elsewhere,
     End,
-    Forget,
+    ForgetAll,
+    ForgetFamily,
     Jump,
-    Label,
-    Lose,
+    JumpTarget,
     Move,
     Program,
     Ref,
@@ -41,12 +41,12 @@ from analysis.apps.makers.target import (
     NUMBER,
     Flags,
     Form,
-    Left,
-    Lines,
+    LineNumbers,
     Number,
     Parsed,
+    ProgramTexts,
     Target,
-    Texts,
+    UncorrectedTarget,
     blanked,
     lines_of,
     with_newlines,
@@ -124,10 +124,10 @@ _OTHER_AXIS = re.compile(rf"\b(E\d|J[7-9])\s*=\s*({NUMBER})|\b(GP[2-9])\s*:(?=\s
 
 
 @dataclass
-class _Reader:
+class _FanucReader:
     names: tuple[str, ...]
     texts: tuple[str, ...]
-    lines: tuple[Lines, ...]
+    lines: tuple[LineNumbers, ...]
     points: Points
     programs: dict[str, list[int]] = field(default_factory=dict)
     routines: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
@@ -143,19 +143,19 @@ class _Reader:
 
     def leave(self, line: int, name: str, reason: Reason) -> None:
         if self.file == 0:
-            self.points.leave(Left(0, line, name[:60], reason))
+            self.points.leave(UncorrectedTarget(0, line, name[:60], reason))
 
-    def called(self, name: str) -> Statement:
-        """Return the call of another program, or `Forget` if the name is not unique or not known."""
+    def call_of(self, name: str) -> Statement:
+        """Return the call of another program, or `ForgetAll` if the name is not unique or not known."""
         files = self.programs.get(name.upper(), [])
         why = self.why(f"{name} is called" if len(files) == 1 else f"{name} is unknown here")
-        return Call(str(files[0]), why) if len(files) == 1 else Forget(why)
+        return Call(str(files[0]), why) if len(files) == 1 else ForgetAll(why)
 
 
-def parse(texts: Texts) -> Parsed:
+def parse(texts: ProgramTexts) -> Parsed:
     """Parse the targets of a listing."""
     blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
-    reader = _Reader(texts.names, blank, tuple(map(lines_of, blank)), Points(1))
+    reader = _FanucReader(texts.names, blank, tuple(map(lines_of, blank)), Points(1))
     for file, text in enumerate(blank):
         named = re.search(r"^/PROG\s+([\w-]+)", text, re.MULTILINE)
         for name in {texts.names[file].rpartition(".")[0].upper(), *((named[1].upper(),) if named else ())}:
@@ -188,7 +188,7 @@ def _section(text: str, name: str, otherwise: int, end: int | None = None) -> in
     return section.start() if section else otherwise
 
 
-def _position(position: re.Match[str], lines: Lines) -> tuple[Target, Reason | None]:
+def _position(position: re.Match[str], lines: LineNumbers) -> tuple[Target, Reason | None]:
     number, body, begin = position[1], position[2], position.start(2)
     joints = [(int(joint[1]), _number(joint, begin)) for joint in _JOINT.finditer(body)]
     axes = [("XYZWPR".index(component[1]) + 1, _number(component, begin)) for component in _AXIS.finditer(body)]
@@ -225,7 +225,7 @@ def _number(component: re.Match[str], begin: int) -> Number:
     return Number(begin + component.start(2), begin + component.end(2), float(component[2]))
 
 
-def _read(reader: _Reader, file: int) -> None:
+def _read(reader: _FanucReader, file: int) -> None:
     """Parse the instructions of a listing."""
     text = reader.texts[file]
     middle = _section(text, "POS", len(text))
@@ -243,20 +243,20 @@ def _read(reader: _Reader, file: int) -> None:
         reader.line = reader.lines[file].at(statement[0][0])
         whole = " ".join(body for _, body in statement)
         _statement(reader, whole.rstrip("; "), reader.lines[file].at(statement[-1][0]))
-    reader.routines[str(file)] = reader.blocks.done()
+    reader.routines[str(file)] = reader.blocks.finish_routine()
 
 
-def _statement(reader: _Reader, text: str, last_line: int) -> None:
+def _statement(reader: _FanucReader, text: str, last_line: int) -> None:
     """Parse an instruction that ends at `last_line`."""
     if move := _MOVE.fullmatch(text):
         _move(reader, move, last_line)
         return
     _mentioned(reader, text)
     if not (_flow(reader, text, last_line) or _sets(reader, text) or _NOTHING.fullmatch(text) or _POINT.match(text)):
-        reader.blocks.add(Forget(reader.why(f"{text} is unknown here")))
+        reader.blocks.add(ForgetAll(reader.why(f"{text} is unknown here")))
 
 
-def _flow(reader: _Reader, text: str, last_line: int) -> bool:
+def _flow(reader: _FanucReader, text: str, last_line: int) -> bool:
     """Parse an instruction of flow control; False for any other instruction."""
     blocks = reader.blocks
     word = (re.match(r"[A-Za-z_]+", text) or [""])[0].upper()
@@ -265,15 +265,15 @@ def _flow(reader: _Reader, text: str, last_line: int) -> bool:
     elif word in ("ENDIF", "ENDFOR"):
         blocks.close()
     elif label := re.match(r"LBL\[\s*(\d+)", text):
-        blocks.add(Label(label[1]))
+        blocks.add(JumpTarget(label[1]))
     elif word in ("JMP", "WAIT", "VISION") and "LBL[" in text:
         blocks.add(Jump(_labels(reader, text), falls=word != "JMP"))
     elif word in ("END", "ABORT"):
         blocks.add(End(halts=word == "ABORT"))
     elif call := _CALL.fullmatch(text):
-        blocks.add(reader.called(call[1]))
+        blocks.add(reader.call_of(call[1]))
     elif run := _RUN.match(text):
-        statement = reader.called(run[1])
+        statement = reader.call_of(run[1])
         name = statement.name if isinstance(statement, Call) else f"{run[1]} "
         reader.beside.append(Call(name, reader.why(f"{run[1]} may run at any moment")))
     else:
@@ -281,7 +281,7 @@ def _flow(reader: _Reader, text: str, last_line: int) -> bool:
     return True
 
 
-def _sets(reader: _Reader, text: str) -> bool:
+def _sets(reader: _FanucReader, text: str) -> bool:
     """Parse an instruction that sets a frame, a register or a mode; False for any other instruction."""
     blocks, why = reader.blocks, reader.why(f"{text} sets it")
     if selected := _SELECTED.fullmatch(text):
@@ -290,11 +290,13 @@ def _sets(reader: _Reader, text: str) -> bool:
     elif frame := _FRAME.fullmatch(text):
         family, number = frame[1].upper(), frame[2].split(":")[0].strip()
         value = _register(text.partition("=")[2], why)
-        blocks.add(Set(f"{family}[{int(number)}]", value) if number.isdigit() else Lose(family, why))
+        blocks.add(Set(f"{family}[{int(number)}]", value) if number.isdigit() else ForgetFamily(family, why))
     elif register := _REGISTER.fullmatch(text):
         _set_register(reader, register)
     elif _SYSTEM_FRAMES.match(text):
-        blocks.add(Lose("UFRAME", why), Lose("UTOOL", why), Set("UFRAME_NUM", why), Set("UTOOL_NUM", why))
+        blocks.add(
+            ForgetFamily("UFRAME", why), ForgetFamily("UTOOL", why), Set("UFRAME_NUM", why), Set("UTOOL_NUM", why)
+        )
     elif switch := next((value for pattern, value in _SWITCHES if pattern.fullmatch(text)), None):
         blocks.add(Set(*switch))
     else:
@@ -302,20 +304,20 @@ def _sets(reader: _Reader, text: str) -> bool:
     return True
 
 
-def _register(text: str, why: Unknown) -> Value | Built:
+def _register(text: str, why: Unknown) -> Value | ComputedValue:
     """Return the frame in a position register; unknown unless the program has set all six numbers."""
     whole = _WHOLE.fullmatch(text.strip())
     if whole is None:
         return why
 
-    def made(values: tuple[Value, ...]) -> Value:
+    def frame_from(values: tuple[Value, ...]) -> Value:
         numbers = [float(value) for value in values if isinstance(value, str) and re.fullmatch(NUMBER, value)]
         return as_value(frame_of("roll_pitch_yaw", numbers)) if len(numbers) == 6 else why
 
-    return Built(tuple(f"PR{int(whole[1])}[{axis}]" for axis in range(1, 7)), made)
+    return ComputedValue(tuple(f"PR{int(whole[1])}[{axis}]" for axis in range(1, 7)), frame_from)
 
 
-def _set_register(reader: _Reader, assignment: re.Match[str]) -> None:
+def _set_register(reader: _FanucReader, assignment: re.Match[str]) -> None:
     """Parse an assignment to a position register, or to an element of it."""
     index, _, axis = assignment[1].partition(",")
     # The remark follows the last number: PR[5:base], PR[5,1:base]
@@ -323,20 +325,20 @@ def _set_register(reader: _Reader, assignment: re.Match[str]) -> None:
     right = assignment[2].strip().strip("()")
     why = reader.why(f"{assignment[0]} sets it")
     if not number.isdigit():
-        reader.blocks.add(*(Lose(f"PR{register}", why) for register in reader.registers))
+        reader.blocks.add(*(ForgetFamily(f"PR{register}", why) for register in reader.registers))
     elif axis.isdigit():
         reader.blocks.add(Set(f"PR{int(number)}[{axis}]", right if re.fullmatch(NUMBER, right) else why))
     else:
-        reader.blocks.add(Lose(f"PR{int(number)}", why))
+        reader.blocks.add(ForgetFamily(f"PR{int(number)}", why))
 
 
-def _labels(reader: _Reader, text: str) -> tuple[str, ...]:
+def _labels(reader: _FanucReader, text: str) -> tuple[str, ...]:
     """Return the labels of a jump: all labels if the number is in a register."""
     labels = tuple(re.findall(r"\bLBL\[\s*(\d+)\s*[\]:]", text))
     return reader.labels if re.search(r"\bLBL\[\s*[A-Za-z]", text) else labels
 
 
-def _branch(reader: _Reader, text: str, word: str, last_line: int) -> None:
+def _branch(reader: _FanucReader, text: str, word: str, last_line: int) -> None:
     blocks = reader.blocks
     if word == "FOR":
         blocks.loop()
@@ -361,7 +363,7 @@ def _branch(reader: _Reader, text: str, word: str, last_line: int) -> None:
         blocks.close()
 
 
-def _mentioned(reader: _Reader, text: str) -> None:
+def _mentioned(reader: _FanucReader, text: str) -> None:
     """Mark the points in an instruction as changed: all points if the number is in a register."""
     if reader.file:
         return
@@ -372,7 +374,7 @@ def _mentioned(reader: _Reader, text: str) -> None:
                 reader.points.change(key, 0, reader.line)
 
 
-def _move(reader: _Reader, move: re.Match[str], last_line: int) -> None:
+def _move(reader: _FanucReader, move: re.Match[str], last_line: int) -> None:
     options = move["rest"]
     along = _ALONG.search(options)
     if along:
@@ -397,7 +399,7 @@ def _move(reader: _Reader, move: re.Match[str], last_line: int) -> None:
         reader.blocks.close()
 
 
-def _offset(reader: _Reader, texts: Sequence[str]) -> tuple[str, Value | Built] | None:
+def _offset(reader: _FanucReader, texts: Sequence[str]) -> tuple[str, Value | ComputedValue] | None:
     """Return the offset of a move: a register, in the user frame or in the tool; None if there is no offset."""
     if not texts:
         return None
@@ -417,7 +419,7 @@ def _selected(number: str, values: tuple[Value, ...]) -> Value:
     return OFF if number in ("F", selected) else selected
 
 
-def _target(reader: _Reader, kind: str, text: str, line: int, modifiers: str) -> None:
+def _target(reader: _FanucReader, kind: str, text: str, line: int, modifiers: str) -> None:
     point, blocks = _POINT.fullmatch(text), reader.blocks
     if point is None or reader.file or not reader.points.knows(point[1]):
         literal = point is not None and not reader.file
@@ -445,7 +447,7 @@ def _target(reader: _Reader, kind: str, text: str, line: int, modifiers: str) ->
     )
     needs = ("tracking", "option here", *parts)
     for part, number in () if target.joints else (("UFRAME_NUM", target.frame), ("UTOOL_NUM", target.tool)):
-        blocks.add(Set(f"selected {part}{HERE}", Built((part,), partial(_selected, str(number)))))
+        blocks.add(Set(f"selected {part}{HERE}", ComputedValue((part,), partial(_selected, str(number)))))
         needs += (f"selected {part}{HERE}",)
     offset = _offset(reader, _OFFSET.findall(modifiers))
     way = "joint" if kind == "J" else "line"
@@ -454,7 +456,7 @@ def _target(reader: _Reader, kind: str, text: str, line: int, modifiers: str) ->
     blocks.add(Move(key, way, 0, line, tool, frame, needs, None, None, offset, base))
 
 
-def _any_target(reader: _Reader, kind: str, line: int, modifiers: str) -> None:
+def _any_target(reader: _FanucReader, kind: str, line: int, modifiers: str) -> None:
     """Parse a move to a point selected by a register: any point is possible."""
     reader.blocks.cases()
     for key in tuple(reader.points.keys()):

@@ -23,11 +23,11 @@ from analysis.apps.makers.programs.motion_plan import (
     Arc,
     Demand,
     JointMove,
-    Line,
+    MotionPlan,
     Move,
-    Plan,
-    Target,
-    Turn,
+    PlannedTarget,
+    StraightMove,
+    ToolRotation,
     percent_of_axes,
     start_of,
 )
@@ -88,7 +88,7 @@ END rigfeed
 """
 
 
-def feed(plan: Plan) -> dict[str, str]:
+def feed(plan: MotionPlan) -> dict[str, str]:
     """Write the KAREL program for a rig that reads lines over TCP as the client; an empty dictionary otherwise."""
     if not isinstance(plan.feedback, LineFeed) or plan.feedback.listens:
         return {}
@@ -133,7 +133,7 @@ _REGISTER = 99
 """The last of the 100 position registers of a controller. UTOOL is set from a register."""
 
 
-def write(plan: Plan, demand: Demand) -> dict[str, str]:
+def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
     """Write the program and, if the rig file reads lines, the program sending the joint angles."""
     name = identifier(plan.name, _NAME_LENGTH).upper()
     positions: dict[str, int] = {}
@@ -166,10 +166,10 @@ def _move(arm: Arm, positions: dict[str, int], step: Move) -> list[str]:
             ]
             number = _number(f"\tUF : 0, UT : {TOOL_NUMBER},\n{_two_rows(angles)}", positions)
             return [f"J P[{number}] {percent_of_axes(arm, speed_rad_s)}% FINE"]
-        case Line(target, speed_mm_s, stops):
+        case StraightMove(target, speed_mm_s, stops):
             number = _number(_cartesian(arm, target), positions)
             return [f"L P[{number}] {_plain(speed_mm_s)}mm/sec {'FINE' if stops else 'CNT0'}"]
-        case Turn(target, _, speed_rad_s):
+        case ToolRotation(target, _, speed_rad_s):
             number = _number(_cartesian(arm, target), positions)
             return [f"L P[{number}] {_plain(np.degrees(speed_rad_s))}deg/sec FINE"]
         case Arc(via, end, speed_mm_s, stops):
@@ -186,7 +186,7 @@ def _plain(value: float) -> str:
     return fixed(value, 1).removesuffix(".0")
 
 
-def _cartesian(arm: Arm, target: Target) -> str:
+def _cartesian(arm: Arm, target: PlannedTarget) -> str:
     stands = posture_of(arm, target.q)
     letters = f"{'F' if stands.flip else 'N'} {'U' if stands.up else 'D'} {'T' if stands.front else 'B'}"
     counts = ", ".join(str(turns(float(angle))) for angle in target.q[3:])

@@ -17,15 +17,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analysis.apps.makers.emulated import (
-    Held,
+    ControllerParameter,
     Machine,
-    Parameter,
-    Pose,
+    MoveLimits,
+    OperatorPause,
     ProgramDriver,
     ProgramError,
-    Speed,
     Switched,
     Tokens,
+    ToolPose,
     Turning,
 )
 
@@ -45,7 +45,7 @@ def run(source: str, data: str, machine: Machine) -> None:
     listed, declarations = _inside(data, "DEFDAT", "ENDDAT", r"(\w+)")
     if name != listed:
         raise ProgramError(f"the data list of {name} is called {listed}")
-    _Controller(_points(declarations), machine).obey(statements)
+    _KukaController(_points(declarations), machine).obey(statements)
 
 
 def _inside(text: str, opening: str, closing: str, form: str) -> tuple[str, list[list[str]]]:
@@ -57,11 +57,11 @@ def _inside(text: str, opening: str, closing: str, form: str) -> tuple[str, list
     head = re.fullmatch(rf"{opening} {form}", filled[1]) if len(filled) > 2 else None
     if head is None or filled[0] != "&ACCESS RVP" or filled[-1] != closing:
         raise ProgramError(f"no {opening} … {closing}")
-    _named(head[1])
+    _check_name(head[1])
     return head[1], [[text for _, text in Tokens.of(line, _TOKEN, "KRL").items] for line in filled[2:-1]]
 
 
-def _named(name: str) -> str:
+def _check_name(name: str) -> str:
     if not re.fullmatch(r"[A-Za-z_]\w{0,23}", name):
         raise ProgramError(f"{name!r} is not a name of at most 24 characters")
     return name
@@ -71,7 +71,7 @@ def _points(declarations: list[list[str]]) -> dict[str, Any]:
     points: dict[str, Any] = {}
     for tokens in declarations:
         match tokens:
-            case ["DECL", "E6AXIS" | "FRAME" as kind, name, "=", *aggregate] if _named(name) not in points:
+            case ["DECL", "E6AXIS" | "FRAME" as kind, name, "=", *aggregate] if _check_name(name) not in points:
                 axes = [f"{letter}{axis}" for letter in "AE" for axis in range(1, 7)]
                 is_pose = kind == "FRAME"
                 points[name] = _frame(aggregate) if is_pose else np.radians(_aggregate(aggregate, axes)[:6])
@@ -89,12 +89,12 @@ def _aggregate(tokens: list[str], names: list[str]) -> list[float]:
     return [float(token) for token in tokens if re.fullmatch(r"-?\d+\.\d+", token)]
 
 
-def _frame(tokens: list[str]) -> Pose:
+def _frame(tokens: list[str]) -> ToolPose:
     values = _aggregate(tokens, list("XYZABC"))
-    return Pose(np.array(values[:3]), Rotation.from_euler("ZYX", values[3:], degrees=True))
+    return ToolPose(np.array(values[:3]), Rotation.from_euler("ZYX", values[3:], degrees=True))
 
 
-class _Controller:
+class _KukaController:
     def __init__(self, points: dict[str, Any], machine: Machine) -> None:
         self._points, self._machine = points, machine
         self._settings: dict[str, Any] = {}
@@ -106,13 +106,13 @@ class _Controller:
     def obey(self, statements: list[list[str]]) -> None:
         for tokens in statements:
             if tokens[:2] == ["DECL", "INT"] and len(tokens) == 3 and self._declaring:
-                self._variables.add(_named(tokens[2]))
+                self._variables.add(_check_name(tokens[2]))
                 continue
             self._declaring = False
             match tokens:
                 case ["PTP", name] if isinstance(self._at(name), np.ndarray) and len(self._axis_speeds) == 6:
-                    self._machine.joints(self._at(name), Speed(share=min(self._axis_speeds.values()) / 100))
-                case ["LIN", name, *zone] if isinstance(self._at(name), Pose) and zone in ([], ["C_DIS"]):
+                    self._machine.joints(self._at(name), MoveLimits(share=min(self._axis_speeds.values()) / 100))
+                case ["LIN", name, *zone] if isinstance(self._at(name), ToolPose) and zone in ([], ["C_DIS"]):
                     stops = not (zone and self._settings["$APO.CDIS"] > 0)
                     self._machine.line(self._at(name), self._speed_mm_s(), stops=stops, speed=self._limits())
                 case ["CIRC", via, ",", end, *zone] if zone in ([], ["C_DIS"]):
@@ -136,9 +136,9 @@ class _Controller:
             raise ProgramError("a path needs a base and an acceleration")
         return 1000 * float(self._settings["$VEL.CP"])
 
-    def _limits(self) -> Speed:
+    def _limits(self) -> MoveLimits:
         turning = self._settings.get("$VEL.ORI1")
-        return Speed(mm_s2=1000 * self._settings["$ACC.CP"], rad_s=turning and np.radians(turning))
+        return MoveLimits(mm_s2=1000 * self._settings["$ACC.CP"], rad_s=turning and np.radians(turning))
 
     def _act(self, tokens: list[str]) -> None:
         match tokens:
@@ -156,7 +156,7 @@ class _Controller:
                 self._machine.events.append(Switched(int(number), state == "TRUE"))
             case ["HALT"]:
                 if not self._opened:  # The IF handles a failed RSI call, and RSI calls never fail here.
-                    self._machine.events.append(Held())
+                    self._machine.events.append(OperatorPause())
             case ["IF", "(", name, "<>", "RSIOK", ")", "THEN"] if name in self._variables:
                 self._opened += 1
             case ["ENDIF"] if self._opened:
@@ -179,12 +179,12 @@ class _Controller:
 DRIVER = ProgramDriver(
     run,
     (
-        Parameter("$MAMES[{axis}]", "deg", "reading", math.radians(1)),
-        Parameter("$LENGTH_A", "mm", "a", 1.0, axis=2, grows=True),
-        Parameter("$LENGTH_B", "mm", "a", 1.0, axis=3, grows=True),
-        Parameter("height in $TX3P3", "mm", "a", 1.0, axis=4, grows=True),
-        Parameter("length in $TX3P3", "mm", "d", 1.0, axis=4, grows=True),
-        Parameter("length in $TFLWP", "mm", "d", 1.0, axis=6, grows=True),
+        ControllerParameter("$MAMES[{axis}]", "deg", "reading", math.radians(1)),
+        ControllerParameter("$LENGTH_A", "mm", "a", 1.0, axis=2, grows=True),
+        ControllerParameter("$LENGTH_B", "mm", "a", 1.0, axis=3, grows=True),
+        ControllerParameter("height in $TX3P3", "mm", "a", 1.0, axis=4, grows=True),
+        ControllerParameter("length in $TX3P3", "mm", "d", 1.0, axis=4, grows=True),
+        ControllerParameter("length in $TFLWP", "mm", "d", 1.0, axis=6, grows=True),
     ),
 )
 """Mastering makes an axis read $MAMES at the notch."""

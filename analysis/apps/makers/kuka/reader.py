@@ -15,7 +15,7 @@ import re
 from analysis.apps.makers.kuka.statements import (
     LINES,
     LITERAL_TYPE,
-    Reader,
+    KrlReader,
     external_axes_in,
     lines_in,
     read_statement,
@@ -25,7 +25,7 @@ from analysis.apps.makers.numbers import Decimals
 from analysis.apps.makers.points import Points, as_value
 from analysis.apps.makers.program_machine import OFF, Call, Program, Unknown, Value
 from analysis.apps.makers.program_reader import ProgramReader, Remark
-from analysis.apps.makers.target import Named, Parsed, Texts, blanked, lines_of, with_newlines
+from analysis.apps.makers.target import NamedFrame, Parsed, ProgramTexts, blanked, lines_of, with_newlines
 
 _DECIMALS = Decimals(place=(4, 7), turn=(6, 9))
 """0.1 µm and 1e-6°, which is 0.02 µm at 1 m: a REAL of KRL has about seven digits."""
@@ -50,10 +50,10 @@ _OWN_LIST = re.compile(r"\s*(?:(?:DECL|GLOBAL|CONST)\s+)*FRAME\s+(?:.*,\s*)?(TOO
 """A list of tools or bases that hides the list of the controller."""
 
 
-def parse(texts: Texts) -> Parsed:
+def parse(texts: ProgramTexts) -> Parsed:
     """Parse the targets of a .src file and, if given as the second text, of the .dat file."""
     blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
-    reader = Reader(texts.names, blank, tuple(map(lines_of, blank)), Points(texts.own))
+    reader = KrlReader(texts.names, blank, tuple(map(lines_of, blank)), Points(texts.own))
     reader.points.axes.update(*map(external_axes_in, blank))
     own_files = range(texts.own)
     stated: dict[str, Value] = {}
@@ -96,7 +96,7 @@ def parse(texts: Texts) -> Parsed:
     )
 
 
-def _watch_points(reader: Reader) -> None:
+def _watch_points(reader: KrlReader) -> None:
     """Mark points as changed if they appear outside a move or are imported under another name."""
     for file, text in enumerate(reader.texts):
         for word in _WORD.finditer(text):
@@ -112,17 +112,17 @@ def _watch_points(reader: Reader) -> None:
                 reader.points.change(alias[1].upper(), file, reader.lines[file].at(alias.start()))
 
 
-def _configured(reader: Reader, file: int, begin: int, data: re.Match[str], stated: dict[str, Value]) -> None:
+def _configured(reader: KrlReader, file: int, begin: int, data: re.Match[str], stated: dict[str, Value]) -> None:
     """Add the numbers of a tool or base in $config.dat."""
     frame = reader.frame(data[3])
     if frame is not None:
         value, kind = as_value(frame), data[1].upper()
         stated[f"{kind}[{data[2]}]"] = value
         line = reader.lines[file].at(begin)
-        reader.points.state(Named(data[2], "tool" if kind == "TOOL_DATA" else "frame", file, line, value))
+        reader.points.state(NamedFrame(data[2], "tool" if kind == "TOOL_DATA" else "frame", file, line, value))
 
 
-def _declare(reader: Reader, file: int, begin: int, line: str) -> None:
+def _declare(reader: KrlReader, file: int, begin: int, line: str) -> None:
     """Add the points and the sets of tool and base declared in a line."""
     if fdat := _FDAT.match(line):
         name = fdat[1].upper()
@@ -146,7 +146,7 @@ def _declare(reader: Reader, file: int, begin: int, line: str) -> None:
             reader.shared.add(key)
 
 
-def _watch_fdat(reader: Reader) -> None:
+def _watch_fdat(reader: KrlReader) -> None:
     """Mark the sets of tool and base that the program writes to as unknown."""
     for file, text in enumerate(reader.texts):
         for _, line in lines_in(text):

@@ -22,14 +22,14 @@ from analysis.apps.makers.program_machine import (
     EXTERNAL,
     OFF,
     Blocks,
-    Built,
     Call,
+    ComputedValue,
     Elsewhere,
     End,
-    Forget,
+    ForgetAll,
+    ForgetFamily,
     Jump,
-    Label,
-    Lose,
+    JumpTarget,
     Move,
     Ref,
     Set,
@@ -42,11 +42,11 @@ from analysis.apps.makers.target import (
     NUMBER,
     Flags,
     Form,
-    Left,
-    Lines,
-    Named,
+    LineNumbers,
+    NamedFrame,
     Number,
     Target,
+    UncorrectedTarget,
     arguments,
     brackets,
     words,
@@ -108,12 +108,12 @@ _BAS_NOTHING = words("VEL_PTP VEL_CP ACC_PTP ACC_CP ACC_GLUE PTP_DAT CP_DAT OUT_
 
 
 @dataclass
-class Reader:
+class KrlReader:
     """State of a program during parsing, with names in upper case."""
 
     names: tuple[str, ...]
     texts: tuple[str, ...]
-    lines: tuple[Lines, ...]
+    lines: tuple[LineNumbers, ...]
     points: Points
     fdat: dict[str, str] = field(default_factory=dict)
     fdat_written: set[str] = field(default_factory=set)
@@ -124,7 +124,7 @@ class Reader:
     beside: list[Call] = field(default_factory=list)
     blocks: Blocks | None = None
     routine: str = ""
-    spline: dict[str, Value | Ref | Built] = field(default_factory=dict)
+    spline: dict[str, Value | Ref | ComputedValue] = field(default_factory=dict)
     """Settings in the head of a spline, valid for all segments."""
     _defined: dict[str, list[str]] = field(default_factory=dict)
 
@@ -145,11 +145,11 @@ class Reader:
         stem, key = self.names[file].rpartition(".")[0].upper(), name.upper()
         return self._defined.get(f"{stem}:{key}") or self._defined.get(key) or []
 
-    def called(self, file: int, begin: int, name: str) -> Statement:
-        """Return the call of a routine, or `Forget` if the name is not unique or not known."""
+    def call_of(self, file: int, begin: int, name: str) -> Statement:
+        """Return the call of a routine, or `ForgetAll` if the name is not unique or not known."""
         routines = self.defined(file, name)
         why = self.why(file, begin, f"{name} is called" if len(routines) == 1 else f"{name} is unknown here")
-        return Call(routines[0], why) if len(routines) == 1 else Forget(why)
+        return Call(routines[0], why) if len(routines) == 1 else ForgetAll(why)
 
     def why(self, file: int, begin: int, fact: str) -> Unknown:
         """Return a reason at a position in a text."""
@@ -165,8 +165,8 @@ class Reader:
             if len(self._defined.get(self.routine, [])) > 1:  # The name is ambiguous, so calls of it are uncertain.
                 why = Unknown(0, 0, f"{self.routine} is defined twice")
                 self.routine = f"{self.routine} {len(self.routines)}"
-                self.blocks.body.insert(0, Forget(why))
-            self.routines[self.routine] = self.blocks.done()
+                self.blocks.body.insert(0, ForgetAll(why))
+            self.routines[self.routine] = self.blocks.finish_routine()
         self.blocks = None
 
     def literal(self, file: int, begin: int, text: str, name: str) -> tuple[Target | None, Reason | None]:
@@ -238,7 +238,7 @@ def lines_in(text: str) -> Iterator[tuple[int, str]]:
         at += len(line) + 1
 
 
-def read_statement(reader: Reader, file: int, begin: int, line: str) -> None:
+def read_statement(reader: KrlReader, file: int, begin: int, line: str) -> None:
     """Parse a line of a .src file."""
     if routine := _ROUTINE.match(line):
         reader.begin(file, routine[1])
@@ -276,7 +276,7 @@ def external_axes_in(text: str) -> set[str]:
     return axes
 
 
-def read_submit(reader: Reader, file: int) -> None:
+def read_submit(reader: KrlReader, file: int) -> None:
     """Add the tools and bases set by a program of the submit interpreter, which runs in parallel."""
     body: list[Statement] = []
     for begin, line in lines_in(reader.texts[file]):
@@ -295,31 +295,31 @@ def read_submit(reader: Reader, file: int) -> None:
     reader.routines[f"\0{file}"] = tuple(body)
 
 
-def _functions(reader: Reader, file: int, begin: int, line: str) -> None:
+def _functions(reader: KrlReader, file: int, begin: int, line: str) -> None:
     """Parse the function calls in a line. Arguments passed by reference may be written, and are possible targets."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     for call in _CALL.finditer(line):
         if not (defined := bool(reader.defined(file, call[1]))) and call[1].upper() in FUNCTIONS:
             continue
         if defined or call[1].upper() not in WRITING:
-            reader.blocks.evaluated(line[: call.start()], reader.called(file, begin, call[1]))
+            reader.blocks.evaluated(line[: call.start()], reader.call_of(file, begin, call[1]))
             for handed in _AGGREGATE.finditer(line, call.end(), brackets(line).get(call.end() - 1, len(line))):
                 if reader.literal(file, begin, LITERAL_TYPE.sub("", handed[1]), "")[0]:
                     _list(reader, file, begin, "handed", handed[0])
         reader.blocks.add(*_written_by(reader, file, begin, call[1], line[call.end() :]))
 
 
-def _written_by(reader: Reader, file: int, begin: int, name: str, after: str) -> list[Statement]:
+def _written_by(reader: KrlReader, file: int, begin: int, name: str, after: str) -> list[Statement]:
     """Return the motion settings that a call may write to, given the arguments in the text `after` the name."""
     statements: list[Statement] = []
     for argument in dict.fromkeys(match[0].upper() for match in _HANDED.finditer(after)):
         why = reader.why(file, begin, f"{name} receives {argument} and may change the value")
         parts = _PARTS_OF.get(argument, ())
-        statements += [Set(part, why) for part in parts] or [Lose(argument, why)]
+        statements += [Set(part, why) for part in parts] or [ForgetFamily(argument, why)]
     return statements
 
 
-def _flow(reader: Reader, blocks: Blocks, file: int, begin: int, line: str, word: str) -> bool:
+def _flow(reader: KrlReader, blocks: Blocks, file: int, begin: int, line: str, word: str) -> bool:
     """Parse a statement of flow control; False for any other statement."""
 
     def functions() -> None:
@@ -357,16 +357,16 @@ def _flow(reader: Reader, blocks: Blocks, file: int, begin: int, line: str, word
         case _:
             if not (label := _LABEL.fullmatch(line)):
                 return False
-            blocks.add(Label(label[1].upper()))
+            blocks.add(JumpTarget(label[1].upper()))
     return True
 
 
-def _runs_beside(reader: Reader, file: int, begin: int, interrupt: re.Match[str]) -> None:
+def _runs_beside(reader: KrlReader, file: int, begin: int, interrupt: re.Match[str]) -> None:
     """Add the action of an interrupt or a trigger, which may happen at any moment."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     action = interrupt[1]
     if _ASSIGNED.match(action):
-        inner = Reader(reader.names, reader.texts, reader.lines, Points(0))
+        inner = KrlReader(reader.names, reader.texts, reader.lines, Points(0))
         inner.blocks = Blocks()
         _other(inner, inner.blocks, file, begin, re.sub(r"\bPRIO\s*=.*", "", action, flags=re.IGNORECASE))
         if inner.blocks.body:
@@ -377,10 +377,10 @@ def _runs_beside(reader: Reader, file: int, begin: int, interrupt: re.Match[str]
     _calls_beside(reader, file, begin, action)
 
 
-def _calls_beside(reader: Reader, file: int, begin: int, text: str) -> None:
+def _calls_beside(reader: KrlReader, file: int, begin: int, text: str) -> None:
     """Add calls that may happen at any moment."""
     for call in _CALL.finditer(text):
-        statement, of_system = reader.called(file, begin, call[1]), FUNCTIONS | WRITING
+        statement, of_system = reader.call_of(file, begin, call[1]), FUNCTIONS | WRITING
         why = reader.why(file, begin, f"{call[1]} may run at any moment")
         if isinstance(statement, Call):
             reader.beside.append(Call(statement.name, why))
@@ -390,7 +390,7 @@ def _calls_beside(reader: Reader, file: int, begin: int, text: str) -> None:
             _writes_beside(reader, file, begin, why, _written_by(reader, file, begin, call[1], text[call.end() :]))
 
 
-def _writes_beside(reader: Reader, file: int, begin: int, why: Unknown, body: list[Statement]) -> None:
+def _writes_beside(reader: KrlReader, file: int, begin: int, why: Unknown, body: list[Statement]) -> None:
     """Add statements that may run at any moment, if there are any."""
     if body:
         key = f"\0{file}:{begin}:{len(reader.beside)}"
@@ -398,7 +398,7 @@ def _writes_beside(reader: Reader, file: int, begin: int, why: Unknown, body: li
         reader.beside.append(Call(key, why))
 
 
-def _other(reader: Reader, blocks: Blocks, file: int, begin: int, line: str) -> None:
+def _other(reader: KrlReader, blocks: Blocks, file: int, begin: int, line: str) -> None:
     """Parse an assignment, a call of BAS or of a routine, or a statement without effect."""
     if (bas := _BAS.fullmatch(line)) and not reader.defined(file, "BAS"):
         blocks.add(*_bas(reader, file, begin, bas[1].upper(), (bas[2] or "").strip()))
@@ -417,10 +417,10 @@ def _other(reader: Reader, blocks: Blocks, file: int, begin: int, line: str) -> 
     if NOTHING.fullmatch(line) or _CALL.match(line.strip()):
         _functions(reader, file, begin, line)
         return
-    blocks.add(Forget(reader.why(file, begin, f"{line.strip()} is unknown here")))
+    blocks.add(ForgetAll(reader.why(file, begin, f"{line.strip()} is unknown here")))
 
 
-def _bas(reader: Reader, file: int, begin: int, command: str, argument: str) -> list[Statement]:
+def _bas(reader: KrlReader, file: int, begin: int, command: str, argument: str) -> list[Statement]:
     if command in ("TOOL", "BASE"):
         part = command.lower()
         if argument.isdigit():
@@ -436,10 +436,10 @@ def _bas(reader: Reader, file: int, begin: int, command: str, argument: str) -> 
         return [Set("tool", why), Set("base", why), Set("external_tcp", OFF), Set("switch", OFF)]
     if command in _BAS_NOTHING:
         return []
-    return [Forget(reader.why(file, begin, f"BAS(#{command}) is unknown here"))]
+    return [ForgetAll(reader.why(file, begin, f"BAS(#{command}) is unknown here"))]
 
 
-def _assigned(reader: Reader, file: int, begin: int, left: str, right: str) -> list[Statement]:
+def _assigned(reader: KrlReader, file: int, begin: int, left: str, right: str) -> list[Statement]:
     """Return the state changes of an assignment. Assigned points and variables are detected elsewhere, by name."""
     name = re.split(r"[.\[]", left)[0]
     match name:
@@ -461,29 +461,31 @@ def _assigned(reader: Reader, file: int, begin: int, left: str, right: str) -> l
             taken = _fdat(reader, file, begin, right.strip() if left == name else "a part of FDAT_ACT")
             return [*taken, Set("tool", why), Set("base", why)]
     if name.startswith("$") and not SYSTEM.fullmatch(name):
-        return [Forget(reader.why(file, begin, f"{left} is unknown here"))]
+        return [ForgetAll(reader.why(file, begin, f"{left} is unknown here"))]
     return []
 
 
-def _data(reader: Reader, file: int, begin: int, left: str, right: str) -> list[Statement]:
+def _data(reader: KrlReader, file: int, begin: int, left: str, right: str) -> list[Statement]:
     number = re.fullmatch(r"(\w+)\[(\d+)\]", left)
     frame = reader.frame(right)
     if number is None:
         family = left[:9]
         whole = re.match(r"\w+\[(\d+)\]\.", left)
         why = reader.why(file, begin, f"{left} is set")
-        return [Set(f"{family}[{int(whole[1])}]", why)] if whole else [Lose(family, why)]
+        return [Set(f"{family}[{int(whole[1])}]", why)] if whole else [ForgetFamily(family, why)]
     part = f"{number[1]}[{int(number[2])}]"
     if frame is None:
         by_number = _BY_NUMBER.fullmatch(right.strip())
         value = reader.place(file, begin, right) if by_number else reader.why(file, begin, f"{left} is computed")
         return [Set(part, value)]
-    named = Named(number[2], "tool" if left[0] == "T" else "frame", file, reader.lines[file].at(begin), as_value(frame))
+    named = NamedFrame(
+        number[2], "tool" if left[0] == "T" else "frame", file, reader.lines[file].at(begin), as_value(frame)
+    )
     reader.points.state(named)
     return [Set(part, as_value(frame))]
 
 
-def _fdat(reader: Reader, file: int, begin: int, right: str) -> list[Statement]:
+def _fdat(reader: KrlReader, file: int, begin: int, right: str) -> list[Statement]:
     """Return the settings for BAS(#FRAMES) in an FDAT, given by name or as an aggregate."""
     name = right.upper()
     text = right[1:-1] if right.startswith("{") and right.endswith("}") else reader.fdat.get(name)
@@ -501,11 +503,11 @@ def _fdat(reader: Reader, file: int, begin: int, right: str) -> list[Statement]:
     return [*statements, Set("fdat ipo", "on" if outside else OFF)]
 
 
-def _move(reader: Reader, file: int, begin: int, line: str, move: re.Match[str]) -> None:
+def _move(reader: KrlReader, file: int, begin: int, line: str, move: re.Match[str]) -> None:
     """Parse a motion with its targets, in the active tool and base or those given after WITH."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     kind, end = move["kind"].upper().lstrip("S"), move.end("rest")
-    state: dict[str, Value | Ref | Built] = {
+    state: dict[str, Value | Ref | ComputedValue] = {
         "tool": Ref("tool"), "base": Ref("base"), "ipo_mode": Ref("external_tcp"), "ori_type": Ref("switch"),
         **reader.spline,
     }  # fmt: skip
@@ -526,7 +528,7 @@ def _move(reader: Reader, file: int, begin: int, line: str, move: re.Match[str])
         text = line[start:stop]
         if len(places) > count:  # An arc of CA degrees does not end at the target, and keeps the posture at the start.
             _list(reader, file, begin, "arc", text)
-            reader.blocks.add(Lose(EXTERNAL, reader.why(file, begin, _ARC_MOVES_AXES)))
+            reader.blocks.add(ForgetFamily(EXTERNAL, reader.why(file, begin, _ARC_MOVES_AXES)))
             continue
         key = _point(reader, file, begin, start, text, kind)
         if key is None:
@@ -542,19 +544,19 @@ def _move(reader: Reader, file: int, begin: int, line: str, move: re.Match[str])
         reader.blocks.add(Move(key, way, file, at, state["tool"], state["base"], needs, trusts))
 
 
-def _leave(reader: Reader, file: int, begin: int, reason: Reason, name: str) -> None:
+def _leave(reader: KrlReader, file: int, begin: int, reason: Reason, name: str) -> None:
     """List a move that cannot be corrected. The position of the arm is unknown afterwards."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     _list(reader, file, begin, reason, name)
     reader.blocks.add(Elsewhere())
 
 
-def _list(reader: Reader, file: int, begin: int, reason: Reason, name: str) -> None:
+def _list(reader: KrlReader, file: int, begin: int, reason: Reason, name: str) -> None:
     if file < reader.points.files:
-        reader.points.leave(Left(file, reader.lines[file].at(begin), name.strip()[:60], reason))
+        reader.points.leave(UncorrectedTarget(file, reader.lines[file].at(begin), name.strip()[:60], reason))
 
 
-def _point(reader: Reader, file: int, begin: int, start: int, text: str, kind: str) -> str | None:
+def _point(reader: KrlReader, file: int, begin: int, start: int, text: str, kind: str) -> str | None:
     """Return the key of the point of a move, None if there is no such point."""
     if text.startswith("{") and text.endswith("}"):
         inside = LITERAL_TYPE.sub(lambda prefix: " " * len(prefix[0]), text[1:-1])
@@ -570,9 +572,9 @@ def _point(reader: Reader, file: int, begin: int, start: int, text: str, kind: s
     return text.upper()
 
 
-def _with_all(reader: Reader, file: int, begin: int, text: str) -> dict[str, Value | Ref | Built]:
+def _with_all(reader: KrlReader, file: int, begin: int, text: str) -> dict[str, Value | Ref | ComputedValue]:
     """Return the settings given after WITH for a motion or a spline: tool, base and mode."""
-    state: dict[str, Value | Ref | Built] = {}
+    state: dict[str, Value | Ref | ComputedValue] = {}
     for part, stated in _WITH_PART.findall(text):
         value = stated.strip()
         if fdat := _WITH_FDAT.fullmatch(value):

@@ -20,10 +20,10 @@ from analysis.apps.makers.programs.motion_plan import (
     Arc,
     Demand,
     JointMove,
-    Line,
+    MotionPlan,
     Move,
-    Plan,
-    Turn,
+    StraightMove,
+    ToolRotation,
     percent_of_axes,
     start_of,
     turns_with_path,
@@ -49,7 +49,7 @@ RSI_CONTEXT = "rig_rsi"
 """The RSI context that the operator creates on the controller; it sends the axis angles."""
 
 
-def write(plan: Plan, demand: Demand) -> dict[str, str]:
+def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
     """Write the program and the data list."""
     name = identifier(plan.name, _NAME_LENGTH)
     points: dict[str, str] = {}
@@ -97,11 +97,11 @@ def _move(arm: Arm, points: dict[str, str], step: Move) -> list[str]:
                 f"A{axis} {fixed(angle, DEG_DECIMALS)}" for axis, angle in enumerate(np.degrees(target.q), start=1)
             ]
             none = [f"E{axis} 0.0" for axis in range(1, 7)]
-            point = _named(f"E6AXIS @ = {{{', '.join(angles + none)}}}", "A", points)
+            point = _declare_point(f"E6AXIS @ = {{{', '.join(angles + none)}}}", "A", points)
             return [*(f"$VEL_AXIS[{axis}] = {percent}" for axis in range(1, 7)), f"PTP {point}"]
-        case Line(target, speed_mm_s, stops):
+        case StraightMove(target, speed_mm_s, stops):
             return [_speed(speed_mm_s), f"LIN {_point(target.T, points)}{'' if stops else ' C_DIS'}"]
-        case Turn(target, _, speed_rad_s):
+        case ToolRotation(target, _, speed_rad_s):
             speed = fixed(float(np.degrees(speed_rad_s)), 1)
             return [f"$VEL.ORI1 = {speed}", f"$VEL.ORI2 = {speed}", f"LIN {_point(target.T, points)}"]
         case Arc(via, end, speed_mm_s, stops):
@@ -114,10 +114,10 @@ def _speed(speed_mm_s: float) -> str:
 
 
 def _point(T: Array, points: dict[str, str]) -> str:
-    return _named(f"FRAME @ = {_frame(T)}", "P", points)
+    return _declare_point(f"FRAME @ = {_frame(T)}", "P", points)
 
 
-def _named(text: str, letter: str, points: dict[str, str]) -> str:
+def _declare_point(text: str, letter: str, points: dict[str, str]) -> str:
     """Return the name of a point, declared on first use."""
     return points.setdefault(text, f"{letter}{len(points) + 1:04d}")
 

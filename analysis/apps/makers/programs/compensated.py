@@ -15,16 +15,16 @@ from analysis.apps.makers.programs.motion_plan import (
     Arc,
     Comment,
     JointMove,
-    Line,
+    MotionPlan,
     Move,
-    Plan,
+    PlannedTarget,
     Step,
-    Target,
-    Turn,
+    StraightMove,
+    ToolRotation,
     end_of,
     in_base,
 )
-from analysis.apps.makers.programs.ways import Way, around, rotation_vector, straight, turned
+from analysis.apps.makers.programs.ways import ToolPath, circular_path, rotation_vector, straight_path, turned
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.kinematics.follow import follow
 from rigs.errors import FileError
@@ -42,12 +42,12 @@ _SAME_PLACE_MM = 1e-3
 _REMEDY = "give the table of rig program --targets for this rig file and test, corrected by rig correct --path"
 
 
-def targets_of(plan: Plan) -> list[Target]:
+def targets_of(plan: MotionPlan) -> list[PlannedTarget]:
     """Return the targets of a plan without repetitions, in the order in which the program first reaches them."""
     return list({id(target): target for target in reached(plan)}.values())
 
 
-def reached(plan: Plan) -> list[Target]:
+def reached(plan: MotionPlan) -> list[PlannedTarget]:
     """Return the targets of a plan in program order, including repetitions."""
     return [
         target
@@ -57,7 +57,7 @@ def reached(plan: Plan) -> list[Target]:
     ]
 
 
-def table_of(plans: Sequence[Plan]) -> str:
+def table_of(plans: Sequence[MotionPlan]) -> str:
     """Return the targets of the programs of a test as a CSV table for `rig correct --path`."""
     head = "program," + ",".join(f"q{axis}_deg" for axis in range(1, 7))
     rows = [
@@ -68,7 +68,9 @@ def table_of(plans: Sequence[Plan]) -> str:
     return "\n".join([head, *rows, ""])
 
 
-def compensated(plans: Sequence[Plan], q: Array, poses: Array, lines: Sequence[int], where: str) -> list[Plan]:
+def compensated(
+    plans: Sequence[MotionPlan], q: Array, poses: Array, lines: Sequence[int], where: str
+) -> list[MotionPlan]:
     """Return the plans with targets at the joint angles q (n, 6) rad.
 
     poses (n, 4, 4): tool poses of the controller's model at these angles, with positions in mm in the world frame.
@@ -82,7 +84,7 @@ def compensated(plans: Sequence[Plan], q: Array, poses: Array, lines: Sequence[i
     return [
         _with_targets(
             plan,
-            [Target(T, at) for T, at in zip(in_base(plan.arm, poses[rows]), q[rows], strict=True)],
+            [PlannedTarget(T, at) for T, at in zip(in_base(plan.arm, poses[rows]), q[rows], strict=True)],
             lines[rows],
             where,
         )
@@ -90,9 +92,9 @@ def compensated(plans: Sequence[Plan], q: Array, poses: Array, lines: Sequence[i
     ]
 
 
-def _with_targets(plan: Plan, targets: Sequence[Target], lines: Sequence[int], where: str) -> Plan:
+def _with_targets(plan: MotionPlan, targets: Sequence[PlannedTarget], lines: Sequence[int], where: str) -> MotionPlan:
     old = targets_of(plan)
-    farthest = _hold_near(old, targets, lines, where)
+    farthest = _require_small_correction(old, targets, lines, where)
     for line, target in zip(lines, targets, strict=True):
         for axis in np.flatnonzero((target.q < plan.arm.limits[:, 0]) | (target.q > plan.arm.limits[:, 1])):
             at_deg, (low, high) = np.degrees(target.q[axis]), np.degrees(plan.arm.limits[axis])
@@ -114,26 +116,26 @@ def _with_targets(plan: Plan, targets: Sequence[Target], lines: Sequence[int], w
     return replace(plan, steps=tuple(steps))
 
 
-def _moved(plan: Plan, step: Move, begin: Target, new: dict[int, Target]) -> Iterator[Step]:
+def _moved(plan: MotionPlan, step: Move, begin: PlannedTarget, new: dict[int, PlannedTarget]) -> Iterator[Step]:
     """Yield a move to the corrected targets, from the corrected start `begin`."""
     match step:
         case Arc(via, end):
             via, end = new[id(via)], new[id(end)]
-            q = _followed(plan, around(begin.T, via.T[:3, 3], end.T, step.speed_mm_s), begin)
+            q = _followed(plan, circular_path(begin.T, via.T[:3, 3], end.T, step.speed_mm_s), begin)
             # An arc that turns with the path would end along its tangent, which corrected positions rotate.
             yield replace(step, via=via, end=end, with_path=False, q=q)
-        case Turn(target):
+        case ToolRotation(target):
             # The two orientations have different corrections. A turn about a fixed point would therefore miss the
             # second position.
             end = new[id(target)]
             T = end.T.copy()
             T[:3, 3] = begin.T[:3, 3]
             q = _followed(plan, turned(begin.T, T, step.speed_rad_s), begin)
-            turned_target = Target(T, q[-1])
+            turned_target = PlannedTarget(T, q[-1])
             yield replace(step, target=turned_target, angle=float(np.linalg.norm(rotation_vector(begin.T, T))), q=q)
             if np.linalg.norm(end.T[:3, 3] - begin.T[:3, 3]) > _SAME_PLACE_MM:
                 yield _line(plan, turned_target, end, _AFTER_TURN_MM_S)
-        case Line(target, speed_mm_s):
+        case StraightMove(target, speed_mm_s):
             end = new[id(target)]
             # The line to the start serves a controller with a different tool position at the joint angles.
             on_the_spot = end is begin
@@ -142,11 +144,11 @@ def _moved(plan: Plan, step: Move, begin: Target, new: dict[int, Target]) -> Ite
             yield replace(step, target=new[id(target)])
 
 
-def _line(plan: Plan, begin: Target, end: Target, speed_mm_s: float) -> Line:
-    return Line(end, speed_mm_s, q=_followed(plan, straight(begin.T, end.T, speed_mm_s), begin))
+def _line(plan: MotionPlan, begin: PlannedTarget, end: PlannedTarget, speed_mm_s: float) -> StraightMove:
+    return StraightMove(end, speed_mm_s, q=_followed(plan, straight_path(begin.T, end.T, speed_mm_s), begin))
 
 
-def _followed(plan: Plan, way: Way, begin: Target) -> Array:
+def _followed(plan: MotionPlan, way: ToolPath, begin: PlannedTarget) -> Array:
     """Return the joint angles (n, 6) rad along a path.
 
     Raises FileError if the arm cannot follow, or a joint is too slow.
@@ -158,7 +160,9 @@ def _followed(plan: Plan, way: Way, begin: Target) -> Array:
     return q
 
 
-def _hold_near(old: Sequence[Target], targets: Sequence[Target], lines: Sequence[int], where: str) -> float:
+def _require_small_correction(
+    old: Sequence[PlannedTarget], targets: Sequence[PlannedTarget], lines: Sequence[int], where: str
+) -> float:
     """Return the largest distance in mm of the targets from the nominal targets.
 
     Raises FileError if a distance is too large for a correction.

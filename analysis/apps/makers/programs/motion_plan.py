@@ -26,7 +26,7 @@ ACCELERATION_MM_S2 = 200.0
 
 
 @dataclass(frozen=True)
-class Target:
+class PlannedTarget:
     """A tool pose T (4, 4) in the base frame, with the position in mm, and the joint angles q (6,) rad."""
 
     T: Array
@@ -37,29 +37,29 @@ class Target:
 class JointMove:
     """A move of all joints together to a target, with a stop there. speed_rad_s: maximum speed of any joint."""
 
-    target: Target
+    target: PlannedTarget
     speed_rad_s: float
 
 
 @dataclass(frozen=True)
-class Line:
+class StraightMove:
     """A straight move of the tool to a target in the same posture of the arm.
 
     stops: the tool stops at the target; otherwise the next line continues at the same speed. q (n, 6) rad: joint angles
     at equal distances along the line, including both ends.
     """
 
-    target: Target
+    target: PlannedTarget
     speed_mm_s: float
     stops: bool = True
     q: Array = field(kw_only=True)
 
 
 @dataclass(frozen=True)
-class Turn:
+class ToolRotation:
     """A rotation of the tool about its origin by `angle` rad, with a stop at the target; q as for a line."""
 
-    target: Target
+    target: PlannedTarget
     angle: float
     speed_rad_s: float
     q: Array = field(kw_only=True)
@@ -74,8 +74,8 @@ class Arc:
     next arc continues at the same speed. q as for a line.
     """
 
-    via: Target
-    end: Target
+    via: PlannedTarget
+    end: PlannedTarget
     speed_mm_s: float
     stops: bool = True
     with_path: bool = False
@@ -110,7 +110,7 @@ class Comment:
     text: str
 
 
-Move = JointMove | Line | Turn | Arc
+Move = JointMove | StraightMove | ToolRotation | Arc
 Step = Move | Dwell | Signal | Hold | Comment
 
 
@@ -130,7 +130,7 @@ class SignalPlace:
 
 
 @dataclass(frozen=True)
-class Plan:
+class MotionPlan:
     """A robot program before it is written.
 
     name: test, direction and rig. ball_mm (3,): nominal centre of the base-ball in the robot's base frame. has_link:
@@ -152,17 +152,17 @@ def percent_of_axes(arm: Arm, speed_rad_s: float) -> int:
     return max(1, min(100, int(100 * speed_rad_s / float(arm.speed.max()))))
 
 
-def end_of(move: Move) -> Target:
+def end_of(move: Move) -> PlannedTarget:
     """Return the final target of a move."""
     return move.end if isinstance(move, Arc) else move.target
 
 
-def start_of(plan: Plan) -> Target:
+def start_of(plan: MotionPlan) -> PlannedTarget:
     """Return the first target of a plan."""
     return next(end_of(step) for step in plan.steps if isinstance(step, Move))
 
 
-def turns_with_path(plan: Plan) -> bool:
+def turns_with_path(plan: MotionPlan) -> bool:
     """Return whether the tool keeps a constant orientation to the arcs of a plan; all arcs are alike."""
     return any(step.with_path for step in plan.steps if isinstance(step, Arc))
 
@@ -201,7 +201,7 @@ class Demand:
     removals: int
 
 
-def demand_of(plan: Plan) -> Demand:
+def demand_of(plan: MotionPlan) -> Demand:
     """Compute the demand of a plan on the arm."""
     arm = plan.arm
     moves = [step for step in plan.steps if isinstance(step, Move)]
@@ -225,7 +225,7 @@ def demand_of(plan: Plan) -> Demand:
     )
 
 
-def angles_along(begin: Target, move: Move) -> Array:
+def angles_along(begin: PlannedTarget, move: Move) -> Array:
     """Return the joint angles (n, 6) rad along a move, excluding the start."""
     if not isinstance(move, JointMove):
         return move.q[1:]
@@ -234,7 +234,7 @@ def angles_along(begin: Target, move: Move) -> Array:
     return joints
 
 
-def seconds_of(plan: Plan) -> float:
+def seconds_of(plan: MotionPlan) -> float:
     """Return the duration of a program in s, from the start position, excluding pauses for the operator."""
     at, seconds = start_of(plan), 0.0
     for step in plan.steps:
@@ -242,7 +242,7 @@ def seconds_of(plan: Plan) -> float:
             seconds += step.seconds
         elif isinstance(step, JointMove):
             seconds += float(np.abs(step.target.q - at.q).max() / step.speed_rad_s)
-        elif isinstance(step, Turn):
+        elif isinstance(step, ToolRotation):
             seconds += step.angle / step.speed_rad_s
         elif isinstance(step, Move):
             q = np.concatenate([at.q[None], angles_along(at, step)])
@@ -253,7 +253,7 @@ def seconds_of(plan: Plan) -> float:
     return seconds
 
 
-def demand_lines(plan: Plan, demand: Demand, names: list[str]) -> list[str]:
+def demand_lines(plan: MotionPlan, demand: Demand, names: list[str]) -> list[str]:
     """Return the demand as lines of text. names (6): names of the axes."""
     low, high, travel = np.degrees(demand.low), np.degrees(demand.high), np.degrees(demand.travel)
     room = np.degrees(np.minimum(demand.low - plan.arm.limits[:, 0], plan.arm.limits[:, 1] - demand.high))

@@ -23,16 +23,16 @@ from analysis.apps.makers.programs.motion_plan import (
     Dwell,
     Hold,
     JointMove,
-    Line,
+    MotionPlan,
     Move,
-    Plan,
+    PlannedTarget,
     Signal,
     SignalPlace,
     Step,
-    Target,
+    StraightMove,
     in_base,
 )
-from analysis.apps.makers.programs.ways import over_sphere, straight
+from analysis.apps.makers.programs.ways import over_sphere, straight_path
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import (
     PAUSE_S,
@@ -80,7 +80,7 @@ def poses_plan(
     names: Sequence[str] | None = None,
     speed_rad_s: float = _SPEED_RAD_S,
     name: str = "pose",
-) -> Plan:
+) -> MotionPlan:
     """Return a plan that stops at each posture q (n, 6) rad for dwell_s seconds, in order.
 
     start (6,): joint angles at the start, by default the first posture. names (n,): comment for each posture. name: of
@@ -95,14 +95,14 @@ def poses_plan(
     return tracker_plan(rig, f"{name} {rig.name}", steps)
 
 
-def targets_at(arm: Arm, q: Array) -> list[Target]:
+def targets_at(arm: Arm, q: Array) -> list[PlannedTarget]:
     """Return the targets at joint angles q (n, 6) rad."""
-    return [Target(T, angles) for T, angles in zip(in_base(arm, forward(arm, q)), q, strict=True)]
+    return [PlannedTarget(T, angles) for T, angles in zip(in_base(arm, forward(arm, q)), q, strict=True)]
 
 
-def tracker_plan(rig: Rig, name: str, steps: Sequence[Step]) -> Plan:
+def tracker_plan(rig: Rig, name: str, steps: Sequence[Step]) -> MotionPlan:
     """Return a plan for a tracker: no ball link, and no signal for automatic runs."""
-    return Plan(
+    return MotionPlan(
         name=name,
         arm=arm_of(rig.robot),
         payload_kg=rig.robot.payload_kg,
@@ -121,7 +121,7 @@ circle, so this rotation changes only one of the three angles (W, C, Rx), and a 
 angles rotates the tool in the same way. Shorter arcs would add transitions, each of which may disturb the motion."""
 _FINE_RAD = np.radians(1.0)
 """Maximum step along the circle between the joint angles of a plan."""
-_Piece = tuple[Target, Target, Target, Array]
+_Piece = tuple[PlannedTarget, PlannedTarget, PlannedTarget, Array]
 """Start, middle and end of an arc, and the joint angles (n, 6) rad along it."""
 _APPROACH_RAD_S = np.radians(10.0)
 """Speed of the fastest joint during the approach to the start from any position: slow enough to be stopped by hand."""
@@ -139,7 +139,7 @@ def plans_of(
     dwell_s: float,
     outputs: tuple[int, ...] = (),
     arc_deg: float = LONGEST_ARC_DEG,
-) -> list[Plan]:
+) -> list[MotionPlan]:
     """Return the plans of a test, one per program.
 
     dwell_s: standstill at each target. outputs: digital outputs for the signal of automatic runs, unless the rig file
@@ -155,7 +155,7 @@ def plans_of(
     return [_radial(rig, dwell_s, outputs) if test == "radial" else _repeatability(rig, dwell_s, outputs)]
 
 
-def _circle(rig: Rig, test: DrivenTest, direction: Direction, outputs: tuple[int, ...], arc_deg: float) -> Plan:
+def _circle(rig: Rig, test: DrivenTest, direction: Direction, outputs: tuple[int, ...], arc_deg: float) -> MotionPlan:
     circle, arm = circle_of(rig), arm_of(rig.robot)
     t_s, phi = lap(circle, direction)
     q = circle_program(rig, direction).q[: len(t_s)]
@@ -166,7 +166,7 @@ def _circle(rig: Rig, test: DrivenTest, direction: Direction, outputs: tuple[int
     share = np.linspace(0, 1, 2 * half * count + 1)
     poses = in_base(arm, frame_of(circle).poses(phi[0] + share * (phi[-1] - phi[0])))
     at = np.stack([np.interp(share * driven[-1], driven, angles) for angles in q.T], axis=1)
-    targets = [Target(T, angles) for T, angles in zip(poses[::half], at[::half], strict=True)]
+    targets = [PlannedTarget(T, angles) for T, angles in zip(poses[::half], at[::half], strict=True)]
     begins = range(0, 2 * count, 2)
     pieces = [(targets[k], targets[k + 1], targets[k + 2], at[k * half : (k + 2) * half + 1]) for k in begins]
     lap_arcs = _arcs(pieces, circle.speed_mm_s)
@@ -187,11 +187,11 @@ def _arcs(pieces: list[_Piece], speed_mm_s: float) -> list[Step]:
     ]
 
 
-def _radial(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
+def _radial(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> MotionPlan:
     arm, centre, radius = _sphere(rig)
     targets = targets_at(arm, radial_stops(rig))
     steps: list[Step] = [Dwell(dwell_s)]
-    at, ways = targets[0], dict[bytes, tuple[list[Step], Target]]()
+    at, ways = targets[0], dict[bytes, tuple[list[Step], PlannedTarget]]()
     for target in targets[1:]:
         # Every visit uses the same moves.
         key = np.concatenate([at.q, target.q]).round(_SAME_DECIMALS).tobytes()
@@ -200,7 +200,7 @@ def _radial(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
     return _plan(rig, "radial", None, outputs, targets[0], steps)
 
 
-def _repeatability(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
+def _repeatability(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> MotionPlan:
     plan = repeatability_of(rig)
     stops = repeatability_stops(rig).reshape(len(plan.targets), -1, 6)
     arm, centre, radius = _sphere(rig)
@@ -217,18 +217,18 @@ def _repeatability(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
     return _plan(rig, "repeatability", None, outputs, first, steps)
 
 
-def _line(rig: Rig, begin: Target, end: Target) -> tuple[Line, Target]:
+def _line(rig: Rig, begin: PlannedTarget, end: PlannedTarget) -> tuple[StraightMove, PlannedTarget]:
     """Return a line, and the target reached by it.
 
     Raises FileError if the arm cannot follow, or a joint is too slow.
     """
     arm, where = arm_of(rig.robot), RigPlace.of(rig.name, "tests.repeatability")
-    way = straight(begin.T, end.T, _APPROACH_MM_S)
+    way = straight_path(begin.T, end.T, _APPROACH_MM_S)
     q = follow(arm, arm.T_world_base @ way.poses, begin.q, where)
     if (way.joint_speeds(q) > arm.speed).any():
         raise FileError(where, "a target is too close to a singularity: a joint is too slow", "choose other targets")
     arrived = replace(end, q=q[-1])
-    return Line(arrived, _APPROACH_MM_S, q=q), arrived
+    return StraightMove(arrived, _APPROACH_MM_S, q=q), arrived
 
 
 def _sphere(rig: Rig) -> tuple[Arm, Array, float]:
@@ -248,9 +248,9 @@ def _plan(
     test: DrivenTest,
     direction: Direction | None,
     outputs: tuple[int, ...],
-    start: Target,
+    start: PlannedTarget,
     motion: list[Step],
-) -> Plan:
+) -> MotionPlan:
     """Return the plan with the common start and end of every program."""
     arm = arm_of(rig.robot)
     ball = circle_of(rig).centre_mm if test in CIRCLES else hemisphere_of(rig).centre_mm
@@ -259,9 +259,12 @@ def _plan(
     begin, end = ([Signal(number)], [Signal(0)]) if number else ([], [])
     # If zeros or constants of the controller were corrected, the tool is at a different position for the same joint
     # angles. The line then moves it to the start; otherwise the line has zero length.
-    approach: list[Step] = [JointMove(start, _APPROACH_RAD_S), Line(start, _APPROACH_MM_S, q=np.stack([start.q] * 2))]
+    approach: list[Step] = [
+        JointMove(start, _APPROACH_RAD_S),
+        StraightMove(start, _APPROACH_MM_S, q=np.stack([start.q] * 2)),
+    ]
     steps = [*approach, *hold, Dwell(_STAND_S), *begin, *motion, *end, Dwell(_STAND_S)]
-    return Plan(
+    return MotionPlan(
         name=" ".join(filter(None, [test, direction, rig.name])),
         arm=arm,
         payload_kg=rig.robot.payload_kg,
@@ -303,7 +306,7 @@ _STEP_MM = 4.0
 _TO_START_RAD_S = float(np.radians(10.0))
 
 
-def cube_plan(rig: Rig, dwell_s: float) -> Plan:
+def cube_plan(rig: Rig, dwell_s: float) -> MotionPlan:
     """Return the plan of the poses: from P1 through all cycles, with a stop at each. Raises FileError if there is no
     cube."""
     test = iso9283_of(rig)
@@ -313,7 +316,7 @@ def cube_plan(rig: Rig, dwell_s: float) -> Plan:
     return poses_plan(rig, stops, dwell_s, start=start, names=names, speed_rad_s=speed, name="cube")
 
 
-def path_plan(rig: Rig, percent: int) -> Plan:
+def path_plan(rig: Rig, percent: int) -> MotionPlan:
     """Return the plan of the paths at a percentage of the path speed.
 
     Each path is repeated as set in the rig file, with a standstill before and after. Raises FileError if there is no
@@ -339,7 +342,7 @@ def path_plan(rig: Rig, percent: int) -> Plan:
 
 def _moves(arm: Arm, cube: Cube, path: CommandPath, speed: float, where: str) -> list[Move]:
     """Return the lines or the two arcs of a path, without a stop between them."""
-    ends = path.along if isinstance(path, Polygon) else np.array([0.0, 0.5, 1.0]) * path.length_mm
+    ends = path.arc_length_mm if isinstance(path, Polygon) else np.array([0.0, 0.5, 1.0]) * path.length_mm
     moves: list[Move] = []
     for number, (begin, end) in enumerate(pairwise(ends.tolist()), start=1):
         s = np.linspace(begin, end, 3 + 2 * int((end - begin) / _STEP_MM / 2))
@@ -350,6 +353,8 @@ def _moves(arm: Arm, cube: Cube, path: CommandPath, speed: float, where: str) ->
         stops = number == len(ends) - 1
         middle, last = targets_at(arm, q[[len(q) // 2, -1]])
         moves.append(
-            Arc(middle, last, speed, stops=stops, q=q) if isinstance(path, Ring) else Line(last, speed, stops, q=q)
+            Arc(middle, last, speed, stops=stops, q=q)
+            if isinstance(path, Ring)
+            else StraightMove(last, speed, stops, q=q)
         )
     return moves

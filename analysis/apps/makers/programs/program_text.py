@@ -14,7 +14,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.apps.makers.programs.motion_plan import Comment, Demand, Dwell, Hold, Move, Plan, Signal, Step, start_of
+from analysis.apps.makers.programs.motion_plan import (
+    Comment,
+    Demand,
+    Dwell,
+    Hold,
+    MotionPlan,
+    Move,
+    Signal,
+    Step,
+    start_of,
+)
 from analysis.robot.kinematics.arm import Array, roll_pitch_yaw
 from rigs.errors import FileError
 
@@ -70,7 +80,7 @@ class Words:
         """Return texts as lines of remarks."""
         return [self.remark.format(line) for text in texts for line in wrapped(text, self.width)]
 
-    def lines(self, plan: Plan, step: Step, move: Callable[[Move], list[str]]) -> list[str]:
+    def lines(self, plan: MotionPlan, step: Step, move: Callable[[Move], list[str]]) -> list[str]:
         """Return the lines of a step; `move` writes moves."""
         match step:
             case Dwell(seconds):
@@ -97,7 +107,7 @@ _CLEARANCE_MM = 100.0
 """Clearance around the tool positions. The operator judges the space needed by the rest of the arm."""
 
 
-def heading(plan: Plan, demand: Demand, shown: str) -> list[str]:
+def heading(plan: MotionPlan, demand: Demand, shown: str) -> list[str]:
     """Return the comments at the head of a program, starting with the speed override and the clearances to check.
 
     shown: the pose at the start as displayed by the pendant of this controller.

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.apps.makers.programs.motion_plan import Arc, Hold, JointMove, Step, Target, Turn
+from analysis.apps.makers.programs.motion_plan import Arc, Hold, JointMove, PlannedTarget, Step, ToolRotation
 from analysis.robot.geometry.circle import circles_through
 from analysis.robot.geometry.driven_programs import JOINT_SPEED
 from analysis.robot.kinematics.arm import Arm, Array
@@ -31,7 +31,7 @@ of the arc between them would be determined by rounding."""
 
 
 @dataclass(frozen=True)
-class Way:
+class ToolPath:
     """Poses (n, 4, 4) at equal distances, n odd. seconds: duration of the path."""
 
     poses: Array
@@ -43,7 +43,7 @@ class Way:
         return fastest
 
 
-def straight(begin: Array, end: Array, speed_mm_s: float) -> Way:
+def straight_path(begin: Array, end: Array, speed_mm_s: float) -> ToolPath:
     """Return the straight path from one pose (4, 4) to another."""
     way_mm = end[:3, 3] - begin[:3, 3]
     length = float(np.linalg.norm(way_mm))
@@ -51,14 +51,14 @@ def straight(begin: Array, end: Array, speed_mm_s: float) -> Way:
     return _way(begin, end, share, begin[:3, 3] + share[:, None] * way_mm, length / speed_mm_s)
 
 
-def turned(begin: Array, end: Array, speed_rad_s: float) -> Way:
+def turned(begin: Array, end: Array, speed_rad_s: float) -> ToolPath:
     """Return the rotation about the tool's origin from one pose (4, 4) to another."""
     angle = float(np.linalg.norm(rotation_vector(begin, end)))
     share = _shares(0.0, angle)
     return _way(begin, end, share, np.tile(begin[:3, 3], (len(share), 1)), angle / speed_rad_s)
 
 
-def around(begin: Array, via_mm: Array, end: Array, speed_mm_s: float) -> Way:
+def circular_path(begin: Array, via_mm: Array, end: Array, speed_mm_s: float) -> ToolPath:
     """Return the circular path from one pose (4, 4) through a position (3,) mm to another pose."""
     centres, axes, _ = circles_through(np.stack([begin[:3, 3], via_mm, end[:3, 3]])[None])
     centre, axis = centres[0], axes[0]
@@ -70,11 +70,11 @@ def around(begin: Array, via_mm: Array, end: Array, speed_mm_s: float) -> Way:
     return _way(begin, end, share, centre + _rotations(angle * axis, share) @ arm, length / speed_mm_s)
 
 
-def _way(begin: Array, end: Array, share: Array, places: Array, seconds: float) -> Way:
+def _way(begin: Array, end: Array, share: Array, places: Array, seconds: float) -> ToolPath:
     poses = np.tile(begin, (len(share), 1, 1))
     poses[:, :3, 3] = places
     poses[:, :3, :3] = _rotations(rotation_vector(begin, end), share) @ begin[:3, :3]
-    return Way(poses, seconds)
+    return ToolPath(poses, seconds)
 
 
 def middle_of(begin: Array, end: Array, centre_mm: Array, radius_mm: float) -> Array:
@@ -123,7 +123,9 @@ _SAME_PLACE_MM = 1e-6
 """Rounding error of equal positions."""
 
 
-def over_sphere(arm: Arm, begin: Target, end: Target, centre_mm: Array, radius_mm: float) -> tuple[list[Step], Target]:
+def over_sphere(
+    arm: Arm, begin: PlannedTarget, end: PlannedTarget, centre_mm: Array, radius_mm: float
+) -> tuple[list[Step], PlannedTarget]:
     """Return the steps between two targets on a sphere about centre_mm (3,) in the base frame, and the target reached.
 
     The posture at the end may differ from the posture of the target. If the arm cannot follow the path, or only slowly,
@@ -133,7 +135,7 @@ def over_sphere(arm: Arm, begin: Target, end: Target, centre_mm: Array, radius_m
     via = None
     if np.linalg.norm(end.T[:3, 3] - begin.T[:3, 3]) > _SAME_PLACE_MM:
         via = middle_of(begin.T, end.T, centre_mm, radius_mm)
-        way = around(begin.T, via[:3, 3], end.T, _MOVE_MM_S)
+        way = circular_path(begin.T, via[:3, 3], end.T, _MOVE_MM_S)
     elif turn > SAME_RAD:
         way = turned(begin.T, end.T, _TURN_RAD_S)
     else:
@@ -147,9 +149,9 @@ def over_sphere(arm: Arm, begin: Target, end: Target, centre_mm: Array, radius_m
         return _without_link(end), end
     arrived = replace(end, q=q[-1])
     if via is None:
-        return [Turn(arrived, turn, share * _TURN_RAD_S, q=q)], arrived
-    return [Arc(Target(via, q[len(q) // 2]), arrived, share * _MOVE_MM_S, q=q)], arrived
+        return [ToolRotation(arrived, turn, share * _TURN_RAD_S, q=q)], arrived
+    return [Arc(PlannedTarget(via, q[len(q) // 2]), arrived, share * _MOVE_MM_S, q=q)], arrived
 
 
-def _without_link(end: Target) -> list[Step]:
+def _without_link(end: PlannedTarget) -> list[Step]:
     return [Hold("remove the link, then continue"), JointMove(end, JOINT_SPEED), Hold("mount the link, then continue")]

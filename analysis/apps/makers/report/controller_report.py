@@ -11,7 +11,7 @@ from rich.text import Text
 
 from analysis.apps.makers.controller_entries import ControllerEntries
 from analysis.report.diagnosis_words import plain
-from analysis.report.plain_console import right, whole
+from analysis.report.plain_console import fold_long_words, right
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
 
@@ -116,7 +116,7 @@ def _entries(entries: ControllerEntries, entered: bool) -> Table:
         now = ["" if entry.now is None else f"±{entry.now:g}"] * lengths
         worths = (entry.worth_um, entry.leaves_um) if round(entry.worth_um) else ()
         table.add_row(entry.parameter, *now, *numbers, *([f"{um:.0f} µm" for um in worths] or ["turns only"]))
-    return whole(table)
+    return fold_long_words(table)
 
 
 def as_object(entries: ControllerEntries) -> dict[str, Any]:

@@ -20,12 +20,12 @@ from analysis.apps.makers.reading import mark_of, with_remark
 from analysis.apps.makers.report import controller_report, program_report
 from analysis.apps.makers.report.controller_report import base_note, short
 from analysis.apps.makers.target_path import corrected_columns
-from analysis.correction.corrected_targets import GAIN_UM, Corrected, WorkError
+from analysis.correction.corrected_targets import GAIN_UM, CorrectedTargets, WorkError
 from analysis.correction.support import ANYWAY, CONSTANTS, corrected_table, why_nothing
 from analysis.correction.work import rest_effects
 from analysis.procedures.shared.quantity import quantity_of
 from analysis.report.diagnosis_words import plain
-from analysis.report.plain_console import right, whole
+from analysis.report.plain_console import fold_long_words, right
 from analysis.report.texts import texts_of
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import size_field
@@ -64,7 +64,7 @@ def as_table(corrections: Corrections) -> RenderableType:
         of_runs = f"the diagnosis states that of its runs, {calibrated.before_um:.0f} µm rms, which cover a part of it"
         parts.append(Text(f"The error over the work area refers to the whole area; {of_runs}."))
     if effects.row_count:
-        parts += [Text(), whole(effects)]
+        parts += [Text(), fold_long_words(effects)]
     if why := why_nothing(corrections.rig):
         parts.insert(0, Text(f"This contradicts the verdict: {why}.", style="bold red"))
     # The entries of a controller already cover the complete model. Listing these values too would correct twice.
@@ -180,12 +180,12 @@ def _path_lines(corrections: Corrections) -> list[str]:
     return lines
 
 
-def _left_out(targets: Corrected) -> Array:
+def _left_out(targets: CorrectedTargets) -> Array:
     """Return the displacement (n,) mm of each target by all uncorrected effects."""
     return np.asarray(np.linalg.norm(targets.left_out_mm, axis=1))
 
 
-def _budget(targets: Corrected) -> dict[str, float]:
+def _budget(targets: CorrectedTargets) -> dict[str, float]:
     """Return the largest displacement in mm of a target by each uncorrected effect, in descending order."""
     worst = dict(zip(targets.left_out, np.nanmax(targets.left_out_mm, axis=0).tolist(), strict=True))
     return dict(sorted(worst.items(), key=lambda item: -item[1]))

@@ -14,16 +14,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analysis.apps.makers.emulated import (
-    Held,
+    ControllerParameter,
     Machine,
-    Parameter,
-    Pose,
+    MoveLimits,
+    OperatorPause,
     ProgramDriver,
     ProgramError,
-    Shown,
-    Speed,
+    RegisterOutput,
     Switched,
     Tokens,
+    ToolPose,
     Turning,
 )
 
@@ -120,7 +120,9 @@ def _value(tokens: Tokens) -> Any:
         if len(values) != 6:
             raise ProgramError(f"{len(values)} numbers instead of six")
         return (
-            Pose(1000 * np.array(values[:3]), Rotation.from_rotvec(values[3:])) if kind == "pose" else np.array(values)
+            ToolPose(1000 * np.array(values[:3]), Rotation.from_rotvec(values[3:]))
+            if kind == "pose"
+            else np.array(values)
         )
     if kind == "name":
         return {"True": True, "False": False}[tokens.take("True", "False")]
@@ -133,7 +135,9 @@ def _do(call: _Call, machine: Machine) -> None:
         case "set_tcp":
             machine.tool = arguments["pose"]
         case "movej":
-            speed = Speed(axis_rad_s=_above_0(arguments.get("v", 1.05)), axis_rad_s2=_above_0(arguments.get("a", 1.4)))
+            speed = MoveLimits(
+                axis_rad_s=_above_0(arguments.get("v", 1.05)), axis_rad_s2=_above_0(arguments.get("a", 1.4))
+            )
             machine.joints(arguments["q"], replace(speed, seconds=arguments.get("t") or None))
         case "movel":
             speed_mm_s = 1000 * arguments.get("v", 0.25)
@@ -147,9 +151,9 @@ def _do(call: _Call, machine: Machine) -> None:
             machine.wait(arguments["t"])
         case "popup":
             if arguments.get("blocking"):
-                machine.events.append(Held())
+                machine.events.append(OperatorPause())
         case "write_output_integer_register":
-            machine.events.append(Shown(int(arguments["address"]), int(arguments["value"])))
+            machine.events.append(RegisterOutput(int(arguments["address"]), int(arguments["value"])))
         case name:
             first, count = _OUTPUTS[name]
             if not 0 <= arguments["n"] < count:
@@ -157,12 +161,12 @@ def _do(call: _Call, machine: Machine) -> None:
             machine.events.append(Switched(first + int(arguments["n"]), arguments["b"]))
 
 
-def _on_path(arguments: dict[str, Any]) -> Speed:
+def _on_path(arguments: dict[str, Any]) -> MoveLimits:
     """Return the limits of a move on a path.
 
     The default acceleration of the manual is 1.2 m/s². The argument t overrides speed and acceleration.
     """
-    return Speed(mm_s2=1000 * _above_0(arguments.get("a", 1.2)), seconds=arguments.get("t") or None)
+    return MoveLimits(mm_s2=1000 * _above_0(arguments.get("a", 1.2)), seconds=arguments.get("t") or None)
 
 
 def _above_0(value: float) -> float:
@@ -174,10 +178,10 @@ def _above_0(value: float) -> float:
 DRIVER = ProgramDriver(
     run,
     (
-        Parameter("delta_theta[{axis}]", "rad", "offset", 1.0),
-        Parameter("delta_a[{axis}]", "m", "a", 1e3, later=1),
-        Parameter("delta_alpha[{axis}]", "rad", "alpha", 1.0, later=1),
-        Parameter("delta_d[{axis}]", "m", "d", 1e3),
+        ControllerParameter("delta_theta[{axis}]", "rad", "offset", 1.0),
+        ControllerParameter("delta_a[{axis}]", "m", "a", 1e3, later=1),
+        ControllerParameter("delta_alpha[{axis}]", "rad", "alpha", 1.0, later=1),
+        ControllerParameter("delta_d[{axis}]", "m", "d", 1e3),
     ),
 )
 """delta_theta, delta_a, delta_d and delta_alpha are added to the constants; the reading does not change."""

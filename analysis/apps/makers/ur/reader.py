@@ -22,7 +22,7 @@ from analysis.apps.makers.program_machine import (
     Call,
     Elsewhere,
     End,
-    Forget,
+    ForgetAll,
     Move,
     Program,
     Ref,
@@ -35,14 +35,14 @@ from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import (
     NUMBER,
     Form,
-    Left,
-    Lines,
-    Named,
+    LineNumbers,
+    NamedFrame,
     Notice,
     Number,
     Parsed,
+    ProgramTexts,
     Target,
-    Texts,
+    UncorrectedTarget,
     Way,
     arguments,
     blanked,
@@ -160,9 +160,9 @@ _LONGEST = 1000
 
 
 @dataclass
-class _Reader:
+class _UrReader:
     text: str
-    lines: Lines
+    lines: LineNumbers
     closes: dict[int, int]
     points: Points = field(default_factory=lambda: Points(1))
     joints: dict[str, tuple[float, ...]] = field(default_factory=dict)
@@ -179,8 +179,8 @@ class _Reader:
     beside: list[Call] = field(default_factory=list)
     outer: list[str] = field(default_factory=list)
 
-    def left(self, place: int, reason: Reason, name: str) -> Left:
-        return Left(0, self.lines.at(place), name[:60], reason)
+    def uncorrected_target(self, place: int, reason: Reason, name: str) -> UncorrectedTarget:
+        return UncorrectedTarget(0, self.lines.at(place), name[:60], reason)
 
     def why(self, place: int, fact: str) -> Unknown:
         return Unknown(0, self.lines.at(place), fact)
@@ -190,11 +190,11 @@ class _Reader:
         return self.open[-1][1]
 
 
-def parse(texts: Texts) -> Parsed:
+def parse(texts: ProgramTexts) -> Parsed:
     """Parse the targets of a script."""
     text = blanked(with_newlines(texts.texts[0]), _BLANK)
     closes = brackets(text)
-    reader = _Reader(in_one_line(text, closes), lines_of(text), closes)
+    reader = _UrReader(in_one_line(text, closes), lines_of(text), closes)
     if odd := re.search("[\"']", _QUOTED.sub(lambda quoted: " " * len(quoted[0]), text)):
         _misread(reader, odd.start(), "a string does not end in its line")
     text = reader.text
@@ -206,7 +206,7 @@ def parse(texts: Texts) -> Parsed:
     for part in _PART_DECLARED.finditer(reader.text):
         numbers = numbers_in(reader.text, part.start("list"), part.end("list"))
         if numbers and len(numbers) == 6:
-            reader.points.leave(reader.left(part.start(), "not_literal", part["name"]))
+            reader.points.leave(reader.uncorrected_target(part.start(), "not_literal", part["name"]))
     _read(reader, events)
     for name in reader.tools.keys() & reader.reached:
         reader.points.change(name, 0, reader.lines.at(reader.tools[name]))
@@ -222,7 +222,7 @@ def parse(texts: Texts) -> Parsed:
     return reader.points.parsed(Program(reader.routines, initial, tuple(reader.beside), kept=("tool",), starts=starts))
 
 
-def _other_computers(reader: _Reader) -> None:
+def _other_computers(reader: _UrReader) -> None:
     """Add a notice for each function of another program called through a handle, such as rpc_factory."""
     seen: set[str] = set()
     for call in _METHOD.finditer(reader.text):
@@ -233,7 +233,7 @@ def _other_computers(reader: _Reader) -> None:
             reader.points.notices.append(Notice(0, reader.lines.at(call.start()), fact))
 
 
-def _declare(reader: _Reader, events: list[re.Match[str]]) -> None:
+def _declare(reader: _UrReader, events: list[re.Match[str]]) -> None:
     """Add the variables assigned with lists of six numbers. Only variables without other assignments are literals."""
     text = reader.text
     written = Counter(
@@ -257,7 +257,7 @@ def _declare(reader: _Reader, events: list[re.Match[str]]) -> None:
         reader.points.declare(name, Target(name, 0, line, form, numbers, "tcp", "base"))
 
 
-def _read(reader: _Reader, events: list[re.Match[str]]) -> None:
+def _read(reader: _UrReader, events: list[re.Match[str]]) -> None:
     """Parse the statements in the order of execution: a call follows the evaluation of the arguments."""
     ordered = sorted(
         events, key=lambda event: reader.closes.get(event.end() - 1, 0) if event["call"] else event.start()
@@ -282,10 +282,10 @@ def _read(reader: _Reader, events: list[re.Match[str]]) -> None:
         _misread(reader, len(reader.text) - 1)
     while len(reader.open) > 1:
         _end_routine(reader)
-    reader.routines[""] = reader.open[0][1].done()
+    reader.routines[""] = reader.open[0][1].finish_routine()
 
 
-def _mark(reader: _Reader, mark: str, waiting: str) -> str:
+def _mark(reader: _UrReader, mark: str, waiting: str) -> str:
     """Parse a colon or the end of a line, which completes a pending condition or return."""
     if mark == "\n":
         if waiting == "return":
@@ -303,7 +303,7 @@ def _mark(reader: _Reader, mark: str, waiting: str) -> str:
     return "" if waiting != "return" else waiting
 
 
-def _flow(reader: _Reader, event: re.Match[str], waiting: str) -> str:
+def _flow(reader: _UrReader, event: re.Match[str], waiting: str) -> str:
     """Parse a keyword; return it if a colon or the end of the line has to complete it."""
     blocks, word = reader.blocks, event["flow"]
     if waiting == "return":
@@ -335,21 +335,21 @@ def _flow(reader: _Reader, event: re.Match[str], waiting: str) -> str:
     return ""
 
 
-def _end_routine(reader: _Reader) -> None:
+def _end_routine(reader: _UrReader) -> None:
     name, blocks = reader.open.pop()
     if reader.defined[name] > 1:  # The name is ambiguous, so calls of it are uncertain.
         why = Unknown(0, 0, f"{name} is defined twice")
-        reader.routines[f"{name} {len(reader.routines)}"] = (Forget(why), *blocks.done())
+        reader.routines[f"{name} {len(reader.routines)}"] = (ForgetAll(why), *blocks.finish_routine())
     else:
-        reader.routines[name] = blocks.done()
+        reader.routines[name] = blocks.finish_routine()
 
 
-def _misread(reader: _Reader, place: int, fault: str = "the blocks end in the wrong place") -> None:
+def _misread(reader: _UrReader, place: int, fault: str = "the blocks end in the wrong place") -> None:
     """Treat the complete state as unknown, because the text cannot be parsed."""
     reader.beside.append(Call("\0", reader.why(place, fault)))
 
 
-def _call(reader: _Reader, event: re.Match[str]) -> None:
+def _call(reader: _UrReader, event: re.Match[str]) -> None:
     """Parse a call of a routine of the script, of a move, or of any other function."""
     name, at, blocks = event["call"], event.start(), reader.blocks
     end = reader.closes.get(event.end() - 1)
@@ -368,13 +368,13 @@ def _call(reader: _Reader, event: re.Match[str]) -> None:
     elif name in _ELSEWHERE:
         blocks.add(Elsewhere())
     elif name not in _NOTHING:
-        blocks.add(Forget(reader.why(at, f"{name} is unknown here")))
+        blocks.add(ForgetAll(reader.why(at, f"{name} is unknown here")))
         for place in arguments(reader.text, event.end(), end) if end else ():
             if _list(reader.text, *place):
-                reader.points.leave(reader.left(place[0], "handed", reader.text[slice(*place)]))
+                reader.points.leave(reader.uncorrected_target(place[0], "handed", reader.text[slice(*place)]))
 
 
-def _move(reader: _Reader, name: str, at: int, places: list[tuple[int, int]]) -> None:
+def _move(reader: _UrReader, name: str, at: int, places: list[tuple[int, int]]) -> None:
     """Parse a move with its arguments."""
     named = [place for place in places if _TARGET.match(reader.text, *place)]
     named.sort(key=lambda place: not reader.text.startswith("pose_via", place[0]))  # The via point is passed first.
@@ -386,7 +386,7 @@ def _move(reader: _Reader, name: str, at: int, places: list[tuple[int, int]]) ->
         reader.blocks.add(Elsewhere())
 
 
-def _arc(reader: _Reader, at: int, places: list[tuple[int, int]]) -> str:
+def _arc(reader: _UrReader, at: int, places: list[tuple[int, int]]) -> str:
     """Return the name of a movec with these arguments if it rotates the tool with the tangent, else an empty text.
 
     Mode 1 keeps the orientation fixed to the tangent. A computed mode counts as mode 1.
@@ -397,12 +397,12 @@ def _arc(reader: _Reader, at: int, places: list[tuple[int, int]]) -> str:
     return f"arc at {at}" if not re.fullmatch(NUMBER, number) or float(number) != 0 else ""
 
 
-def _leave(reader: _Reader, place: int, reason: Reason, name: str) -> None:
-    reader.points.leave(reader.left(place, reason, name))
+def _leave(reader: _UrReader, place: int, reason: Reason, name: str) -> None:
+    reader.points.leave(reader.uncorrected_target(place, reason, name))
     reader.blocks.add(Elsewhere())
 
 
-def _tool(reader: _Reader, at: int, opening: int) -> Value:
+def _tool(reader: _UrReader, at: int, opening: int) -> Value:
     """Return the tool of a set_tcp with the bracket at `opening`, or unknown."""
     unknown = reader.why(at, "set_tcp sets a computed tool")
     end = reader.closes.get(opening, 0)
@@ -421,7 +421,7 @@ def _tool(reader: _Reader, at: int, opening: int) -> Value:
         reader.tools[name] = begin
         reader.points.silent.add(name)
     value = as_value(frame_of("rotation_vector", values))
-    reader.points.state(Named("tcp", "tool", 0, reader.lines.at(at), value))
+    reader.points.state(NamedFrame("tcp", "tool", 0, reader.lines.at(at), value))
     return value
 
 
@@ -433,7 +433,7 @@ def _list(text: str, begin: int, end: int) -> tuple[str, tuple[Number, ...]] | N
 
 
 def _target(
-    reader: _Reader,
+    reader: _UrReader,
     call: str,
     begin: int,
     end: int,
@@ -479,7 +479,7 @@ def _target(
     )  # fmt: skip
 
 
-def _inverse(reader: _Reader, call: str, begin: int, end: int | None) -> None:
+def _inverse(reader: _UrReader, call: str, begin: int, end: int | None) -> None:
     """Parse get_inverse_kin(pose, qnear): a pose, with joint angles near the solution."""
     places = arguments(reader.text, begin, end) if end else []
     near = None

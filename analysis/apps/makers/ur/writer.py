@@ -16,11 +16,11 @@ from analysis.apps.makers.programs.motion_plan import (
     Demand,
     Hold,
     JointMove,
-    Line,
+    MotionPlan,
     Move,
-    Plan,
     Signal,
-    Turn,
+    StraightMove,
+    ToolRotation,
     start_of,
 )
 from analysis.apps.makers.programs.program_text import Words, fixed, heading, identifier, listed
@@ -38,7 +38,7 @@ _FIRST_CONFIGURABLE, _FIRST_OF_TOOL = 8, 16
 """Numbers of outputs in RTDE: 0-7 standard, 8-15 configurable, 16 and 17 of the tool."""
 
 
-def write(plan: Plan, demand: Demand) -> dict[str, str]:
+def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
     """Write the script: a function and the call of it."""
     name = identifier(plan.name, _NAME_LENGTH)
     values = _values(start_of(plan).T)
@@ -66,10 +66,10 @@ def _move(step: Move) -> list[str]:
         case JointMove(target, speed_rad_s):
             joints = listed(target.q, _DECIMALS)
             return [f"movej([{joints}], a={fixed(_JOINT_ACCELERATION, 3)}, v={fixed(speed_rad_s, 6)})"]
-        case Line(target, speed_mm_s, stops):
+        case StraightMove(target, speed_mm_s, stops):
             blend = "" if stops else f", r={fixed(ZONE_MM / 1e3, 5)}"
             return [f"movel({_pose(target.T)}, {_speed(speed_mm_s)}{blend})"]
-        case Turn(target, angle, speed_rad_s):
+        case ToolRotation(target, angle, speed_rad_s):
             return [f"movel({_pose(target.T)}, t={fixed(angle / speed_rad_s, 3)})"]
         case Arc(via, end, speed_mm_s, stops):
             blend = fixed(0.0 if stops else ZONE_MM / 1e3, 5)

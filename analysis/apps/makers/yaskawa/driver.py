@@ -21,15 +21,15 @@ from scipy.spatial.transform import Rotation
 from analysis.apps.makers.emulated import (
     COUNTS_PER_DEG,
     READING,
-    Held,
+    ControllerParameter,
     Machine,
-    Parameter,
-    Pose,
-    Posture,
+    MoveLimits,
+    OperatorPause,
+    PostureFlags,
     ProgramDriver,
     ProgramError,
-    Speed,
     Switched,
+    ToolPose,
 )
 
 _HEAD = [
@@ -70,11 +70,11 @@ def run(text: str, _: str, machine: Machine) -> None:
         raise ProgramError(f"{len(positions)} positions, but NPOS is {count}")
     if not all(re.fullmatch(form, line) for form, line in zip(_MIDDLE, instructions, strict=False)):
         raise ProgramError("the instructions start out of order")
-    _Controller(positions, machine).obey(instructions[len(_MIDDLE) : -1])
+    _YaskawaController(positions, machine).obey(instructions[len(_MIDDLE) : -1])
 
 
-def _positions(lines: list[str]) -> tuple[list[Pose], list[str]]:
-    positions: list[Pose] = []
+def _positions(lines: list[str]) -> tuple[list[ToolPose], list[str]]:
+    positions: list[ToolPose] = []
     posture = None
     for number, line in enumerate(lines):
         if match := _POSITION.fullmatch(line):
@@ -82,21 +82,21 @@ def _positions(lines: list[str]) -> tuple[list[Pose], list[str]]:
                 raise ProgramError(f"{line!r} is out of order, or has no RCONF")
             values = [float(value) for value in match.groups()[1:]]
             turn = Rotation.from_euler("xyz", values[3:], degrees=True)
-            positions.append(Pose(np.array(values[:3]), turn, posture))
+            positions.append(ToolPose(np.array(values[:3]), turn, posture))
         elif match := _FORM.fullmatch(line):
-            posture = Posture(match[1] == "0", tuple(map(int, match.groups()[1:4])))
+            posture = PostureFlags(match[1] == "0", tuple(map(int, match.groups()[1:4])))
         else:
             return positions, lines[number:]
     return positions, []
 
 
-class _Controller:
-    def __init__(self, positions: list[Pose], machine: Machine) -> None:
+class _YaskawaController:
+    def __init__(self, positions: list[ToolPose], machine: Machine) -> None:
         self._positions, self._machine = positions, machine
         self._used: set[int] = set()
 
     def obey(self, lines: list[str]) -> None:
-        chain: list[tuple[Pose, float, bool]] = []
+        chain: list[tuple[ToolPose, float, bool]] = []
         for line in lines:
             match = _MOVE.fullmatch(line)
             if match and match[1] == "MOVC":
@@ -115,7 +115,7 @@ class _Controller:
             elif match := re.fullmatch(r"DOUT OT#\((\d+)\) (ON|OFF)", line):
                 self._machine.events.append(Switched(int(match[1]), match[2] == "ON"))
             elif line == "PAUSE":
-                self._machine.events.append(Held())
+                self._machine.events.append(OperatorPause())
             else:
                 raise ProgramError(f"{line!r} is not an instruction")
         self._drive(chain)
@@ -127,26 +127,26 @@ class _Controller:
         if match[1] == "MOVJ":
             if not match[3] or not 0 < float(match[3]) <= 100:
                 raise ProgramError("a joint move needs a speed VJ in percent")
-            self._machine.go(pose, Speed(share=float(match[3]) / 100))
+            self._machine.go(pose, MoveLimits(share=float(match[3]) / 100))
         elif match[5]:
             self._machine.turn(pose, np.radians(float(match[5])))
         else:
-            self._machine.line(pose, self._speed(match[4]), stops=match[6] == " PL=0", speed=Speed())
+            self._machine.line(pose, self._speed(match[4]), stops=match[6] == " PL=0", speed=MoveLimits())
 
-    def _drive(self, chain: list[tuple[Pose, float, bool]]) -> None:
+    def _drive(self, chain: list[tuple[ToolPose, float, bool]]) -> None:
         """Drive a chain of MOVC: on a line to the first point, then arc by arc."""
         if not chain:
             return
         if len(chain) < 3:
             raise ProgramError("an arc needs three MOVC")
-        self._machine.line(chain[0][0], chain[0][1], stops=chain[0][2], speed=Speed())
+        self._machine.line(chain[0][0], chain[0][1], stops=chain[0][2], speed=MoveLimits())
         for number in range(1, len(chain) - 1, 2):
             via, (end, speed, stops) = chain[number][0], chain[number + 1]
-            self._machine.arc(via.place, end, speed, turning="even", stops=stops, speed=Speed())
+            self._machine.arc(via.place, end, speed, turning="even", stops=stops, speed=MoveLimits())
         if len(chain) % 2 == 0:
             raise ProgramError("this interpreter supports only complete arcs")
 
-    def _take(self, number: str) -> Pose:
+    def _take(self, number: str) -> ToolPose:
         if int(number) in self._used or int(number) >= len(self._positions):
             raise ProgramError(f"C{number} is missing, or used twice")
         self._used.add(int(number))
@@ -163,7 +163,9 @@ DRIVER = ProgramDriver(
     run,
     (
         READING,
-        Parameter("home position (ABSO data) of axis {axis}", "pulses", "reading", -math.radians(1) / COUNTS_PER_DEG),
+        ControllerParameter(
+            "home position (ABSO data) of axis {axis}", "pulses", "reading", -math.radians(1) / COUNTS_PER_DEG
+        ),
     ),
     tool_entered=True,
 )

@@ -20,14 +20,14 @@ from analysis.apps.makers.points import Points
 from analysis.apps.makers.program_machine import (
     OFF,
     Blocks,
-    Built,
     Call,
+    ComputedValue,
     Elsewhere,
     End,
-    Forget,
+    ForgetAll,
+    ForgetFamily,
     Jump,
-    Label,
-    Lose,
+    JumpTarget,
     Move,
     Program,
     Ref,
@@ -41,11 +41,11 @@ from analysis.apps.makers.programs.posture import agreeing
 from analysis.apps.makers.target import (
     Flags,
     Form,
-    Left,
     Notice,
     Parsed,
+    ProgramTexts,
     Target,
-    Texts,
+    UncorrectedTarget,
     blanked,
     numbers_in,
     with_newlines,
@@ -111,7 +111,7 @@ class _State:
 
 
 @dataclass
-class _Reader:
+class _YaskawaReader:
     points: Points
     jobs: dict[str, list[str]] = field(default_factory=dict)
     routines: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
@@ -132,25 +132,25 @@ class _Reader:
 
     def leave(self, name: str, reason: Reason) -> None:
         if self.file == 0:
-            self.points.leave(Left(0, self.line, name[:60], reason))
+            self.points.leave(UncorrectedTarget(0, self.line, name[:60], reason))
         self.blocks.add(Elsewhere())
 
     def key(self, name: str) -> str:
         """Return the key of a position, which belongs to a job."""
         return f"{self.job}/{name}"
 
-    def called(self, name: str) -> Statement:
-        """Return the call of a job, or `Forget` if the name is not unique or not known."""
+    def call_of(self, name: str) -> Statement:
+        """Return the call of a job, or `ForgetAll` if the name is not unique or not known."""
         jobs = self.jobs.get(name.upper(), [])
         jobs_of_program = [job for job in jobs if job.startswith("0:")]
         callees = jobs_of_program if len(jobs_of_program) == 1 else jobs
         why = self.why(f"{name} is called" if len(callees) == 1 else f"{name} is unknown here")
-        return Call(callees[0], why) if len(callees) == 1 else Forget(why)
+        return Call(callees[0], why) if len(callees) == 1 else ForgetAll(why)
 
 
-def parse(texts: Texts) -> Parsed:
+def parse(texts: ProgramTexts) -> Parsed:
     """Parse the targets of the jobs in a file."""
-    reader = _Reader(Points(1))
+    reader = _YaskawaReader(Points(1))
     blank = [blanked(with_newlines(text), _BLANK).split("\n") for text in texts.texts]
     for file, lines in enumerate(blank):
         stem = texts.names[file].rpartition(".")[0].upper()
@@ -178,7 +178,7 @@ def parse(texts: Texts) -> Parsed:
     )
 
 
-def _read_file(reader: _Reader, file: int, lines: list[str]) -> None:
+def _read_file(reader: _YaskawaReader, file: int, lines: list[str]) -> None:
     """Parse the jobs of a file, each with positions and instructions."""
     reader.file, reader.job, reader.blocks = file, f"{file}:", Blocks()
     state, at, moving = _State(), 0, False
@@ -186,7 +186,7 @@ def _read_file(reader: _Reader, file: int, lines: list[str]) -> None:
         begin, at, reader.line = at, at + len(line) + 1, number + 1
         if line.startswith(("/JOB", "//NAME")):
             if moving:
-                reader.routines[reader.job] = reader.blocks.done()
+                reader.routines[reader.job] = reader.blocks.finish_routine()
             state, moving, reader.frame, reader.foreign = _State(), False, None, False
             if line.startswith("//NAME"):
                 reader.job, reader.blocks = f"{file}:{number}", Blocks()
@@ -196,10 +196,10 @@ def _read_file(reader: _Reader, file: int, lines: list[str]) -> None:
             _position(reader, line, begin, state)
         else:
             _instruction(reader, line.strip())
-    reader.routines[reader.job] = reader.blocks.done()
+    reader.routines[reader.job] = reader.blocks.finish_routine()
 
 
-def _position(reader: _Reader, line: str, begin: int, state: _State) -> None:
+def _position(reader: _YaskawaReader, line: str, begin: int, state: _State) -> None:
     words = line.split()
     match words:
         case ["///TOOL", tool, *_]:
@@ -244,7 +244,7 @@ def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> 
     return agreeing(arm, q, sides, numbers, lambda angle: int(not -np.pi < angle <= np.pi), slack_rad)
 
 
-def _instruction(reader: _Reader, text: str) -> None:
+def _instruction(reader: _YaskawaReader, text: str) -> None:
     """Parse an instruction of a job."""
     blocks = reader.blocks
     if text.startswith("///") or not text:
@@ -259,25 +259,25 @@ def _instruction(reader: _Reader, text: str) -> None:
     word = text.split(maxsplit=1)[0].upper()
     conditional = re.search(r"\bIF\b", text[len(word) :]) is not None
     if text.startswith("*"):
-        blocks.add(Label(text.split(maxsplit=1)[0]))
+        blocks.add(JumpTarget(text.split(maxsplit=1)[0]))
     elif word == "JUMP":
         _jump(reader, text, falls=conditional)
     elif call := _CALL.match(text):
         _call(reader, call)
     elif word in ("RET", "END", "ABORT"):
-        (blocks.perhaps if conditional else blocks.add)(End(halts=word == "ABORT"))
+        (blocks.add_conditional if conditional else blocks.add)(End(halts=word == "ABORT"))
     elif frame := _FRAME.match(text):
         number = re.search(r"\b(?:UF|TL)#\((\d+)\)", frame["rest"])
         family = "TOOL" if frame["word"] == "SETTOOL" or "TL#" in frame["rest"] else "USER"
         why = reader.why(f"{frame['word']} sets it")
-        blocks.add(Set(f"{family}[{int(number[1])}]", why) if number else Lose(family, why))
+        blocks.add(Set(f"{family}[{int(number[1])}]", why) if number else ForgetFamily(family, why))
     elif word in _SWITCHES:
         blocks.add(Set(*_SWITCHES[word]))
     elif not _flow(blocks, word, text) and word not in _NOTHING:
-        blocks.add(Forget(reader.why(f"{text} is unknown here")))
+        blocks.add(ForgetAll(reader.why(f"{text} is unknown here")))
 
 
-def _heading(reader: _Reader, text: str) -> None:
+def _heading(reader: _YaskawaReader, text: str) -> None:
     """Parse the frame of a relative job, or the robot that the job moves."""
     if text.startswith("////FRAME"):
         kind, user = (*text.upper().split()[1:3], "", "")[:2]
@@ -296,21 +296,21 @@ def _flow(blocks: Blocks, word: str, text: str) -> bool:
     return word in _FLOW
 
 
-def _jump(reader: _Reader, text: str, *, falls: bool) -> None:
+def _jump(reader: _YaskawaReader, text: str, *, falls: bool) -> None:
     label = re.search(r"\*\S+", text)
     job = re.search(r"\bJOB\s*:\s*(\S+)", text)
     if label:
         reader.blocks.add(Jump((label[0],), falls=falls))
     elif job:  # A jump to a job does not return.
-        reader.blocks.perhaps(reader.called(job[1]), End())
+        reader.blocks.add_conditional(reader.call_of(job[1]), End())
         if not falls:
             reader.blocks.add(End())
     else:
-        reader.blocks.add(Forget(reader.why(f"{text} is unknown here")))
+        reader.blocks.add(ForgetAll(reader.why(f"{text} is unknown here")))
 
 
-def _call(reader: _Reader, call: re.Match[str]) -> None:
-    statement = reader.called(call["job"])
+def _call(reader: _YaskawaReader, call: re.Match[str]) -> None:
+    statement = reader.call_of(call["job"])
     if call["word"] == "PSTART":
         name = statement.name if isinstance(statement, Call) else f"{call['job']} "
         reader.beside.append(Call(name, reader.why(f"{call['job']} may run at any moment")))
@@ -319,7 +319,7 @@ def _call(reader: _Reader, call: re.Match[str]) -> None:
     if re.search(r"\bUF#", call["rest"]):  # A relative job, in the user frame of the call
         elsewhere = reader.why(f"{call['job']} is called in a different user frame")
         statements = [Set("relative", elsewhere), statement, Set("relative", OFF)]
-    (reader.blocks.perhaps if re.search(r"\bIF\b", call["rest"]) else reader.blocks.add)(*statements)
+    (reader.blocks.add_conditional if re.search(r"\bIF\b", call["rest"]) else reader.blocks.add)(*statements)
 
 
 def _unless_relative(name: str, values: tuple[Value, ...]) -> Value:
@@ -329,7 +329,7 @@ def _unless_relative(name: str, values: tuple[Value, ...]) -> Value:
     return relative if isinstance(relative, Unknown) else frame[0] if frame else name
 
 
-def _move(reader: _Reader, move: re.Match[str]) -> None:
+def _move(reader: _YaskawaReader, move: re.Match[str]) -> None:
     name, options, blocks = move["point"], move["rest"], reader.blocks
     key = reader.key(name)
     reason: Reason | None = None
@@ -353,12 +353,12 @@ def _move(reader: _Reader, move: re.Match[str]) -> None:
     target = reader.points.target(key)
     tool = Ref(f"TOOL[{int(str(target.tool))}]") if str(target.tool).isdigit() else str(target.tool)
     user = str(target.frame)
-    frame: Value | Built = reader.why("the job is relative to a different frame than that of its positions")
+    frame: Value | ComputedValue = reader.why("the job is relative to a different frame than that of its positions")
     if target.joints:
         frame = user
     elif reader.frame in (None, user):
         parts = (f"USER[{int(user)}]",) if user.isdigit() else ()
-        frame = Built(("relative", *parts), partial(_unless_relative, user))
+        frame = ComputedValue(("relative", *parts), partial(_unless_relative, user))
     needs = ("shift", "tracking here", "coordinated here", "option here")
     way = "joint" if move["kind"].endswith("MOVJ") else "line"
     blocks.add(Move(key, way, 0, reader.line, tool, frame, needs))

@@ -21,11 +21,11 @@ from analysis.apps.makers.programs.motion_plan import (
     Arc,
     Demand,
     JointMove,
-    Line,
+    MotionPlan,
     Move,
-    Plan,
-    Target,
-    Turn,
+    PlannedTarget,
+    StraightMove,
+    ToolRotation,
     end_of,
     percent_of_axes,
     start_of,
@@ -43,7 +43,7 @@ _UNUSED = ",0" * 18
 """r1 … r18 of RCONF."""
 
 
-def write(plan: Plan, demand: Demand) -> dict[str, str]:
+def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
     """Write the job."""
     name = identifier(plan.name, _NAME_LENGTH).upper()
     positions: list[str] = []
@@ -72,7 +72,7 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     return {f"{name}.JBI": "\n".join(lines)}
 
 
-def _instructions(plan: Plan, positions: list[str]) -> list[str]:
+def _instructions(plan: MotionPlan, positions: list[str]) -> list[str]:
     lines: list[str] = []
     at, chained = start_of(plan), False
     for step in plan.steps:
@@ -91,9 +91,9 @@ def _move(arm: Arm, positions: list[str], step: Move) -> list[str]:
         case JointMove(target, speed_rad_s):
             percent = fixed(percent_of_axes(arm, speed_rad_s), 2)
             return [f"MOVJ {_position(arm, target, positions)} VJ={percent} PL=0"]
-        case Line(target, speed_mm_s, stops):
+        case StraightMove(target, speed_mm_s, stops):
             return [f"MOVL {_position(arm, target, positions)} {_speed(speed_mm_s)} PL={0 if stops else 1}"]
-        case Turn(target, _, speed_rad_s):
+        case ToolRotation(target, _, speed_rad_s):
             speed = fixed(float(np.degrees(speed_rad_s)), 1)
             return [f"MOVL {_position(arm, target, positions)} VR={speed} PL=0"]
         case Arc(via, end, speed_mm_s, stops):
@@ -106,7 +106,7 @@ def _speed(speed_mm_s: float) -> str:
     return f"V={fixed(speed_mm_s, 1)}"
 
 
-def _position(arm: Arm, target: Target, positions: list[str]) -> str:
+def _position(arm: Arm, target: PlannedTarget, positions: list[str]) -> str:
     """Add a position to the job and return the name. Each position belongs to a single instruction."""
     stands = posture_of(arm, target.q)
     beyond = [int(not -np.pi < target.q[axis] <= np.pi) for axis in (3, 5, 0)]

@@ -13,9 +13,9 @@ import pytest
 from analysis.apps.commission import gauge_questions
 from analysis.apps.commission.gauge_questions import ask_gauges
 from analysis.apps.commission.init_answers import Answers, Options
-from analysis.cli.dialogue import Dialogue, Stopped
+from analysis.cli.dialogue import Dialogue, DialogueEnded
 from daq.apps.commission.attempts import PortReport
-from daq.apps.commission.port_search import Wanted
+from daq.apps.commission.port_search import SearchOptions
 from rigs.errors import UseError
 
 HERE = {"/dev/ttyUSB0": "FT232R", "/dev/ttyUSB1": "", "/dev/ttyS0": "CNC"}
@@ -31,7 +31,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, typed: str, *ports: str, terminal: bo
     """The ports that are searched when this is typed, and what is said."""
     searched, said, screen = list[str](), list[str](), io.StringIO()
 
-    def search(wanted: Wanted, progress: object) -> Sequence[PortReport]:
+    def search(wanted: SearchOptions, progress: object) -> Sequence[PortReport]:
         searched.extend(wanted.ports)
         return [PortReport(port, problem="silent", remedy="switch it on") for port in wanted.ports]
 
@@ -40,7 +40,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, typed: str, *ports: str, terminal: bo
     master, slave = os.openpty()
     os.write(master, f"{typed}\x04".encode())  # Ctrl-D at the next question
     try:
-        with os.fdopen(slave) as keyboard, pytest.raises(Stopped if terminal else UseError) as ended:
+        with os.fdopen(slave) as keyboard, pytest.raises(DialogueEnded if terminal else UseError) as ended:
             dialogue = Dialogue(said.append, lambda doing: nullcontext(lambda doing: None), terminal, keyboard, screen)
             ask_gauges(Answers(), options(*ports), dialogue)
     finally:
@@ -83,7 +83,7 @@ def test_a_question_of_several_lines_is_said_line_by_line(monkeypatch: pytest.Mo
     os.write(master, b"\x04")
     monkeypatch.setattr(gauge_questions, "ports_here", lambda: HERE)
     try:
-        with os.fdopen(slave) as keyboard, pytest.raises(Stopped):
+        with os.fdopen(slave) as keyboard, pytest.raises(DialogueEnded):
             dialogue = Dialogue(
                 given.append, lambda doing: nullcontext(lambda doing: None), True, keyboard, io.StringIO()
             )

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis.apps.emulate.driving import Controller
+from analysis.apps.emulate.driving import ControllerState
 from analysis.apps.makers.emulated import COUNTS_PER_DEG, GEAR_RATIO
 from rigs.errors import FileError
 from rigs.schema.vocabulary import MakerName
@@ -23,15 +23,15 @@ ARMS: dict[MakerName, str] = {
 }
 
 
-def of(maker: MakerName) -> Controller:
-    return Controller.of_rig(rig_of(ARMS[maker]), maker)
+def of(maker: MakerName) -> ControllerState:
+    return ControllerState.of_rig(rig_of(ARMS[maker]), maker)
 
 
 def entry(parameter: str, add: Any, unit: str, now: float | None = None) -> dict[str, Any]:
     return {"parameter": parameter, "axis": 2, "add": add, "unit": unit, "now": now}
 
 
-def entered(maker: MakerName, *entries: Any) -> Controller:
+def entered(maker: MakerName, *entries: Any) -> ControllerState:
     return of(maker).entered({"controller": {"name": maker, "entries": list(entries)}}, "corrections.yaml")
 
 

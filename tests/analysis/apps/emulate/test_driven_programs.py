@@ -22,7 +22,7 @@ from analysis.apps.makers.programs.planned import plans_of
 from analysis.apps.makers.report import correction_report
 from analysis.apps.makers.writing import programs_of, write_programs
 from analysis.robot.geometry.driven_programs import circle_program
-from rigs.effects import Effect, Found, JointOffset, LinkGeometry
+from rigs.effects import Effect, EffectProvenance, JointOffset, LinkGeometry
 from rigs.errors import FileError
 from rigs.load import load, parse
 from rigs.rig import Rig
@@ -43,8 +43,8 @@ LENGTHS = ("ur", "fanuc", "kuka")
 ZERO_2_DEG, ZERO_4_DEG, A2_MM = -0.08, 0.05, 0.6
 
 
-def found(**sd: float) -> Found:
-    return Found(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd=sd)
+def found(**sd: float) -> EffectProvenance:
+    return EffectProvenance(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd=sd)
 
 
 @dataclass(frozen=True)

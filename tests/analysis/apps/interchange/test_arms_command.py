@@ -103,7 +103,7 @@ def test_a_urdf_whose_build_is_not_stated_says_how_it_is_judged(urdf: Path, tmp_
     )
     done = rig("import-urdf", urdf, "--build", "servo", "-o", tmp_path / "arm.yaml")
     section = yaml.safe_load((tmp_path / "arm.yaml").read_text(encoding="utf-8"))["robot"]
-    assert Robot.model_validate(section).built == "servo" and "construction of the arm is unknown" not in done.stderr
+    assert Robot.model_validate(section).design == "servo" and "construction of the arm is unknown" not in done.stderr
 
 
 def test_nothing_is_written_of_a_bad_urdf(urdf: Path, tmp_path: Path) -> None:

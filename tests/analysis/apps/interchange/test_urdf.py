@@ -259,7 +259,7 @@ def test_five_axes_and_four_are_arms(tmp_path: Path) -> None:
     for axes, base in ((5, "link_1"), (4, "link_2")):
         arm = import_urdf(urdf(tmp_path, GOOD), base).section
         assert len(arm.robot.axes) == len(arm.robot.coupling) == axes
-        assert arm.robot.built == "light"
+        assert arm.robot.design == "light"
 
 
 def test_a_joint_that_slides_below_all_turns_is_the_rail(tmp_path: Path) -> None:

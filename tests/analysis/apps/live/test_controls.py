@@ -4,23 +4,23 @@ import pytest
 
 from analysis.apps.live.controls import (
     Action,
-    Controls,
-    Label,
+    ChangeSpeed,
+    LiveControls,
     Pause,
     Quit,
+    RecordingLabel,
     Restart,
-    Speed,
-    Start,
-    Stop,
+    StartRecording,
+    StopRecording,
     label_of,
 )
-from analysis.apps.live.view import LiveView, Reading
+from analysis.apps.live.view import GaugeReading, LiveView
 
-READINGS = {"g1": Reading(0.5, 0.0), "g2": Reading(-0.25, 0.0)}
+READINGS = {"g1": GaugeReading(0.5, 0.0), "g2": GaugeReading(-0.25, 0.0)}
 
 
-def typed(text: str, controls: Controls | None = None) -> tuple[Controls, list[Action]]:
-    controls, actions = controls or Controls(), []
+def typed(text: str, controls: LiveControls | None = None) -> tuple[LiveControls, list[Action]]:
+    controls, actions = controls or LiveControls(), []
     for key in text:
         controls, action = controls.pressed(key, READINGS)
         actions += [action] if action else []
@@ -28,16 +28,16 @@ def typed(text: str, controls: Controls | None = None) -> tuple[Controls, list[A
 
 
 def test_the_first_start_asks_for_a_label_and_the_next_does_not() -> None:
-    label = Label("lap", "yaw", "acw")
+    label = RecordingLabel("lap", "yaw", "acw")
     controls, actions = typed("slap yaw acw\r")
-    assert actions == [Start(label)] and controls.prompt is None
-    assert typed("s", controls)[1] == [Start(label)]
-    assert typed("l\x7f\x7f\x7fcw\r", controls)[0].label == Label("lap", "yaw", "cw")
+    assert actions == [StartRecording(label)] and controls.prompt is None
+    assert typed("s", controls)[1] == [StartRecording(label)]
+    assert typed("l\x7f\x7f\x7fcw\r", controls)[0].label == RecordingLabel("lap", "yaw", "cw")
 
 
 def test_a_label_alone_starts_nothing() -> None:
     controls, actions = typed("llap radial\r")
-    assert not actions and controls.label == Label("lap", "radial", None)
+    assert not actions and controls.label == RecordingLabel("lap", "radial", None)
     assert controls.label.fields() == {"name": "lap", "test": "radial", "direction": None}
 
 
@@ -62,10 +62,10 @@ def test_zero_is_an_offset_of_the_view_and_can_be_taken_back() -> None:
 
 
 def test_a_run_that_is_started_with_a_zero_notes_it() -> None:
-    label = Label("lap", "radial", None)
-    assert typed("zslap radial\r")[1] == [Start(label, (0.5, -0.25))]
-    assert Start(label, (0.5, -0.25)).request() == {**label.fields(), "view_zero_mm": (0.5, -0.25)}
-    assert typed("zZslap radial\r")[1] == [Start(label)] and Start(label).request() == label.fields()
+    label = RecordingLabel("lap", "radial", None)
+    assert typed("zslap radial\r")[1] == [StartRecording(label, (0.5, -0.25))]
+    assert StartRecording(label, (0.5, -0.25)).request() == {**label.fields(), "view_zero_mm": (0.5, -0.25)}
+    assert typed("zZslap radial\r")[1] == [StartRecording(label)] and StartRecording(label).request() == label.fields()
 
 
 def test_units_go_round() -> None:
@@ -73,7 +73,7 @@ def test_units_go_round() -> None:
 
 
 def test_every_other_key_is_an_action_or_nothing() -> None:
-    assert typed("er +-q?x")[1] == [Stop(), Restart(), Pause(), Speed(2.0), Speed(0.5), Quit()]
+    assert typed("er +-q?x")[1] == [StopRecording(), Restart(), Pause(), ChangeSpeed(2.0), ChangeSpeed(0.5), Quit()]
     assert typed("?")[0].shows_help and not typed("??")[0].shows_help and not typed("?x")[0].shows_help
 
 
@@ -87,7 +87,7 @@ def test_every_other_key_is_an_action_or_nothing() -> None:
     ],
 )
 def test_a_message_does_not_outlive_the_state_it_speaks_of(before: LiveView, view: LiveView) -> None:
-    controls = Controls().told("recording to runs/lap", before, before)
-    assert controls.told("", before, before).message == "recording to runs/lap"
-    assert not controls.told("", before, view).message
-    assert controls.told("refused", before, view).message == "refused"
+    controls = LiveControls().with_notice("recording to runs/lap", before, before)
+    assert controls.with_notice("", before, before).message == "recording to runs/lap"
+    assert not controls.with_notice("", before, view).message
+    assert controls.with_notice("refused", before, view).message == "refused"

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis.apps.live.controls import UNITS, Label, Pause, Start, Stop
+from analysis.apps.live.controls import UNITS, Pause, RecordingLabel, StartRecording, StopRecording
 from analysis.apps.live.daemon_source import DaemonSource, tracks_of
 from analysis.apps.live.figures import figures, plain_line
 from analysis.apps.live.loop import DaemonPlayer
@@ -186,8 +186,10 @@ def test_a_refused_recording_is_a_notice(path: Path) -> None:
     with fake(path) as daemon, DaemonSource(path) as source:
         daemon.answers = lambda request: refusal if request["command"].startswith("record") else daemon.usual(request)
         player = DaemonPlayer(source)
-        assert "only a run" in player.done(Pause())
-        assert player.done(Start(Label("lap", "radial", None))) and player.done(Stop())
+        assert "only a run" in player.handle_action(Pause())
+        assert player.handle_action(StartRecording(RecordingLabel("lap", "radial", None))) and player.handle_action(
+            StopRecording()
+        )
         notices: list[str] = []
 
         def told(view: LiveView) -> bool:

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from analysis.apps.live.live_rows import NO_ROWS, NO_TRACKS, Joiner, Rows, Track
+from analysis.apps.live.live_rows import NO_ROWS, NO_TRACKS, Joiner, LiveRows, LiveTrack
 
 
-def track(t_s: list[float], *values: float, columns: int = 1) -> Track:
+def track(t_s: list[float], *values: float, columns: int = 1) -> LiveTrack:
     """Values that grow with time, each column by one of the given slopes."""
     slopes = values or (1.0,) * columns
-    return Track(np.array(t_s), np.outer(t_s, slopes))
+    return LiveTrack(np.array(t_s), np.outer(t_s, slopes))
 
 
-def fed(joiner: Joiner, **new: Track) -> tuple[Joiner, Rows]:
+def fed(joiner: Joiner, **new: LiveTrack) -> tuple[Joiner, LiveRows]:
     return joiner.joined(new)
 
 
@@ -58,8 +58,8 @@ def test_no_value_is_drawn_across_a_gap() -> None:
 
 def test_nothing_comes_of_nothing_and_old_rows_go() -> None:
     assert len(fed(NO_TRACKS)[1]) == 0
-    some = Rows(np.arange(5.0), np.zeros((5, 2)), np.zeros((5, 6)))
-    kept = some.followed_by(some.taken(slice(0, 2)), 4)
+    some = LiveRows(np.arange(5.0), np.zeros((5, 2)), np.zeros((5, 6)))
+    kept = some.followed_by(some.select_rows(slice(0, 2)), 4)
     assert kept.t_s.tolist() == [3, 4, 0, 1] and len(NO_ROWS.followed_by(NO_ROWS, 3)) == 0
 
 

@@ -9,9 +9,9 @@ from rich.cells import cell_len
 from rich.segment import Segment
 
 from analysis.apps.live.canvas import Canvas, height_of, put_large, width_of
-from analysis.apps.live.controls import UNITS, Controls, label_of
+from analysis.apps.live.controls import UNITS, LiveControls, label_of
 from analysis.apps.live.screen import screen
-from analysis.apps.live.view import LiveView, Played, Reading
+from analysis.apps.live.view import GaugeReading, LiveView, Played
 from analysis.report.plain_console import PlainConsole
 from tests.support.simulated_laps import lap_run, watched_lap
 
@@ -54,7 +54,7 @@ def views(tmp_path_factory: pytest.TempPathFactory) -> list[LiveView]:
     return [
         LiveView(),
         LiveView(lost=EVIL),
-        LiveView(state=evil_state(), name=EVIL, test=EVIL, readings={"g1": Reading(-1e9, 100.0)}),
+        LiveView(state=evil_state(), name=EVIL, test=EVIL, readings={"g1": GaugeReading(-1e9, 100.0)}),
         whole,
         one_gauge,
         LiveView(played=Played(EVIL, 1.0, 2.0, 64.0, paused=True)),
@@ -62,9 +62,9 @@ def views(tmp_path_factory: pytest.TempPathFactory) -> list[LiveView]:
 
 
 CONTROLS = [
-    Controls(),
-    Controls(units=UNITS[1], zero_mm=(0.5, -0.5), message=EVIL),
-    Controls(units=UNITS[2], shows_help=True, prompt=EVIL * 20),
+    LiveControls(),
+    LiveControls(units=UNITS[1], zero_mm=(0.5, -0.5), message=EVIL),
+    LiveControls(units=UNITS[2], shows_help=True, prompt=EVIL * 20),
 ]
 
 
@@ -81,26 +81,26 @@ def test_a_screen_is_exactly_as_large_as_the_terminal(views: list[LiveView], wid
 @settings(max_examples=60)
 @given(width=st.integers(1, 260), height=st.integers(1, 80))
 def test_no_size_breaks_it(width: int, height: int) -> None:
-    lines = screen(LiveView(readings={"g1": Reading(0.1, 0.0)}), Controls(), width, height).lines()
+    lines = screen(LiveView(readings={"g1": GaugeReading(0.1, 0.0)}), LiveControls(), width, height).lines()
     assert {cell_len(line) for line in lines} == {width} and len(lines) == height
 
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 40), (250, 70)])
 def test_a_lap_is_shown_whole(views: list[LiveView], width: int, height: int) -> None:
-    text = "\n".join(screen(views[3], Controls(), width, height).lines())
+    text = "\n".join(screen(views[3], LiveControls(), width, height).lines())
     for words in ("g1 mm", "g2 mm", "yaw", "φ", "acw", "less sine", "reach", "1 base", "rev, last", "trace", "q quit"):
         assert words in text, (words, text)
     assert sum("⠀" < character <= "⣿" for character in text) > 60
 
 
 def test_what_cannot_be_shown_is_said() -> None:
-    text = "\n".join(screen(LiveView(), Controls(), 80, 24).lines())
+    text = "\n".join(screen(LiveView(), LiveControls(), 80, 24).lines())
     assert "no reading yet" in text and "no joints yet" in text and "no rig file yet" in text
 
 
 def test_a_loss_of_the_daemon_is_on_every_size(views: list[LiveView]) -> None:
     for width, height in ((30, 5), (80, 24), (250, 70)):
-        assert "gone" in "\n".join(screen(LiveView(lost="gone"), Controls(), width, height).lines())
+        assert "gone" in "\n".join(screen(LiveView(lost="gone"), LiveControls(), width, height).lines())
 
 
 def connected_state() -> dict[str, object]:
@@ -114,18 +114,18 @@ def test_a_robot_that_is_disturbed_is_told_in_its_row() -> None:
     ages_s = {**dict.fromkeys(last, 0.1), "temperature1_c": 100.0}
     robot = {**state["streams"]["g1"], "last": last, "age_s": ages_s}  # type: ignore[index]
     view = LiveView(state={**state, "streams": {"robot": robot}})
-    text = "\n".join(screen(view, Controls(), 120, 40).lines())
+    text = "\n".join(screen(view, LiveControls(), 120, 40).lines())
     assert "protective stop · speed 40 %" in text and "silent" not in text
     ages_s["safety_state"] = 100.0
-    text = "\n".join(screen(view, Controls(), 120, 40).lines())
+    text = "\n".join(screen(view, LiveControls(), 120, 40).lines())
     assert "protective stop" not in text and "speed 40 %" in text, "what is no longer shown"
 
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 40), (250, 70)])
 def test_all_figures_are_dim_while_the_daemon_is_lost(views: list[LiveView], width: int, height: int) -> None:
     view = replace(views[3], played=None, state=connected_state())
-    assert "connected" in "\n".join(screen(view, Controls(), width, height).lines())
-    canvas = screen(replace(view, lost="gone"), Controls(), width, height)
+    assert "connected" in "\n".join(screen(view, LiveControls(), width, height).lines())
+    canvas = screen(replace(view, lost="gone"), LiveControls(), width, height)
     text = "\n".join(canvas.lines())
     assert "last known" in text and "connected" not in text and "95.2 Hz" in text
     lines: list[list[Segment]] = [[]]
@@ -139,7 +139,7 @@ def test_all_figures_are_dim_while_the_daemon_is_lost(views: list[LiveView], wid
 
 
 def test_a_wrong_label_is_explained_whole_at_80_columns() -> None:
-    controls = Controls(prompt="monday yaw")
+    controls = LiveControls(prompt="monday yaw")
     for text in ("monday yaw", "monday", "monday radial acw"):
         _, wrong = label_of(text)
         lines = screen(LiveView(), replace(controls, message=wrong), 80, 24).lines()
@@ -149,13 +149,13 @@ def test_a_wrong_label_is_explained_whole_at_80_columns() -> None:
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (30, 10)])
 def test_a_message_leaves_the_keys_in_sight(width: int, height: int) -> None:
-    lines = screen(LiveView(), Controls(message="recording to runs/lap"), width, height).lines()
+    lines = screen(LiveView(), LiveControls(message="recording to runs/lap"), width, height).lines()
     assert "recording to runs/lap" in lines[-2] and "s start" in lines[-1]
 
 
 def test_without_a_curve_no_reach_and_no_sine_are_shown(views: list[LiveView]) -> None:
     standing = LiveView(views[3].cell)
-    text = "\n".join(screen(standing, Controls(), 250, 70).lines())
+    text = "\n".join(screen(standing, LiveControls(), 250, 70).lines())
     assert "reach" not in text and "less" not in text and "0.0001" not in text and "acw –" in text
 
 
@@ -164,7 +164,7 @@ def test_without_colour_nothing_but_text_is_sent(views: list[LiveView], monkeypa
     monkeypatch.setenv("NO_COLOR", "1")
     console = PlainConsole(width=80)
     with console.capture() as captured:
-        console.print(screen(views[3], Controls(), 80, 24), end="", crop=False)
+        console.print(screen(views[3], LiveControls(), 80, 24), end="", crop=False)
     assert "\x1b[9" not in captured.get() and "\x1b[3" not in captured.get()
 
 

@@ -11,7 +11,7 @@ import pyte
 import pytest
 
 from analysis.apps.live.canvas import Canvas
-from analysis.apps.live.controls import Controls
+from analysis.apps.live.controls import LiveControls
 from analysis.apps.live.screen import screen
 from analysis.apps.live.terminal import Painter
 from analysis.apps.live.view import LiveView
@@ -47,7 +47,7 @@ def test_a_shrunk_and_a_grown_terminal_hold_the_new_picture_alone(view: LiveView
     stream, painter = pyte.Stream(terminal), Painter(out)
     for width, height in [(120, 40), (80, 24), (30, 6), (200, 60), (80, 24), (61, 18), (120, 40)]:
         terminal.resize(height, width)
-        canvas = screen(view, Controls(), width, height)
+        canvas = screen(view, LiveControls(), width, height)
         painter.paint(canvas)
         stream.feed(out.getvalue())
         out.seek(out.truncate(0))
@@ -58,12 +58,12 @@ def test_what_has_not_changed_is_not_sent_again(view: LiveView) -> None:
     out = io.StringIO()
     painter = Painter(out)
     for _ in range(2):
-        painter.paint(screen(view, Controls(), 80, 24))
+        painter.paint(screen(view, LiveControls(), 80, 24))
     whole = len(out.getvalue())
-    painter.paint(screen(view, Controls(message="x"), 80, 24))
+    painter.paint(screen(view, LiveControls(message="x"), 80, 24))
     assert len(out.getvalue()) < 1.2 * whole
-    painter.forget()
-    painter.paint(screen(view, Controls(), 80, 24))
+    painter.invalidate_screen()
+    painter.paint(screen(view, LiveControls(), 80, 24))
     assert len(out.getvalue()) > 1.8 * whole
 
 
@@ -71,8 +71,8 @@ def test_a_picture_too_large_for_its_terminal_does_not_wrap(view: LiveView) -> N
     """The terminal has shrunk since it was measured: one picture is cut, the next one is right."""
     out, terminal = io.StringIO(), pyte.Screen(60, 20)
     with Painter(out) as painter:
-        painter.paint(screen(view, Controls(), 100, 30))
-        painter.paint(canvas := screen(view, Controls(), 60, 20))
+        painter.paint(screen(view, LiveControls(), 100, 30))
+        painter.paint(canvas := screen(view, LiveControls(), 60, 20))
         pyte.Stream(terminal).feed(out.getvalue())
     assert shows(terminal, canvas)
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from analysis import evaluate, load_run
-from analysis.apps.live.controls import UNITS, Controls
+from analysis.apps.live.controls import UNITS, LiveControls
 from analysis.apps.live.figures import angle_deg, figures, phi_deg, plain_line, shown_curves
-from analysis.apps.live.live_rows import Rows, cell_of
+from analysis.apps.live.live_rows import LiveRows, cell_of
 from analysis.apps.live.played_run import played_run
 from analysis.apps.live.screen import screen
-from analysis.apps.live.view import Event, LiveView, Reading, Update
+from analysis.apps.live.view import GaugeReading, LiveEvent, LiveView, Update
 from analysis.procedures.circle.joint_reversals import turns
 from analysis.runs.laps import laps_of
 from analysis.runs.tables import CircleTable
@@ -78,9 +78,9 @@ def test_extremes_and_trend_are_of_the_readings(whole: LiveView, acw: Path) -> N
     assert rising.trends_mm_s == pytest.approx([0.25, -0.25])
 
 
-def ramp(slope_mm_s: float) -> Rows:
+def ramp(slope_mm_s: float) -> LiveRows:
     t_s = np.arange(0.0, 3.0, 0.1)
-    return Rows(t_s, np.outer(t_s, [slope_mm_s, -slope_mm_s]), np.full((len(t_s), 6), np.nan))
+    return LiveRows(t_s, np.outer(t_s, [slope_mm_s, -slope_mm_s]), np.full((len(t_s), 6), np.nan))
 
 
 def test_restarting_forgets_curves_and_extremes(whole: LiveView) -> None:
@@ -140,7 +140,7 @@ def test_a_cut_recording_is_said_until_the_next_begins() -> None:
     view = LiveView().after(begun).after(Update(lost="waiting for rigd")).after(ended).after(ended)
     assert figures(view)["cut"] == "recording lap was interrupted: rigd was restarted"
     assert "recording lap was cut" in plain_line(view, UNITS[0])
-    assert "recording lap was cut" in screen(view, Controls(), 80, 24).lines()[0]
+    assert "recording lap was cut" in screen(view, LiveControls(), 80, 24).lines()[0]
     assert figures(view.after(begun))["cut"] is None
 
 
@@ -160,7 +160,7 @@ def test_a_refused_request_does_not_end_a_loss() -> None:
 def test_reversals_are_counted_beyond_the_events_that_are_kept() -> None:
     q = np.zeros((1201, 6))
     q[:, 2] = np.radians(np.arange(1201) % 2 * 5.0)
-    view = LiveView(cell_of(load("ur10e")[0])).after(Update(rows=Rows(np.arange(1201.0), np.zeros((1201, 2)), q)))
+    view = LiveView(cell_of(load("ur10e")[0])).after(Update(rows=LiveRows(np.arange(1201.0), np.zeros((1201, 2)), q)))
     noisy = view.after(Update(state=state(silent=0)))
     for count in range(1, 300):
         noisy = noisy.after(Update(state=state(silent=count)))
@@ -174,8 +174,8 @@ def test_reversals_are_counted_beyond_the_events_that_are_kept() -> None:
 
 def test_another_rig_file_begins_curves_and_reversals_again(whole: LiveView) -> None:
     assert whole.cell is not None
-    other = replace(whole, events=(*whole.events, Event(0.0, "g1: lost"))).after(Update(cell=whole.cell))
-    assert not other.reversals and sum(other.reversal_counts) == 0 and other.events == (Event(0.0, "g1: lost"),)
+    other = replace(whole, events=(*whole.events, LiveEvent(0.0, "g1: lost"))).after(Update(cell=whole.cell))
+    assert not other.reversals and sum(other.reversal_counts) == 0 and other.events == (LiveEvent(0.0, "g1: lost"),)
 
 
 def test_figures_are_plain_and_say_what_is_missing(whole: LiveView) -> None:
@@ -185,10 +185,12 @@ def test_figures_are_plain_and_say_what_is_missing(whole: LiveView) -> None:
     nothing = figures(LiveView())
     assert nothing["angle_deg"] is None and nothing["phi_deg"] is None and nothing["gauges"] == {}
     assert plain_line(LiveView(lost="gone"), UNITS[0]) == "gone"
-    assert "0.1000 mm" in plain_line(LiveView(readings={"g1": Reading(0.1, 0.0)}), UNITS[0])
-    zeroed = plain_line(LiveView(readings={"g1": Reading(0.1, 0.0), "g2": Reading(0.3, 0.0)}), UNITS[0], (0.02, 0.0))
+    assert "0.1000 mm" in plain_line(LiveView(readings={"g1": GaugeReading(0.1, 0.0)}), UNITS[0])
+    zeroed = plain_line(
+        LiveView(readings={"g1": GaugeReading(0.1, 0.0), "g2": GaugeReading(0.3, 0.0)}), UNITS[0], (0.02, 0.0)
+    )
     assert "g1 0.0800 mm less 0.0200; g2 0.3000 mm;" in zeroed
-    assert "5 s old" in plain_line(LiveView(readings={"g1": Reading(0.1, 5.0)}), UNITS[0])
+    assert "5 s old" in plain_line(LiveView(readings={"g1": GaugeReading(0.1, 5.0)}), UNITS[0])
 
 
 def test_the_angle_follows_the_zero_of_the_view(whole: LiveView) -> None:

@@ -19,7 +19,7 @@ from analysis.apps.makers import maker_by
 from analysis.apps.makers.correct_rig import correct_rig
 from analysis.cli import app
 from rigs.edit import extended
-from rigs.effects import Backlash, Compliance, Effect, Found, JointOffset, LinkGeometry
+from rigs.effects import Backlash, Compliance, Effect, EffectProvenance, JointOffset, LinkGeometry
 from rigs.errors import UseError
 from rigs.load import load
 from rigs.schema.vocabulary import MAKERS, MakerName, maker_of
@@ -37,8 +37,8 @@ TARGETS_DEG = np.array([[0.0, 20, 10, 0, 60, 0], [10, 25, 40, 20, -70, 30], [-30
 """Away from the singularities of both arms."""
 
 
-def _found(**sd: float) -> Found:
-    return Found(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd=sd)
+def _found(**sd: float) -> EffectProvenance:
+    return EffectProvenance(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd=sd)
 
 
 ZEROS = [

@@ -32,7 +32,7 @@ from rigs.effects import (
     ClockRate,
     Compliance,
     Effect,
-    Found,
+    EffectProvenance,
     JointOffset,
     LinkGeometry,
     ReversalSpike,
@@ -51,8 +51,8 @@ HEAD = "name,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"
 TARGETS = np.array([[0, 20, 10, 0, 60, 0], [10, 25, 0, 20, -70, 30], [-30, 5, -20, 100, 40, 100]], dtype=float)
 
 
-def _found(**sd: float) -> Found:
-    return Found(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd=sd)
+def _found(**sd: float) -> EffectProvenance:
+    return EffectProvenance(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd=sd)
 
 
 ZERO_3 = JointOffset(axis=3, offset_deg=0.05, found=_found(offset_deg=0.002))

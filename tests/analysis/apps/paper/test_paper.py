@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from analysis.apps.paper import pictures, published
 from analysis.apps.paper.pictures import SimulatedFigures, figures_of
-from analysis.apps.paper.rows import Row, as_table, rows_of
+from analysis.apps.paper.rows import PaperRow, as_table, rows_of
 from analysis.apps.paper.simulated_tests import circle, curve_of, repeats, sphere, step, typical_seed
 from analysis.cli import app
 from analysis.procedures.simulate import simulate
@@ -23,22 +23,22 @@ RIG, TEXT = load("paper-errors")
 
 
 @pytest.fixture(scope="module")
-def rows() -> dict[tuple[str, str], Row]:
+def rows() -> dict[tuple[str, str], PaperRow]:
     return {(row.where, row.figure): row for row in rows_of(RIG)}
 
 
-def test_the_ten_reversals_lie_within_one_and_a_half_degrees(rows: dict[tuple[str, str], Row]) -> None:
+def test_the_ten_reversals_lie_within_one_and_a_half_degrees(rows: dict[tuple[str, str], PaperRow]) -> None:
     turns = [row for (where, _), row in rows.items() if where == "Table 1" and row.place]
     assert len(turns) == 10
     for row in turns:
         assert row.difference is not None and abs(row.difference) <= 1.5, row
 
 
-def test_gamma_does_not_turn_back(rows: dict[tuple[str, str], Row]) -> None:
+def test_gamma_does_not_turn_back(rows: dict[tuple[str, str], PaperRow]) -> None:
     assert rows["Table 1", "gamma turns back"].ours == "none"
 
 
-def test_the_rule_by_arithmetic_and_through_the_evaluation(rows: dict[tuple[str, str], Row]) -> None:
+def test_the_rule_by_arithmetic_and_through_the_evaluation(rows: dict[tuple[str, str], PaperRow]) -> None:
     rule = [row.ours for (where, _), row in rows.items() if where == "§2.1"]
     e_over_R = 14.142 / 70
     expected = [206 * 14142 / 70 / 3600, np.degrees(e_over_R), np.degrees(np.arcsin(e_over_R))]
@@ -64,18 +64,18 @@ def test_the_rule_by_arithmetic_and_through_the_evaluation(rows: dict[tuple[str,
     ],
 )
 def test_figures_are_those_of_the_page(
-    rows: dict[tuple[str, str], Row], where: str, figure: str, told: float, within: float
+    rows: dict[tuple[str, str], PaperRow], where: str, figure: str, told: float, within: float
 ) -> None:
     assert rows[where, figure].ours == pytest.approx(told, abs=within)
 
 
-def test_the_page_shows_the_table_as_printed(rows: dict[tuple[str, str], Row]) -> None:
+def test_the_page_shows_the_table_as_printed(rows: dict[tuple[str, str], PaperRow]) -> None:
     page = (Path(__file__).parents[4] / "docs" / "paper.md").read_text()
     missing = [row.figure for row in rows.values() if row.figure not in page]
     assert not missing
 
 
-def test_theta_jumps_at_237_in_both_directions(rows: dict[tuple[str, str], Row]) -> None:
+def test_theta_jumps_at_237_in_both_directions(rows: dict[tuple[str, str], PaperRow]) -> None:
     cw, acw = (rows["Fig. 8", f"yaw jumps at Theta 237°, {direction}"] for direction in ("cw", "acw"))
     assert (cw.ours, acw.ours) == ("-0.45°", "-0.35°")
     assert "1 of 10" in cw.note
@@ -83,7 +83,7 @@ def test_theta_jumps_at_237_in_both_directions(rows: dict[tuple[str, str], Row])
 
 
 def test_same_arm_and_circle_as_the_set_up_that_explains_table_1() -> None:
-    plain = load_hidden("paper-fanuc").within(load("paper-fanuc")[0])
+    plain = load_hidden("paper-fanuc").apply_to(load("paper-fanuc")[0])
     assert RIG.robot == plain.robot
     assert RIG.tests.circle == plain.tests.circle
 
@@ -107,11 +107,11 @@ def test_a_step_is_measured_in_the_direction_of_travel() -> None:
 
 
 def test_difference_of_places_goes_the_short_way() -> None:
-    assert Row("", "", 0.0, 359.5, place=True).difference == pytest.approx(-0.5)
-    assert Row("", "", "none", "none").difference is None
+    assert PaperRow("", "", 0.0, 359.5, place=True).difference == pytest.approx(-0.5)
+    assert PaperRow("", "", "none", "none").difference is None
 
 
-def test_json_is_the_same_table(rows: dict[tuple[str, str], Row]) -> None:
+def test_json_is_the_same_table(rows: dict[tuple[str, str], PaperRow]) -> None:
     told = json.loads(CliRunner().invoke(app, ["paper", "--json"], catch_exceptions=False).output)
     assert told["rig"] == "paper-errors"
     assert [row["ours"] for row in told["rows"]] == [row.ours for row in rows.values()]
@@ -133,7 +133,7 @@ def simulated() -> SimulatedFigures:
 
 
 def test_each_data_figure_of_the_paper_is_drawn_under_its_own_number(
-    rows: dict[tuple[str, str], Row],
+    rows: dict[tuple[str, str], PaperRow],
     simulated: SimulatedFigures,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -145,7 +145,7 @@ def test_each_data_figure_of_the_paper_is_drawn_under_its_own_number(
 
 
 def test_the_runs_that_are_drawn_give_the_figures_of_the_table(
-    rows: dict[tuple[str, str], Row], simulated: SimulatedFigures
+    rows: dict[tuple[str, str], PaperRow], simulated: SimulatedFigures
 ) -> None:
     for direction, result in simulated.yaw.items():
         ours = rows["Fig. 6", f"yaw error band, {direction}"].ours
@@ -159,7 +159,7 @@ def test_the_runs_that_are_drawn_give_the_figures_of_the_table(
     assert spans_deg[simulated.joints.names.index("gamma")] == pytest.approx(360.0, abs=2.0), "the full turn"
 
 
-def test_a_picture_that_cannot_be_written_is_one_line(rows: dict[tuple[str, str], Row], tmp_path: Path) -> None:
+def test_a_picture_that_cannot_be_written_is_one_line(rows: dict[tuple[str, str], PaperRow], tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("a file")
     with pytest.raises(FileError, match="choose a different --plot"):
         pictures.save(RIG, TEXT, list(rows.values()), tmp_path / "taken" / "pictures")

@@ -11,7 +11,7 @@ import pytest
 from analysis.apps.plant.before_after import differences, headlines
 from analysis.apps.plant.collect import collect
 from analysis.apps.plant.history_file import FILE, write_records
-from analysis.apps.plant.records import Record
+from analysis.apps.plant.records import RunRecord
 from analysis.procedures.shared.quantity import Quantity
 from rigs.errors import FileError
 from tests.support.dated_runs import dated_run
@@ -62,7 +62,7 @@ def test_a_history_beside_the_runs_lends_its_spread(tmp_path: Path) -> None:
     assert found["play_j3_deg"].is_larger and np.isfinite(found["band_deg"].difference.u)
 
 
-def scattered(record: Record, rng: np.random.Generator) -> dict[str, Quantity]:
+def scattered(record: RunRecord, rng: np.random.Generator) -> dict[str, Quantity]:
     """The figures of a record with a scatter of 0.0005 in each."""
     return {
         name: replace(one, value=one.value + 0.0005 * rng.standard_normal()) for name, one in record.figures.items()

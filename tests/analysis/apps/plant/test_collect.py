@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from analysis.apps.plant import collect as module
 from analysis.apps.plant.collect import collect
 from analysis.apps.plant.history_file import FILE
-from analysis.apps.plant.records import Record, record_of
+from analysis.apps.plant.records import RunRecord, record_of
 from analysis.cli import app
 from analysis.runs.loading import load_measured, refuse_copies
 from daq.store import Manifest, relabel
@@ -40,7 +40,7 @@ def evaluated(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The names of runs that are evaluated from here on."""
     names: list[str] = []
 
-    def noted(path: Path, manifest: Manifest, fingerprint: str) -> Record:
+    def noted(path: Path, manifest: Manifest, fingerprint: str) -> RunRecord:
         names.append(path.name)
         return record_of(path, manifest, fingerprint)
 

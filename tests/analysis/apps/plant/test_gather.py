@@ -14,7 +14,7 @@ from analysis.apps.plant import catalogue
 from analysis.apps.plant.collect import Collected, Workers
 from analysis.apps.plant.gather import Fleet, gather
 from analysis.apps.plant.history import history_of
-from analysis.apps.plant.records import Record
+from analysis.apps.plant.records import RunRecord
 from analysis.apps.plant.robot_state import state_of
 from analysis.procedures.shared.quantity import Quantity
 from daq.store import mark_kept
@@ -254,11 +254,11 @@ def test_the_workers_of_a_cluster_find_the_same(plant: Path, file: Path, tmp_pat
 
 
 def test_a_corrected_program_mends_no_arm() -> None:
-    def run(day: int, band_deg: float, corrected: str = "") -> Record:
+    def run(day: int, band_deg: float, corrected: str = "") -> RunRecord:
         figures = {"band_deg": Quantity(band_deg + 1e-4 * (day % 3), 1e-4, "deg", 720, "measured")}
         when = f"2025-12-{day:02d}T06:00:00+00:00"
         name = f"{day:02d}{corrected}"
-        return Record(name, name, "cell", when, "yaw", "acw", "", "", "", figures, name, False, corrected)
+        return RunRecord(name, name, "cell", when, "yaw", "acw", "", "", "", figures, name, False, corrected)
 
     as_it_is = [run(day, 0.08) for day in range(1, 11)]
     limits = Limits.model_validate({"yaw": {"band_deg": {"fail": 0.05}}})

@@ -13,16 +13,16 @@ from pathlib import Path
 import pytest
 
 from analysis.apps.plant.history_file import FILE, Unusable, read_records, write_records
-from analysis.apps.plant.records import Record
+from analysis.apps.plant.records import RunRecord
 from analysis.procedures.shared.quantity import Quantity
 
-RECORD = Record(
+RECORD = RunRecord(
     "lap-1", "abc", "ur10e", "2026-05-03T09:00:00+00:00", "yaw", "acw", "north", "p1",
     figures={"band_deg": Quantity(0.1, 0.001, "deg", 700, "borrowed"), "rms_deg": Quantity(1.0, math.nan, "deg")},
 )  # fmt: skip
 
 
-def named(number: int) -> Record:
+def named(number: int) -> RunRecord:
     return replace(RECORD, name=f"lap-{number:03d}")
 
 
@@ -34,7 +34,7 @@ def file(tmp_path: Path) -> Path:
 
 
 def test_records_come_back_as_they_were(file: Path) -> None:
-    odd = Record(os.fsdecode(b"\xff\xfe"), "f", "ur10e", "2026-05-03", "yaw", "cw", "", problem="bad \udcff")
+    odd = RunRecord(os.fsdecode(b"\xff\xfe"), "f", "ur10e", "2026-05-03", "yaw", "cw", "", problem="bad \udcff")
     write_records(file, [odd], [], from_new=False)
     records, why = read_records(file)
     assert not why and set(records) == {"lap-1", odd.name}

@@ -13,7 +13,7 @@ from analysis.apps.plant.changes import Trend
 from analysis.apps.plant.history import Series, history_of, judge
 from analysis.apps.plant.history_screen import as_object
 from analysis.apps.plant.history_words import against_limit, sentences
-from analysis.apps.plant.records import Record
+from analysis.apps.plant.records import RunRecord
 from analysis.procedures.shared.quantity import Quantity
 from rigs.schema.limits import Limit, Limits
 from tests.support.figure_histories import collected
@@ -22,10 +22,10 @@ BEGAN = datetime(2026, 5, 1, 9, tzinfo=UTC)
 LIMITS = Limits.model_validate({"yaw": {"range_deg": {"watch": 0.01, "fail": 0.02}}})
 
 
-def runs_of(values: list[float], u: float = 0.0005) -> list[Record]:
+def runs_of(values: list[float], u: float = 0.0005) -> list[RunRecord]:
     """A run a day from 1 May on."""
     return [
-        Record(f"lap-{day}", str(day), "ur10e", (BEGAN + timedelta(days=day - 1)).isoformat(), "yaw", "acw", "",
+        RunRecord(f"lap-{day}", str(day), "ur10e", (BEGAN + timedelta(days=day - 1)).isoformat(), "yaw", "acw", "",
                figures={"range_deg": Quantity(value, u, "deg")})
         for day, value in enumerate(values, 1)
     ]  # fmt: skip

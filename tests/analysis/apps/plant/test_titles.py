@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from analysis.apps.plant.history import _programs, title_of  # private: what two programs are called, without runs
-from analysis.apps.plant.records import Record
+from analysis.apps.plant.records import RunRecord
 
-RUN = Record("r", "f", "cell", "2026-11-26T03:00:00+00:00", "yaw", "cw", "left", program="0c441c75")
+RUN = RunRecord("r", "f", "cell", "2026-11-26T03:00:00+00:00", "yaw", "cw", "left", program="0c441c75")
 
 
 def test_a_title_names_the_placement_and_how_the_robot_was_corrected() -> None:

@@ -13,7 +13,7 @@ from analysis.apps.plant.history import history_of
 from analysis.apps.plant.history_page import write_page
 from analysis.apps.plant.history_screen import as_object, as_screen
 from analysis.apps.plant.history_words import origin, sentences
-from analysis.apps.plant.records import Record
+from analysis.apps.plant.records import RunRecord
 from analysis.procedures.shared.quantity import Quantity
 from analysis.report.origins import simulated_runs
 from analysis.report.plain_console import PlainConsole
@@ -26,20 +26,20 @@ LIMITS = Limits(yaw=CircleLimits(band_deg=Limit(watch=0.1, fail=0.2)))
 
 @pytest.fixture(autouse=True)
 def in_utc(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Record, "when", property(lambda run: datetime.fromisoformat(run.started)))
+    monkeypatch.setattr(RunRecord, "when", property(lambda run: datetime.fromisoformat(run.started)))
 
 
-def runs_at(minutes: Sequence[float], *, simulated: int = 0) -> list[Record]:
+def runs_at(minutes: Sequence[float], *, simulated: int = 0) -> list[RunRecord]:
     """Laps so many minutes after each other's begin, the first of them simulated."""
     figures = {"band_deg": Quantity(0.25, 0.001, "deg"), "play_j1_deg": Quantity(0.02, 0.0005, "deg")}
     return [
-        Record(f"lap-{k}", "f", "ur10e", (BEGAN + timedelta(minutes=at)).isoformat(), "yaw", "acw", "", "p",
+        RunRecord(f"lap-{k}", "f", "ur10e", (BEGAN + timedelta(minutes=at)).isoformat(), "yaw", "acw", "", "p",
                figures=figures, readings=str(k), simulated=k < simulated)
         for k, at in enumerate(minutes)
     ]  # fmt: skip
 
 
-def page_of(runs: Sequence[Record], path: Path, limits: Limits | None = None) -> str:
+def page_of(runs: Sequence[RunRecord], path: Path, limits: Limits | None = None) -> str:
     write_page(history_of(collected(runs, limits)), path)
     return path.read_text(encoding="utf-8")
 

@@ -11,7 +11,7 @@ import yaml
 from analysis.apps.makers.programs.motion_plan import demand_of
 from analysis.apps.makers.writing import programs_of
 from analysis.apps.session.session_plan import BY_HAND, FIXED, minutes_of, planned, programs_of_steps
-from analysis.apps.session.session_state import Aim, Emulated, Place, Try
+from analysis.apps.session.session_state import Aim, Emulated, SessionDirectory, Try
 from daq.store import durable
 from rigs.errors import CellError
 from rigs.load import load
@@ -39,7 +39,7 @@ def test_status_shows_every_step_and_json_the_whole_state(cell: Path, tmp_path: 
     assert f"next: start program p01-yaw-acw; continue with: rig session {cell}" in shown.stdout
     assert f" -o {tmp_path / 'own'} --for {session.maker}" in shown.stdout
     fast = session.model_copy(update={"emulated": Emulated(fast=True)})
-    assert Place(tmp_path).command(cell, fast).endswith(f" --for {session.maker} --emulated --fast")
+    assert SessionDirectory(tmp_path).command(cell, fast).endswith(f" --for {session.maker} --emulated --fast")
     plain = json.loads(ran("session", cell, "-o", tmp_path / "own", "--status", "--json").stdout)
     assert plain["steps"][0]["program"] == "p01-yaw-acw" and plain["rig"] == session.rig
 
@@ -78,7 +78,7 @@ def test_a_value_that_no_session_has_is_refused_with_its_line(
 @pytest.mark.parametrize("name", ["nowhere", "../elsewhere", "/etc"])
 def test_a_run_that_is_not_there_is_refused_with_its_line(name: str, cell: Path, tmp_path: Path) -> None:
     session = begun(cell, tmp_path / "own")
-    place = Place(tmp_path / "own")
+    place = SessionDirectory(tmp_path / "own")
     place.write(session.with_step(0, session.steps[0].model_copy(update={"tries": (Try(run="there"),)})))
     place.run("there").mkdir(parents=True)
     assert ran("session", cell, "-o", place.directory, "--status").returncode == 0
@@ -127,7 +127,7 @@ def test_an_emulated_session_does_not_go_on_in_a_real_cell(cell: Path, tmp_path:
 
 def test_two_sessions_in_one_directory(cell: Path, tmp_path: Path) -> None:
     begun(cell, tmp_path / "own")
-    with Place(tmp_path / "own"):
+    with SessionDirectory(tmp_path / "own"):
         done = ran("session", cell, "-o", tmp_path / "own", "--for", "kuka")
         assert done.returncode == 4 and "a different rig session" in one_line(done.stderr)
         assert ran("session", cell, "-o", tmp_path / "own", "--status").returncode == 0
@@ -163,7 +163,7 @@ def test_a_cell_whose_ports_are_not_there(cell: Path, tmp_path: Path) -> None:
         done = ran("session", cell, "-o", tmp_path / "own", "--for", "kuka")
     assert done.returncode == 4 and "rigd: exited unexpectedly" in done.stderr
     assert done.stderr.count("error: ") == 1
-    kept = Place(tmp_path / "own").read()
+    kept = SessionDirectory(tmp_path / "own").read()
     assert kept is not None and kept.steps[0].is_open
 
 
@@ -177,11 +177,11 @@ def test_a_full_disk_keeps_the_state_that_was_there(
 
     monkeypatch.setattr(durable, "create", full)
     with (
-        Place(tmp_path / "own") as place,
+        SessionDirectory(tmp_path / "own") as place,
         pytest.raises(CellError, match=r"No space left on device.*repeat the command"),
     ):
         place.write(session.model_copy(update={"minutes": 9.0}))
-    assert Place(tmp_path / "own").read() == session
+    assert SessionDirectory(tmp_path / "own").read() == session
 
 
 @pytest.mark.parametrize(("aim", "minutes"), [("check", 20), ("faults", 50)])

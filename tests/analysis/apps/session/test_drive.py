@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from analysis.apps.session import daemon_cell as session_cell
-from analysis.apps.session.daemon_cell import Run
-from analysis.apps.session.program_watch import Watch, Way
-from analysis.apps.session.session_plan import BY_ITSELF, Program, planned, programs_of_steps
-from analysis.apps.session.session_state import Step
+from analysis.apps.session.daemon_cell import ProgramRun
+from analysis.apps.session.program_watch import ProgramPath, ProgramWatch
+from analysis.apps.session.session_plan import BY_ITSELF, SessionProgram, planned, programs_of_steps
+from analysis.apps.session.session_state import ProgramStep
 from analysis.robot.kinematics.arm import Array
 from daq import clock
 from rigs.errors import CellError
@@ -58,10 +58,10 @@ class Cell:
     def joints(self) -> tuple[float, list[float]]:
         return self._time.now_s, list(self._robot(self._time.now_s))
 
-    def start(self, program: Program) -> None:
+    def start(self, program: SessionProgram) -> None:
         pass
 
-    def go_on(self, program: Program) -> None:
+    def go_on(self, program: SessionProgram) -> None:
         self.went_on += 1
 
     def look(self) -> None:
@@ -75,7 +75,7 @@ class Bench:
         rig, _ = load("paper-fanuc")
         stages, self.steps = planned(rig, "faults", 11, BY_ITSELF, lambda _: None)
         self.programs = programs_of_steps(rig, stages, self.steps)
-        self.ways = {name: Way.of(program.plan) for name, program in self.programs.items()}
+        self.ways = {name: ProgramPath.of(program.plan) for name, program in self.programs.items()}
         self.time, self.screen = time, Screen()
         monkeypatch.setattr(session_cell, "why_unusable", lambda run: "")
 
@@ -92,9 +92,9 @@ class Bench:
 
         return at
 
-    def drive(self, cell: Cell, step: Step | None = None) -> Run:
+    def drive(self, cell: Cell, step: ProgramStep | None = None) -> ProgramRun:
         step = step or self.steps[0]
-        watch = Watch(self.ways, step.program)
+        watch = ProgramWatch(self.ways, step.program)
         own = session_cell._Drive  # private _Drive: a step without a daemon
         made = own(cell, cell, self.screen, self.programs, watch, step, lambda: None)  # type: ignore[arg-type]
         return made.run("ada", _WAIT_S, Path("/runs"))
@@ -107,7 +107,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
 
 def test_a_program_is_recorded_from_its_start_to_its_end(bench: Bench) -> None:
     cell = Cell(bench.time, bench.robot("p01-yaw-acw"))
-    assert bench.drive(cell) == Run("20260101T000000Z_run", "p01-yaw-acw", "")
+    assert bench.drive(cell) == ProgramRun("20260101T000000Z_run", "p01-yaw-acw", "")
     (start, fields), (stop, _) = cell.asked
     assert (start, stop) == ("record_start", "record_stop") and cell.went_on == 1
     assert (fields["name"], fields["test"], fields["direction"]) == ("p01-yaw-acw", "yaw", "acw")

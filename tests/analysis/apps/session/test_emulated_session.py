@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.apps.session.session_state import Place
+from analysis.apps.session.session_state import SessionDirectory
 from tests.support.bench import BIN
 from tests.support.session_cell import cell_file
 
@@ -70,7 +70,7 @@ def test_a_session_that_is_killed_goes_on_and_leaves_no_process(tmp_path: Path) 
         if done.returncode == 0:
             break
     assert done.returncode == 0, done.stdout + done.stderr
-    session = Place(directory).read()
+    session = SessionDirectory(directory).read()
     assert session is not None and session.report and (directory / session.report).exists()
     assert broken.name in session.left_alone
     assert [step.program for step in session.steps if step.run] == ["p01-yaw-acw", "p02-yaw-cw"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.apps.session.correction_step import expected_left
-from analysis.apps.session.session_state import Correction
+from analysis.apps.session.session_state import SessionCorrection
 from analysis.apps.session.session_words import correction_lines
 from analysis.correction.deviation import Deviation, Side, Work
 from analysis.correction.pose_uncertainty import pose_uncertainty
@@ -28,7 +28,7 @@ def test_u_stands_where_the_runs_of_the_model_were_and_nowhere_else(most_deg: fl
     assert expected.um == 12.3
     assert (expected.u_um is not None and 0 < expected.u_um < math.inf) == is_known
     before = Deviation(um=50, largest_um=90, u_um=1, runs=2)
-    correction = Correction(way="programs", sentence="Load them.", before_um=50, expected_um=12.3)
+    correction = SessionCorrection(way="programs", sentence="Load them.", before_um=50, expected_um=12.3)
     line = list(correction_lines(correction, [Side("elsewhere", before, before, expected)]))[1]
     assert ("uncertainty unknown" in line) != is_known
 
@@ -37,7 +37,7 @@ def test_u_stands_where_the_runs_of_the_model_were_and_nowhere_else(most_deg: fl
 def test_the_error_over_the_work_says_where_no_run_shows_it(unknown: float, said: str) -> None:
     side = Deviation(um=50, largest_um=90, u_um=1, runs=2)
     work = Work(before_um=312, after_um=133, u_um=46, unknown=unknown)
-    correction = Correction(way="programs", sentence="Load them.", before_um=50, expected_um=2, work=work)
+    correction = SessionCorrection(way="programs", sentence="Load them.", before_um=50, expected_um=2, work=work)
     line = list(correction_lines(correction, [Side("same", side, side, None)]))[-1]
     assert "312 µm rms before, 133 expected after" in line
     assert said in line and ("the error there is unknown" in line) == bool(said)

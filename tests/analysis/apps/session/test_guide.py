@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from analysis.apps.session import session_report as report
-from analysis.apps.session.daemon_cell import Run
+from analysis.apps.session.daemon_cell import ProgramRun
 from analysis.apps.session.next_step import Drive, Infer, next_of, why_nothing
-from analysis.apps.session.session_state import Aim, Place, Session, Step, Try
+from analysis.apps.session.session_state import Aim, ProgramStep, Session, SessionDirectory, Try
 from analysis.report.texts import texts_of
 from rigs.errors import CellError
 from rigs.load import load
@@ -39,7 +39,7 @@ def place(tmp_path: Path) -> Path:
     return tmp_path / "session"
 
 
-def _blank_page(_: Session, __: object, place: Place) -> Path:
+def _blank_page(_: Session, __: object, place: SessionDirectory) -> Path:
     page = place.directory / report.PAGE
     page.write_text(" " * 20_000)
     return page
@@ -101,7 +101,7 @@ def test_a_session_drives_finds_corrects_and_drives_again(whole: Whole) -> None:
 
 
 def test_its_page_has_its_charts(whole: Whole) -> None:
-    place = Place(whole.place)
+    place = SessionDirectory(whole.place)
     (place.directory / report.PAGE).unlink()  # the blank one, which no page of rig replaces
     correction = whole.session.correction
     assert correction and correction.same and correction.work
@@ -123,11 +123,11 @@ def test_a_session_killed_at_each_step_has_the_same_end(whole: Whole, place: Pat
     begun(cell_file(tmp_path), place)
     mortal = Simulated(place)
     for life in range(_MOST_LIVES):
-        before = Place(place).read()
+        before = SessionDirectory(place).read()
         try:
             session = gone_on(place, mortal, Oracle(), MortalPlace(place, before=life % 2 == 0))
         except Killed:
-            now = Place(place).read()
+            now = SessionDirectory(place).read()
             assert life % 2 or now == before, "a state that was not written is not there"
             continue
         break
@@ -157,7 +157,7 @@ def test_an_ambiguous_answer_puts_the_separating_test_next(place: Path, tmp_path
     begun(cell_file(tmp_path), place)
     ambiguous = NAMED.model_copy(update={"condition": "ambiguous", "next_test": "roll on the circle"})
     driver = Simulated(place)
-    with Place(place) as held:
+    with SessionDirectory(place) as held:
         session = held.read()
         assert session is not None
         held.write(session.model_copy(update={"minutes": 30.0}))
@@ -175,7 +175,7 @@ def test_a_run_in_vain_is_driven_again_and_the_third_ends_with_a_line(aim: Aim, 
     driver = Simulated(place, {1: "g1: 3 silent", 2: "g1: 3 silent", 3: "g1: 3 silent"})
     with pytest.raises(CellError, match=r"p02-yaw-cw: failed 3 times, the last time: g1: 3 silent; check the cell"):
         gone_on(place, driver, Oracle())
-    kept = Place(place).read()
+    kept = SessionDirectory(place).read()
     assert kept is not None and [len(step.tries) for step in kept.steps[:2]] == [1, 3]
     finished(gone_on(place, driver, Oracle()), place)
 
@@ -221,7 +221,7 @@ def test_entries_that_nobody_confirms_end_with_what_to_do(place: Path, tmp_path:
         session = gone_on(place, driver, Oracle())
     except CellError as error:
         assert "--entered" in error.remedy
-        kept = Place(place).read()
+        kept = SessionDirectory(place).read()
         assert kept is not None and kept.correction is not None and not kept.correction.entered
         driver.can_enter = True
         session = gone_on(place, driver, Oracle())
@@ -256,7 +256,7 @@ def test_a_computer_that_is_held_up_is_named_before_the_cell(place: Path, tmp_pa
     begun(cell_file(tmp_path), place)
 
     class HeldUp(Simulated):
-        def drive(self, step: Step, wait: Callable[[], None]) -> Run:
+        def drive(self, step: ProgramStep, wait: Callable[[], None]) -> ProgramRun:
             return replace(super().drive(step, wait), why="the lap has no data from 59° to 83°", held_up=2)
 
     with pytest.raises(CellError, match=r"this computer: was delayed, .* p01-yaw-acw, .*; close other programs"):

@@ -10,8 +10,8 @@ import pytest
 
 from analysis.apps.emulate.pendant import Pendant
 from analysis.apps.session.correction_step import corrected_programs
-from analysis.apps.session.session_plan import Program, programs_of_steps, write_programs
-from rigs.effects import Backlash, Effect, Found
+from analysis.apps.session.session_plan import SessionProgram, programs_of_steps, write_programs
+from rigs.effects import Backlash, Effect, EffectProvenance
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
@@ -26,7 +26,7 @@ SOUND = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2
 
 def plays(u_deg: float) -> tuple[Effect, ...]:
     """The plays as they were found, with this standard uncertainty."""
-    found = Found(date=dt.date(2026, 11, 25), runs=("a",), sd={"width_deg": u_deg})
+    found = EffectProvenance(date=dt.date(2026, 11, 25), runs=("a",), sd={"width_deg": u_deg})
     return tuple(Backlash(axis=axis, width_deg=width, found=found) for axis, width in WIDTH_DEG.items())
 
 
@@ -73,7 +73,7 @@ def test_programs_that_know_a_play_take_most_of_it_away(maker: MakerName, tmp_pa
         assert off["unsure"][name] == pytest.approx(before, rel=0.1)
 
 
-def driven(rig: Rig, program: Program, maker: MakerName, directory: Path) -> float:
+def driven(rig: Rig, program: SessionProgram, maker: MakerName, directory: Path) -> float:
     """How far the tool is from its circle where a controller of this maker drives a program, µm."""
     write_programs(maker, [program], directory)
     return off_um(rig, Pendant(rig, directory, maker).trace(program.name).q[::5])

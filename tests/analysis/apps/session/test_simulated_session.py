@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from analysis.apps.session.daemon_cell import EmulatedHands
-from analysis.apps.session.run_session import Asked, Means, run_session
-from analysis.apps.session.session_plan import Program
-from analysis.apps.session.session_state import Emulated, Place
+from analysis.apps.session.run_session import SessionDependencies, SessionOptions, run_session
+from analysis.apps.session.session_plan import SessionProgram
+from analysis.apps.session.session_state import Emulated, SessionDirectory
 from analysis.apps.session.simulated import SimulatedCells
 from analysis.runs.loading import load_measured
 from daq import clock
@@ -26,7 +26,7 @@ class Stopping(EmulatedHands):
 
     stop_s = 0.0
 
-    def go_on(self, program: Program) -> None:
+    def go_on(self, program: SessionProgram) -> None:
         super().go_on(program)
         self.stop_s = self.stop_s or clock.now_s() + 6.0
 
@@ -42,17 +42,17 @@ def test_a_session_in_simulated_time_records_what_is_driven_and_goes_on_after_a_
     cell, directory = cell_file(tmp_path), tmp_path / "own"
     rig, text = load(cell)
     emulated = Emulated(effects="paper-fanuc", seed=3)
-    asked = Asked(str(cell), "check", 1.4, "kuka", emulated, operator="ada", wait_min=1.0)
+    asked = SessionOptions(str(cell), "check", 1.4, "kuka", emulated, operator="ada", wait_min=1.0)
 
     def go_on(cells: SimulatedCells, hands: EmulatedHands) -> None:
-        means = Means(hands, cells.start_rigd, Oracle())
-        run_session(rig, text, Place(directory), asked, Screen(), means)
+        means = SessionDependencies(hands, cells.start_rigd, Oracle())
+        run_session(rig, text, SessionDirectory(directory), asked, Screen(), means)
 
     with SimulatedClock(1, hangs_s=300).running() as simulated:
         cells = SimulatedCells(simulated, directory)
 
         class Killing(EmulatedHands):
-            def go_on(self, program: Program) -> None:
+            def go_on(self, program: SessionProgram) -> None:
                 super().go_on(program)
                 assert cells.rigd is not None
                 cells.rigd.kill()
@@ -61,7 +61,7 @@ def test_a_session_in_simulated_time_records_what_is_driven_and_goes_on_after_a_
             go_on(cells, Killing(directory, "kuka", emulated, [], cells.start_cell))
         go_on(cells, Stopping(directory, "kuka", emulated, [], cells.start_cell))
         assert 10 < simulated.elapsed_s < 600
-    session = Place(directory).read()
+    session = SessionDirectory(directory).read()
     assert session is not None and session.report
     whys = [[one.why for one in step.tries] for step in session.steps]
     assert "the robot stopped at" in whys[0][0] and [step[-1] for step in whys] == ["", ""]

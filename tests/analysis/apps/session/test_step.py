@@ -8,34 +8,34 @@ from typing import Any
 
 import pytest
 
-from analysis.apps.session.daemon_cell import Run
+from analysis.apps.session.daemon_cell import ProgramRun
 from analysis.apps.session.guide import (
     Answered,
     Begin,
-    Corrected,
+    CorrectionMade,
+    EndSession,
     Event,
     Guide,
+    GuideState,
     Outcome,
     Present,
     Recorded,
     Reported,
     Runs,
     Say,
-    SetUp,
-    State,
-    Stop,
+    SetUpStage,
 )
 from analysis.apps.session.next_step import Drive, is_answered
 from analysis.apps.session.session_plan import BY_ITSELF
-from analysis.apps.session.session_state import Correction, Deed, Session, Try, Verified
+from analysis.apps.session.session_state import Session, SessionAct, SessionCorrection, Try, VerifiedError
 from analysis.correction.deviation import Deviation
 from rigs.load import load
 from tests.support.session_cell import NAMED, begun, cell_file
 
 ACW, CW = "p01-yaw-acw", "p02-yaw-cw"
-BY_PROGRAMS = Correction(way="programs", sentence="Load them.", before_um=50, expected_um=2)
+BY_PROGRAMS = SessionCorrection(way="programs", sentence="Load them.", before_um=50, expected_um=2)
 BY_ENTRIES = BY_PROGRAMS.model_copy(update={"way": "entries"})
-IN_VAIN = Run("r", ACW, "g1: 3 silent")
+IN_VAIN = ProgramRun("r", ACW, "g1: 3 silent")
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def driven(session: Session, *purposes: str, **changed: Any) -> Session:
     return session.model_copy(update={"steps": tuple(steps), **changed})
 
 
-def stepped(state: State, event: Event) -> Outcome:
+def stepped(state: GuideState, event: Event) -> Outcome:
     """What the guide makes of an event, without what it says."""
     guide = Guide(load("paper-fanuc")[0], BY_ITSELF, Path("session"))
     after, actions = guide.step(state, event)
@@ -70,25 +70,25 @@ def known(session: Session) -> Session:
 
 
 def test_the_first_program_is_driven_where_its_stage_is_set_up(at_start: Session) -> None:
-    state, actions = stepped(State(at_start), "begun")
-    assert actions == (SetUp(at_start.stages[0]), Drive(0))
+    state, actions = stepped(GuideState(at_start), "begun")
+    assert actions == (SetUpStage(at_start.stages[0]), Drive(0))
     assert (state.stage, state.driving, state.session) == ("yaw", 0, at_start)
 
 
 @pytest.mark.parametrize(
     ("run", "tries", "left_alone", "following"),
     [
-        (Run("r", ACW, ""), [1, 0], (), Drive(1)),
+        (ProgramRun("r", ACW, ""), [1, 0], (), Drive(1)),
         (IN_VAIN, [1, 0], (), Drive(0)),
-        (Run("r", CW, ""), [0, 1], (), Drive(0)),
-        (Run("r", "p99-roll-cw", ""), [0, 0], ("r",), Drive(0)),
+        (ProgramRun("r", CW, ""), [0, 1], (), Drive(0)),
+        (ProgramRun("r", "p99-roll-cw", ""), [0, 0], ("r",), Drive(0)),
     ],
     ids=["usable", "in vain", "of another step", "of no step"],
 )
 def test_a_run_counts_as_what_it_is(
-    run: Run, tries: list[int], left_alone: tuple[str, ...], following: Drive, at_start: Session
+    run: ProgramRun, tries: list[int], left_alone: tuple[str, ...], following: Drive, at_start: Session
 ) -> None:
-    state, actions = stepped(State(at_start, "yaw", driving=0), Recorded(run, 0.5))
+    state, actions = stepped(GuideState(at_start, "yaw", driving=0), Recorded(run, 0.5))
     assert [len(step.tries) for step in state.session.steps[:2]] == tries
     assert (state.session.left_alone, state.session.driven_minutes, actions) == (left_alone, 0.5, (following,))
 
@@ -96,15 +96,15 @@ def test_a_run_counts_as_what_it_is(
 @pytest.mark.parametrize(("held_up", "where"), [(0, ACW), (2, "this computer")])
 def test_the_third_run_in_vain_ends_the_session_after_it_is_kept(held_up: int, where: str, at_start: Session) -> None:
     vain = Try(run="r", why=IN_VAIN.why, held_up=held_up)
-    state = State(at_start, "yaw", driving=0).tried(0, vain).tried(0, vain)
+    state = GuideState(at_start, "yaw", driving=0).tried(0, vain).tried(0, vain)
     after, actions = stepped(state, Recorded(IN_VAIN, 0.5))
     assert len(after.session.steps[0].tries) == 3
-    assert isinstance(actions[0], Stop) and actions[0].error.where == where
+    assert isinstance(actions[0], EndSession) and actions[0].error.where == where
 
 
 def test_both_directions_are_understood_while_the_next_program_is_driven(at_start: Session) -> None:
-    state = State(at_start, "yaw", driving=1).tried(0, Try(run="a"))
-    state, actions = stepped(state, Recorded(Run("b", CW, ""), 0.5))
+    state = GuideState(at_start, "yaw", driving=1).tried(0, Try(run="a"))
+    state, actions = stepped(state, Recorded(ProgramRun("b", CW, ""), 0.5))
     assert actions == (Begin(Runs(("a", "b"))), Drive(2)) and state.inferring == Runs(("a", "b"))
     later, none = stepped(state, Answered(None, "no lap"))
     assert (later.inferring, later.session, none) == (None, state.session, ())
@@ -118,7 +118,9 @@ def test_two_inferences_begin_where_the_other_place_has_judged_and_the_second_is
     number = max(k for k, step in enumerate(session.steps) if step.purpose == "judge")
     before = session.with_step(number, at_start.steps[number])
     step = before.steps[number]
-    state, actions = stepped(State(before, "other", driving=number), Recorded(Run("z", step.program, ""), 0.5))
+    state, actions = stepped(
+        GuideState(before, "other", driving=number), Recorded(ProgramRun("z", step.program, ""), 0.5)
+    )
     find, judges = (tuple(step.run for step in state.session.runs_for(purpose)) for purpose in ("find", "judge"))
     assert actions == (Begin(Runs(find, judges)), Begin(Runs((*find, *judges))), "await")  # type: ignore[arg-type]
     judged = NAMED.model_copy(update={"runs": len(find), "judges": len(judges)})
@@ -129,14 +131,16 @@ def test_two_inferences_begin_where_the_other_place_has_judged_and_the_second_is
 
 def test_corrected_programs_take_the_place_of_those_that_verify(at_start: Session) -> None:
     names = {step.program: f"{step.program}-fixed" for step in at_start.steps if step.purpose == "verify"}
-    state, (set_up, drive) = stepped(State(known(at_start), "other"), Corrected(BY_PROGRAMS, names))
+    state, (set_up, drive) = stepped(GuideState(known(at_start), "other"), CorrectionMade(BY_PROGRAMS, names))
     verify = [step.program for step in state.session.steps if step.purpose == "verify"]
     assert verify and all(name.endswith("-fixed") for name in verify)
-    assert isinstance(set_up, SetUp) and isinstance(drive, Drive), "also where its stage is set up: they are loaded"
+    assert isinstance(set_up, SetUpStage) and isinstance(drive, Drive), (
+        "also where its stage is set up: they are loaded"
+    )
 
 
 def test_entries_are_entered_before_anything_is_driven(at_start: Session) -> None:
-    state, actions = stepped(State(known(at_start), "other"), Corrected(BY_ENTRIES, {}))
+    state, actions = stepped(GuideState(known(at_start), "other"), CorrectionMade(BY_ENTRIES, {}))
     assert actions == ("enter",) and state.stage == "other"
     state, (drive,) = stepped(state, "entered")
     assert isinstance(drive, Drive) and state.session.correction and state.session.correction.entered
@@ -148,21 +152,21 @@ def test_nothing_is_corrected_without_a_model_or_by_one_that_the_other_place_ref
     refused = session.model_copy(update={"judged": session.judged.model_copy(update={"ground": "unknown_cause"})})
     bare = session.model_copy(update={"answer": session.answer.model_copy(update={"model": ""})})
     for case in (refused, bare):
-        state, actions = stepped(State(case, "other"), "begun")
+        state, actions = stepped(GuideState(case, "other"), "begun")
         assert actions == ("report",) and not state.session.open_steps
         assert state.session.correction and state.session.correction.way == "none"
-    assert stepped(State(session, "other"), "begun")[1] == ("correct",)
+    assert stepped(GuideState(session, "other"), "begun")[1] == ("correct",)
 
 
 def test_the_page_is_the_end(at_start: Session) -> None:
     done = driven(known(at_start), "find", "judge", "verify", correction=BY_PROGRAMS)
-    assert stepped(State(done), "begun")[1] == ("report",)
-    state, actions = stepped(State(done), Reported(None, "report.html"))
+    assert stepped(GuideState(done), "begun")[1] == ("report",)
+    state, actions = stepped(GuideState(done), Reported(None, "report.html"))
     assert actions == () and state.session.report == "report.html"
 
 
 def test_a_run_that_was_recorded_before_a_cut_is_taken_by_the_step_that_is_driven(at_start: Session) -> None:
-    state, actions = stepped(State(at_start), Present("r", ACW))
+    state, actions = stepped(GuideState(at_start), Present("r", ACW))
     assert (state.session.steps[0].run, actions) == ("r", ())
     state, _ = stepped(state, Present("s"))
     state, actions = stepped(state, Present("t", "p99-roll-cw"))
@@ -170,16 +174,16 @@ def test_a_run_that_was_recorded_before_a_cut_is_taken_by_the_step_that_is_drive
 
 
 def test_what_becomes_of_a_correction_is_said_once_after_it(at_start: Session) -> None:
-    repair = Deed(kind="repair", why="fault", words="Repair it. Do it instead.", corrected="Repair it.")
+    repair = SessionAct(kind="repair", why="fault", words="Repair it. Do it instead.", corrected="Repair it.")
     answer = NAMED.model_copy(update={"acts": (repair, GROUP)})
     before = driven(known(at_start), "find", "judge", "verify", correction=BY_PROGRAMS, answer=answer)
     size = Deviation(um=9, largest_um=20, u_um=1, runs=2)
-    after = before.model_copy(update={"verified": Verified(same_before=size, same_after=size)})
+    after = before.model_copy(update={"verified": VerifiedError(same_before=size, same_after=size)})
     assert before.to_do == ("Repair it. Do it instead.", GROUP.words)
     assert after.to_do == ("Repair it.", GROUP.words)
 
 
-GROUP = Deed(kind="measure", why="group", words="Drive roll: it names what makes 72 % of the error.")
+GROUP = SessionAct(kind="measure", why="group", words="Drive roll: it names what makes 72 % of the error.")
 
 
 @pytest.mark.parametrize(
@@ -203,7 +207,7 @@ def test_what_was_left_out_is_driven_where_more_runs_say_less(at_start: Session)
         *(step for step in at_start.steps if step.purpose != "find"),
     ]
     session = at_start.model_copy(update={"steps": tuple(steps)})
-    driving = State(session, stage="yaw", driving=4)
+    driving = GuideState(session, stage="yaw", driving=4)
     early, _ = stepped(driving, Answered(NAMED.model_copy(update={"runs": 4})))
     assert [step.program for step in early.session.steps if step.skipped] == [find[5].program]
     less = NAMED.model_copy(update={"runs": 5, "acts": (GROUP,)})

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from analysis.apps.session.program_watch import Watch, Way
+from analysis.apps.session.program_watch import ProgramPath, ProgramWatch
 from analysis.apps.session.session_plan import BY_ITSELF, planned, programs_of_steps
 from analysis.robot.kinematics.arm import Array
 from rigs.load import load
@@ -20,7 +20,7 @@ _SPEED_DEG_S = 20.0
 class Cell:
     """The ways of a session of the paper's arm."""
 
-    ways: dict[str, Way]
+    ways: dict[str, ProgramPath]
 
     def driven(self, program: str, share: float = 1.0, stands_s: float = 9.0) -> list[Array]:
         """Joint angles each tenth of a second: a stand at the start, a share of the way, a stand."""
@@ -35,10 +35,10 @@ class Cell:
 def cell() -> Cell:
     rig, _ = load("paper-fanuc")
     stages, steps = planned(rig, "faults", 11, BY_ITSELF, lambda _: None)
-    return Cell({name: Way.of(program.plan) for name, program in programs_of_steps(rig, stages, steps).items()})
+    return Cell({name: ProgramPath.of(program.plan) for name, program in programs_of_steps(rig, stages, steps).items()})
 
 
-def seen(watch: Watch, joints: list[Array]) -> list[str]:
+def seen(watch: ProgramWatch, joints: list[Array]) -> list[str]:
     """What a watch sees, each once in order, to the first end."""
     found: list[str] = []
     for k, q in enumerate(joints):
@@ -51,19 +51,19 @@ def seen(watch: Watch, joints: list[Array]) -> list[str]:
 
 
 def test_a_program_is_followed_from_its_start_to_its_end_with_the_way_back_between_laps(cell: Cell) -> None:
-    watch = Watch(cell.ways, "p01-yaw-acw")
+    watch = ProgramWatch(cell.ways, "p01-yaw-acw")
     assert seen(watch, cell.driven("p01-yaw-acw")) == ["nothing", "at_start", "driving", "ended"]
     assert watch.program == "p01-yaw-acw" and watch.share > 0.99
 
 
 def test_a_way_of_two_laps_is_no_way_of_one(cell: Cell) -> None:
-    half = Watch(cell.ways, "p01-yaw-acw")
+    half = ProgramWatch(cell.ways, "p01-yaw-acw")
     assert seen(half, cell.driven("p01-yaw-acw", 0.33, 12))[-1] == "stopped"
     assert 0.3 < half.share < 0.36
 
 
 def test_another_program_is_known_where_the_robot_comes_to_its_start(cell: Cell) -> None:
-    watch = Watch(cell.ways, "p01-yaw-acw")
+    watch = ProgramWatch(cell.ways, "p01-yaw-acw")
     before = [cell.ways["p01-yaw-acw"].q_deg[900]] * 3
     assert seen(watch, [*before, *cell.driven("p03-yaw-acw-other")])[-1] == "ended"
     assert watch.program == "p03-yaw-acw-other"
@@ -72,27 +72,27 @@ def test_another_program_is_known_where_the_robot_comes_to_its_start(cell: Cell)
 def test_where_a_program_has_ended_no_other_begins_by_itself(cell: Cell) -> None:
     end = cell.ways["p01-yaw-acw"].q_deg[-1]
     assert np.abs(end - cell.ways["p02-yaw-cw"].q_deg[0]).max() < 0.1, "cw begins where acw ends"
-    again = Watch(cell.ways, "p01-yaw-acw", ended="p01-yaw-acw")
+    again = ProgramWatch(cell.ways, "p01-yaw-acw", ended="p01-yaw-acw")
     assert set(seen(again, [end] * 100)) == {"nothing"}
-    meant = Watch(cell.ways, "p02-yaw-cw", ended="p01-yaw-acw")
+    meant = ProgramWatch(cell.ways, "p02-yaw-cw", ended="p01-yaw-acw")
     assert seen(meant, [end] * 100)[-1] == "at_start"
 
 
 def test_a_robot_that_leaves_the_way_drives_something_else(cell: Cell) -> None:
-    watch = Watch(cell.ways, "p01-yaw-acw")
+    watch = ProgramWatch(cell.ways, "p01-yaw-acw")
     away = cell.driven("p01-yaw-acw", 0.2, 0)
     moved = away[-1] + np.outer(np.arange(30), [0, 0.5, 0, 0, 0, 0])
     assert seen(watch, [*away, *moved])[-1] == "astray"
 
 
 def test_a_robot_that_drives_no_program_is_seen_elsewhere(cell: Cell) -> None:
-    watch = Watch(cell.ways, "p01-yaw-acw")
+    watch = ProgramWatch(cell.ways, "p01-yaw-acw")
     ramp = np.outer(np.arange(30), [1.0, 0, 0, 0, 0, 0])
     assert seen(watch, [*ramp, *([ramp[-1]] * 60)]) == ["nothing", "elsewhere"]
     assert watch.program == ""
 
 
 def test_flicker_is_no_motion(cell: Cell) -> None:
-    watch, chance = Watch(cell.ways, "p01-yaw-acw"), np.random.default_rng(1)
+    watch, chance = ProgramWatch(cell.ways, "p01-yaw-acw"), np.random.default_rng(1)
     start = cell.ways["p01-yaw-acw"].q_deg[0]
     assert seen(watch, list(start + chance.uniform(-0.01, 0.01, (200, 6))))[-1] == "at_start"

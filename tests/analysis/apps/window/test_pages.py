@@ -20,12 +20,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from analysis import load_run
-from analysis.apps.live.view import LiveView, Reading, Update
-from analysis.apps.session.session_state import Place, Session, Step, Try
+from analysis.apps.live.view import GaugeReading, LiveView, Update
+from analysis.apps.session.session_state import ProgramStep, Session, SessionDirectory, Try
 from analysis.apps.window import frames
 from analysis.apps.window.app import language_of
 from analysis.apps.window.app import words_of as texts_of
-from analysis.apps.window.control_posts import Controls
+from analysis.apps.window.control_posts import WindowControls
 from analysis.apps.window.frames import summary
 from analysis.apps.window.watcher import Board, Watcher
 from analysis.report.texts import LANGUAGES
@@ -132,7 +132,7 @@ def test_hostile_names_lead_nowhere_and_are_text(one: Served, name: str) -> None
 
 
 def test_the_session_is_shown_and_a_damaged_one_is_said(tmp_path: Path) -> None:
-    step = Step(program="p01-yaw-acw", stage="yaw", test="yaw", direction="acw", seconds=60)
+    step = ProgramStep(program="p01-yaw-acw", stage="yaw", test="yaw", direction="acw", seconds=60)
     session = Session.model_validate(
         {
             "rig": "cell",
@@ -156,7 +156,7 @@ def test_the_session_is_shown_and_a_damaged_one_is_said(tmp_path: Path) -> None:
         "stage": "the ball at the centre",
     }
     assert [one["state"] for one in shown["steps"]] == ["driven", "open"] and shown["parts"][0]["fault"]
-    place = Place(tmp_path)
+    place = SessionDirectory(tmp_path)
     place.write(session)
     with served(tmp_path, session=tmp_path) as window:
         read = _heard(window, "session")
@@ -198,7 +198,7 @@ def test_frames_hold_what_the_view_shows(tmp_path: Path) -> None:
 
 
 def test_what_is_not_known_is_null_and_never_nan() -> None:
-    readings = {"g1": Reading(math.nan, 0.0), "g2": Reading(np.inf, 1.0)}
+    readings = {"g1": GaugeReading(math.nan, 0.0), "g2": GaugeReading(np.inf, 1.0)}
     board, view = Board(), LiveView().after(Update(readings=readings))
     board.post("now", frames.now(view, (0.0, 0.0), 1))
     board.post("trace", frames.trace(view))
@@ -263,8 +263,8 @@ def test_the_dashboard_shows_metrics_that_there_are(one: Served) -> None:
 
 
 def test_a_session_is_gone_on_with_by_its_own_command_whose_words_are_shown(tmp_path: Path) -> None:
-    place = Place(tmp_path / "session")
-    controls = Controls(Watcher(no_daemon, place), place, str(tmp_path / "none.yaml"))
+    place = SessionDirectory(tmp_path / "session")
+    controls = WindowControls(Watcher(no_daemon, place), place, str(tmp_path / "none.yaml"))
     try:
         said = controls.do("session", {"maker": "kuka", "entered": "1"})
         assert said == f"rig session {tmp_path}/none.yaml -o {place.directory} --for kuka --entered"
@@ -276,4 +276,4 @@ def test_a_session_is_gone_on_with_by_its_own_command_whose_words_are_shown(tmp_
     finally:
         controls.close()
     with pytest.raises(CellError, match="without a cell"):
-        Controls(Watcher(no_daemon, None), None, "").do("session", {})
+        WindowControls(Watcher(no_daemon, None), None, "").do("session", {})

@@ -7,11 +7,11 @@ import datetime as dt
 import numpy as np
 
 from analysis.diagnosis.evidence.observation import outside_effect_coverage
-from rigs.effects import Effect, Found, JointOffset
+from rigs.effects import Effect, EffectProvenance, JointOffset
 
 
 def _effect(axis: int, *ranges: tuple[float, float]) -> Effect:
-    found = Found(date=dt.date(2026, 11, 20), runs=("a",), joints_deg=ranges or None)
+    found = EffectProvenance(date=dt.date(2026, 11, 20), runs=("a",), joints_deg=ranges or None)
     return JointOffset(axis=axis, offset_deg=0.1, found=found)
 
 

@@ -15,7 +15,7 @@ from analysis.diagnosis.evidence.noise import Repeated, RunScatter, stamp_noise
 from analysis.diagnosis.evidence.observation import GRID, ORDER_OF, STAMP_SCATTER, Sampling, curve, sampling_of
 from analysis.diagnosis.fit.candidates import candidates_for, columns_for
 from analysis.diagnosis.fit.responses import Linearisation, linearise, noise_um, scatter_um
-from analysis.diagnosis.judge.budget import Measure
+from analysis.diagnosis.judge.budget import GapMeasure
 from analysis.diagnosis.judge.residuals import places
 from analysis.diagnosis.plan.expected import planned_blocks
 from analysis.robot.kinematics.arm import Array
@@ -137,7 +137,7 @@ def test_a_few_angles_do_not_raise_the_noise_of_all_orders(slow_mm: float) -> No
     """White noise, and noise that is slow: at a few angles it is no scatter of stamps."""
     size = np.where(ORDER_OF < 8, slow_mm, 0.0003)
     noise, free = _scattered(size).noise(STILL, size)
-    assert np.std(_scattered(size).apart[:, FINE]) > 5 * 0.0003
+    assert np.std(_scattered(size).deviations_mm[:, FINE]) > 5 * 0.0003
     for own in (FINE, ~FINE & (ORDER_OF >= 8), ORDER_OF < 8):
         expected = np.sqrt(np.mean(free[own] * size[own] ** 2))
         assert np.sqrt(np.mean(noise[:, own] ** 2)) == pytest.approx(expected, rel=0.03)
@@ -149,7 +149,7 @@ def test_deviations_without_stamps_keep_the_noise() -> None:
     runs = _scattered(size)
     assert np.std(runs.without_stamps(STILL, size)) == pytest.approx(0.001, rel=0.02)
     unstamped = replace(runs, stamps=runs.stamps[:, :0])
-    assert unstamped.without_stamps(STILL, size) is unstamped.apart
+    assert unstamped.without_stamps(STILL, size) is unstamped.deviations_mm
 
 
 def test_whitened_runs_have_a_deviation_of_one() -> None:
@@ -227,7 +227,7 @@ def test_every_search_allows_for_it() -> None:
 def test_what_stamps_add_is_no_place() -> None:
     linear, rng = _linear((PLAY,), 4), np.random.default_rng(2)
     shown = [block.stamps_mm @ rng.standard_normal(block.stamps_mm.shape[1]) for block in linear.blocks]
-    assert places(linear.blocks, shown, Measure(linear).scatter_mm()) == ()
+    assert places(linear.blocks, shown, GapMeasure(linear).scatter_mm()) == ()
     assert places(linear.blocks, shown, [block.stamps_mm[:, :0] for block in linear.blocks])
 
 

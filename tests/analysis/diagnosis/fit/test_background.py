@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from analysis.diagnosis.fit.background import FittedTerms, Posterior, background_of
+from analysis.diagnosis.fit.background import CoefficientPosterior, FittedTerms, background_of
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Form, fault_sizes
 from analysis.diagnosis.fit.responses import Response
 from rigs.effects import Backlash, JointOffset, TransmissionError
@@ -43,7 +43,7 @@ C = _covariance(VARIANCE)
 
 
 @cache
-def _posterior() -> Posterior:
+def _posterior() -> CoefficientPosterior:
     return BACKGROUND.posterior(FittedTerms(Y + T @ np.zeros(2), (Response(T),), PRECISION, MEAN, np.full(2, np.nan)))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.evidence.blocks import Block
-from analysis.diagnosis.fit.background import FittedTerms, Posterior
+from analysis.diagnosis.fit.background import CoefficientPosterior, FittedTerms
 from analysis.diagnosis.fit.free_forms import FREE_PRICE, best_free_form, free_forms_of
 from analysis.diagnosis.fit.responses import Linearisation, Response
 from rigs.effects import Backlash, JointOffset
@@ -18,7 +18,9 @@ _SURE = 7.0
 """Log evidence that any name must win (its price and the number of names)."""
 
 
-def _beside(linear: Linearisation, left: Array, known: Array | None = None, more: Array | None = None) -> Posterior:
+def _beside(
+    linear: Linearisation, left: Array, known: Array | None = None, more: Array | None = None
+) -> CoefficientPosterior:
     """What is left (N,) beside noise and set-ups; known: columns (N, q) of free size; more: of standard deviation 1."""
     T = np.empty((len(left), 0)) if known is None else known
     q = T.shape[1]

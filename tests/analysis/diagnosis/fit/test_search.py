@@ -57,19 +57,19 @@ def _with(*effects: Effect, level: float = 1.0) -> SelectionState:
 def test_columns_hold_for_faults_that_hardly_changed() -> None:
     """The healthy effects beside them do not count, and neither does their order in the list."""
     state = _with(GEAR, ServoLag(axis=2, lag_s=0.0005), LAG)
-    assert _beside(LAG, GEAR).holds_for(state) and _beside(LAG, scaled(GEAR, 1.05)).holds_for(state)
-    assert not _beside(LAG, scaled(GEAR, 1.2)).holds_for(state)
-    assert not _beside(GEAR.model_copy(update={"order": 20.0}), LAG).holds_for(state)
-    assert not _beside(GEAR).holds_for(state) and not _beside().holds_for(state)
-    assert not _beside(GEAR, LAG, ServoLag(axis=3, lag_s=0.02)).holds_for(state)
-    assert not _beside(GEAR, LAG, moved_mm=1.0).holds_for(state), "set-ups that move by a millimetre"
-    assert _beside().holds_for(_with()) and not _beside(GEAR).holds_for(_with())
+    assert _beside(LAG, GEAR).is_valid_for(state) and _beside(LAG, scaled(GEAR, 1.05)).is_valid_for(state)
+    assert not _beside(LAG, scaled(GEAR, 1.2)).is_valid_for(state)
+    assert not _beside(GEAR.model_copy(update={"order": 20.0}), LAG).is_valid_for(state)
+    assert not _beside(GEAR).is_valid_for(state) and not _beside().is_valid_for(state)
+    assert not _beside(GEAR, LAG, ServoLag(axis=3, lag_s=0.02)).is_valid_for(state)
+    assert not _beside(GEAR, LAG, moved_mm=1.0).is_valid_for(state), "set-ups that move by a millimetre"
+    assert _beside().is_valid_for(_with()) and not _beside(GEAR).is_valid_for(_with())
 
 
 def test_columns_hold_for_faults_that_hardly_show() -> None:
     sigma = float(np.linalg.norm(healthy().without_set_up(shown_by(healthy(), [GEAR]))))
     for shown, holds in ((50.0, True), (200.0, False)):
-        assert _beside().holds_for(_with(scaled(GEAR, shown / sigma), level=1e-4)) is holds
+        assert _beside().is_valid_for(_with(scaled(GEAR, shown / sigma), level=1e-4)) is holds
 
 
 def _selection(effects: tuple[Effect, ...], *known: Effect) -> Selection:
@@ -90,14 +90,14 @@ def test_a_selection_stops_at_a_new_fault_beside_which_its_columns_do_not_hold()
     selection = _selection(faults)
     begun = selection.initial_state()
     first = selection.select(begun, stops=True)
-    assert len(first.effects) == 1 and not selection.holds_for(first)
+    assert len(first.effects) == 1 and not selection.is_valid_for(first)
     second = _selection(faults, *first.effects)
     both = second.select(second.initial_state(first.effects), stops=True)
     assert _orders(both) == [("transmission_error 4", 30), ("transmission_error 4", 116)]
-    assert not second.holds_for(both)
+    assert not second.is_valid_for(both)
     last = _selection(faults, *both.effects)
     complete = last.select(last.initial_state(both.effects), stops=True)
-    assert set(_orders(complete)) >= set(_orders(both)) and last.holds_for(complete)
+    assert set(_orders(complete)) >= set(_orders(both)) and last.is_valid_for(complete)
 
 
 def test_a_selection_does_not_stop_at_effects_of_healthy_size() -> None:

@@ -10,12 +10,12 @@ import pytest
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit import selection_state
-from analysis.diagnosis.fit.background import Posterior
+from analysis.diagnosis.fit.background import CoefficientPosterior
 from analysis.diagnosis.fit.candidates import candidates_for, columns_for
-from analysis.diagnosis.fit.responses import linearise, worth
+from analysis.diagnosis.fit.responses import linearise, rms_by_block
 from analysis.diagnosis.fit.rivals import RivalOdds, compare_with_rivals, rival_odds
 from analysis.diagnosis.fit.selection import Selection
-from analysis.diagnosis.fit.selection_state import SelectionState, combined_effect, is_alike, is_one, is_twice
+from analysis.diagnosis.fit.selection_state import SelectionState, combined_effect, is_alike, is_duplicate, is_one
 from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError
 from rigs.schema.effect import name_of, size_of
 from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, poses, seen, shown_by, white
@@ -99,8 +99,10 @@ def test_an_effect_is_twice_there_where_its_name_and_order_are() -> None:
     wave = TransmissionError(axis=1, order=30.0, amplitude_deg=0.01)
     near, far = (wave.model_copy(update={"order": order}) for order in (30.4, 31.0))
     other = TransmissionError(axis=2, order=30.0, amplitude_deg=0.01)
-    assert is_twice([wave, other, near]) and not is_twice([wave, other, far]) and not is_twice([wave, other])
-    assert not is_twice([wave]) and not is_twice([JointOffset(axis=1, offset_deg=0.1), wave])
+    assert (
+        is_duplicate([wave, other, near]) and not is_duplicate([wave, other, far]) and not is_duplicate([wave, other])
+    )
+    assert not is_duplicate([wave]) and not is_duplicate([JointOffset(axis=1, offset_deg=0.1), wave])
 
 
 def test_a_target_far_from_where_it_was_fitted_is_no_length() -> None:
@@ -169,7 +171,7 @@ def test_a_rival_that_is_beside_the_name_already_explains_nothing_more_there(mon
         refined = replace(rest.refined, effects=effects, residual=selection.linear.residual(effects))
         return replace(rest, refined=refined)
 
-    def of_that_wave(selection: Selection, of: SelectionState, posterior: Posterior) -> Array:
+    def of_that_wave(selection: Selection, of: SelectionState, posterior: CoefficientPosterior) -> Array:
         own = [is_alike(form.effect, wave) for form in selection.columns.forms]
         return gains(selection, of, posterior) if of is state else np.where(own, 1e6, -np.inf)
 
@@ -196,7 +198,9 @@ def test_only_what_is_a_fault_in_a_quiet_arm_alone_has_no_rivals_below_the_limit
 
     monkeypatch.setattr("analysis.diagnosis.fit.rivals.cautious_odds", odds)
     for limit in (1.1, 0.9):  # of what the readings of the test change by that shows it most
-        found, _ = compare_with_rivals(selection, state, limit * worth(linear, shown_by(linear, [zero])).um.max())
+        found, _ = compare_with_rivals(
+            selection, state, limit * rms_by_block(linear, shown_by(linear, [zero])).um.max()
+        )
         assert [name_of(effect) for effect in found.effects] == ["joint_offset 3"]
         assert compared == ["joint_offset 3"] * (limit < 1 or level == 1.0)
         compared.clear()

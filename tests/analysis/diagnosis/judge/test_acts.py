@@ -14,14 +14,14 @@ from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.judge.act_list import LEAST_SHARE, JudgedPlace, acts_of, in_order, one_after_the_other
 from analysis.diagnosis.judge.acts import Act
-from analysis.diagnosis.judge.result import BudgetPart, Diagnosis, Member, Named, is_sure
+from analysis.diagnosis.judge.result import BudgetPart, Diagnosis, GroupMember, Named, is_sure
 from analysis.diagnosis.judge.verdict import Gaps, condition_of, shows_time
 from analysis.diagnosis.plan.detectability import PossibleTest
 from analysis.diagnosis.plan.naming_tests import NamingTests, naming_tests
 from analysis.report.act_words import ActWords, without_idle_mounts
 from analysis.report.answer_words import AnswerWords
 from analysis.runs.tables import CircleTable
-from rigs.calibration import Judged, ground_of, verdict_of
+from rigs.calibration import ModelAssessment, ground_of, verdict_of
 from rigs.effects import VOCABULARY, Backlash, Compliance, Effect, JointOffset, LinkGeometry
 from rigs.load import load
 from rigs.schema.effect import name_of, whole_order
@@ -117,7 +117,7 @@ def test_a_group_above_a_third_names_its_members_and_the_runs_that_only_judged_w
 def test_the_one_member_of_a_group_that_is_certain_is_mastered_and_no_test_is_asked_to_name_it() -> None:
     """A zero of 20 sigma among usual constants had no act, and more postures were asked for to name it."""
     zero = JointOffset(axis=2, offset_deg=0.08)
-    member = Member(zero, 650.0, 0.9999, u_um=20.0)
+    member = GroupMember(zero, 650.0, 0.9999, u_um=20.0)
     part = BudgetPart("constants", 690.0, 39.0, 0.91, times_usual=1.2, rank="usual", members=(member,))
     found = diagnosis("nothing_unusual", effects=(), budget=(part,))
     acts = acts_of(found, cast("JudgedPlace", _Judged()))
@@ -205,10 +205,10 @@ def test_one_fold_decides_only_where_the_complete_model_predicts_worse_than_the_
     assert Gaps(train, fold, None, predicted_um).names_do_better == names_do_better
 
 
-def judged(**changed: object) -> Judged:
+def judged(**changed: object) -> ModelAssessment:
     told = {"condition": "named", "place": "unseen", "before_um": 100.0, "names_um": 40.0, "whole_um": 20.0,
             "handed_um": 20.0, "noise_um": 3.0, "unexplained_um": 19.8}  # fmt: skip
-    return Judged.model_validate(told | changed)
+    return ModelAssessment.model_validate(told | changed)
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ def judged(**changed: object) -> Judged:
         (judged(handed_um=101.0), "no_gain_elsewhere", "nothing"),
     ],
 )
-def test_the_verdict_travels_with_the_model(said: Judged | None, ground: str, verdict: str) -> None:
+def test_the_verdict_travels_with_the_model(said: ModelAssessment | None, ground: str, verdict: str) -> None:
     model = calibrated_model(judged=said)
     assert (ground_of(model), verdict_of(model)) == (ground, verdict)
     assert ("judged" in model.model_dump()) == (said is not None)  # files of earlier versions stay as they are
@@ -243,7 +243,7 @@ def test_softness_is_usual_by_the_build_of_the_arm() -> None:
     assert soft.usual_times("industrial") == 1
     assert soft.deg_per_Nm / (soft.healthy * soft.usual_times("light")) < 2  # a UR10 as it was measured
     assert LinkGeometry(axis=3, field="a", delta=0.2).usual_times("light") == 2
-    assert load("ur10")[0].robot.built == "light" and RIG.robot.built == "industrial"
+    assert load("ur10")[0].robot.design == "light" and RIG.robot.design == "industrial"
 
 
 def test_an_order_known_to_a_tenth_of_a_wave_is_the_number_of_teeth() -> None:

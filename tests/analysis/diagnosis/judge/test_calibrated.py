@@ -13,12 +13,12 @@ import pytest
 from analysis.diagnosis.fit.search import SearchResult, search
 from analysis.diagnosis.fit.selection_state import background_effects, background_terms
 from analysis.diagnosis.judge.calibrated_model import (  # private: a diagnosis of a calibrated arm takes a minute
-    _beside,
+    _combine_calibrations,
     covariance_of,
 )
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.report.diagnosis_report import write_extended
-from rigs.calibration import TIMES, CalibratedModel, Parameter, Term, packed_factor
+from rigs.calibration import TIMES, CalibratedModel, CovarianceParameter, Term, packed_factor
 from rigs.effects import Backlash, Effect, GaugeScale, JointOffset, LinkGeometry, TransmissionError
 from rigs.load import load
 from tests.support.diagnosis_cells import RIG, TEXT, circles, demo, found_in, poses, seen
@@ -119,7 +119,7 @@ def test_two_calibrations_add_up_their_times_and_their_variances() -> None:
     same, other = JointOffset(axis=3, offset_deg=0.02), JointOffset(axis=4, offset_deg=0.02)
     new = LinkGeometry(axis=3, field="a", delta=0.2)
     first, second = _model([(same, 0.5), (other, -1.0)], 1), _model([(new, 2.0), (same, 0.25)], 2)
-    both = _beside(first, second)
+    both = _combine_calibrations(first, second)
     times: dict[Effect, float] = {}
     for term in both.terms:
         times[term.effect] = times.get(term.effect, 0.0) + term.times
@@ -138,7 +138,7 @@ def _model(terms: list[tuple[Effect, float]], seed: int) -> CalibratedModel:
     root = np.tril(np.random.default_rng(seed).normal(size=(len(terms), len(terms))))
     return calibrated_model(
         terms=tuple(Term(effect=effect, times=times) for effect, times in terms),
-        parameters=tuple(Parameter(term=k, field=TIMES) for k in range(len(terms))),
+        parameters=tuple(CovarianceParameter(term=k, field=TIMES) for k in range(len(terms))),
         factor=packed_factor(root),
         joints_deg=((-20.0 * seed, 20.0 * seed),) * 6,
     )

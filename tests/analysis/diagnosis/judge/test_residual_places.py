@@ -9,15 +9,15 @@ from analysis.diagnosis.evidence.blocks import Block, blocks_of
 from analysis.diagnosis.evidence.observation import GRID
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.responses import linearise
-from analysis.diagnosis.judge.budget import Measure
-from analysis.diagnosis.judge.residuals import Place, places, reversals_of
+from analysis.diagnosis.judge.budget import GapMeasure
+from analysis.diagnosis.judge.residuals import ResidualPlace, places, reversals_of
 from rigs.effects import Effect, GaugeDeadBand, ReversalSpike
 from tests.support.diagnosis_cells import Array, healthy, measured, seen, table_of, white
 
 AT_DEG = np.arange(GRID) * 360 / GRID
 NOISE = [np.split(white(healthy(), 6), 2)[k] * block.sd_mm for k, block in enumerate(healthy().blocks)]
 
-SCATTER = Measure(healthy()).scatter_mm()
+SCATTER = GapMeasure(healthy()).scatter_mm()
 
 
 def _shown(effect: Effect) -> list[Array]:
@@ -25,7 +25,7 @@ def _shown(effect: Effect) -> list[Array]:
     return [noise + added for noise, added in zip(NOISE, healthy().responses([effect]), strict=True)]
 
 
-def _places(left_mm: list[Array]) -> tuple[Place, ...]:
+def _places(left_mm: list[Array]) -> tuple[ResidualPlace, ...]:
     return places(healthy().blocks, left_mm, SCATTER)
 
 
@@ -99,7 +99,7 @@ def test_targets_that_are_off_are_counted_and_the_worst_is_named() -> None:
     setups, _ = fit_run_setups(runs)
     (block,) = blocks_of(runs, setups)
     left = np.random.default_rng(1).normal(0.0, 1.0, len(block.y_mm)) * block.sd_mm
-    (scatter,) = Measure(linearise([block], setups)).scatter_mm()
+    (scatter,) = GapMeasure(linearise([block], setups)).scatter_mm()
     assert places([block], [left], [scatter]) == ()
     left[[4, 9]] = [0.05, -0.08]
     (place,) = places([block], [left], [scatter])

@@ -12,7 +12,7 @@ from analysis.diagnosis.evidence.observation import rms
 from analysis.diagnosis.evidence.setups import fit_run_setups, with_effects
 from analysis.diagnosis.judge.compare_runs import compare
 from analysis.diagnosis.judge.disagreement import disagreement, located
-from analysis.diagnosis.judge.staircase import Left
+from analysis.diagnosis.judge.staircase import ModelResidual
 from analysis.report.comparison_report import save_pictures
 from analysis.report.stairs import left_words, stairs_of, stairs_of_model
 from rigs.effects import Backlash, JointOffset
@@ -70,9 +70,10 @@ def test_the_steps_are_in_the_object_by_name_and_in_words() -> None:
 
 
 @pytest.mark.parametrize(
-    ("left", "words"), [(Left(12.34, 0.5), "12.3 ± 0.5"), (Left(0.1, 0.9), "< 0.9"), (Left(3.0, 0.0), "3.0")]
+    ("left", "words"),
+    [(ModelResidual(12.34, 0.5), "12.3 ± 0.5"), (ModelResidual(0.1, 0.9), "< 0.9"), (ModelResidual(3.0, 0.0), "3.0")],
 )
-def test_what_is_far_below_its_uncertainty_is_said_to_be_so(left: Left, words: str) -> None:
+def test_what_is_far_below_its_uncertainty_is_said_to_be_so(left: ModelResidual, words: str) -> None:
     assert left_words(left) == words
 
 

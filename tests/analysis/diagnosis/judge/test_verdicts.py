@@ -43,7 +43,7 @@ from rigs.effects import (
     size_field,
 )
 from rigs.errors import FileError
-from rigs.schema.effect import Found, name_of, size_of
+from rigs.schema.effect import EffectProvenance, name_of, size_of
 from tests.support.diagnosis_cells import RIG, circles, found_in, measured, response
 from tests.support.made_once import made_once
 from tests.support.nightly import cases
@@ -177,7 +177,7 @@ def test_more_waves_of_a_joint_than_gears_have_name_no_gear(monkeypatch: pytest.
 def test_a_diagnosis_goes_on_about_effects_that_an_earlier_one_found() -> None:
     """Their origin has uncertainties in a mapping, which nothing can hash."""
     there = (Backlash(axis=1, width_deg=0.02), LinkGeometry(axis=3, field="d", delta=0.1), ClockRate(ppm=200))
-    origin = Found(date=date(2026, 11, 2), runs=("yaw-cw-0",), sd={"size": 0.001})
+    origin = EffectProvenance(date=date(2026, 11, 2), runs=("yaw-cw-0",), sd={"size": 0.001})
     known = tuple(one.model_copy(update={"found": origin}) for one in there)
     found = diagnose(RIG.model_copy(update={"effects": known}), circles(there, seed=14), (), (), lambda doing: None)
     assert found.condition == "nothing_unusual" and not found.standing

@@ -14,7 +14,13 @@ from analysis.cli import app
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.plan import proposal as proposals
 from analysis.diagnosis.plan.expected import FormInformation, expected_posterior, planned_blocks
-from analysis.diagnosis.plan.proposal import CircleCandidate, CircleCandidates, Proposal, circle_candidates, propose
+from analysis.diagnosis.plan.proposal import (
+    CircleCandidate,
+    CircleCandidates,
+    CircleProposal,
+    circle_candidates,
+    propose,
+)
 from analysis.report.proposal_report import write
 from analysis.robot.geometry.driven_programs import circle_program, feasible_tests
 from analysis.robot.model.predict import SetUp
@@ -40,7 +46,7 @@ def _some(every: CircleCandidates, words: Sequence[str]) -> CircleCandidates:
 
 
 @made_once
-def _of_two_circles() -> Proposal:
+def _of_two_circles() -> CircleProposal:
     """Each takes seconds to look at."""
     some = _some(circle_candidates(RIG, CIRCLE, 3), SEVERAL)
     with pytest.MonkeyPatch.context() as patch:
@@ -49,7 +55,7 @@ def _of_two_circles() -> Proposal:
 
 
 @pytest.fixture(scope="module")
-def proposed() -> Proposal:
+def proposed() -> CircleProposal:
     return _of_two_circles()
 
 
@@ -101,7 +107,9 @@ def test_information_of_two_sets_of_runs_adds_up(
         assert known.sd(one) == pytest.approx(both.sd(one), rel=0.05), name
 
 
-def test_the_ball_beside_axis_6_and_another_radius_are_proposed_for_what_one_circle_hides(proposed: Proposal) -> None:
+def test_the_ball_beside_axis_6_and_another_radius_are_proposed_for_what_one_circle_hides(
+    proposed: CircleProposal,
+) -> None:
     words = [one.candidate.words for one in proposed.circles]
     assert "ball 40 mm off axis 6" in words
     testable = {name for one in proposed.circles for name in one.testable}
@@ -110,7 +118,7 @@ def test_the_ball_beside_axis_6_and_another_radius_are_proposed_for_what_one_cir
     assert proposed.used_min <= 120
 
 
-def test_time_that_is_too_short_proposes_nothing(proposed: Proposal, every: CircleCandidates) -> None:
+def test_time_that_is_too_short_proposes_nothing(proposed: CircleProposal, every: CircleCandidates) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(proposals, "circle_candidates", lambda *_: every)
         patch.setattr(proposals, "judged", lambda _: proposed.before)
@@ -118,7 +126,7 @@ def test_time_that_is_too_short_proposes_nothing(proposed: Proposal, every: Circ
     assert found.circles == () and found.after is found.before
 
 
-def test_each_rig_file_is_a_good_one_with_the_comments_of_the_old(proposed: Proposal, tmp_path: Path) -> None:
+def test_each_rig_file_is_a_good_one_with_the_comments_of_the_old(proposed: CircleProposal, tmp_path: Path) -> None:
     written = write(proposed, TEXT, tmp_path / "circles")
     assert [path.name for path in written] == [
         f"paper-fanuc-circle-{number}.yaml" for number in range(1, len(proposed.circles) + 1)
@@ -133,7 +141,7 @@ def test_each_rig_file_is_a_good_one_with_the_comments_of_the_old(proposed: Prop
 
 
 def test_the_command_prints_circles_and_what_comes_next(
-    proposed: Proposal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    proposed: CircleProposal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(proposals, "propose", lambda *_: proposed)
     monkeypatch.setenv("COLUMNS", "140")
@@ -166,6 +174,6 @@ def test_wrong_use_is_one_line(tmp_path: Path) -> None:
         propose(_without_circle(), CIRCLE, 3, 60.0)
 
 
-def test_the_same_circle_is_not_proposed_twice(proposed: Proposal) -> None:
+def test_the_same_circle_is_not_proposed_twice(proposed: CircleProposal) -> None:
     chosen: list[CircleCandidate] = [one.candidate for one in proposed.circles]
     assert len({one.words for one in chosen}) == len(chosen)

@@ -9,7 +9,7 @@ import pytest
 from analysis.procedures.checks.place import place_findings, stamp_findings
 from analysis.procedures.circle import circularity, direction_pair, roll, yaw
 from analysis.procedures.circle.evaluate import CircleResult
-from analysis.procedures.circle.joint_reversals import apart, beside, turns
+from analysis.procedures.circle.joint_reversals import angle_difference, match_reversals, turns
 from analysis.procedures.shared.evaluate import evaluate
 from analysis.procedures.shared.reduction import reduced
 from analysis.procedures.simulate import simulate
@@ -63,7 +63,9 @@ def test_extremes_of_roll_are_where_they_are() -> None:
     figures = roll.evaluate(_lap(g), 50.0, 0.02, 1e-3).figures
     for name, true in (("max_at_deg", PHI[np.argmax(error)]), ("min_at_deg", PHI[np.argmin(error)])):
         # Two minima lie about 45° symmetrically: either may be found, and the uncertainty says so.
-        assert abs(np.degrees(apart(np.radians(figures[name].value), float(true)))) <= 2 * figures[name].u + 1
+        assert (
+            abs(np.degrees(angle_difference(np.radians(figures[name].value), float(true)))) <= 2 * figures[name].u + 1
+        )
     assert figures["range_deg"].value == pytest.approx(np.degrees(np.ptp(error)), abs=0.003)
 
 
@@ -256,11 +258,13 @@ def test_turns_are_found_through_encoder_noise_and_set_beside_the_nominal() -> N
     found = turns(_lap(np.zeros((720, 2)), q))
     assert [(turn.axis, turn.upper) for turn in found] == [(1, True), (1, False), (2, True), (2, False)]
     for turn, true in zip(found, (105, 237, 2, 182), strict=True):
-        assert abs(np.degrees(apart(turn.phi, np.radians(true)))) < max(3 * np.degrees(turn.u_rad), 0.6), turn
+        assert abs(np.degrees(angle_difference(turn.phi, np.radians(true)))) < max(3 * np.degrees(turn.u_rad), 0.6), (
+            turn
+        )
     cw = turns(_lap(np.zeros((720, 2)), q[::-1], "cw"))
     assert [(turn.axis, turn.upper) for turn in cw] == [(1, True), (1, False), (2, True), (2, False)]
     nominal = [Reversal(1, np.radians(104), True), Reversal(6, 1.0, True)]
-    assert [turn is not None for _, turn in beside(found, nominal)] == [True, False]
+    assert [turn is not None for _, turn in match_reversals(found, nominal)] == [True, False]
 
 
 def _between(upper: float, lower: float) -> np.ndarray:
@@ -275,8 +279,8 @@ def test_turns_of_the_simulated_lap_are_those_of_the_nominal_path() -> None:
     table, rig = _table()
     circle = circle_of(rig)
     nominal = reversals(circle, arm_of(rig.robot), "t")
-    both = beside(turns(laps_of(table, rig, "t")), nominal)
+    both = match_reversals(turns(laps_of(table, rig, "t")), nominal)
     assert len(both) == 10
     for reversal, turn in both:
         assert turn is not None, reversal
-        assert abs(np.degrees(apart(turn.phi, reversal.phi))) < 0.3, (reversal, turn)
+        assert abs(np.degrees(angle_difference(turn.phi, reversal.phi))) < 0.3, (reversal, turn)

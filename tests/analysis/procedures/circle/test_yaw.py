@@ -77,7 +77,7 @@ def test_a_sine_is_not_pulled_to_where_rows_are_dense() -> None:
 )
 def test_stated_uncertainty_covers_the_truth_as_often_as_it_says(name: str, noise_mm: float, every: int) -> None:
     """120 laps of a shipped robot with noise, a lag and a baseline drawn as stated: each figure within 2 u."""
-    rig = load_hidden(name).within(load(name)[0])
+    rig = load_hidden(name).apply_to(load(name)[0])
     driven = trace(rig, "acw")
     lap = (driven.phi >= 0) & (driven.phi < 2 * np.pi) & (driven.t_s < 20)
     t, phi, q, g = driven.t_s[lap], driven.phi[lap], driven.q[lap], driven.g_mm[lap]

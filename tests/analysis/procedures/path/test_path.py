@@ -13,14 +13,14 @@ from analysis.procedures.path import evaluate as path
 from analysis.robot.geometry.iso_cube import Cube
 from analysis.runs.tables import PathTable
 from rigs.errors import FileError
-from rigs.schema.declared_tests import Instrument
+from rigs.schema.declared_tests import TrackerPose
 from tests.worlds.arms.independent_arm import Array
 from tests.worlds.arms.iso_plain import Recorder, cube_places, repeatability
 
 SIDE, CENTRE = 500.0, np.array([600.0, 50.0, 450.0])
 LEVEL, RISING = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 1.0]) / np.sqrt(2)
 ACROSS = np.cross(LEVEL, RISING)
-INSTRUMENT = Instrument(xyz_mm=(-1500.0, 900.0, 300.0), rpy_deg=(4.0, -3.0, 75.0))
+INSTRUMENT = TrackerPose(xyz_mm=(-1500.0, 900.0, 300.0), rpy_deg=(4.0, -3.0, 75.0))
 CUBE = Cube(CENTRE, SIDE, LEVEL, RISING, np.eye(3), np.zeros((5, 6)))
 CYCLES = 10
 

@@ -15,13 +15,13 @@ from analysis.runs.tables import PoseTable
 from rigs.errors import FileError
 from rigs.load import load
 from rigs.rig import Rig
-from rigs.schema.declared_tests import Instrument, Iso9283
+from rigs.schema.declared_tests import Iso9283, TrackerPose
 from tests.analysis.procedures.pose.test_pose import measured as series
 from tests.worlds.arms.faulty_arm import flange_at, hidden
 from tests.worlds.arms.independent_arm import Array
 from tests.worlds.arms.iso_plain import accuracy, cube_places, distance, repeatability
 
-INSTRUMENT = Instrument(xyz_mm=(2100.0, -700.0, 900.0), rpy_deg=(3.0, -2.0, 140.0), u_mm=0.03)
+INSTRUMENT = TrackerPose(xyz_mm=(2100.0, -700.0, 900.0), rpy_deg=(3.0, -2.0, 140.0), u_mm=0.03)
 CYCLE = (5, 4, 3, 2, 1)
 
 

@@ -60,7 +60,7 @@ def _errors(table: Table, rig: Rig, wave_mm: float, rng: np.random.Generator) ->
     ),
 )
 def test_an_unknown_error_of_the_gauges_is_within_what_the_certificate_says(name: str, test: TestName) -> None:
-    rig = load_hidden(name).within(load(name)[0])
+    rig = load_hidden(name).apply_to(load(name)[0])
     table = simulate(rig, test, "acw" if test in CIRCLES else None, 3 if test == "repeatability" else None)
     assert not hasattr(table, "xyz_mm")
     gauges = (U_MM, U_MM) if test in CIRCLES else (U_MM,)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
-from analysis.procedures.pooled import between
+from analysis.procedures.pooled import figures_between_runs
 from analysis.procedures.shared.quantity import Quantity, figures_of, student_factor
 
 
@@ -51,7 +51,7 @@ def test_an_angle_around_the_circle_is_as_sure_wherever_it_is(name: str, value: 
 def test_a_mean_of_runs_is_an_angle_as_that_of_one_run() -> None:
     for name, expected in (("shift_deg", -179.9), ("max_at_deg", 180.1)):
         runs = [{name: Quantity(value, 0.1, "deg")} for value in (179.9, -179.7)]
-        assert between(runs)[name].mean.value == pytest.approx(expected)
+        assert figures_between_runs(runs)[name].mean.value == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("freedom", [1, 2, 5, 30])

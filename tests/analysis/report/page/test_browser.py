@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from analysis import evaluate_runs, load_run
-from analysis.diagnosis.judge.staircase import Left, Staircase, Step
+from analysis.diagnosis.judge.staircase import ModelResidual, Staircase, StaircaseStep
 from analysis.report.page.page_content import gather
 from analysis.report.page.write_page import write_page
 from rigs.load import load, load_hidden
@@ -36,7 +36,7 @@ DRAWN = (
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rig, text = load("ur10e")
     folder = tmp_path_factory.mktemp("page")
-    hidden = load_hidden("ur10e").within(rig)
+    hidden = load_hidden("ur10e").apply_to(rig)
     runs = [*write_simulated(hidden, text, "yaw", ("acw", "cw"), [1], folder)]
     runs += write_simulated(hidden, text, "radial", (None,), [1], folder)
     measured = [load_run(run) for run in runs]
@@ -52,7 +52,7 @@ def stepped(page: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     curves = tuple(np.stack([one.before_um, (one.before_um + one.after_um) / 2, one.after_um]) for one in found.curves)
     maps = tuple(np.stack([one.before_um, (one.before_um + one.after_um) / 2, one.after_um]) for one in found.maps)
     steps = [((), 6.1), ((0,), 3.0), ((1, 2), 1.9)]
-    staircase = Staircase(tuple(Step(parts, Left(um, 0.2)) for parts, um in steps), curves, maps)
+    staircase = Staircase(tuple(StaircaseStep(parts, ModelResidual(um, 0.2)) for parts, um in steps), curves, maps)
     measured = [load_run(path.parent) for path in sorted(page.parent.glob("yaw*/manifest.json"))]
     report = gather(evaluate_runs(measured), diagnosis=replace(found, staircase=staircase), progress=lambda doing: None)
     return write_page(report, tmp_path_factory.mktemp("stepped") / "page.html")

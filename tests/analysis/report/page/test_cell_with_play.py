@@ -10,7 +10,7 @@ import pytest
 
 from analysis import evaluate_runs, load_run
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.report.diagnosis_words import within
+from analysis.report.diagnosis_words import size_in_words
 from analysis.report.page.page_content import Report, gather
 from analysis.report.page.write_page import rendered
 from analysis.report.texts import texts_of
@@ -20,7 +20,7 @@ from rigs.schema.effect import name_of
 from tests.support.written_runs import write_simulated
 
 RIG, TEXT = load("paper-fanuc")
-HIDDEN = load_hidden("paper-fanuc").within(RIG)
+HIDDEN = load_hidden("paper-fanuc").apply_to(RIG)
 EFFECTS = [
     one
     for one in HIDDEN.effects
@@ -105,7 +105,7 @@ def _assert_promises_are_of_one_remedy(found: Diagnosis, page: str) -> None:
     promised = re.findall(r"The error then falls from ([\d.]+ µm) to ((?:&lt; )?[\d.]+(?: ± [\d.]+)? µm)", _box(page))
     stated = [one for one in found.acts if one.removes]
     assert [after for _, after in promised] == [
-        within(one.remains_um, one.remains_u_um).replace("<", "&lt;") for one in stated
+        size_in_words(one.remains_um, one.remains_u_um).replace("<", "&lt;") for one in stated
     ]
     repairs = {name_of(one.effect): one for one in found.acts if one.effect and one.place == "used"}
     for one in found.standing:

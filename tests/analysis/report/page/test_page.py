@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 
 from analysis import evaluate_runs, load_run
 from analysis.cli import app
-from analysis.diagnosis.judge.remains import Looked, Remains
+from analysis.diagnosis.judge.remains import ResidualCheck, ResidualSummary
 from analysis.diagnosis.judge.result import Condition
 from analysis.procedures.radial.evaluate import RadialResult
 from analysis.report.chart import Chart
@@ -38,7 +38,7 @@ from tests.support.nightly import cases
 from tests.support.written_runs import write_simulated
 
 RIG, TEXT = load("ur10e")
-HIDDEN = load_hidden("ur10e").within(RIG)
+HIDDEN = load_hidden("ur10e").apply_to(RIG)
 MOST_BYTES = 3_000_000
 EVIL = '<script>alert(1)</script>"\x1b[31m\u202e'
 
@@ -157,8 +157,8 @@ def test_runs_that_show_nothing_are_not_called_faultless(report: Report) -> None
 
 
 def test_what_stays_has_a_row_for_each_thing_that_it_was_held_against(report: Report) -> None:
-    looked = (Looked("posture", 0.004), Looked("approach", 0.31), Looked("temperature", None))
-    found = diagnosis("named", curves=(), maps=(), remains=Remains(108.0, 25.0, looked))
+    looked = (ResidualCheck("posture", 0.004), ResidualCheck("approach", 0.31), ResidualCheck("temperature", None))
+    found = diagnosis("named", curves=(), maps=(), remains=ResidualSummary(108.0, 25.0, looked))
     last = report.results[-1]
     manifest = last.measured.run.manifest.model_copy(update={"placement": last.test})
     last = replace(last, measured=replace(last.measured, run=replace(last.measured.run, manifest=manifest)))

@@ -11,7 +11,7 @@ from unittest import mock
 import pytest
 
 from analysis import evaluate_runs, load_run
-from analysis.report.html_page import hold_pdf, write_pdf
+from analysis.report.html_page import check_pdf_output, write_pdf
 from analysis.report.page.page_content import Report, gather
 from analysis.report.page.write_page import Heading, rendered, write_page
 from analysis.report.texts import texts_of
@@ -105,9 +105,9 @@ def test_a_pdf_that_rig_made_is_made_again_and_no_other(tmp_path: Path, monkeypa
     sys.modules["weasyprint"].HTML.return_value.write_pdf.return_value = b"%PDF-1.7\n...\n%%EOF"
     file = tmp_path / "monday.pdf"
     for _ in range(2):
-        hold_pdf(file)
+        check_pdf_output(file)
         write_pdf("<p>", file)
     assert b"%%EOF\n" in file.read_bytes()
     file.write_bytes(b"%PDF-1.7\nWeasyPrint\n%%EOF\n")
     with pytest.raises(FileError, match="was not created by rig"):
-        hold_pdf(file)
+        check_pdf_output(file)

@@ -13,7 +13,7 @@ from analysis import Result, evaluate_runs, load_run
 from analysis.diagnosis.judge.verdict import standing_of
 from analysis.procedures.facts import Labels
 from analysis.procedures.pooled import figure_columns
-from analysis.report.page.page_content import Verdict, example_limits, judge, named, verdict_sentence
+from analysis.report.page.page_content import PageVerdict, example_limits, figure_title, judge, verdict_sentence
 from analysis.report.texts import LANGUAGES, Language, texts_of
 from rigs.load import load, load_hidden
 from rigs.schema.limits import CircleLimits, Limit, Limits
@@ -29,7 +29,7 @@ RIG, TEXT = load("ur10e")
 def laps(tmp_path_factory: pytest.TempPathFactory) -> list[Result]:
     """One yaw run in each direction of a robot with play."""
     folder = tmp_path_factory.mktemp("laps")
-    runs = write_simulated(load_hidden("ur10e").within(RIG), TEXT, "yaw", ("acw", "cw"), [1], folder)
+    runs = write_simulated(load_hidden("ur10e").apply_to(RIG), TEXT, "yaw", ("acw", "cw"), [1], folder)
     return evaluate_runs([load_run(run) for run in runs])
 
 
@@ -46,7 +46,7 @@ def test_without_limits_nothing_is_judged(laps: list[Result]) -> None:
 
 
 def test_the_example_of_limits_makes_every_test_judged() -> None:
-    verdict = Verdict("unjudged", (), get_args(TestName))
+    verdict = PageVerdict("unjudged", (), get_args(TestName))
     limits = Limits.model_validate(yaml.safe_load(example_limits(verdict))["limits"])
     with_limits = [test for test in verdict.tests if test in Limits.model_fields]  # a test of one's own may have none
     assert all(getattr(limits, test).model_fields_set for test in with_limits)
@@ -56,7 +56,7 @@ def test_of_a_test_without_limits_no_example_is_shown(monkeypatch: pytest.Monkey
     """A kind of one's own may inherit the example of places; a rig file would refuse its lines."""
     monkeypatch.setattr("analysis.report.page.page_content.TESTS", ("height",))
     monkeypatch.setattr("analysis.report.page.page_content.labels_of", lambda _: Labels(example=("rms_mm", 0.5, 1.0)))
-    assert example_limits(Verdict("unjudged", (), ("height",))) == ""  # type: ignore[arg-type]
+    assert example_limits(PageVerdict("unjudged", (), ("height",))) == ""  # type: ignore[arg-type]
 
 
 def test_the_example_of_limits_for_one_test_has_three_lines(laps: list[Result]) -> None:
@@ -86,7 +86,7 @@ def test_up_to_three_figures_are_named_and_the_others_counted(laps: list[Result]
     verdict = judge(laps, _limits(band_deg=narrow, circular_deviation_mm=narrow))
     sentence = verdict_sentence(verdict, texts)
     assert len(verdict.with_standing("fail")) == 5
-    assert [named(one, texts) in sentence for one in verdict.judged] == [True] * 3 + [False] * 2
+    assert [figure_title(one, texts) in sentence for one in verdict.judged] == [True] * 3 + [False] * 2
     assert texts("and_more", count=2) in sentence
 
 

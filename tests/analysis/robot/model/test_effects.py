@@ -17,7 +17,7 @@ from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import forward_and_jacobian
 from analysis.robot.model.motion import Motion, turns
 from analysis.robot.model.predict import model_of
-from analysis.robot.model.scene import Scene, apply
+from analysis.robot.model.scene import ModelScene, apply
 from rigs.effects import (
     VOCABULARY,
     Backlash,
@@ -38,7 +38,7 @@ from rigs.load import load, load_hidden
 from rigs.schema.effect import identity, is_play, is_wave
 from rigs.schema.scene import STAGES, play
 
-RIG = load_hidden("paper-fanuc").within(load("paper-fanuc")[0])
+RIG = load_hidden("paper-fanuc").apply_to(load("paper-fanuc")[0])
 UP_AND_DOWN = np.radians(np.concatenate([np.linspace(0, 2, 200), np.linspace(2, 0, 201)]))
 
 EXAMPLES: list[Effect] = [
@@ -116,7 +116,7 @@ def _link_side_deg(effect: Effect, q: np.ndarray | None = None, t: np.ndarray | 
 
 def _scene(model, q, t):  # type: ignore[no-untyped-def]
     empty = np.empty(0)
-    return Scene(model.arm, model.load, Motion(t, q), q, empty, empty, np.zeros(len(q)), empty, empty)
+    return ModelScene(model.arm, model.load, Motion(t, q), q, empty, empty, np.zeros(len(q)), empty, empty)
 
 
 def test_backlash_lags_half_its_width_and_crosses_it_at_a_reversal() -> None:

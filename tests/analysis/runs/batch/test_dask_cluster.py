@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from analysis.runs.batch.each import each
-from analysis.runs.batch.outcomes import Done
+from analysis.runs.batch.outcomes import CompletedItem
 from rigs.distribution import to_install
 from rigs.errors import FileError
 from tests.support.child_processes import sign_in, signed_in, until
@@ -62,7 +62,7 @@ def test_a_worker_that_dies_costs_time(two_workers: Cluster, tmp_path: Path) -> 
 
     killer = threading.Thread(target=kill_one)
     killer.start()
-    found = [one.value if isinstance(one, Done) else str(one.error) for one in outcomes]
+    found = [one.value if isinstance(one, CompletedItem) else str(one.error) for one in outcomes]
     killer.join()
     assert found == [*(n**2 for n in range(3)), "item 3: is bad; give another", *(n**2 for n in range(4, 20))]
     assert two_workers.workers[0].poll() is not None, "it was killed in the middle"

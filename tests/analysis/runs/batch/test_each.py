@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from analysis.runs.batch.each import each
-from analysis.runs.batch.outcomes import Done, Failed
+from analysis.runs.batch.outcomes import CompletedItem, FailedItem
 from rigs.errors import FileError
 from rigs.problems import Problem, RigFileError
 from tests.support.child_processes import Deadly, die, is_gone, sign_in, signed_in, until
@@ -34,7 +34,7 @@ def worked(item: int) -> int:
 
 def seen(jobs: int) -> list[object]:
     found = each(worked, range(20), jobs=jobs)
-    return [one.value if isinstance(one, Done) else (str(one.error), one.error.lines()) for one in found]
+    return [one.value if isinstance(one, CompletedItem) else (str(one.error), one.error.lines()) for one in found]
 
 
 @pytest.mark.parametrize("jobs", [0, 2, 5])
@@ -50,9 +50,16 @@ def test_a_process_that_is_killed_costs_its_own_item_at_most(times: int, tmp_pat
     items = [Deadly(tmp_path, number, times if number == 1 else 0) for number in range(6)]
     found = list(each(die, items, jobs=2))
     assert [one.deaths for one in found] == [0, times, 0, 0, 0, 0]
-    assert [one.value for one in found if isinstance(one, Done)] == [0, *([1] if times == 1 else []), 2, 3, 4, 5]
+    assert [one.value for one in found if isinstance(one, CompletedItem)] == [
+        0,
+        *([1] if times == 1 else []),
+        2,
+        3,
+        4,
+        5,
+    ]
     if times == 2:
-        (failed,) = (one for one in found if isinstance(one, Failed))
+        (failed,) = (one for one in found if isinstance(one, FailedItem))
         assert failed.item == items[1] and "killed by signal 9" in failed.error.what
 
 

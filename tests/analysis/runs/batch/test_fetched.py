@@ -16,7 +16,7 @@ import pytest
 
 from analysis.runs.batch.each import each
 from analysis.runs.batch.fetched import fetched
-from analysis.runs.batch.outcomes import Done, Failed
+from analysis.runs.batch.outcomes import CompletedItem, FailedItem
 from analysis.runs.batch.remote_path import RemotePath, location
 from analysis.runs.batch.remote_store import StoreLost, explained
 from rigs.distribution import to_install
@@ -173,15 +173,15 @@ def test_a_bad_run_costs_itself_in_any_number_of_processes(jobs: int, tmp_path: 
     runs = [location(url_of(made(tmp_path / name))) for name in ("one", "denied", "two")]
     found = list(each(size_of, runs, jobs=jobs))
     size = sum(map(len, FILES.values()))
-    assert [one.value if isinstance(one, Done) else None for one in found] == [size, None, size]
-    assert isinstance(found[1], Failed) and found[1].item == runs[1]
+    assert [one.value if isinstance(one, CompletedItem) else None for one in found] == [size, None, size]
+    assert isinstance(found[1], FailedItem) and found[1].item == runs[1]
     assert not list(place.iterdir())
 
 
 def test_a_process_that_is_killed_over_a_copy_leaves_nothing(tmp_path: Path, run: Path, place: Path) -> None:
     signed = tmp_path / "signed"
     (failed,) = each(partial(killed_over, signed), [location(url_of(run))])
-    assert isinstance(failed, Failed) and failed.deaths == 2 and signed.exists()
+    assert isinstance(failed, FailedItem) and failed.deaths == 2 and signed.exists()
     assert not list(place.iterdir())
 
 

@@ -7,14 +7,14 @@ from pydantic import ValidationError
 
 from daq.apps.commission.attempts import Probing, attempts, missing_keys, named_attempts
 from daq.apps.commission.port_search import host_of
-from rigs.interfaces import known
+from rigs.interfaces import list_interfaces
 from tests.support.simulated_conversation import Script
 
 PORT = "/dev/ttyUSB0"
 
 
 def test_every_confirmed_gauge_is_tried_and_no_other() -> None:
-    confirmed = {one.name for one in known() if one.kind == "gauge" and one.origin.standing == "confirmed"}
+    confirmed = {one.name for one in list_interfaces() if one.kind == "gauge" and one.origin.standing == "confirmed"}
     assert {attempt.interface for attempt in attempts(PORT)} == confirmed
 
 
@@ -31,7 +31,7 @@ def test_listening_comes_before_asking() -> None:
 
 
 def test_the_makers_line_settings_come_before_others() -> None:
-    lines = {one.name: one.line for one in known()}
+    lines = {one.name: one.line for one in list_interfaces()}
     asked = [attempt for attempt in attempts(PORT) if attempt.sends == "requests"]
     declared = [attempt for attempt in asked if str(attempt.line) == lines[attempt.interface]]
     assert len(declared) > 5

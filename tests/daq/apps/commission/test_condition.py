@@ -13,7 +13,7 @@ import pytest
 import daq.feedback
 from daq.acquisition.streams import Stream, robot_stream
 from daq.apps.commission import trial
-from daq.apps.commission.cell_finding import Finding, Verdict, of_condition
+from daq.apps.commission.cell_finding import CellFinding, FindingVerdict, of_condition
 from daq.apps.commission.examine import of_daemon
 from daq.apps.emulate.network_ports import TcpPort
 from daq.protocol.conversation import Sample
@@ -35,14 +35,18 @@ def _robot(condition: Sequence[float]) -> Iterator[Stream]:
         thread.join()
 
 
-def _beyond_answers(found: Sequence[Finding]) -> list[tuple[Verdict, str]]:
+def _beyond_answers(found: Sequence[CellFinding]) -> list[tuple[FindingVerdict, str]]:
     return [(finding.verdict, f"{finding.what}: {finding.remedy}") for finding in found if finding.remedy]
 
 
 def test_a_robot_in_protective_stop_with_a_paused_program_and_a_lowered_slider() -> None:
     with _robot([ProgramState.PAUSED, SafetyState.PROTECTIVE_STOP, 40.0]) as stream:
         found = _beyond_answers(list(trial.examine_conversation(stream, 0.3)))
-    assert [verdict for verdict, _ in found] == [Verdict.WRONG, Verdict.DOUBTFUL, Verdict.DOUBTFUL], found
+    assert [verdict for verdict, _ in found] == [
+        FindingVerdict.WRONG,
+        FindingVerdict.DOUBTFUL,
+        FindingVerdict.DOUBTFUL,
+    ], found
     assert "protective stop" in found[0][1] and "unlock" in found[0][1]
     assert "paused" in found[1][1] and "40 %" in found[2][1]
 
@@ -50,13 +54,16 @@ def test_a_robot_in_protective_stop_with_a_paused_program_and_a_lowered_slider()
 def test_a_robot_without_anything_to_say() -> None:
     with _robot([]) as stream:
         found = list(trial.examine_conversation(stream, 0.3))
-    assert {finding.verdict for finding in found} == {Verdict.OK} and "does not show" not in found[0].what
+    assert {finding.verdict for finding in found} == {FindingVerdict.OK} and "does not show" not in found[0].what
 
 
 def test_what_a_controller_does_not_show_is_named_and_not_judged() -> None:
     readings = trial.Trial([Sample((*[1.0] * 6, math.nan, 0.0, *[math.nan] * 8), k, k, k, 9) for k in range(9)])
     finding = trial.answers(robot_stream(rtde()), readings, lambda: None)
-    assert finding.verdict is Verdict.OK and "does not show program_state, speed_percent, payload_kg" in finding.what
+    assert (
+        finding.verdict is FindingVerdict.OK
+        and "does not show program_state, speed_percent, payload_kg" in finding.what
+    )
 
 
 @pytest.mark.parametrize(
@@ -82,7 +89,7 @@ def test_a_daemon_knows_the_condition_too() -> None:
     ages_s = {"q1_deg": 0.1, "safety_state": 0.1, "temperature1_c": 100.0}
     robot = {**served, "last": last, "age_s": ages_s}
     found = list(of_daemon({"rig": "bench", "recording": None, "streams": {"robot": robot}}, [stream]))
-    assert [finding.verdict for finding in found] == [Verdict.OK, Verdict.OK, Verdict.WRONG], found
+    assert [finding.verdict for finding in found] == [FindingVerdict.OK, FindingVerdict.OK, FindingVerdict.WRONG], found
     assert "emergency stop" in found[-1].what
     ages_s["safety_state"] = 60.0
     found = list(of_daemon({"rig": "bench", "recording": None, "streams": {"robot": robot}}, [stream]))

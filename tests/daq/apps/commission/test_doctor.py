@@ -20,12 +20,12 @@ import yaml
 from daq import gauges
 from daq.acquisition.streams import Stream, streams_of
 from daq.apps.commission import computer, trial
-from daq.apps.commission.cell_finding import Finding, Verdict
+from daq.apps.commission.cell_finding import CellFinding, FindingVerdict
 from daq.apps.commission.examine import examine, of_daemon
 from daq.apps.emulate.instruments import emulated
 from daq.apps.emulate.network_ports import TcpPort
 from daq.apps.emulate.pty_line import PtyLine, heard
-from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Sample, Step
+from daq.protocol.conversation import NO_TIME, ConversationStep, Device, Fault, FaultKind, Sample
 from daq.service.client import Client
 from daq.wire.conversation_loop import ByteLink
 from daq.wire.links import open_link
@@ -34,7 +34,7 @@ from rigs.schema.links import Line
 from tests.support.bench import Bench, ByHand, rig_text
 
 FTDI = "/dev/serial/by-id/usb-FTDI_FT232R_A900XYZ-if00-port0"
-OK, DOUBTFUL, WRONG = Verdict.OK, Verdict.DOUBTFUL, Verdict.WRONG
+OK, DOUBTFUL, WRONG = FindingVerdict.OK, FindingVerdict.DOUBTFUL, FindingVerdict.WRONG
 
 
 @pytest.fixture
@@ -93,7 +93,7 @@ def test_the_permissions_of_a_port(system: Path, monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize(("ms", "verdict"), [("16", DOUBTFUL), ("2", DOUBTFUL), ("1", OK), ("?", None)])
-def test_the_latency_timer(system: Path, ms: str, verdict: Verdict | None) -> None:
+def test_the_latency_timer(system: Path, ms: str, verdict: FindingVerdict | None) -> None:
     (system / "sys/bus/usb-serial/devices/ttyUSB0/latency_timer").write_text(f"{ms}\n")
     finding = computer.quick("g1", FTDI, system)
     assert (finding and finding.verdict) == verdict
@@ -112,7 +112,7 @@ def test_the_latency_timer(system: Path, ms: str, verdict: Verdict | None) -> No
         (computer.wall_clock(5), DOUBTFUL),
     ],
 )
-def test_what_figures_of_the_computer_mean(finding: Finding, verdict: Verdict) -> None:
+def test_what_figures_of_the_computer_mean(finding: CellFinding, verdict: FindingVerdict) -> None:
     assert finding.verdict is verdict and bool(finding.remedy) == (verdict is not OK)
 
 
@@ -132,7 +132,7 @@ def test_what_figures_of_the_computer_mean(finding: Finding, verdict: Verdict) -
         ),
     ],
 )
-def test_what_systemd_says_of_the_service(shown: str, verdict: Verdict, says: str) -> None:
+def test_what_systemd_says_of_the_service(shown: str, verdict: FindingVerdict, says: str) -> None:
     finding = computer.service("rigd@cell", dict(part.split("=") for part in shown.split()))
     assert finding.verdict is verdict and says in finding.what
 
@@ -153,7 +153,7 @@ def _samples(rate_hz: float, seconds: float, drift_ppm: float) -> list[Sample]:
 
 
 @pytest.mark.parametrize(("drift_ppm", "verdict"), [(30, OK), (-400, OK), (5000, DOUBTFUL), (-1e6 / 2, DOUBTFUL)])
-def test_the_clock_of_a_controller(drift_ppm: float, verdict: Verdict) -> None:
+def test_the_clock_of_a_controller(drift_ppm: float, verdict: FindingVerdict) -> None:
     finding = trial.pace_of_clock("robot", _samples(500, 3, drift_ppm))
     assert finding and finding.verdict is verdict
     assert abs(int(finding.what.split()[3]) - drift_ppm) < max(100, abs(drift_ppm) * 0.01), finding.what
@@ -175,7 +175,7 @@ def test_signed_readings_that_are_read_as_unsigned_are_wrong() -> None:
     columns = len(stream.columns)
     samples = [replace(s, values=(v,) * columns) for s, v in zip(_samples(20, 2, 0), values, strict=False)]
     found = list(trial.of_signs(stream, trial.Trial(samples, 2.0, 360, 360)))
-    assert [one.verdict for one in found] == [Verdict.WRONG] * columns and found[0].remedy == "set `type: int16`"
+    assert [one.verdict for one in found] == [FindingVerdict.WRONG] * columns and found[0].remedy == "set `type: int16`"
     sound = [replace(s, values=(0.01,) * columns) for s in samples]
     assert not list(trial.of_signs(stream, trial.Trial(sound, 2.0, 360, 360)))
 
@@ -321,7 +321,7 @@ GOOD = {
         ({"connected": False, "last_fault": "does not exist"}, WRONG, "not open"),
     ],
 )
-def test_what_a_daemon_says_of_a_stream(stream: dict[str, Any], verdict: Verdict, says: str) -> None:
+def test_what_a_daemon_says_of_a_stream(stream: dict[str, Any], verdict: FindingVerdict, says: str) -> None:
     status = {"rig": "bench", "recording": None, "streams": {"g1": GOOD | stream}}
     served = replace(streams_of(parse(rig_text("keyence"), "bench"))[-1], name="g1", port="/dev/g1")
     rigd, finding = of_daemon(status, [served])
@@ -370,11 +370,11 @@ class _EverySecond:
         self.sent, self._device, self._requests = 0, device, 0
         self.connected, self.tick = device.connected, device.tick
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         self._requests += 1
         if self._requests % 2:
             return self._device.received(data, now_ns)
-        return Step(data[:7].replace(data[4:6], b"\0\3", 1) + bytes([data[7] | 0x80, 6]))
+        return ConversationStep(data[:7].replace(data[4:6], b"\0\3", 1) + bytes([data[7] | 0x80, 6]))
 
 
 def test_exceptions_every_second_answer_are_doubtful() -> None:

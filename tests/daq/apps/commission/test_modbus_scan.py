@@ -14,7 +14,7 @@ import yaml
 import daq.gauges
 from daq.acquisition.streams import streams_of
 from daq.apps.commission import modbus_scan
-from daq.apps.commission.cell_finding import Finding, Verdict
+from daq.apps.commission.cell_finding import CellFinding, FindingVerdict
 from daq.apps.commission.modbus_scan import ways
 from daq.apps.emulate.simulated_cell import SimulatedLine
 from daq.apps.emulate.simulated_clock import SimulatedClock
@@ -63,7 +63,7 @@ def _gauge(fields: dict[str, Any]) -> ModbusMap:
     return modbus(**(TRUE | fields))
 
 
-def _scanned(said: dict[str, Any], true: dict[str, Any] | None = None, *, network: bool = False) -> Finding:
+def _scanned(said: dict[str, Any], true: dict[str, Any] | None = None, *, network: bool = False) -> CellFinding:
     """What the doctor finds of a gauge that is moved, in simulated time. true: of it, beside TRUE."""
     port = "tcp://127.0.0.1:502" if network else "/dev/ttyUSB0"
     gauge = _gauge(true or {}).model_copy(update={"port": port})
@@ -102,7 +102,7 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(("true", "said", "remedy"), [case[1:] for case in WRONG], ids=[case[0] for case in WRONG])
 def test_a_gauge_that_is_described_wrongly_is_found(true: dict[str, Any], said: dict[str, Any], remedy: str) -> None:
     finding = _scanned(said, true)
-    assert (finding.verdict, finding.remedy) == (Verdict.WRONG, remedy), finding
+    assert (finding.verdict, finding.remedy) == (FindingVerdict.WRONG, remedy), finding
     lowest_mm, highest_mm = map(float, re.findall(r"-?\d+\.\d{4}", finding.what)[:2])
     assert 0.79 < lowest_mm < 1.5 and 3.5 < highest_mm < 4.25, "the motion is shown"
 
@@ -121,7 +121,7 @@ def test_a_gauge_at_another_line_setting(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_a_gauge_that_is_described_rightly() -> None:
-    assert _scanned({}).verdict is Verdict.OK
+    assert _scanned({}).verdict is FindingVerdict.OK
 
 
 # --- judged without a line ---
@@ -132,7 +132,7 @@ def _seen(readings: list[list[int]]) -> dict[tuple[tuple[int, int], tuple[int, i
 
 
 def _held(gauge: ModbusMap, path_mm: list[float]) -> list[list[int]]:
-    found = [daq.gauges.modbus_map.held(gauge, lambda _, mm=mm: [mm])(0) for mm in path_mm]
+    found = [daq.gauges.modbus_map.registers_over_time(gauge, lambda _, mm=mm: [mm])(0) for mm in path_mm]
     assert all(found)
     return found  # type: ignore[return-value]
 

@@ -14,7 +14,7 @@ import daq.feedback
 from daq.apps.commission.cell_finding import STOPS
 from daq.apps.commission.robots import joints_of, search_robot
 from daq.apps.emulate.network_ports import TcpPort
-from daq.protocol.conversation import Device, Step
+from daq.protocol.conversation import ConversationStep, Device
 from rigs.errors import CellError
 from rigs.schema.condition import ProgramState, SafetyState
 from rigs.schema.feedback import Feedback, OPCUARobotics
@@ -86,15 +86,15 @@ class _Listener:
     def __init__(self) -> None:
         self.heard = b""
 
-    def connected(self, now_ns: int) -> Step:
-        return Step()
+    def connected(self, now_ns: int) -> ConversationStep:
+        return ConversationStep()
 
-    def tick(self, now_ns: int) -> Step:
-        return Step()
+    def tick(self, now_ns: int) -> ConversationStep:
+        return ConversationStep()
 
-    def received(self, data: bytes, now_ns: int) -> Step:
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
         self.heard += data
-        return Step()
+        return ConversationStep()
 
 
 def test_a_port_that_is_not_rtdes_is_sent_nothing() -> None:

@@ -22,9 +22,9 @@ import pytest
 from daq.acquisition.host_clock import StallWatch
 from daq.acquisition.streams import Stream, streams_of
 from daq.apps.commission.attempts import Attempt, PortReport, attempts, named_attempts
-from daq.apps.commission.port_search import Wanted, ports_here, search
+from daq.apps.commission.port_search import SearchOptions, ports_here, search
 from daq.apps.commission.trial import Trial, try_line
-from daq.apps.commission.watched_ports import Watch
+from daq.apps.commission.watched_ports import PortWatch
 from daq.apps.emulate.instruments import instruments_of
 from daq.apps.emulate.pty_line import PtyLine, heard
 from daq.apps.emulate.simulated_cell import SimulatedLine
@@ -43,7 +43,7 @@ _One = TypeVar("_One")
 
 
 def searched(*ports: str, **more: object) -> list[PortReport]:
-    return search(Wanted(ports, listen_s=LISTEN_S, **more), lambda doing: None)  # type: ignore[arg-type]
+    return search(SearchOptions(ports, listen_s=LISTEN_S, **more), lambda doing: None)  # type: ignore[arg-type]
 
 
 @dataclass
@@ -176,7 +176,7 @@ def test_a_modbus_unit_with_registers_of_its_own() -> None:
 def test_a_modbus_unit_of_another_number() -> None:
     with simulated("modbus unit 7 at") as unknown:
         (port,) = unknown.gauge_ports
-        (report,) = search(Wanted((port,), listen_s=LISTEN_S, modbus_units=(1, 7)), lambda doing: None)
+        (report,) = search(SearchOptions((port,), listen_s=LISTEN_S, modbus_units=(1, 7)), lambda doing: None)
     assert [gauge.gauge.unit for gauge in report.gauges] == [7]  # type: ignore[union-attr]
 
 
@@ -234,7 +234,7 @@ def test_a_request_that_nothing_answers_is_sent_once_at_each_line() -> None:
     silent, said = PtyLine.open(Line.model_validate("9600 8N1"), paced=False), list[str]()
     tried = [attempt for attempt in attempts(silent.port) if attempt.request == b"?\r"][:4]
     try:
-        search(Wanted((silent.port,), {silent.port: tried}, LISTEN_S), said.append)
+        search(SearchOptions((silent.port,), {silent.port: tried}, LISTEN_S), said.append)
     finally:
         silent.close()
     assert len({str(attempt.line) for attempt in tried}) == len(said) < len(tried)
@@ -286,7 +286,7 @@ def test_ctrl_c_ends_the_search_and_leaves_the_port_as_it_was() -> None:
         try:
             before = termios.tcgetattr(fd)
             with pytest.raises(KeyboardInterrupt):
-                search(Wanted((port,), listen_s=LISTEN_S), lambda doing: signal.raise_signal(signal.SIGINT))
+                search(SearchOptions((port,), listen_s=LISTEN_S), lambda doing: signal.raise_signal(signal.SIGINT))
             assert termios.tcgetattr(fd) == before
         finally:
             os.close(fd)
@@ -297,7 +297,7 @@ def test_a_port_that_disappears_while_it_is_searched() -> None:
     with simulated("tesa") as unknown:
         (port,) = unknown.gauge_ports
         (report,) = search(
-            Wanted((port,), listen_s=LISTEN_S),
+            SearchOptions((port,), listen_s=LISTEN_S),
             lambda doing: unknown.lines[port].unplug() if "tesa" in doing else None,
         )
     assert not report.gauges and report.problem and report.remedy
@@ -316,8 +316,8 @@ def _awaited(what: Callable[[], _One | None]) -> _One:
 def test_the_gauge_that_is_pushed_is_seen() -> None:
     with switched_on("keyence") as unknown:
         (report,) = searched(*unknown.gauge_ports)
-        with Watch(report.gauges) as watch:
-            watch.rest()
+        with PortWatch(report.gauges) as watch:
+            watch.measure_rest()
             places, waited = list(watch.readings_mm()), threading.Event()
             for _ in range(20):
                 waited.wait(0.02)
@@ -325,7 +325,7 @@ def test_the_gauge_that_is_pushed_is_seen() -> None:
             unknown.hand.mm["g2"] += 1.5
             place = _awaited(lambda: watch.pushed(places))
             assert watch.grows(place)
-            watch.rest()
+            watch.measure_rest()
             unknown.hand.mm["g2"] -= 1.5
             unknown.hand.mm["g1"] += 1.5
             other = _awaited(lambda: watch.pushed(places[:1]))  # while the finger leaves the second one
@@ -337,7 +337,7 @@ def test_the_gauge_that_is_pushed_is_seen() -> None:
 def test_a_gauge_that_is_lost_while_it_is_watched() -> None:
     with switched_on("tesa") as unknown:
         (report,) = searched(*unknown.gauge_ports)
-        with Watch(report.gauges) as watch:
+        with PortWatch(report.gauges) as watch:
             _awaited(watch.readings_mm)
             unknown.cell.unplug("g1")
             with pytest.raises(CellError, match="was lost"):

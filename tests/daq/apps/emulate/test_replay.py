@@ -16,7 +16,7 @@ from analysis.apps.emulate.robot import EmulatedRobot
 from daq import clock
 from daq.apps.emulate.played import StreamingPlayer
 from daq.apps.emulate.replay import Replay
-from daq.protocol.conversation import Step
+from daq.protocol.conversation import ConversationStep
 from daq.wire.capture import read_capture
 from rigs.errors import FileError
 from rigs.load import load_hidden, parse
@@ -36,7 +36,7 @@ def _captured(folder: Path, gauges: str, laps: int) -> tuple[str, Path]:
     data = yaml.safe_load(rig_text(gauges, timeout_s=0.5))
     data["tests"]["circle"] |= {"speed_mm_s": 60, "laps": laps}
     text = yaml.safe_dump(data)
-    hidden = load_hidden("ur10e").within(parse(text, "quick"))  # where nothing errs, no figure tells of a time
+    hidden = load_hidden("ur10e").apply_to(parse(text, "quick"))  # where nothing errs, no figure tells of a time
     robot = EmulatedRobot.of_rig(hidden, seed=7)
     folder.mkdir()
     with SimulatedBench(folder, text, robot, capture=folder / "cell.log") as bench:
@@ -60,9 +60,9 @@ def _replayed(folder: Path, text: str, log: Path) -> tuple[Path, Replay]:
         run = bench.record("lap", "acw")
         seconds = (capture.pieces[-1].at_ns - capture.pieces[0].at_ns) / 1e9
         until_s = clock.now_s() + seconds + PATIENCE_S
-        while not replay.done and clock.now_s() < until_s:
+        while not replay.is_finished and clock.now_s() < until_s:
             clock.sleep(0.05)
-        assert replay.done, f"{replay.restarts} restarts"
+        assert replay.is_finished, f"{replay.restarts} restarts"
         bench.stop()
     return run, replay
 
@@ -108,7 +108,7 @@ def test_a_run_from_a_replay_that_is_out_of_step_is_marked_and_refused(
     # private _play: a replay is late only on a computer that is held up
     punctual = StreamingPlayer._play
 
-    def late(self: StreamingPlayer, now_ns: int) -> Step:
+    def late(self: StreamingPlayer, now_ns: int) -> ConversationStep:
         step = punctual(self, now_ns)
         return step if step.send or step.wake_ns is None else replace(step, wake_ns=step.wake_ns + LATE_NS)
 

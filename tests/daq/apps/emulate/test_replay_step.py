@@ -14,7 +14,7 @@ from daq.apps.emulate.played import AnsweringPlayer, Exchanges, StreamingPlayer
 from daq.apps.emulate.replay import ReplayedStream
 from daq.apps.emulate.timebase import Steps, Timebase
 from daq.protocol.conversation import FaultKind
-from daq.wire.capture import Mark, Piece
+from daq.wire.capture import CaptureMark, Piece
 
 MS = 1_000_000
 HEAD = 100 * MS
@@ -23,15 +23,15 @@ BEAR = 2 * MS
 
 
 def came(at_ms: float, data: bytes) -> Piece:
-    return Piece(round(at_ms * MS), "s", Mark.CAME, data)
+    return Piece(round(at_ms * MS), "s", CaptureMark.CAME, data)
 
 
 def asked(at_ms: float, data: bytes) -> Piece:
-    return Piece(round(at_ms * MS), "s", Mark.SENT, data)
+    return Piece(round(at_ms * MS), "s", CaptureMark.SENT, data)
 
 
 def lost(at_ms: float) -> Piece:
-    return Piece(round(at_ms * MS), "s", Mark.LOST, b"")
+    return Piece(round(at_ms * MS), "s", CaptureMark.LOST, b"")
 
 
 def steps(*, of_asked: bool = True) -> Steps:
@@ -82,9 +82,9 @@ def test_a_host_that_asks_on_its_own_keeps_the_time_of_the_capture() -> None:
     kept = steps()
     device = answering(ROUNDS, kept)
     now, heard = 3 * MS, []
-    while not device.done:
+    while not device.is_finished:
         step = device.received(b"?\r", now)
-        while not step.send and step.wake_ns is not None and not device.done:
+        while not step.send and step.wake_ns is not None and not device.is_finished:
             now = step.wake_ns
             step = device.tick(now)
         heard.append((step.send, now / MS))
@@ -109,7 +109,7 @@ def test_answers_that_nobody_asked_for_until_the_end_are_skipped() -> None:
     asked_last = device.received(b"?\r", 10 * MS)
     assert asked_last.wake_ns == 18 * MS and device.tick(18 * MS).send == b"1\r"
     device.tick(60 * MS)
-    assert device.done and kept.skipped == 4
+    assert device.is_finished and kept.skipped == 4
 
 
 def test_two_streams_share_the_time_that_begins_with_the_first_word() -> None:
@@ -123,8 +123,8 @@ def test_two_streams_share_the_time_that_begins_with_the_first_word() -> None:
     assert gauge.tick(shift + 5 * MS).wake_ns == shift + 20 * MS
     assert gauge.tick(shift + 20 * MS).send == b"a"
     assert robot.tick(shift + 21 * MS).wake_ns == shift + 25 * MS
-    assert robot.tick(shift + 26 * MS).send == b"x" and robot.done
-    assert gauge.tick(shift + 30 * MS).send == b"b" and gauge.done
+    assert robot.tick(shift + 26 * MS).send == b"x" and robot.is_finished
+    assert gauge.tick(shift + 30 * MS).send == b"b" and gauge.is_finished
 
 
 def test_an_instrument_waits_for_a_word_that_it_was_told_but_not_for_ever() -> None:
@@ -169,7 +169,7 @@ def test_a_host_that_leaves_before_the_end_begins_everything_anew() -> None:
     assert time.turn == 1 and following.connected(1061 * MS).wake_ns == 1080 * MS
     early = heard()  # left before its first word: it is kept
     assert time.turn == 1 and early.connected(1070 * MS).wake_ns == 1080 * MS
-    assert early.tick(1080 * MS).send == b"3" and heard.done
+    assert early.tick(1080 * MS).send == b"3" and heard.is_finished
 
 
 @pytest.mark.parametrize(("of_asked", "off_ms", "out"), [(True, 1, 0), (True, 3, 1), (False, 1, 0), (False, 3, 1)])
@@ -177,10 +177,10 @@ def test_a_second_that_is_further_off_than_the_figures_bear_is_told(of_asked: bo
     told: list[float] = []
     kept = Steps(BEAR, asked=of_asked, out_of_step=told.append)
     for k in range(25):
-        kept.said(40 * k * MS, off_ms * MS)
-    kept.said(1000 * MS, 500 * MS)  # one that was held up
+        kept.record_delay(40 * k * MS, off_ms * MS)
+    kept.record_delay(1000 * MS, 500 * MS)  # one that was held up
     for k in range(1, 25):
-        kept.said((1000 + 40 * k) * MS, 0)
+        kept.record_delay((1000 + 40 * k) * MS, 0)
     kept.judge()
     assert kept.seconds_out == len(told) == out
     assert told == [off_ms * MS] * out

@@ -20,7 +20,7 @@ import daq.feedback
 from daq.apps.opc_ua.channel import OPEN, decoded, type_of
 from daq.apps.opc_ua.nodes import CELSIUS, DEGREE
 from daq.apps.opc_ua.server import RobotServer, Space, robot_space
-from daq.protocol.conversation import NO_TIME, FaultKind, Item, Step
+from daq.protocol.conversation import NO_TIME, ConversationStep, FaultKind, Item
 from daq.wire.conversation_loop import run_conversation
 from daq.wire.links import open_link
 from rigs.schema.feedback import OPCUARobotics
@@ -142,7 +142,7 @@ def test_a_channel_is_renewed_in_time() -> None:
     opened: list[int] = []
 
     class Watched(RobotServer):
-        def received(self, data: bytes, now_ns: int) -> Step:
+        def received(self, data: bytes, now_ns: int) -> ConversationStep:
             opened.extend([now_ns] * data.count(OPEN))
             return super().received(data, now_ns)
 
@@ -218,7 +218,7 @@ def test_only_services_that_read_are_asked_for() -> None:
     sent = bytearray()
 
     class Noted(RobotServer):
-        def received(self, data: bytes, now_ns: int) -> Step:
+        def received(self, data: bytes, now_ns: int) -> ConversationStep:
             sent.extend(data)
             return super().received(data, now_ns)
 

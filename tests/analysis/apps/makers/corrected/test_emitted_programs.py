@@ -14,7 +14,7 @@ import pytest
 
 from analysis.apps.makers import maker_of_file
 from analysis.apps.makers.corrected_program import CorrectedProgram, correct_program, frames_of
-from analysis.apps.makers.emulated import Event, Pose, Round, Stood, Straight
+from analysis.apps.makers.emulated import Event, LinearMove, Round, Stood, ToolPose
 from analysis.apps.makers.programs.compensated import targets_of
 from analysis.apps.makers.programs.motion_plan import demand_of
 from analysis.apps.makers.programs.planned import plans_of
@@ -50,11 +50,11 @@ def _corrected(rig: Rig, path: Path) -> CorrectedProgram:
     return correct_program(rig, supports(rig), path, frames_of(rig.robot, ["9=rig"], []), None)
 
 
-def _poses(events: list[Event]) -> list[Pose]:
+def _poses(events: list[Event]) -> list[ToolPose]:
     return [event.pose if isinstance(event, Stood) else event.end for event in events if isinstance(event, MOVES)]
 
 
-MOVES = Stood | Straight | Round
+MOVES = Stood | LinearMove | Round
 
 
 @pytest.mark.parametrize(("dialect", "name"), CASES)

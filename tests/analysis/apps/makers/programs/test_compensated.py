@@ -20,9 +20,9 @@ from scipy.spatial.transform import Rotation
 
 from analysis.apps.makers import maker_by
 from analysis.apps.makers.correct_rig import correct_rig
-from analysis.apps.makers.emulated import Event, Pose, Round, Stood, Straight, Waited
+from analysis.apps.makers.emulated import Event, LinearMove, Round, Stood, ToolPose, Waited
 from analysis.apps.makers.programs.compensated import compensated, table_of
-from analysis.apps.makers.programs.motion_plan import Demand, Plan, demand_of
+from analysis.apps.makers.programs.motion_plan import Demand, MotionPlan, demand_of
 from analysis.apps.makers.programs.planned import plans_of
 from analysis.apps.makers.report.correction_report import write
 from analysis.apps.makers.target_path import read_corrected_path
@@ -31,7 +31,7 @@ from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import circle_of, drive, lap, radial_stops
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.robot.kinematics.newton import newton
-from rigs.effects import Found, JointOffset
+from rigs.effects import EffectProvenance, JointOffset
 from rigs.errors import FileError
 from rigs.load import load
 from rigs.schema.vocabulary import MAKERS, DrivenTest, MakerName
@@ -47,7 +47,7 @@ POINTS = 11
 """On each arc, ends included."""
 RIG = load("ur10e")[0]
 ARM = arm_of(RIG.robot)
-FOUND = Found(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd={"offset_deg": U_DEG})
+FOUND = EffectProvenance(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd={"offset_deg": U_DEG})
 FAULTY = RIG.model_copy(update={"effects": (JointOffset(axis=AXIS, offset_deg=ZERO_DEG, found=FOUND),)})
 
 
@@ -67,12 +67,12 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Tables:
 
 
 @lru_cache
-def _nominal(test: DrivenTest) -> tuple[Plan, ...]:
+def _nominal(test: DrivenTest) -> tuple[MotionPlan, ...]:
     return tuple(plans_of(RIG, test, DWELL_S))
 
 
 @lru_cache
-def _planned(test: DrivenTest, path: Path) -> tuple[Plan, Demand]:
+def _planned(test: DrivenTest, path: Path) -> tuple[MotionPlan, Demand]:
     """The first corrected program of a test."""
     joints, poses = read_corrected_path(path)
     plan = compensated(_nominal(test), np.radians(joints.values), poses.poses(), joints.lines, str(path))[0]
@@ -138,14 +138,14 @@ def test_at_each_target_of_the_hemisphere_only_what_the_uncertainty_leaves_is_le
     assert stated.min() * 0.95 < left.min() and left.max() < stated.max() * 1.05
 
 
-def _dwelt(events: list[Event]) -> list[Pose]:
+def _dwelt(events: list[Event]) -> list[ToolPose]:
     """Where the tool stood at each stop."""
     found, at = [], None
     for event in events:
         match event:
             case Stood(pose):
                 at = pose
-            case Straight() | Round():
+            case LinearMove() | Round():
                 at = event.end
             case Waited(seconds) if seconds == DWELL_S:
                 assert at is not None

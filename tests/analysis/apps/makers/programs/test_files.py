@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from analysis.apps.makers.programs.motion_plan import Demand, Plan, demand_of
+from analysis.apps.makers.programs.motion_plan import Demand, MotionPlan, demand_of
 from analysis.apps.makers.programs.planned import plans_of
 from analysis.apps.makers.programs.program_text import fixed, identifier, wrapped
 from analysis.apps.makers.writing import programs_of
@@ -23,7 +23,7 @@ LONGEST: dict[MakerName, int] = {"ur": 60, "fanuc": 36, "kuka": 24, "abb": 32, "
 
 
 @pytest.fixture(scope="module")
-def planned() -> list[tuple[Plan, Demand]]:
+def planned() -> list[tuple[MotionPlan, Demand]]:
     """Both directions of a circle, for a rig of the longest name."""
     rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8")) | {"name": LONG[:63]}
     return [(plan, demand_of(plan)) for plan in plans_of(parse(yaml.safe_dump(rig), "long"), "yaw", 3.0)]
@@ -31,7 +31,7 @@ def planned() -> list[tuple[Plan, Demand]]:
 
 @pytest.mark.parametrize("dialect", LONGEST)
 def test_names_fit_the_controller_and_differ_between_directions(
-    dialect: MakerName, planned: list[tuple[Plan, Demand]]
+    dialect: MakerName, planned: list[tuple[MotionPlan, Demand]]
 ) -> None:
     files = programs_of(dialect, planned)
     names = {name.rpartition(".")[0] for name in files}
@@ -41,7 +41,7 @@ def test_names_fit_the_controller_and_differ_between_directions(
 
 @pytest.mark.parametrize("dialect", MAKERS)
 def test_the_first_comment_is_the_override_and_the_clearance(
-    dialect: MakerName, planned: list[tuple[Plan, Demand]]
+    dialect: MakerName, planned: list[tuple[MotionPlan, Demand]]
 ) -> None:
     text = next(iter(programs_of(dialect, planned).values()))
     comments = re.findall(r"^\s*(?:\d+:)?\s*(?:[#;'!] ?)(.*?)(?: ;)?$", text, re.M)

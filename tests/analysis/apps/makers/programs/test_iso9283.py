@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from analysis.apps.makers import maker_by
-from analysis.apps.makers.emulated import Round, Stood, Straight, Waited
-from analysis.apps.makers.programs.motion_plan import Plan, demand_of
+from analysis.apps.makers.emulated import LinearMove, Round, Stood, Waited
+from analysis.apps.makers.programs.motion_plan import MotionPlan, demand_of
 from analysis.apps.makers.programs.planned import cube_plan, path_plan
 from analysis.apps.makers.writing import programs_of
 from analysis.robot.geometry.iso_cube import cube_of
@@ -32,7 +32,7 @@ def with_cube(arm: str) -> Rig:
     return rig.model_copy(update={"tests": rig.tests.model_copy(update={"iso9283": test})})
 
 
-def events_of(plan: Plan, dialect: MakerName, rig: Rig) -> list[object]:
+def events_of(plan: MotionPlan, dialect: MakerName, rig: Rig) -> list[object]:
     newline = maker_by(dialect).writer.newline
     files = programs_of(dialect, [(plan, demand_of(plan))])
     return list(run(dialect, {name: text.replace("\n", newline) for name, text in files.items()}, rig))
@@ -64,15 +64,15 @@ def test_paths_are_those_of_the_standard_with_a_stand_before_and_after(arm: str,
     rig = with_cube(arm)
     cube = cube_of(rig)
     _, p2, p3, p4, p5 = cube_places(cube.centre_mm, cube.side_mm)
-    driven: list[list[Straight | Round]] = [[]]
+    driven: list[list[LinearMove | Round]] = [[]]
     for event in events_of(path_plan(rig, 50), dialect, rig):
         if isinstance(event, Waited):
             driven.append([])
-        elif isinstance(event, Straight | Round) and event.length_mm > max(ROUNDING, PLACE_MM.get(dialect, 0.0)):
+        elif isinstance(event, LinearMove | Round) and event.length_mm > max(ROUNDING, PLACE_MM.get(dialect, 0.0)):
             driven[-1].append(event)
     whole = [one for one in driven if one]
     assert all(not piece.stops for one in whole for piece in one[:-1]) and all(one[-1].stops for one in whole)
-    lines = [one for one in whole if len(one) == 1 and isinstance(one[0], Straight)]
+    lines = [one for one in whole if len(one) == 1 and isinstance(one[0], LinearMove)]
     lengths = np.array([one[0].length_mm for one in lines])
     assert (np.abs(lengths - np.linalg.norm(p4 - p2)) < 0.01).sum() == 3
     rectangles = [one for one in whole if len(one) == 4]

@@ -14,8 +14,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.apps.makers import maker_by
-from analysis.apps.makers.emulated import Array, Event, Held, Posture, Round, Stood, Straight, Waited
-from analysis.apps.makers.programs.motion_plan import Demand, Plan, demand_of
+from analysis.apps.makers.emulated import Array, Event, LinearMove, OperatorPause, PostureFlags, Round, Stood, Waited
+from analysis.apps.makers.programs.motion_plan import Demand, MotionPlan, demand_of
 from analysis.apps.makers.programs.planned import plans_of
 from analysis.apps.makers.writing import programs_of
 from analysis.robot.geometry.circle import frame_of
@@ -50,7 +50,7 @@ def programs(arm: str, test: DrivenTest, dialect: MakerName) -> tuple[dict[str, 
 
 
 @lru_cache
-def planned_for(arm: str, test: DrivenTest) -> tuple[tuple[Plan, Demand], ...]:
+def planned_for(arm: str, test: DrivenTest) -> tuple[tuple[MotionPlan, Demand], ...]:
     """The plans of a test with what they ask of the arm."""
     return tuple((plan, demand_of(plan)) for plan in plans_of(rig_of(arm), test, DWELL_S))
 
@@ -109,7 +109,7 @@ def test_positions_say_the_posture_in_which_the_arm_arrives(arm: str, dialect: M
     for q, posture in said:
         turns = np.sign(q[[*axes]]) * np.floor(np.abs(np.degrees(q[[*axes]])) / 360 + 0.5)
         expected = np.abs(turns) > 0 if dialect == "yaskawa" else turns
-        assert posture == Posture(bool(q[4] > 0), tuple(map(int, expected))), np.degrees(q)
+        assert posture == PostureFlags(bool(q[4] > 0), tuple(map(int, expected))), np.degrees(q)
 
 
 @pytest.mark.parametrize("dialect", MAKERS)
@@ -152,9 +152,9 @@ def test_laps_run_at_the_speed_of_the_rig_file_and_stop_at_their_ends_only(diale
 def test_the_robot_waits_for_the_link_and_stands_at_each_target(dialect: MakerName) -> None:
     events: list[Event] = run(dialect, programs("ur10e", "radial", dialect)[0], rig_of("ur10e"))
     first, line, hold = events[:3]
-    assert isinstance(first, Stood) and isinstance(line, Straight) and isinstance(hold, Held)
+    assert isinstance(first, Stood) and isinstance(line, LinearMove) and isinstance(hold, OperatorPause)
     assert line.length_mm < ROUNDING, "the joint move has brought the arm there"
-    assert sum(isinstance(event, Held) for event in events) == 1
+    assert sum(isinstance(event, OperatorPause) for event in events) == 1
     targets = len(radial_stops(rig_of("ur10e")))
     assert sum(isinstance(event, Waited) and event.seconds == DWELL_S for event in events) == targets
 

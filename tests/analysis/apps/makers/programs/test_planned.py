@@ -10,10 +10,10 @@ import pytest
 import yaml
 
 from analysis.apps.makers import maker_by
-from analysis.apps.makers.emulated import Held, Shown, Switched
-from analysis.apps.makers.programs.motion_plan import Hold, Plan, Signal, demand_lines, demand_of
+from analysis.apps.makers.emulated import OperatorPause, RegisterOutput, Switched
+from analysis.apps.makers.programs.motion_plan import Hold, MotionPlan, Signal, demand_lines, demand_of
 from analysis.apps.makers.programs.planned import plans_of
-from analysis.apps.makers.programs.ways import around
+from analysis.apps.makers.programs.ways import circular_path
 from analysis.apps.makers.writing import feedback_note, programs_of
 from analysis.robot.kinematics.arm import Array
 from daq.feedback import line_feed
@@ -42,7 +42,7 @@ def rig_with(name: str = "ur10e", **changes: Any) -> Rig:
     return parse(yaml.safe_dump(yaml.safe_load(text) | changes), "changed.yaml")
 
 
-def files_of(rig: Rig, dialect: MakerName, plan: Plan) -> dict[str, str]:
+def files_of(rig: Rig, dialect: MakerName, plan: MotionPlan) -> dict[str, str]:
     newline = maker_by(dialect).writer.newline
     files = programs_of(dialect, [(plan, demand_of(plan))])
     return {name: text.replace("\n", newline) for name, text in files.items()}
@@ -55,7 +55,7 @@ def test_a_rule_of_the_rig_file_gives_the_signal_and_takes_the_pause() -> None:
     assert [step.value for step in cw.steps if isinstance(step, Signal)] == [1, 0]
     assert not any(isinstance(step, Hold) for step in acw.steps)
     events = run("ur", files_of(rig, "ur", acw), rig)
-    assert [event for event in events if isinstance(event, Switched | Held)] == [
+    assert [event for event in events if isinstance(event, Switched | OperatorPause)] == [
         Switched(4, False),
         Switched(9, True),
         Switched(4, False),
@@ -73,7 +73,10 @@ def test_a_test_without_a_rule_waits_for_a_person() -> None:
 def test_a_register_of_rtde_shows_the_signal() -> None:
     rig = rig_with(feedback=RTDE | {"signal": {"int_register": 24}}, automatic={"rules": RULES})
     events = run("ur", files_of(rig, "ur", plans_of(rig, "yaw", 3.0)[1]), rig)
-    assert [event for event in events if isinstance(event, Shown)] == [Shown(24, 1), Shown(24, 0)]
+    assert [event for event in events if isinstance(event, RegisterOutput)] == [
+        RegisterOutput(24, 1),
+        RegisterOutput(24, 0),
+    ]
 
 
 @pytest.mark.parametrize(("dialect", "names"), [("fanuc", (9, 10)), ("kuka", (9, 10)), ("yaskawa", (9, 10))])
@@ -184,7 +187,7 @@ def test_an_arc_goes_around_the_long_way_where_its_middle_lies_there() -> None:
         T[:3, 3] = 100 * np.array([np.cos(np.radians(deg)), np.sin(np.radians(deg)), 0]) + [5, 6, 7]
         return T
 
-    way = around(at(0), at(150)[:3, 3], at(300), speed_mm_s=20.0)
+    way = circular_path(at(0), at(150)[:3, 3], at(300), speed_mm_s=20.0)
     assert way.seconds == pytest.approx(np.radians(300) * 100 / 20)
     assert np.linalg.norm(way.poses[:, :3, 3] - [5, 6, 7], axis=1) == pytest.approx(100)
     assert way.poses[len(way.poses) // 2, :3, 3] == pytest.approx(at(150)[:3, 3])

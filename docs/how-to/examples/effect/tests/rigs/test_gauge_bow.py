@@ -10,7 +10,7 @@ from rigs.load import load, load_hidden
 
 
 def test_a_bow_adds_the_square_of_the_reading_to_its_own_gauge() -> None:
-    rig = load_hidden("paper-fanuc").within(load("paper-fanuc")[0])  # its ball is off the centre of the circle
+    rig = load_hidden("paper-fanuc").apply_to(load("paper-fanuc")[0])  # its ball is off the centre of the circle
     bow = GaugeBow(gauge="g1", relative_per_mm=0.05)
     sound, bent = (simulate(rig, "yaw", "cw", None, effects) for effects in ((), (bow,)))
     assert isinstance(sound, CircleTable) and isinstance(bent, CircleTable)

@@ -10,7 +10,7 @@ import struct
 
 from daq.feedback import Read
 from daq.protocol.conversation import Device, FaultKind, Host
-from daq.protocol.positions import Order, Position, Positions, Refused, SteadyDevice
+from daq.protocol.positions import Order, Position, Positions, SteadyDevice, UnusableDatagram
 from daq.protocol.streamed import Streamed
 from rigs.schema.example_arm import ExampleArm
 
@@ -30,9 +30,9 @@ def device(feedback: ExampleArm, read: Read) -> Device:
     return _Controller(read, RATE_HZ)
 
 
-def _decode(data: bytes) -> Position | Refused:
+def _decode(data: bytes) -> Position | UnusableDatagram:
     if len(data) != _POSITION.size or not data.startswith(_MAGIC):
-        return Refused(FaultKind.GARBLED, f"{data[:16].hex(' ')} is no position of an example arm")
+        return UnusableDatagram(FaultKind.GARBLED, f"{data[:16].hex(' ')} is no position of an example arm")
     _, number, clock_us, *angles_deg = _POSITION.unpack(data)
     return Position(tuple(angles_deg), clock_us * 1e-6, number)
 

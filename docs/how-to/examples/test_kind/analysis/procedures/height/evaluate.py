@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.procedures.shared.evaluate import Evaluation, Instruments, hold_numbers
+from analysis.procedures.shared.evaluate import Evaluation, Instruments, check_numbers
 from analysis.procedures.shared.lap_curve import SEED
 from analysis.procedures.shared.quantity import Quantity, figures_of
 from analysis.procedures.shared.result_curves import PoseCurve
@@ -42,7 +42,7 @@ class HeightEvaluation(Evaluation[HeightTable]):
 
     def evaluate(self, table: HeightTable, rig: Rig, where: str, instruments: Instruments) -> HeightResult:
         """The figures by the nominal arm: height_rms_mm, and height_band_mm, the largest less the smallest."""
-        hold_numbers(where, q=table.q, height_mm=table.height_mm)
+        check_numbers(where, q=table.q, height_mm=table.height_mm)
         count = len(table.q)
         if count < _FEWEST:
             raise FileError(where, f"has {count} heights, too few to judge an arm", f"give at least {_FEWEST}")

@@ -10,14 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from analysis.apps.makers.emulated import (
     Array,
-    Held,
+    ControllerParameter,
     Machine,
-    Parameter,
-    Pose,
+    MoveLimits,
+    OperatorPause,
     ProgramDriver,
     ProgramError,
-    Speed,
     Switched,
+    ToolPose,
     Turning,
 )
 
@@ -46,30 +46,30 @@ def _do(instruction: re.Match[str], via: Array | None, machine: Machine) -> Arra
         case "TOOL", 6:
             machine.tool = _pose(values)
         case "JOINTS", 6:
-            machine.joints(np.radians(values), Speed(axis_rad_s=math.radians(speed)))
+            machine.joints(np.radians(values), MoveLimits(axis_rad_s=math.radians(speed)))
         case "LINE", 6:
-            machine.line(_pose(values), speed, stops=stops, speed=Speed(mm_s=speed))
+            machine.line(_pose(values), speed, stops=stops, speed=MoveLimits(mm_s=speed))
         case "TURN", 6:
             machine.turn(_pose(values), math.radians(speed))
         case "VIA", 6:
             return values[:3]
         case "ARC", 6 if via is not None:
             turning: Turning = "fixed to path" if instruction["path"] else "even"
-            machine.arc(via, _pose(values), speed, turning=turning, stops=stops, speed=Speed(mm_s=speed))
+            machine.arc(via, _pose(values), speed, turning=turning, stops=stops, speed=MoveLimits(mm_s=speed))
         case "WAIT", 1:
             machine.wait(float(values[0]))
         case "OUTPUT", 1 if instruction["state"]:
             machine.events.append(Switched(int(values[0]), instruction["state"] == " ON"))
         case "PAUSE", 0:
-            machine.events.append(Held())
+            machine.events.append(OperatorPause())
         case _:
             raise ProgramError(f"{instruction[0][:20]!r} is no instruction")
     return None
 
 
-def _pose(values: Array) -> Pose:
-    return Pose(values[:3], Rotation.from_euler("xyz", values[3:], degrees=True))
+def _pose(values: Array) -> ToolPose:
+    return ToolPose(values[:3], Rotation.from_euler("xyz", values[3:], degrees=True))
 
 
-DRIVER = ProgramDriver(run, (Parameter("zero of axis {axis}", "deg", "reading", -math.radians(1)),))
+DRIVER = ProgramDriver(run, (ControllerParameter("zero of axis {axis}", "deg", "reading", -math.radians(1)),))
 """An axis reads the angle of its motor less its zero."""

@@ -7,9 +7,9 @@ import re
 
 from analysis.apps.makers.numbers import Decimals, frame_of
 from analysis.apps.makers.points import Points, as_value
-from analysis.apps.makers.program_machine import OFF, Blocks, Forget, Move, Program, Ref, Set, Unknown, Value
+from analysis.apps.makers.program_machine import OFF, Blocks, ForgetAll, Move, Program, Ref, Set, Unknown, Value
 from analysis.apps.makers.program_reader import ProgramReader, Remark
-from analysis.apps.makers.target import Form, Parsed, Target, Texts, blanked, lines_of, numbers_in, with_newlines
+from analysis.apps.makers.target import Form, Parsed, ProgramTexts, Target, blanked, lines_of, numbers_in, with_newlines
 
 _REMARK = re.compile(r";[^\n]*")
 _LINE = re.compile(r"^[ \t]*(?:(?P<word>[A-Z]+) (?P<numbers>[-+\d.,]+))?(?P<rest>[^\n]*)$", re.MULTILINE)
@@ -20,7 +20,7 @@ _NOTHING = re.compile(r"WAIT [\d.]+|OUTPUT \d+ (?:ON|OFF)|PAUSE|")
 """Instructions that change neither the tool nor where the arm stands."""
 
 
-def parse(texts: Texts) -> Parsed:
+def parse(texts: ProgramTexts) -> Parsed:
     """Return the targets of a program."""
     text = blanked(with_newlines(texts.texts[0]), _REMARK)
     lines, points, blocks = lines_of(text), Points(1), Blocks()
@@ -36,8 +36,8 @@ def parse(texts: Texts) -> Parsed:
         elif numbers and whole and word == "TOOL":
             blocks.add(Set("tool", as_value(frame_of("roll_pitch_yaw", [part.value for part in numbers]))))
         elif not _NOTHING.fullmatch(line[0].strip()):
-            blocks.add(Forget(Unknown(0, number, "it is not known here")))
-    return points.parsed(Program({"": blocks.done()}, _initial))
+            blocks.add(ForgetAll(Unknown(0, number, "it is not known here")))
+    return points.parsed(Program({"": blocks.finish_routine()}, _initial))
 
 
 def _initial(part: str) -> Value:

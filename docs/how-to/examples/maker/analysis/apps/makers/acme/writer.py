@@ -7,7 +7,16 @@ from functools import partial
 import numpy as np
 
 from analysis.apps.makers.program_writer import ProgramWriter
-from analysis.apps.makers.programs.motion_plan import Arc, Demand, JointMove, Line, Move, Plan, Turn, start_of
+from analysis.apps.makers.programs.motion_plan import (
+    Arc,
+    Demand,
+    JointMove,
+    MotionPlan,
+    Move,
+    StraightMove,
+    ToolRotation,
+    start_of,
+)
 from analysis.apps.makers.programs.program_text import (
     DEG_DECIMALS,
     MM_DECIMALS,
@@ -24,7 +33,7 @@ _WORDS = Words("WAIT {}", 3, "OUTPUT {} ON", "OUTPUT {} OFF", "; {}", 80, "PAUSE
 _NAME_LENGTH = 30
 
 
-def write(plan: Plan, demand: Demand) -> dict[str, str]:
+def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
     """The program."""
     T = start_of(plan).T
     shown = f"X, Y, Z {listed(T[:3, 3], 1)} mm, roll, pitch, yaw {listed(fixed_xyz_deg(T), 2)} deg"
@@ -38,9 +47,9 @@ def _move(step: Move) -> list[str]:
     match step:
         case JointMove(target, speed_rad_s):
             return [f"JOINTS {listed(np.degrees(target.q), DEG_DECIMALS)} SPEED {speed(np.degrees(speed_rad_s))}"]
-        case Line(target, speed_mm_s, stops):
+        case StraightMove(target, speed_mm_s, stops):
             return [f"LINE {_pose(target.T)} SPEED {speed(speed_mm_s)}{'' if stops else ' BLEND'}"]
-        case Turn(target, _, speed_rad_s):
+        case ToolRotation(target, _, speed_rad_s):
             return [f"TURN {_pose(target.T)} SPEED {speed(np.degrees(speed_rad_s))}"]
         case Arc(via, end, speed_mm_s, stops):
             words = f"{' PATH' * step.with_path}{'' if stops else ' BLEND'}"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.apps.emulate.driving import Controller
+from analysis.apps.emulate.driving import ControllerState
 from analysis.apps.makers.corrected_program import NO_FRAMES, CorrectedProgram, correct_program
 from analysis.apps.makers.programs.motion_plan import demand_of
 from analysis.apps.makers.programs.planned import plans_of
@@ -43,5 +43,7 @@ def test_after_what_is_not_known_nothing_is_corrected(tmp_path: Path) -> None:
 
 def test_a_lower_zero_reads_more() -> None:
     entry = {"parameter": "zero of axis 3", "axis": 3, "add": -0.25, "unit": "deg"}
-    entered = Controller.of_rig(RIG, "acme").entered({"controller": {"name": "acme", "entries": [entry]}}, "a.yaml")
+    entered = ControllerState.of_rig(RIG, "acme").entered(
+        {"controller": {"name": "acme", "entries": [entry]}}, "a.yaml"
+    )
     np.testing.assert_allclose(np.degrees(entered.reads_more), [0, 0, 0.25, 0, 0, 0], atol=1e-12)
