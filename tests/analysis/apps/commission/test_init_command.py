@@ -184,7 +184,7 @@ QUESTIONS = [
     "Push gauge 1",
     "Distance between",
     "Arm: ",
-    "The ball on",
+    "Pose of the ball on",
     "Allowed error",
     "Is the robot",
 ]
