@@ -270,7 +270,8 @@ def _timed(tracks: dict[str, _SenderMessages]) -> tuple[tuple[Integers, Array], 
         total = len(ns) + track.lacking
         if track.lacking:
             doubts.append(
-                f"{name}: left out {track.lacking} of {total} messages, which lack a joint, a number or a turn"
+                f"{name}: {track.lacking} of {total} messages not used, because a joint, a number or the "
+                "orientation is missing"
             )
         if stale := int((~fresh).sum()):
             doubts.append(

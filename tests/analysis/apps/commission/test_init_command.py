@@ -184,7 +184,7 @@ QUESTIONS = [
     "Push gauge 1",
     "Distance between",
     "Arm: ",
-    "The ball on",
+    "Pose of the ball on",
     "Allowed error",
     "Is the robot",
 ]
@@ -230,7 +230,7 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
         person.answers("is not a distance", "60")
         person.answers("Arm: ", "nonsense")
         person.answers("is not an arm of the library", "ur10e")
-        person.answers("The ball", "1,2")
+        person.answers("Pose of the ball", "1,2")
         person.answers("is not x,y,z", "0,0,150,0,90,0")
         person.answers("Allowed error in mm", "0,3")
         person.answers("is not an error in mm", "-1")

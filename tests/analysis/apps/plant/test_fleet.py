@@ -131,7 +131,7 @@ def test_the_table_has_every_figure_of_every_run(work: Path) -> None:
     [
         (("nowhere",), "error: nowhere: no such directory; give the directory with the plant's runs"),
         (("empty",), "error: empty: does not contain runs; give the directory that holds the plant's runs"),
-        (("plant", "--catalogue", "letter"), "error: letter: is not a catalogue of rig fleet; give another"),
+        (("plant", "--catalogue", "letter"), "error: letter: is not a catalogue of rig fleet; choose a different"),
         (("plant", "-o", "page.txt"), "error: page.txt: is not the name of a page; give --output FILE.html"),
         (("plant", "--parquet", "empty"), "error: empty: Is a directory; choose a different --parquet"),
         (
