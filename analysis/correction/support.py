@@ -151,21 +151,26 @@ ANYWAY = "written although rig advises against a correction by this model"
 
 
 def why_nothing(rig: Rig) -> str:
-    """Return the reason why a rig's model must not be used for correction, as a sentence; empty if it may."""
+    """Return the refusal of corrections by a rig's model, as a sentence; empty if the model may be used."""
+    reason = reason_against_model(rig)
+    return f"do not correct by this model: {reason}" if reason else ""
+
+
+def reason_against_model(rig: Rig) -> str:
+    """Return the reason why a rig's model must not be used for correction; empty if it may."""
     if rig.calibrated is None or verdict_of(rig.calibrated) == "correct":
         return ""
     judged = rig.calibrated.judged
     assert judged is not None  # noqa: S101 - without it the verdict is to correct
-    why = "do not correct by this model:"
     if ground_of(rig.calibrated) == "not_shown":
-        return f"{why} the runs cannot show the cause, and the remaining error elsewhere is unknown"
+        return "the runs cannot show the cause, and the remaining error elsewhere is unknown"
     remainder = f"it leaves {judged.handed_um:.0f} of {judged.before_um:.0f} µm rms"
     if ground_of(rig.calibrated) == "no_gain_elsewhere":
-        return f"{why} on runs that it did not use {remainder}, not less than the nominal arm"
+        return f"on runs that it did not use {remainder}, not less than the nominal arm"
     where = (
         "on the runs used, without validation elsewhere" if judged.place == "used" else "on runs that it did not use"
     )
-    return f"{why} an unknown cause remains, {judged.unexplained_um:.0f} µm; {remainder} {where}"
+    return f"an unknown cause remains, {judged.unexplained_um:.0f} µm; {remainder} {where}"
 
 
 def require_usable_model(rig: Rig, rig_file: str, *, anyway: bool) -> None:

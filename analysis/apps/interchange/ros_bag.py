@@ -205,7 +205,7 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _TopicMessages]:
     for topic, track in tracks.items():
         if len(track.ns) < 2:
             has = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items()))[:300] or "no messages"
-            problem = f"contains fewer than two usable messages of {topic} ({track.schema}); it has {has}"
+            problem = f"contains fewer than two usable messages of {topic} ({track.schema}); its topics: {has}"
             remedy = "set the topic and the joints in the rig file, and publish the gauges on /g1, /g2"
             raise FileError(where, problem, remedy)
     return tracks

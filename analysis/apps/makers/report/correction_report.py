@@ -21,7 +21,7 @@ from analysis.apps.makers.report import controller_report, program_report
 from analysis.apps.makers.report.controller_report import base_note, short
 from analysis.apps.makers.target_path import corrected_columns
 from analysis.correction.corrected_targets import GAIN_UM, CorrectedTargets, WorkError
-from analysis.correction.support import ANYWAY, CONSTANTS, corrected_table, why_nothing
+from analysis.correction.support import ANYWAY, CONSTANTS, corrected_table, reason_against_model, why_nothing
 from analysis.correction.work import rest_effects
 from analysis.procedures.shared.quantity import quantity_of
 from analysis.report.diagnosis_words import plain
@@ -288,8 +288,8 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
     ]
     head = "".join(f"# {line}\n" for line in lines)
     against = [*(corrections.errors if why_nothing(corrections.rig) else corrections.in_vain)]
-    if why := why_not(corrections) if corrections.errors else why_nothing(corrections.rig):
-        head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why.removeprefix('do not correct by this model: ')}.\n"
+    if why := reason_against_model(corrections.rig) or (why_not(corrections) if corrections.errors else ""):
+        head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why}.\n"
     text = head + yaml.safe_dump(contents, sort_keys=False, allow_unicode=True, width=10_000)
     files = {"corrections.yaml": holding(text.encode())}
     if corrections.constants:

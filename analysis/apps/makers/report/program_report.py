@@ -84,9 +84,9 @@ def reached(u_frame_mm: Array, u_mm: Array) -> str:
     if np.isnan(u_mm).all():
         return "their uncertainty is unknown"
     return (
-        f"reached to ± {np.nanmax(u_frame_mm):.3f} mm after with frame and tool taught with the robot, to "
+        f"accuracy after the correction ± {np.nanmax(u_frame_mm):.3f} mm with frame and tool taught with the robot, "
         f"± {np.nanmax(u_mm):.3f} mm in the base (standard uncertainty at the worst target"
-        f"{' of those where runs say it' if np.isnan(u_mm).any() else ''})"
+        f"{' of those that the runs cover' if np.isnan(u_mm).any() else ''})"
     )
 
 
