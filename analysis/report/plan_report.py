@@ -15,7 +15,7 @@ from rich.text import Text
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.judge.result import ODDS
-from analysis.diagnosis.plan.detectability import Detectability, SeparatingTest, TestSetCapability
+from analysis.diagnosis.plan.detectability import CapabilityOfTests, Detectability, SeparatingTest
 from analysis.diagnosis.plan.expected import (
     ASSUMED_JOINT_DEG,
     DETECTABLE,
@@ -37,7 +37,7 @@ _MOST_PAIRS = 6
 """Number of pairs listed for a group of connected names, nearest first."""
 
 
-def as_table(plan: TestSetCapability) -> RenderableType:
+def as_table(plan: CapabilityOfTests) -> RenderableType:
     """Return detectable, indistinguishable and undetectable effects, and the most useful further test."""
     tests = ", ".join(plan.tests)
     ways = ", circles in both directions" if set(CIRCLES) & set(plan.tests) else ""
@@ -87,7 +87,7 @@ def _small(sight: Detectability) -> bool:
     return not sight.hidden and sight.limit <= FAULT * healthy_size(sight.effect)
 
 
-def _axes(plan: TestSetCapability) -> Table:
+def _axes(plan: CapabilityOfTests) -> Table:
     """Return a table of the smallest detectable sizes of joint effects, a column for each axis, within 80 columns."""
     kinds = _by_seat(plan, joints=True)
     most = max([6, *(int(axis) for by_axis in kinds.values() for axis in by_axis)])
@@ -113,7 +113,7 @@ def _title(of: str) -> str:
     return f"{of}: smallest size that shows at {DETECTABLE:g} σ"
 
 
-def _by_seat(plan: TestSetCapability, *, joints: bool) -> dict[str, dict[str, list[Detectability]]]:
+def _by_seat(plan: CapabilityOfTests, *, joints: bool) -> dict[str, dict[str, list[Detectability]]]:
     """Group detectabilities by effect (link constants also by field), then by axis or gauge. Orders of the same gear
     stay together.
     """
@@ -135,7 +135,7 @@ def _limit(sights: Sequence[Detectability], between: str = " … ") -> Text:
     return Text(low if low == high else f"{low}{between}{high}", style=style)
 
 
-def _alike(plan: TestSetCapability) -> RenderableType:
+def _alike(plan: CapabilityOfTests) -> RenderableType:
     if not plan.pairs:
         return Text("all detectable effects can be distinguished", style="green")
     title = f"cannot be distinguished ({ODDS:g} to 1, at the size at which they show as faults)"
@@ -167,7 +167,7 @@ def _kind(name: str) -> str:
     return name.partition(" order ")[0]
 
 
-def _hidden(plan: TestSetCapability) -> RenderableType:
+def _hidden(plan: CapabilityOfTests) -> RenderableType:
     if not plan.hidden:
         return Text("every effect is detected", style="green")
     columns = ("names", Column("why", ratio=1), Column("shown by", ratio=1))
@@ -188,7 +188,7 @@ def _hidden(plan: TestSetCapability) -> RenderableType:
     return fold_long_words(table)
 
 
-def as_object(plan: TestSetCapability) -> dict[str, Any]:
+def as_object(plan: CapabilityOfTests) -> dict[str, Any]:
     """Return the plan as a JSON object with sizes in their usual units."""
     return {
         "tests": list(plan.tests),

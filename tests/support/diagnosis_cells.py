@@ -20,7 +20,7 @@ from analysis.diagnosis.fit.background import Background, background_of
 from analysis.diagnosis.fit.candidates import Columns, Form, candidates_for, columns_for
 from analysis.diagnosis.fit.responses import Linearisation, linearise
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.diagnosis.plan.detectability import TestSetCapability, plan
+from analysis.diagnosis.plan.detectability import CapabilityOfTests, plan
 from analysis.procedures.prediction import nominal_setup, path_of
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import arm_of, forward
@@ -119,13 +119,13 @@ def found_in(
 
 
 @made_once
-def plan_of_circles() -> TestSetCapability:
+def plan_of_circles() -> CapabilityOfTests:
     """What a yaw and a roll circle of the paper's robot can tell of all effects."""
     return plan(RIG, ("yaw", "roll"))
 
 
 @made_once
-def plan_without_further_tests() -> TestSetCapability:
+def plan_without_further_tests() -> CapabilityOfTests:
     """The same of a yaw circle, without a look at what other tests would tell, which is most of a plan's time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("analysis.diagnosis.plan.detectability.possible_tests", lambda *_, **__: ([], []))

@@ -441,7 +441,7 @@ class Gain:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TestSetCapability(Detected):
+class CapabilityOfTests(Detected):
     """Capability of a set of tests.
 
     `gains`: further tests, most useful first. `impossible`: tests this arm cannot drive, each with the reason. `level`:
@@ -462,7 +462,7 @@ class TestSetCapability(Detected):
         return tuple(detectability for detectability in self.detectabilities if detectability.hidden)
 
 
-def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0) -> TestSetCapability:
+def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0) -> CapabilityOfTests:
     """Return the capability of tests of a rig, each driven `runs` times in each direction.
 
     The prediction uses the model of a diagnosis: noise of real cells and a healthy background, at the `level` found by
@@ -479,7 +479,7 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0)
         joined = [group for group in groups if set(group) & set(pair)]
         groups = [group for group in groups if group not in joined]
         groups.append(list(dict.fromkeys([name for group in joined for name in group] + list(pair))))
-    return TestSetCapability(
+    return CapabilityOfTests(
         detectabilities=tuple(
             replace(detectability, further=further.get(name_of(detectability.effect), ()))
             for detectability in judgement.detectabilities

@@ -20,8 +20,8 @@ from analysis.diagnosis.fit.background import background_of
 from analysis.diagnosis.fit.candidates import columns_for
 from analysis.diagnosis.fit.refine import refine
 from analysis.diagnosis.plan.detectability import (
+    CapabilityOfTests,
     PossibleTest,
-    TestSetCapability,
     detectabilities_of,
     further_tests,
     plan,
@@ -48,7 +48,7 @@ FAULTS = [JointOffset(axis=5, offset_deg=0.1), LinkGeometry(axis=6, field="a", d
 
 
 @pytest.fixture(scope="module")
-def circle_alone() -> TestSetCapability:
+def circle_alone() -> CapabilityOfTests:
     return plan_of_circles()
 
 
@@ -86,7 +86,7 @@ def _with_circle(**changed: object) -> Rig:
 
 
 def test_the_papers_circle_cannot_distinguish_axis_5s_zero_from_a5_and_another_radius_can(
-    circle_alone: TestSetCapability,
+    circle_alone: CapabilityOfTests,
 ) -> None:
     (pair,) = (pair for pair in circle_alone.pairs if set(pair.names) == {"joint_offset 5", "link_geometry 6.a"})
     assert pair.sigma < SEPARABLE
@@ -116,7 +116,7 @@ def test_a_fit_agrees_that_the_one_stands_in_for_the_other_on_one_circle_and_not
 
 
 def test_what_the_set_up_takes_up_and_what_does_nothing_is_listed_with_the_reason(
-    circle_alone: TestSetCapability,
+    circle_alone: CapabilityOfTests,
 ) -> None:
     hidden = {one.name: one for one in circle_alone.hidden}
     assert "absorbed by the set-up" in hidden["joint_offset 1"].hidden
@@ -128,7 +128,7 @@ def test_what_the_set_up_takes_up_and_what_does_nothing_is_listed_with_the_reaso
     assert "joint_offset 3" not in hidden
 
 
-def test_neighbours_that_are_one_thing_are_parted_by_no_test(circle_alone: TestSetCapability) -> None:
+def test_neighbours_that_are_one_thing_are_parted_by_no_test(circle_alone: CapabilityOfTests) -> None:
     (pair,) = (pair for pair in circle_alone.pairs if pair.names == ("link_geometry 2.d", "link_geometry 3.d"))
     assert pair.further and max(one.sigma for one in pair.further) < 0.3
 
@@ -171,7 +171,7 @@ def test_a_size_is_as_sure_as_a_fit_of_readings_with_the_fault_in_them_states(fa
     assert found.sd(0)[size_field(fault)] == pytest.approx(told, rel=0.25)
 
 
-def test_the_ball_off_the_axis_is_what_shows_axis_6(circle_alone: TestSetCapability) -> None:
+def test_the_ball_off_the_axis_is_what_shows_axis_6(circle_alone: CapabilityOfTests) -> None:
     (spike,) = (one for one in circle_alone.hidden if one.name == "reversal_spike 6")
     assert spike.further[0].test == "circle with the ball 40 mm off axis 6"
 
@@ -209,7 +209,7 @@ def test_a_circle_that_cannot_be_driven_is_refused() -> None:
 
 
 def test_the_command_prints_words_or_one_object(
-    monkeypatch: pytest.MonkeyPatch, circle_alone: TestSetCapability
+    monkeypatch: pytest.MonkeyPatch, circle_alone: CapabilityOfTests
 ) -> None:
     monkeypatch.setattr(
         "analysis.diagnosis.plan.detectability.plan",
