@@ -127,7 +127,7 @@ def test_what_cannot_be_done_is_one_line(words: tuple[str, ...], code: int, said
 def test_a_run_of_single_readings_is_no_circle(tmp_path: Path) -> None:
     radial = simulate("ur10e", "radial", seed=1)
     done = ran("circle", "fit", save_run(radial, tmp_path / radial.path))
-    assert done.returncode == 3 and "no motion" in done.stderr
+    assert done.returncode == 3 and "single readings without motion" in done.stderr
 
 
 def test_a_read_only_file_stays_as_it_is(run: Path, cell: Path) -> None:
@@ -157,7 +157,7 @@ def test_without_a_daemon_live_is_one_line(tmp_path: Path) -> None:
     assert (
         done.returncode == 4
         and len(done.stderr.splitlines()) == 1
-        and "no daemon is visible to this user" in done.stderr
+        and "no daemon for nobody is visible to this user" in done.stderr
     )
 
 

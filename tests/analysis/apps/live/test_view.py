@@ -139,8 +139,8 @@ def test_a_cut_recording_is_said_until_the_next_begins() -> None:
     begun, ended = (Update(state=one, readings={}) for one in (recording("lap", "runs/1_lap"), state()))
     view = LiveView().after(begun).after(Update(lost="waiting for rigd")).after(ended).after(ended)
     assert figures(view)["cut"] == "recording lap was interrupted: rigd was restarted"
-    assert "recording lap was cut" in plain_line(view, UNITS[0])
-    assert "recording lap was cut" in screen(view, LiveControls(), 80, 24).lines()[0]
+    assert "recording lap was interrupted" in plain_line(view, UNITS[0])
+    assert "recording lap was interrupted" in screen(view, LiveControls(), 80, 24).lines()[0]
     assert figures(view.after(begun))["cut"] is None
 
 
