@@ -178,7 +178,7 @@ def test_points_that_a_daemon_reads_are_fitted_when_ctrl_c_ends_it(tmp_path: Pat
             assert watch.stderr is not None and "jog or guide" in watch.stderr.readline()
             for number, point in enumerate(points, start=1):
                 bench.motion.deg = point
-                wanted = "stood still" if number == 1 else f"{number} points"
+                wanted = ("stood still", "stopped at 2 points", "3 stops", "4 stops")[number - 1]
                 end_s = time.monotonic() + 60
                 while wanted not in (line := watch.stderr.readline()):
                     assert time.monotonic() < end_s and line, number

@@ -210,7 +210,8 @@ def test_an_arc_that_is_too_short_is_refused_with_its_uncertainty(arc_deg: float
     noisy = replace(noisy, q=noisy.q + np.random.default_rng(1).normal(0, np.radians(0.004), noisy.q.shape))
     said = refused(noisy)
     assert re.search(
-        r"of arc (is too short \(u of .*\)|leave centre and radius of the circle uncertain by .* \(u\))", said.what
+        r"of arc (are too short for a circle \(u of .*\)|leave centre and radius of the circle uncertain by .* \(u\))",
+        said.what,
     )
     assert "longer arc" in said.remedy
 
