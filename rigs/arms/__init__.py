@@ -93,7 +93,9 @@ def load_arm(name: str) -> LibraryArm:
     names = arm_names()
     library_name = the_same(name, names)
     if library_name is None:
-        meant = f"did you mean {' or '.join(near)}?" if (near := nearest(name, names)) else "rig arms lists all;"
+        meant = (
+            f"did you mean {' or '.join(near)}?" if (near := nearest(name, names)) else "rig arms lists all of them."
+        )
         remedy = f"{meant} For an arm outside the library, run rig import-urdf ARM.urdf -o ARM.yaml and give that file"
         raise FileError(name, "is not an arm of the library", remedy)
     file = _FOLDER / f"{library_name}.yaml"

@@ -243,7 +243,7 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     result = _of_rows(fit_rows(motions, arm, bins, on, circle), bins, on, motions, rig)
     if tolerance is _SHORT:
         u = f"u of the centre is {result.u_centre_mm.max():.2g} mm from noise only"
-        problem = f"the arc of {result.used} is too short ({u}), and the robot stopped at only {stood} points"
+        problem = f"{result.used} are too short for a circle ({u}), and the robot stopped at only {stood} points"
         raise FileError(where, problem, _LONGER)
     return result
 

@@ -74,7 +74,7 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
         chosen_arm(options.arm, options.measured_by)
     answers = load_answers(path)
     if answers.count:
-        dialogue.say(f"going on with the answers in {kept_in(path)}; remove the file to restart")
+        dialogue.say(f"Continuing with the answers in {kept_in(path)}; remove the file to restart")
     for ask in _QUESTIONS[options.measured_by]:
         answers = ask(answers, options, dialogue)
         keep_answers(path, answers)

@@ -231,12 +231,14 @@ def _chosen(placed: dict[str, _SenderMessages], topic: str, where: str) -> tuple
         )
     if topic:
         if topic not in tracks:
-            raise FileError(where, f"places nothing on {topic!r}", f"choose --topic from {has}")
+            raise FileError(where, f"contains no positions on {topic!r}", f"choose --topic from {has}")
         return topic, tracks[topic]
     no_transforms = {name: track for name, track in tracks.items() if ":" not in name} or tracks
     if len(no_transforms) > 1:
         raise FileError(
-            where, f"contains {len(tracks)} topics with positions ({has})", "choose the instrument's topic with --topic"
+            where,
+            f"contains {len(tracks)} topics or frames with positions ({has})",
+            "choose the instrument's topic with --topic",
         )
     return next(iter(no_transforms.items()))
 
@@ -270,8 +272,7 @@ def _timed(tracks: dict[str, _SenderMessages]) -> tuple[tuple[Integers, Array], 
         total = len(ns) + track.lacking
         if track.lacking:
             doubts.append(
-                f"{name}: {track.lacking} of {total} messages not used, because a joint, a number or the "
-                "orientation is missing"
+                f"{name}: {track.lacking} of {total} messages not used, because a joint, a number or a turn is missing"
             )
         if stale := int((~fresh).sum()):
             doubts.append(

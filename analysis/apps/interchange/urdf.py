@@ -116,7 +116,7 @@ def read_urdf(path: Path) -> Urdf:
         raise FileError(where, f"not readable as URDF: {str(error).rstrip('.')}", "correct it") from None
     for kind, names in (("link", [link.name for link in links]), ("joint", [joint.joint_name for joint in joints])):
         if twice := _twice(names):
-            raise FileError(where, f"has two {kind}s named {twice}", "rename an existing effect")
+            raise FileError(where, f"has two {kind}s named {twice}", "rename one of them")
     if twice := _twice([joint.child for joint in joints]):
         raise FileError(where, f"link {twice} is the child of two joints", "remove one of them: a URDF is a tree")
     masses = {str(link.name): Mass(link.mass, _in_mm(link.inertial_frame)[:3, 3]) for link in links}
@@ -213,7 +213,7 @@ def _in_mm(T: Array) -> Array:
     return T
 
 
-_SLIDES = "only a rail below all turning joints can slide: remove it, with --base or --tip"
+_SLIDES = "a sliding joint is supported only as a rail below all turning joints: exclude it with --base or --tip"
 _ENDLESS_RAD = 2 * np.pi
 """Limits of a continuous joint: a full turn in each direction, the usual range of controllers."""
 _REMEDY = "choose the ends of the arm with --base and --tip"
@@ -412,7 +412,7 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
     chain = chain_of(urdf, base, tip, str(path))
     axes = axes_of(chain)
     head = (
-        f"From {path.name}: {chain.base} to {chain.tip}. Joints count as in the URDF, which may not be as the",
+        f"From {path.name}: {chain.base} to {chain.tip}. Joints count as in the URDF, which may differ from the",
         "controller: compare zeros, signs, and J3 of a FANUC, and correct offset_deg and coupling.",
     )
     section = checked_section(urdf.name, axes, joints_of(urdf, chain), head, lambda q: library_poses(chain, q), path)
@@ -430,7 +430,8 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
     # A base or tool entered by the user would replace the part in between.
     if robot.base != Pose():
         doubts.append(
-            "axis 1 does not go through the base's origin: the way there is in base; keep it as part of yours"
+            "axis 1 does not pass through the origin of the base: the transform between them is in base; include "
+            "that transform in your own base"
         )
     if robot.tool != Pose():
         doubts.append(

@@ -130,7 +130,7 @@ def _targets(
         raise FileError(str(path), f"has no column {', '.join(missing)}", remedy)
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise FileError(str(path), f"has two columns {twice}", "rename an existing effect")
+        raise FileError(str(path), f"has two columns {twice}", "rename one of them")
     if not rows:
         raise FileError(str(path), "has a header without rows", "give the targets")
     problems = [

@@ -34,7 +34,7 @@ def parse_effects(words: str, axes: int = 6) -> list[Effect]:
         every = {**written.every, "axis": [str(axis) for axis in range(1, axes + 1)]}
         keys = {key: (value,) if value is not None else every[key] for key, value in match.groupdict().items()}
         if any(int(value) > axes for key, (value, *_) in keys.items() if key in _AXES):
-            raise UseError(f"--fit {word}", f"the arm has {axes} axes", "name an existing effect")
+            raise UseError(f"--fit {word}", f"the arm has {axes} axes", "name one of these axes")
         for values in product(*keys.values()):
             try:
                 effect = VOCABULARY[name].model_validate(dict(zip(keys, values, strict=True)))

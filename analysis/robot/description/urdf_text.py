@@ -124,7 +124,7 @@ def require_names(robot: Robot, where: str) -> None:
             problem = f"axis {k} has the name {name!r}, which no joint of a URDF can have"
             raise FileError(f"{where}, robot.axes", problem, "give it a name of printable characters")
         if name in (*names[: k - 1], *_fixed_joints(robot), *([RAIL_JOINT] if robot.rail else [])):
-            raise FileError(f"{where}, robot.axes", f"two joints would be named {name!r}", "rename an existing effect")
+            raise FileError(f"{where}, robot.axes", f"two joints would be named {name!r}", "rename one of them")
     if not robot.name.isprintable():
         problem = f"{robot.name!r} is a name that no URDF can have"
         raise FileError(f"{where}, robot.name", problem, "give it a name of printable characters")

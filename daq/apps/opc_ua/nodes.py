@@ -160,7 +160,7 @@ def _system_and_robot(feedback: OPCUARobotics) -> Talk[tuple[Children, Children]
         )
     if len(chosen) != 1:
         names = ", ".join(name for name, _, _ in robots)[:300]
-        raise Unfit(f"the server shows the robots {names}; name an existing effect as `device`")
+        raise Unfit(f"the server shows the robots {names}; name one of them as `device`")
     (_, node, system) = chosen[0]
     return system, (yield from _children_of(node))
 

@@ -127,7 +127,7 @@ def test_what_cannot_be_done_is_one_line(words: tuple[str, ...], code: int, said
 def test_a_run_of_single_readings_is_no_circle(tmp_path: Path) -> None:
     radial = simulate("ur10e", "radial", seed=1)
     done = ran("circle", "fit", save_run(radial, tmp_path / radial.path))
-    assert done.returncode == 3 and "without motion" in done.stderr
+    assert done.returncode == 3 and "single readings without motion" in done.stderr
 
 
 def test_a_read_only_file_stays_as_it_is(run: Path, cell: Path) -> None:
@@ -157,7 +157,7 @@ def test_without_a_daemon_live_is_one_line(tmp_path: Path) -> None:
     assert (
         done.returncode == 4
         and len(done.stderr.splitlines()) == 1
-        and "no daemon is visible to this user" in done.stderr
+        and "no daemon for nobody is visible to this user" in done.stderr
     )
 
 
@@ -178,7 +178,7 @@ def test_points_that_a_daemon_reads_are_fitted_when_ctrl_c_ends_it(tmp_path: Pat
             assert watch.stderr is not None and "jog or guide" in watch.stderr.readline()
             for number, point in enumerate(points, start=1):
                 bench.motion.deg = point
-                wanted = "stood still" if number == 1 else "2 points" if number == 2 else f"{number} stops"
+                wanted = ("stood still", "stopped at 2 points", "3 stops", "4 stops")[number - 1]
                 end_s = time.monotonic() + 60
                 while wanted not in (line := watch.stderr.readline()):
                     assert time.monotonic() < end_s and line, number

@@ -209,7 +209,10 @@ def test_an_arc_that_is_too_short_is_refused_with_its_uncertainty(arc_deg: float
     noisy = driven_along(around(np.linspace(0, arc_deg, 60)))
     noisy = replace(noisy, q=noisy.q + np.random.default_rng(1).normal(0, np.radians(0.004), noisy.q.shape))
     said = refused(noisy)
-    assert re.search(r"of arc (is too short \(u of .*\)|have an uncertainty of .* \(u\))", said.what)
+    assert re.search(
+        r"of arc (are too short for a circle \(u of .*\)|leave centre and radius of the circle uncertain by .* \(u\))",
+        said.what,
+    )
     assert "longer arc" in said.remedy
 
 

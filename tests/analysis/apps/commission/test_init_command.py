@@ -255,12 +255,12 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
         (["--baseline-mm", "0"], 2, "baseline-mm"),
         (["--baseline-mm", "5", "--robot", "x"], 3, "too small for two gauges, whose bodies are 8 mm thick"),
         (["--name", "My Cell", "--robot", "x"], 3, "--name"),
-        (["--key", "g1.interface=tesa_tt", "--robot", "x"], 2, "give --g1 PORT"),
+        (["--key", "g1.interface=tesa_tt", "--robot", "x"], 2, "add --g1 PORT"),
         (["--measured-by", "tracker", "--robot", "x"], 2, "--robot: is not used with a tracker"),
         (
             ["--measured-by", "tracker", "--port", "/dev/none"],
             2,
-            "--measured-by tracker is without",
+            "--port: applies only to gauges, and --measured-by tracker uses none",
         ),
         (["--measured-by", "sockets", "--key", "g1.range_mm=9"], 2, "--key: applies only to gauges"),
         (["--measured-by", "tracker", "--radius-mm", "300"], 2, "--radius-mm: applies only to gauges"),
@@ -303,7 +303,7 @@ def test_two_gauges_and_nobody_to_push_them(tmp_path: Path) -> None:
         done = init(tmp_path, "cell.yaml", "--robot", unknown.robot, "--arm", "ur10e", *at_ports(unknown))
         line = one_line(done, 3)
         (port,) = unknown.gauge_ports
-        assert "2 answer" in line and "--g1 PORT --g2 PORT" in line
+        assert "2 gauges answer" in line and "--g1 PORT --g2 PORT" in line
         done = init(tmp_path, "cell.yaml", "--robot", unknown.robot, "--g1", port, *unknown.robot_is_named, *QUICK)
         assert f"{port}#1, {port}#2" in one_line(done, 3)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import tracemalloc
 from pathlib import Path
 
@@ -117,7 +118,7 @@ def test_one_stamp_from_the_future_does_not_make_all_others_old(lap: Measured) -
     odd = joint_state(JOINTS, [0.0] * 6, stamp_ns=BEGIN_NS + 3600 * 10**9)
     sent[place] = (*sent[place][:3], odd)
     _, doubts = _imported(lap, bag(*sent))
-    assert any("/joint_states: 1 of" in one for one in doubts)
+    assert any(re.search(r"^/joint_states: 1 of \d+ messages not used", one) for one in doubts)
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))

@@ -182,7 +182,10 @@ BAD = {
     "nan": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 nan"', 1), "joint joint_1 has origin xyz='0 0 nan'; write three"),
     "infinite angle": (GOOD.replace('rpy="0.0 0.0 0.0"', 'rpy="0 0 inf"', 1), "has origin rpy='0 0 inf'; write three"),
     "a large number": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 1e308"', 1), "joint joint_1 has origin xyz='0 0 1e308'"),
-    "a speed in words": (GOOD.replace('velocity="3.5"', 'velocity="fast"', 1), "velocity='fast'; write a number in"),
+    "a speed in words": (
+        GOOD.replace('velocity="3.5"', 'velocity="fast"', 1),
+        "velocity='fast'; write a number in the range",
+    ),
     "no type": (GOOD.replace('type="revolute"', "", 1), "joint joint_1 has no type; write type revolute"),
     "a word": (GOOD.replace('"0.0 0.0 0.4"', '"0.4 high"', 1), "joint joint_1 has origin xyz='0.4 high'; write three"),
     "millimetres": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 400"', 1), "correct it: the units are metres and radians"),
@@ -243,8 +246,8 @@ def test_links_in_a_circle_are_refused(tmp_path: Path) -> None:
     ("base", "tip", "what"),
     [
         ("link_3", None, "3 turning joints from link_3 to tool0"),
-        ("tool0", "base_link", "moves the base tool0"),
-        ("stand", None, "joint lift moves the base stand"),
+        ("tool0", "base_link", "moves the base tool0; choose the ends"),
+        ("stand", None, "joint lift moves the base stand; choose the ends"),
         ("flange", None, "has no link flange; its links are base_link, link_1, link_2, link_3, link_4 and"),
         (None, "tool1", "has no link tool1"),
     ],

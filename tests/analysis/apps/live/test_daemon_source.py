@@ -186,7 +186,7 @@ def test_a_refused_recording_is_a_notice(path: Path) -> None:
     with fake(path) as daemon, DaemonSource(path) as source:
         daemon.answers = lambda request: refusal if request["command"].startswith("record") else daemon.usual(request)
         player = DaemonPlayer(source)
-        assert "only played runs" in player.handle_action(Pause())
+        assert "only played runs can be paused" in player.handle_action(Pause())
         assert player.handle_action(StartRecording(RecordingLabel("lap", "radial", None))) and player.handle_action(
             StopRecording()
         )
