@@ -147,7 +147,7 @@ def test_a_robot_goes_by_the_name_of_its_rig_file_or_its_own(runs: Path) -> None
     name = next(line for line in manifest["rig_text"].splitlines() if line.strip().startswith("name:"))
     own = name.split(":", 1)[1].strip().strip("\"'")
     assert collect(runs, own, silent).runs == collect(runs, "ur10e", silent).runs
-    with pytest.raises(FileError, match="no run of a robot named other; give one of ur10e"):
+    with pytest.raises(FileError, match="no run of a robot named other; choose from ur10e"):
         collect(runs, "other", silent)
     with pytest.raises(FileError, match="No such file"):
         collect(runs / "nowhere", "ur10e", silent)

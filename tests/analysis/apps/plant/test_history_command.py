@@ -132,7 +132,7 @@ def test_what_several_tests_show_is_one_sentence() -> None:
 def test_a_robot_that_does_not_change_is_said_not_to() -> None:
     history = history_of(collected(STILL))
     assert sentences(history) == ["All changes are within the scatter between runs."]
-    assert "32 series of 160 runs looked at" in remarks(history)[0]
+    assert "32 series of 160 runs evaluated" in remarks(history)[0]
 
 
 def test_other_programs_and_placements_are_series_of_their_own() -> None:

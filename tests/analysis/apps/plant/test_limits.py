@@ -57,7 +57,7 @@ def test_a_repaired_robot_is_within_again_and_its_past_is_named() -> None:
     table, lines = judged_words([0.025, 0.024, 0.005, 0.006])
     assert table == "within 0.01"
     assert "was outside the limit, and has been within 0.01 ° since 3 May 2026 (run lap-3)" in lines[0]
-    assert "2 of 4 runs beyond, from 1 May 2026 to 2 May 2026" in lines[0]
+    assert "2 of 4 runs outside, from 1 May 2026 to 2 May 2026" in lines[0]
 
 
 def test_a_figure_within_its_limit_and_one_without_a_limit_have_no_sentence() -> None:

@@ -99,7 +99,9 @@ def test_nothing_is_switched_that_was_not_named() -> None:
 def test_an_output_that_the_controller_does_not_have_is_refused(dialect: MakerName, number: int) -> None:
     rig = rig_with(feedback=LINES, automatic={"rules": RULES})
     plan = plans_of(rig, "yaw", 3.0, (number, 1))[0]
-    with pytest.raises(FileError, match=f"does not exist on a controller {number}; give --outputs"):
+    with pytest.raises(
+        FileError, match=f"digital output {number} does not exist on a {dialect} controller; give --outputs"
+    ):
         files_of(rig, dialect, plan)
 
 
