@@ -139,7 +139,8 @@ def test_the_table_has_every_figure_of_every_run(work: Path) -> None:
         (("plant", "--parquet", "empty"), "error: empty: Is a directory; choose a different --parquet"),
         (
             ("plant", "--parquet", "letter"),
-            "error: letter: already exists, and was not created by rig; choose a different --parquet, or remove it first",
+            "error: letter: already exists, and was not created by rig; "
+            "choose a different --parquet, or remove it first",
         ),
         (
             ("plant", "--parquet", "own.parquet"),
