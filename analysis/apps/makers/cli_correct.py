@@ -161,8 +161,10 @@ def correct(
         say("next: compare each program with the original line by line; rig did not send anything to a robot", err=True)
         say("      first run the program at reduced speed, hand on the stop, and watch each target", err=True)
     errors = target_errors(*corrections.path) if corrections.path else []
-    remedy = "keep the target unchanged, or measure there; --anyway writes it"
-    errors += [FileError(str(file), f"{why}, so no corrections were written", remedy) for file, why in in_vain.items()]
+    remedy = "keep the targets unchanged, or measure there; --anyway writes them"
+    errors += [
+        FileError(str(file), f"{why}, so no corrected targets were written", remedy) for file, why in in_vain.items()
+    ]
     problem, remedy = "is not written: some places are uncorrected", "correct them, or remove --all-or-nothing"
     errors += [FileError(str(program.path), problem, remedy) for program in corrections.programs if program.held]
     for error in errors[:_SAID]:

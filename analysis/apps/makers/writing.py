@@ -31,7 +31,7 @@ def programs_of(maker: MakerName, plans: Sequence[tuple[MotionPlan, Demand]]) ->
     outputs = writer.outputs
     for plan, demand in plans:
         if unknown := [number for number in plan.signal_place.outputs if number not in outputs]:
-            problem = f"digital output {unknown[0]} does not exist on a controller of {maker}"
+            problem = f"digital output {unknown[0]} does not exist on a {maker} controller"
             raise FileError(plan.name, problem, f"give --outputs from {outputs.start} to {outputs.stop - 1}")
         for name, text in writer.write(plan, demand).items():
             if files.setdefault(name, text) != text:

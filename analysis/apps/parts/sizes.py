@@ -89,7 +89,8 @@ def seat_of(bought: Bought) -> Seat:
     centre, contact = radius * math.sqrt(2), radius / math.sqrt(2)
     bore = bought.magnet_mm[0] / 2 + _CLEAR_MM
     if bore > contact - 1:
-        what = f"a magnet of {bought.magnet_mm[0]:g} mm leaves a ball of {bought.ball_mm:g} mm no cone to sit on"
+        magnet_mm = bought.magnet_mm[0]
+        what = f"with a magnet of {magnet_mm:g} mm, a ball of {bought.ball_mm:g} mm would not rest on the cone"
         raise UseError("--magnet-mm", what, f"choose a magnet of at most {2 * (contact - 1 - _CLEAR_MM):.0f} mm")
     return Seat(centre, contact, contact + _RIM_MM, centre - radius - _GAP_MM, bore)
 

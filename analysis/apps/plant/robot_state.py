@@ -69,7 +69,7 @@ class FleetRobot:
     def doubts(self) -> list[str]:
         """Doubts as text."""
         counts = (
-            (len(self.without_figures), "without results"),
+            (len(self.without_figures), "without figures"),
             (self.wild, "wild"),
             (self.copies, "copied"),
             (self.corrected, "driven with corrections, so they do not show the arm itself"),

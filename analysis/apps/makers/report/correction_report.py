@@ -70,7 +70,8 @@ def as_table(corrections: Corrections) -> RenderableType:
     # The entries of a controller already cover the complete model. Listing these values too would correct twice.
     if not corrections.at_controller:
         instead = [
-            f"master axis {zero.axis} so that it reads {zero.delta:+.4f}° (± {zero.u:.4f}°) more where it stands"
+            f"master axis {zero.axis} so that the reading at the same position is {zero.delta:+.4f}° (± {zero.u:.4f}°) "
+            "larger"
             for zero in corrections.zeros
         ]
         instead += [
@@ -128,9 +129,10 @@ def _falls(how: str, error: WorkError, *, of_work: bool) -> str:
             f"in a frame taught with the robot the error remains {before} µm.{unknown}"
         )
     return (
-        f"Do not change the targets: the correctable effects move the tool by {error.model_um:.0f} µm rms {where}, "
-        f"and is known to ± {error.u_um:.0f} µm, with frame and tool taught with the robot. The error would go from "
-        f"{before} to {after} µm. More runs, at a different place or of a different test, would make it surer.{unknown}"
+        f"Do not change the targets: the correctable effects move the tool by {error.model_um:.0f} µm rms {where} "
+        f"(standard uncertainty {error.u_um:.0f} µm), with frame and tool taught with the robot. The error would go "
+        f"from {before} to {after} µm. More runs, at a different place or of a different test, would reduce the "
+        f"uncertainty.{unknown}"
     )
 
 
@@ -166,7 +168,7 @@ def _path_lines(corrections: Corrections) -> list[str]:
         lines.append(
             f"{path.name}: {_count(int(targets.done.sum()))}, missed by up to {np.nanmax(targets.missed_mm):.3f} mm "
             f"before; {program_report.reached(targets.u_frame_mm[targets.done], targets.u_mm[targets.done])}; "
-            f"effects that are not corrected leave {_small(np.nanmax(_left_out(targets)))}"
+            f"uncorrected effects leave {_small(np.nanmax(_left_out(targets)))}"
         )
         stays = rest_effects(corrections.rig, corrections.effects)
         words = {label_of(effect): plain(corrections.rig, effect) for effect in stays}

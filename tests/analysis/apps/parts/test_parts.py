@@ -102,7 +102,7 @@ def test_the_magnet_never_touches_the_ball_and_the_cone_holds_it() -> None:
         seat_of(Bought(magnet_mm=(20, 5)))
     with pytest.raises(UseError, match="M5 does not fit through the bore"):
         parts_of(rig_with(), Bought(screw="M5"))
-    with pytest.raises(UseError, match="M7 is not one of M3, M4, M5"):
+    with pytest.raises(UseError, match="M7 is not one of M3, M4, M5; give one of them"):
         parts_of(rig_with(), Bought(screw="M7"))
 
 

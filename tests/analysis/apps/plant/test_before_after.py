@@ -30,7 +30,7 @@ def test_what_a_repair_changed_is_larger_than_the_spread(runs: list[Path]) -> No
     assert play.is_larger and play.difference.value == pytest.approx(-0.016, abs=0.002)
     assert play.before == pytest.approx(0.02, abs=0.002) and (play.runs_before, play.runs_after) == (3, 3)
     assert play.sentence.startswith("Play of axis 3 of yaw acw fell from 0.0")
-    assert play.sentence.endswith("explained by the spread between runs.")
+    assert ": more than the 0.0" in play.sentence and play.sentence.endswith("that the spread between runs explains.")
     assert not found["play_j2_deg"].is_larger and ": within the " in found["play_j2_deg"].sentence
 
 

@@ -130,15 +130,22 @@ def test_the_table_has_every_figure_of_every_run(work: Path) -> None:
     ("words", "line"),
     [
         (("nowhere",), "error: nowhere: no such directory; give the directory with the plant's runs"),
-        (("empty",), "error: empty: does not contain runs; give the directory that holds the plant's runs"),
-        (("plant", "--catalogue", "letter"), "error: letter: is not a catalogue of rig fleet; choose a different"),
+        (("empty",), "error: empty: contains no runs; give the directory with the plant's runs"),
+        (
+            ("plant", "--catalogue", "letter"),
+            "error: letter: is not a catalogue of rig fleet; choose a different --catalogue, or remove the file",
+        ),
         (("plant", "-o", "page.txt"), "error: page.txt: is not the name of a page; give --output FILE.html"),
         (("plant", "--parquet", "empty"), "error: empty: Is a directory; choose a different --parquet"),
         (
             ("plant", "--parquet", "letter"),
-            "error: letter: already exists, and was not created by rig; give a different",
+            "error: letter: already exists, and was not created by rig; "
+            "choose a different --parquet, or remove it first",
         ),
-        (("plant", "--parquet", "own.parquet"), "error: own.parquet: already exists, and was not created by rig; give"),
+        (
+            ("plant", "--parquet", "own.parquet"),
+            "error: own.parquet: already exists, and was not created by rig; choose a different --parquet",
+        ),
         (("plant", "--parquet", "letter/x"), "error: letter/x: Not a directory; choose a different --parquet"),
     ],
 )

@@ -122,7 +122,7 @@ def test_a_bad_run_costs_its_own_row(plant: Path, file: Path) -> None:
     assert healthy.runs == VISITS - 3
     assert [name for name, _ in healthy.without_figures] == [cut.name, unsealed.name]
     assert "changed since the recording" in healthy.without_figures[0][1]
-    assert "was interrupted" in healthy.without_figures[1][1]
+    assert healthy.without_figures[1][1] == "it was interrupted: rig recover makes it readable"
     assert found.strays == (
         (str(unreadable.relative_to(plant)), "the manifest is missing, or it or the marks cannot be read"),
     )
@@ -141,7 +141,7 @@ def test_a_robot_without_figures_is_listed(plant: Path, file: Path) -> None:
         next(run.glob("*.parquet")).unlink()
     found = next(one for one in gathered(plant, file).robots if one.robot == "robot-001")
     assert (found.attention, found.runs, found.last) == ("unreadable", 0, "")
-    assert found.doubts == [f"{VISITS} without results"]
+    assert found.doubts == [f"{VISITS} without figures"]
 
 
 def test_a_name_in_two_directories_is_two_robots(plant: Path, file: Path) -> None:

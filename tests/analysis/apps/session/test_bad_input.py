@@ -47,7 +47,7 @@ def test_status_shows_every_step_and_json_the_whole_state(cell: Path, tmp_path: 
 def test_no_session_yet(cell: Path, tmp_path: Path) -> None:
     done = ran("session", cell, "-o", tmp_path / "none", "--status")
     assert done.returncode == 3 and "this directory has no session" in one_line(done.stderr)
-    assert f"begin one: rig session {cell} -o {tmp_path / 'none'}" in done.stderr
+    assert f"start a session: rig session {cell} -o {tmp_path / 'none'}" in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_another_rig_file_is_refused(cell: Path, tmp_path: Path) -> None:
 def test_an_emulated_session_does_not_go_on_in_a_real_cell(cell: Path, tmp_path: Path) -> None:
     begun(cell, tmp_path / "own")
     done = ran("session", cell, "-o", tmp_path / "own", "--for", "kuka", "--emulated")
-    assert done.returncode == 2 and "is of a real cell" in one_line(done.stderr)
+    assert done.returncode == 2 and "this session uses a real cell" in one_line(done.stderr)
 
 
 def test_two_sessions_in_one_directory(cell: Path, tmp_path: Path) -> None:

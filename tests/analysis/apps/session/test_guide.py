@@ -173,7 +173,7 @@ def test_an_ambiguous_answer_puts_the_separating_test_next(place: Path, tmp_path
 def test_a_run_in_vain_is_driven_again_and_the_third_ends_with_a_line(aim: Aim, place: Path, tmp_path: Path) -> None:
     begun(cell_file(tmp_path), place, aim=aim)
     driver = Simulated(place, {1: "g1: 3 silent", 2: "g1: 3 silent", 3: "g1: 3 silent"})
-    with pytest.raises(CellError, match=r"p02-yaw-cw: failed 3 times, the last time: g1: 3 silent; check the cell"):
+    with pytest.raises(CellError, match=r"p02-yaw-cw: failed 3 times, last error: g1: 3 silent; check the cell"):
         gone_on(place, driver, Oracle())
     kept = SessionDirectory(place).read()
     assert kept is not None and [len(step.tries) for step in kept.steps[:2]] == [1, 3]

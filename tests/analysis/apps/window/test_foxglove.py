@@ -112,7 +112,7 @@ def test_an_mcap_reader_moves_the_arm(tmp_path: Path) -> None:
 
 def test_a_port_that_is_taken_and_a_library_that_is_missing_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
     one = Foxglove(0, None, GATE)
-    with pytest.raises(CellError, match="another port"):
+    with pytest.raises(CellError, match="choose a different port"):
         Foxglove(one.port, None, GATE)
     one.close()
     monkeypatch.setitem(sys.modules, "foxglove", None)

@@ -40,7 +40,7 @@ def test_what_it_refuses_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyP
     for words, code, part in (
         (("--listen", "192.0.2.1"), 2, "--token"),
         (("--listen", "cell"), 2, "not an IP address"),
-        (("--listen", "192.0.2.1", "--token", "none"), 3, "holds the token"),
+        (("--listen", "192.0.2.1", "--token", "none"), 3, "give a file with the token"),
         (("--listen", "192.0.2.1", "--token", "short"), 3, "openssl"),
         (("nothing.yaml",), 3, "nothing.yaml"),
         (("--session", "s"), 2, "give CELL"),

@@ -527,7 +527,7 @@ def test_a_half_corrected_program_is_said_and_held_where_a_person_wants_all_or_n
     assert uncorrected(found) == [(6, "unknown_tool")] and not found.held
     assert found.beside_left_mm.tolist() == pytest.approx([found.moved_mm[-1]])
     first, second, *_ = program_report.lines(found)
-    assert first.endswith("3 targets corrected, 1 place unchanged, 1 step from one to the other")
+    assert first.endswith("3 targets corrected, 1 place unchanged, 1 step between corrected and unchanged targets")
     assert f"{found.moved_mm[-1]:.3f} mm (mean) off" in second
     wrong = known(rig)
     held = correct_program(wrong, supports(wrong), tmp_path / "a.script", NO_FRAMES, None, whole=True)

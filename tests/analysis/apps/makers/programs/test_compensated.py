@@ -187,7 +187,8 @@ def test_a_table_of_another_test_or_arm_is_refused(robot: str, test: DrivenTest,
 
 
 @pytest.mark.parametrize(
-    ("add_deg", "room_deg", "told"), [(5.0, 4.0, "the limits are"), (60.0, 90.0, "a joint difference of 60°")]
+    ("add_deg", "room_deg", "told"),
+    [(5.0, 4.0, "the limits are"), (60.0, 90.0, "a joint difference of 60°: too large")],
 )
 def test_a_joint_beyond_its_limit_or_in_another_posture_is_refused(
     add_deg: float, room_deg: float, told: str, tables: Tables

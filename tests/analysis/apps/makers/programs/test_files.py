@@ -140,7 +140,7 @@ def test_a_rig_without_the_test_and_one_out_of_reach_write_nothing(
     rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))
     far = rig | {"tests": {"circle": rig["tests"]["circle"] | {"centre_mm": [-1500, -200, 250]}}}
     (tmp_path / "far.yaml").write_text(yaml.safe_dump(far), encoding="utf-8")
-    for test, says in (("yaw", "out of reach"), ("radial", "no tests.hemisphere")):
+    for test, says in (("yaw", "out of reach"), ("radial", "the rig file has no tests.hemisphere; add")):
         assert ended("program", tmp_path / "far.yaml", "--for", "abb", "--test", test, "-o", tmp_path / "out") == 3
         said = capsys.readouterr().err
         assert says in said and said.count("\n") == 1
