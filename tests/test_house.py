@@ -23,8 +23,8 @@ MOST = {
     # imports and types of 39 files. 1700 of two arms, 1450 of the better posture, 500 of the summary in tiles; 2000 of
     # docstrings with paragraphs.
     "product lines": 107_810,
-    # 24 effects, 23 drivers, 24 of makers and 28 parts of tests stand one a file; 7 of the ring for postures, 11 of that
-    # for pairs; prices of effects, and the postures of KRL and RAPID, out of files of more than 600 lines.
+    # 24 effects, 23 drivers, 24 of makers and 28 parts of tests stand one a file; 7 of the ring for postures and 11 of
+    # that for pairs; prices of effects, and the postures of KRL and RAPID, out of files of more than 600 lines.
     "product files": 642,
     "private functions used once, per mille": 149,  # a fifth are values: readers of statements; 1 of postures and pairs
     "isinstance of a table": 18,  # most are of circles: laps, plays and the paper's tests
