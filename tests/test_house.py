@@ -22,15 +22,17 @@ MOST = {
     # 800 of the five parts of each test in files of their own, 300 of stages of the diagnosis and readers: heads,
     # imports and types of 39 files. 1700 of two arms, 1450 of the better posture, 500 of the summary in tiles; 2000 of
     # docstrings with paragraphs.
-    "product lines": 108_200,
-    "product files": 638,  # 24 effects, 23 drivers, 22 of makers and 28 parts of tests stand one a file
-    "private functions used once, per mille": 148,  # a fifth are values: readers of statements
+    "product lines": 107_810,
+    # 24 effects, 23 drivers, 24 of makers and 28 parts of tests stand one a file; 7 of the ring for postures and 11 of
+    # that for pairs; prices of effects, and the postures of KRL and RAPID, out of files of more than 600 lines.
+    "product files": 642,
+    "private functions used once, per mille": 149,  # a fifth are values: readers of statements; 1 of postures and pairs
     "isinstance of a table": 18,  # most are of circles: laps, plays and the paper's tests
     "files that name one test kind": 8,  # the tables, rig files and emulated cells; the paper's: two or three each
-    "names that say nothing": 149,  # 42 in what moved, whose JSON has the field "what"
+    "names that say nothing": 147,  # 42 in what moved, whose JSON has the field "what"
     "circles of modules": 0,
     "files that name one maker": 7,  # outside its own; 18 before a maker owned itself; ros_kinematics reads ur's alone
-    "suppressions": 239,  # 93 slow imports inside of functions, and 79 asserts on what a reader has checked
+    "suppressions": 240,  # 94 slow imports inside of functions, and 79 asserts on what a reader has checked
     "lines of the longest file": 600,
 }
 """The largest value of each number of `scripts/dev house`. Lower it where it fell; raise it with a reason beside it."""

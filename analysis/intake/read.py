@@ -91,7 +91,7 @@ def check_sequence(
     if SOCKET in columns_of_test:
         declared = rig.tests.touch.sockets if rig.tests.touch else ()
         for line, socket in zip(lines.tolist(), columns[SOCKET].to_pylist(), strict=True):
-            if declared and socket not in declared:
+            if declared and socket is not None and socket not in declared:
                 fact = f"{socket!r} is not a socket of the rig file: {', '.join(declared)}"
                 yield TableProblem(int(line), SOCKET, fact)
     if "direction" in columns_of_test:

@@ -76,7 +76,7 @@ class RegisterBlock(Part):
             if register.address < self.address or register.address + register.count > self.address + self.count:
                 raise ValueError(
                     f"{name} at {register.address} is outside the block {self.address} … "
-                    f"{self.address + self.count - 1}; extend address and count"
+                    f"{self.address + self.count - 1}; adjust address and count"
                 )
 
 

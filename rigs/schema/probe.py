@@ -89,7 +89,9 @@ class GaugeCertificate(Certificate):
             )
         for (before, _), (reading, _) in pairwise(table):
             if reading <= before:
-                raise ValueError(f"readings must rise, and {reading:g} mm follows {before:g} mm; sort them, each once")
+                raise ValueError(
+                    f"readings must increase, but {reading:g} mm follows {before:g} mm; sort the readings, each once"
+                )
         _require_rising(table, "correct the table")
         return table
 

@@ -246,7 +246,9 @@ def test_what_cannot_be_is_refused(old: str, new: str, told: str) -> None:
 
 def test_a_block_that_misses_its_own_registers_is_refused() -> None:
     text = (SHIPPED / "ur10e.yaml").read_text().replace("count: 13", "count: 3")
-    assert "widen" in " ".join(message for _, message in _problems(text).values())
+    assert "value at 202 is outside the block 200 … 202; adjust address and count" in " ".join(
+        message for _, message in _problems(text).values()
+    )
 
 
 @pytest.mark.parametrize(
@@ -354,7 +356,7 @@ CERTIFICATE = "number: A-1, date: 2025-03-01, u_mm: 0.001, k: 2"
     [
         (
             "correction_mm: [[0, 0], [2, 0.001], [1, 0.002]]",
-            "readings must increase, but 1 mm follows 2 mm; sort the readings",
+            "readings must increase, but 1 mm follows 2 mm; sort the readings, each once",
         ),
         ("correction_mm: [[0, 0], [0, 0.001]]", "readings must increase, but 0 mm follows 0 mm"),
         ("correction_mm: [[0, 0.5], [0.1, -0.5]]", "they decrease between 0 and 0.1 mm; correct the table"),
@@ -387,7 +389,7 @@ def test_ball_link_and_temperature_are_held_to_what_can_be() -> None:
     problems = {place: message for place, (_, message) in _problems("\n".join([TEXT, *parts])).items()}
     assert problems.keys() == {"ball.form_mm", "temperature.mean_c", "temperature.u_c", "tests"}
     assert problems["tests"] == (
-        "the link is 200 mm long and the hemisphere's radius_mm 400, more than 10 mm apart; correct one of them"
+        "the link is 200 mm long and the hemisphere's radius_mm 400; the difference exceeds 10 mm; correct one of them"
     )
 
 
@@ -414,7 +416,7 @@ def _with(**sections: object) -> str:
 def test_a_cell_with_a_tracker_alone_names_neither_gauges_nor_feedback() -> None:
     rig = parse(_with(), "tracker")
     assert rig.gauges.recorded == {} and dict(rig.gauges) == {}
-    with pytest.raises(CellError, match="has neither gauges nor feedback"):
+    with pytest.raises(CellError, match="has no gauges and no feedback, so nothing can be read"):
         streams_of(rig)
 
 

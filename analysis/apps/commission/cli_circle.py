@@ -26,7 +26,9 @@ circle = typer.Typer(
 )
 app.add_typer(circle, name="circle")
 ball = typer.Typer(
-    cls=CommandGroup, no_args_is_help=True, help="Find the ball of the hemisphere from the stops of the robot."
+    cls=CommandGroup,
+    no_args_is_help=True,
+    help="Fit the ball position of the hemisphere test to recorded robot poses.",
 )
 app.add_typer(ball, name="ball")
 

@@ -141,13 +141,13 @@ def rival_odds(selection: Selection, state: SelectionState, place: int, *, fault
     forms, effect, build = selection.columns.forms, state.effects[place], selection.backgrounds.build
     without = selection.without(state, place)
     bare, whole = selection.evidence(without), selection.evidence(state)
-    gain = whole - bare + selection.usual_gain(effect, state.level)
+    gain = whole - bare + selection.prices.usual_gain(effect, state.level)
     now = selection.posterior(state)
     gains = selection.gains(state, now)
     without_name = selection.posterior(without)
     size = without_name.gains(forms, without.level).size
     linear = selection.gains(without, without_name)
-    linear += selection.usual_gains([form.effect for form in forms], size, without.level)
+    linear += selection.prices.usual_gains([form.effect for form in forms], size, without.level)
     # The linear form of a large effect may lose a third of the evidence gained by the fit, and so may the rivals.
     own_linear = max((linear[k] for k, form in enumerate(forms) if form.name == name_of(effect)), default=gain)
     least = min(gain - _NEAR, _MISSED * min(gain, own_linear))
@@ -168,7 +168,7 @@ def rival_odds(selection: Selection, state: SelectionState, place: int, *, fault
         seen.add(name_of(tried.effects[-1]))
         if faults_only and abs(size_of(tried.effects[-1])) <= least_fault(tried.effects[-1], build):
             continue
-        instead = selection.evidence(tried) - bare + selection.usual_gain(tried.effects[-1], without.level)
+        instead = selection.evidence(tried) - bare + selection.prices.usual_gain(tried.effects[-1], without.level)
         gain_over = instead - max(float(gains[k]), 0.0)
         # A wave may already be fitted with the name, and have a different order only if the name is removed.
         is_new = np.isfinite(gains[k])

@@ -12,17 +12,16 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnosis.fit.background import CoefficientPosterior, cavity_evidence, fault_evidence
-from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Columns, fault_sizes, order_of
+from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Columns
+from analysis.diagnosis.fit.effect_prices import HEALTHY_PRICE, EffectPrices
 from analysis.diagnosis.fit.effort import Effort
 from analysis.diagnosis.fit.free_forms import FREE_PRICE, FreeForm, best_free_form, free_forms_of
-from analysis.diagnosis.fit.joint_curves import JointCurves, is_of_curve
+from analysis.diagnosis.fit.joint_curves import JointCurves
 from analysis.diagnosis.fit.refine import FIT_ROUNDS, no_effects, refine, whole_order_gain
 from analysis.diagnosis.fit.responses import Linearisation, Response
 from analysis.diagnosis.fit.selection_state import (
-    DRIVEN_WAVES,
     FAULT,
     MOST_LEVEL,
     Backgrounds,
@@ -40,7 +39,7 @@ from analysis.diagnosis.fit.selection_state import (
 from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import Effect, healthy_size
-from rigs.schema.effect import is_wave, name_of, size_of
+from rigs.schema.effect import is_wave, name_of
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Selection of the effects that explain the readings: faults and the visible effects of a healthy arm compete by
@@ -52,10 +51,6 @@ from rigs.schema.effect import is_wave, name_of, size_of
 # visible backlash and gear errors of a healthy arm are fitted like faults, and the size of an effect distinguishes the
 # two. Effects whose evidence no longer covers their penalty are removed.
 
-_FAULTS = 2.0
-"""Expected number of faults of an arm sent for diagnosis, before any measurement. Chosen: between a single fault and
-the 9 to 14 of an arm that was never calibrated.
-"""
 _OFF = 0.1
 """Share of the response of the faults by which the reference faults may differ. Chosen: columns computed with no
 faults missed up to 1 % of a large fault; they then miss 0.1 %.
@@ -70,10 +65,6 @@ _DEPTH = 40
 healthy effects."""
 _SEARCH_ROUNDS = 40
 """Largest number of rounds; each adds or removes an effect, and the limit therefore equals that of the effects."""
-_HEALTHY_PRICE = 6.0
-"""Log evidence that a single form at healthy size must gain to be fitted. Chosen: a smaller gain changes no verdict."""
-_OFF_STATED = 3.0
-"""Standard deviations from the stated value beyond which the cause is a different one."""
 _SEEN = 4.0
 """Sigmas that the largest fault must have for the name to be testable. Chosen: below the 7 sigma at which an effect
 is detected, to avoid reporting names in between as hidden.
@@ -95,11 +86,6 @@ the readings. All stretched shapes may differ too much from the true shape. The 
 0.93 s, 21 sigma, lost 2.5 with the shape of 1 s and gained 420 when fitted; when omitted, it turned a lag of 0.6
 ms into 33 ms.
 """
-_OF_SET_UP = 0.01
-"""Share of a column remaining with a free set-up, below which the column is a term of the set-up. Chosen: next to a
-soft joint the last length, which determines the torque, leaves 0.002, and was named as 24 mm for 36 µm; columns
-of other terms leave 0.6 and more.
-"""
 _CURVE_ROUNDS, _ENOUGH_OF_CURVES = 3, 2.0
 """Largest number of fits of curves alternating with the weights of outliers, and the log evidence that a fit must
 gain for the next. Chosen: an outlier among 30 poses of a UR10 took three."""
@@ -118,13 +104,9 @@ class Selection:
     effort: Effort = field(default_factory=Effort, compare=False)
 
     @cached_property
-    def _fault_price(self) -> float:
-        return float(np.log(_FAULTS / max(len(self.columns.among), 1)))
-
-    @cached_property
-    def _log_choices(self) -> Array:
-        """Logarithm (n,) of the inverse likelihood of each form among the forms of the name."""
-        return np.asarray(-np.log(self.columns.likelihoods), dtype=float)
+    def prices(self) -> EffectPrices:
+        """The prior odds of effects."""
+        return EffectPrices(self.linear, self.columns)
 
     @cached_property
     def _hyperparameters(self) -> Hyperparameters:
@@ -152,7 +134,8 @@ class Selection:
         The search for the noise and the curves of joints shown by poses starts from those of the `previous` state.
         """
         strength, robust = np.ones(len(self.columns.count)), np.ones(len(self.linear.y))
-        curves = JointCurves((1.0,) * max(self.linear.axes, self.columns.curves.count)) if self._shows_curves else None
+        axes = max(self.linear.axes, self.columns.curves.count)
+        curves = JointCurves((1.0,) * axes) if self.prices.shows_curves else None
         if curves is not None and previous is not None and previous.curves is not None:
             curves = previous.curves
             if self._of_tracker and len(previous.strength) == len(strength) and len(previous.robust) == len(robust):
@@ -285,19 +268,6 @@ class Selection:
             moves[poses] = self.posterior(state).mean[self.columns.set_ups][poses]
         return moves
 
-    @cached_property
-    def _shows_curves(self) -> bool:
-        """Whether the readings show curves of joints and no single waves of a healthy joint.
-
-        Poses see long pieces of the curve of a joint's error over the angle, and no wave of a healthy joint is
-        dominant. For a UR10, 22 waves picked singly took nine tenths of the time and left the same residual as no wave.
-        """
-        return not any(block.sampling for block in self.linear.blocks)
-
-    def _is_of_curve(self, effect: Effect) -> bool:
-        """Return whether an effect is a wave of a joint's curve, unless it is a fault."""
-        return self._shows_curves and is_of_curve(effect)
-
     def _stepwise(
         self, state: SelectionState, *, accept_free_forms: bool, stops: bool = False
     ) -> tuple[SelectionState, SelectionState | None]:
@@ -415,88 +385,28 @@ class Selection:
         seen = np.array([((refined.values[row] + posterior.term_means[row]) / variance * unit) ** 2])
         # The variance that an arm of this state has in the form nearest to the effect.
         forms, usual = self.columns.forms, state.level**2
-        if (nearest := self._nearest_form(effect)) is not None:
+        if (nearest := self.prices.nearest_form(effect)) is not None:
             usual *= self.columns.likelihoods[nearest]
-            if state.curves is not None and self._is_of_curve(effect):
+            if state.curves is not None and self.prices.is_of_curve(effect):
                 usual = self.columns.variance(1.0, state.curves)[list(forms[nearest].columns)].sum()
         share = cavity_evidence(values, seen, float(usual))
-        fault = fault_evidence(values, seen, state.level) - share + self._fault_price
-        healthy = cavity_evidence(values, seen, state.level**2) - share - _HEALTHY_PRICE
-        return float(fault if self._is_of_curve(effect) else max(fault, healthy)) - self._choices_of(effect)
-
-    def _nearest_form(self, effect: Effect) -> int | None:
-        """Return the index of the form of an effect's name, for waves the form of the nearest order; None if the
-        name has no form.
-        """
-        forms, order = self.columns.forms, order_of(effect)
-        of_name = [k for k, form in enumerate(forms) if form.name == name_of(effect)]
-        apart = np.nan_to_num([abs(order_of(forms[k].effect) - order) for k in of_name])
-        return of_name[int(np.argmin(apart))] if of_name else None
-
-    def _choices_of(self, effect: Effect) -> float:
-        """Return the log evidence that the choice of an effect among the forms of the name costs.
-
-        Waves are as likely as in the background: by octaves. With all of 125 orders equally likely, order 2 paid 2.6
-        more than that, and a ball's form replaced a gear error of the axis that drives the circle.
-        """
-        nearest = self._nearest_form(effect) if np.isfinite(order_of(effect)) else None
-        if nearest is not None:
-            return float(self._log_choices[nearest])
-        return float(np.log(self.columns.among.get(name_of(effect), 1)))
-
-    def price(self, effect: Effect, level: float) -> float:
-        """Return the prior log odds of an effect of this size and form over the wide prior of the fit."""
-        size, healthy = size_of(effect), -np.inf
-        if not self._is_of_curve(effect):
-            healthy = -_HEALTHY_PRICE - 0.5 * (size / level) ** 2 - np.log(level)
-        odds = float(self._size_odds(size, level, healthy))
-        return odds - self._choices_of(effect) - self._against_stated(effect)
-
-    def usual_gain(self, effect: Effect, level: float) -> float:
-        """Return the log odds that an effect gains over the penalty in a comparison of names, since it may be usual."""
-        return float(self.usual_gains([effect], np.array([size_of(effect)]), level)[0])
-
-    def usual_gains(self, effects: Sequence[Effect], size: Array, level: float) -> Array:
-        """Return the log odds (n,) that effects with given sizes (n,), in healthy sizes, gain over their penalties in a
-        comparison of names, since they may be usual.
-
-        Every arm has a usual amount of every effect. Neither a search that ignores it below a given gain nor an arm
-        that shows less of most others is evidence against it.
-        """
-        usual = np.array([max(level, effect.usual_times(self.backgrounds.build)) for effect in effects])
-        price = self._size_odds(size, level, -_HEALTHY_PRICE - 0.5 * (size / level) ** 2 - np.log(level))
-        gains = self._size_odds(size, level, -0.5 * (size / usual) ** 2 - np.log(usual)) - price
-        return np.where([self._is_of_curve(effect) for effect in effects], 0.0, gains)
-
-    def _size_odds(self, size: Array | float, level: float, healthy: Array | float) -> Array:
-        """Return the prior log odds (n,) of sizes (n,), in healthy sizes, over the wide prior of the fit: as faults,
-        or with the log odds `healthy` (n,) as effects present in every arm.
-        """
-        sizes, each = fault_sizes(level), np.asarray(size, dtype=float)[..., None]
-        fault = self._fault_price + np.log(np.mean(np.exp(-0.5 * (each / sizes) ** 2) / sizes, axis=-1) + 1e-300)
-        wide = -0.5 * (np.asarray(size) / LARGEST_FAULT) ** 2 - np.log(LARGEST_FAULT)
-        return np.asarray(np.logaddexp(fault, healthy) - wide, dtype=float)
-
-    def _against_stated(self, effect: Effect) -> float:
-        """Return the log evidence that readings must provide for shapes of an effect that differ from the rig file:
-        if the link masses are unknown, a soft joint and a heavy load look the same.
-        """
-        free = effect.free(self.linear.payload_kg)
-        off = [abs(getattr(effect, one.field) - one.expected) > _OFF_STATED * one.spread for one in free if one.stated]
-        return _HEALTHY_PRICE * float(sum(off))
+        fault = fault_evidence(values, seen, state.level) - share + self.prices.fault_price
+        healthy = cavity_evidence(values, seen, state.level**2) - share - HEALTHY_PRICE
+        gain = float(fault if self.prices.is_of_curve(effect) else max(fault, healthy))
+        return gain - self.prices.choice_cost(effect)
 
     def evidence(self, state: SelectionState) -> float:
         """Return the log evidence of a state, up to a constant."""
         evidence = self.backgrounds.of(state).evidence(state.refined.fitted_terms)
-        prices = sum(self.price(effect, state.level) for effect in state.effects)
+        prices = sum(self.prices.price(effect, state.level) for effect in state.effects)
         prices += sum(whole_order_gain(state.refined, place) for place in range(len(state.effects)))
         if stands_softly(state.effects):
-            prices -= _HEALTHY_PRICE  # the softness of the shoulder is then free, as if it were fitted
+            prices -= HEALTHY_PRICE  # the softness of the shoulder is then free, as if it were fitted
         return evidence + prices - FREE_PRICE * len(state.free_forms)
 
     def evidence_of_names(self, state: SelectionState) -> float:
         """Return the log evidence of a state, up to a constant, for a comparison of names."""
-        return self.evidence(state) + sum(self.usual_gain(effect, state.level) for effect in state.effects)
+        return self.evidence(state) + sum(self.prices.usual_gain(effect, state.level) for effect in state.effects)
 
     def without(self, state: SelectionState, place: int) -> SelectionState:
         """Return the state with an effect removed and the others fitted again along their tangents."""
@@ -514,38 +424,12 @@ class Selection:
         name, whichever are larger.
         """
         gains = posterior.gains(self.columns.forms, state.level)
-        curves, pieces = self.waves_of_curves
+        curves, pieces = self.prices.waves_of_curves
         is_usual = gains.size < FAULT * max(state.level, 1.0)  # of healthy arms or of arms of this level
         gains.fault[curves & (pieces | is_usual)] = gains.healthy[curves] = -np.inf
-        fault = gains.fault - self._against + self._fault_price - self._log_choices
-        healthy = gains.healthy - self._against - _HEALTHY_PRICE - self._log_choices
+        fault = gains.fault - self.prices.thresholds + self.prices.fault_price - self.prices.log_choices
+        healthy = gains.healthy - self.prices.thresholds - HEALTHY_PRICE - self.prices.log_choices
         return np.asarray(np.maximum(fault, healthy), dtype=float)
-
-    @cached_property
-    def waves_of_curves(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Masks (n,) of the forms that are waves of a joint's curve, and of forms of such low order that the joint
-        was driven over few waves in any run.
-        """
-        effects = [form.effect for form in self.columns.forms]
-        turned = np.max([np.ptp(block.table.q, axis=0) for block in self.linear.blocks], axis=0) / (2 * np.pi)
-        driven = [
-            order_of(effect) * float(turned[getattr(effect, "axis", 1) - 1]) if is_of_curve(effect) else np.inf
-            for effect in effects
-        ]
-        return np.array([self._is_of_curve(effect) for effect in effects], dtype=bool), np.array(driven) < DRIVEN_WAVES
-
-    @cached_property
-    def _against(self) -> Array:
-        """Log evidence (n,) that a form must gain beyond the penalty: infinite if a set-up of poses or touches can
-        do the same, as the last length is a length of the tool; less along directions that are hardly visible.
-        """
-        against = np.array([self._against_stated(form.effect) for form in self.columns.forms], dtype=float)
-        if self._shows_curves:
-            columns = self.columns.X[:, : self.columns.set_ups.start]
-            remaining = np.linalg.norm(self.linear.without_set_up(columns), axis=0)
-            is_absorbed = remaining < _OF_SET_UP * np.linalg.norm(columns, axis=0)
-            against[[bool(is_absorbed[list(form.columns)].all()) for form in self.columns.forms]] = np.inf
-        return against
 
     def _forward_step(
         self, state: SelectionState, posterior: CoefficientPosterior, *, try_free_forms: bool

@@ -287,7 +287,7 @@ class Budget:
         cycles, indistinguishable from a zero.
         """
         hidden = self.result.selection.not_testable(self.result.state, self.result.posterior)
-        of_curves = zip(self.result.columns.forms, *self.result.selection.waves_of_curves, strict=True)
+        of_curves = zip(self.result.columns.forms, *self.result.selection.prices.waves_of_curves, strict=True)
         return {form.columns for form, wave, piece in of_curves if (wave and piece) or form.name in hidden}
 
     def _members(self, forms: Sequence[Form]) -> tuple[GroupMember, ...]:

@@ -156,8 +156,8 @@ _ALL_PAIRS = 4
 def known_otherwise(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
     """Return notes about distances that differ from the known ones."""
     return tuple(
-        f"sockets {pair.between[0]} and {pair.between[1]} are {pair.known} apart, and by the arm {pair.distance}: its "
-        "constants are wrong by a part of that, or the distance is not right"
+        f"sockets {pair.between[0]} and {pair.between[1]} are {pair.known} apart, but {pair.distance} according to the "
+        "arm: its constants are wrong by a part of the difference, or the distance is wrong"
         for pair in distances
         if pair.known
         and abs(pair.distance.value - pair.known.value) > 2 * float(np.hypot(pair.distance.u, pair.known.u))
@@ -170,8 +170,9 @@ def unknown_distance(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
         return ()
     first, second = distances[0].between
     return (
-        "no distance of two sockets is known, so these touches hardly show how large the arm is: measure that of "
-        f"{first} and {second} and write it into tests.touch.distances; the error falls to about a sixth elsewhere",
+        "the distances of the sockets are unknown, so these touches hardly show how large the arm is: measure the "
+        f"distance of {first} and {second} and write it into tests.touch.distances; the error elsewhere then falls to "
+        "about a sixth",
     )
 
 

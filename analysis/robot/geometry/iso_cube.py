@@ -111,7 +111,7 @@ def cube_of(rig: Rig) -> Cube:
     """Return the cube of a rig, as stated or from a search. Raises FileError if there is none."""
     test, where = iso9283_of(rig), RigPlace.of(rig.name, "tests.iso9283")
     if len(rig.robot.axes) != DRIVEN_AXES:
-        problem = f"is of an arm of {len(rig.robot.axes)} axes, and the cube's programs are of {DRIVEN_AXES}"
+        problem = f"is for an arm of {len(rig.robot.axes)} axes, but programs of the cube need {DRIVEN_AXES} axes"
         raise FileError(where, problem, "measure it by planned poses: rig plan RIG --poses 30")
     cube = _cube(rig.robot, test)
     if cube is None:

@@ -99,7 +99,7 @@ def beyond_certificates(rig: Rig, beyond: Mapping[str, int], rows: int) -> list[
         if count and certificate and certificate.valid_mm:
             low, high = certificate.valid_mm
             doubts.append(
-                f"{name}: {count} of {rows} readings lie beyond the {low:g} to {high:g} mm of its "
+                f"{name}: {count} of {rows} readings are outside the range {low:g} to {high:g} mm of "
                 f"certificate {certificate.number}; they are corrected as at the end"
             )
     return doubts
@@ -133,8 +133,8 @@ def doubts_of(rig: Rig, names: Sequence[str], on: dt.date) -> list[str]:
     parts = [*((name, gauge.certificate) for name, gauge in rig.gauges), ("ball", rig.ball), ("link", rig.link)]
     certificates = [(name, certificate) for name, certificate in parts if certificate is not None and name in names]
     overdue = [
-        f"{name}: certificate {certificate.number} was valid until {certificate.due}, but the run is from "
-        f"{on}; have the gauge calibrated"
+        f"{name}: certificate {certificate.number} was valid until {certificate.due}, which is before {on}; "
+        "have it calibrated again"
         for name, certificate in certificates
         if certificate.due is not None and certificate.due < on
     ]

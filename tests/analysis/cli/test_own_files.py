@@ -23,7 +23,7 @@ def test_an_emulated_cell_does_not_replace_a_rig_file_of_a_person(read: str, tmp
         (line,) = done.stderr.splitlines()
         assert (
             done.returncode == 3
-            and "rig.yaml: already exists, and does not belong to an emulated cell; give another" in line
+            and "rig.yaml: already exists, and does not belong to an emulated cell; choose a different --output" in line
         )
     assert own.read_bytes() == (SHIPPED / "ur10e.yaml").read_bytes()
     assert list(tmp_path.iterdir()) == [own]

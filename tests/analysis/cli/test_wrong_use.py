@@ -152,7 +152,10 @@ def test_a_missing_directory_is_made(tmp_path: Path) -> None:
     (run,) = (path for path in tmp_path.iterdir() if path.is_dir())
     assert ran("export", run, "--to", "csv", "-o", tmp_path / "new" / "deeper" / "lap.csv").returncode == 0
     done = ran("export", run, "--to", "csv", "-o", tmp_path / "new" / "deeper" / "lap.csv" / "x.csv")
-    assert done.returncode == 3 and "lap.csv: is a file, but a directory is needed; give another" in done.stderr
+    assert (
+        done.returncode == 3
+        and "lap.csv: is a file, but a directory is needed; choose a different --output" in done.stderr
+    )
 
 
 def test_runs_below_are_pointed_out(tmp_path: Path) -> None:

@@ -267,7 +267,10 @@ def test_work_where_no_run_measured_is_said_to_be_unknown(tmp_path: Path) -> Non
     path = tmp_path / "path.csv"
     path.write_text(",".join(JOINTS) + "\n0,-80,100,-20,80,0\n")
     done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(tmp_path / "0")])
-    assert done.exit_code == 3 and "the uncertainty of the targets is unknown, so none are written" in done.stderr
+    assert (
+        done.exit_code == 3
+        and "the uncertainty of the targets is unknown, so no corrections were written" in done.stderr
+    )
     assert not (tmp_path / "0" / "corrected-path.csv").exists(), "a guess was written as a correction"
     words = ["correct", str(cell), "--path", str(path), "--anyway", "-o"]
     said = " ".join(CliRunner().invoke(app, [*words, str(tmp_path / "1")]).stdout.split())
@@ -287,7 +290,7 @@ def test_a_path_is_judged_by_its_own_targets(tmp_path: Path, q1: float, status: 
     path.write_text("\n".join([",".join(JOINTS), *(f"{q1},{20 + 9 * k},{10 - 9 * k},0,60,0" for k in range(5))]) + "\n")
     done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(tmp_path / "out")])
     assert (done.exit_code, (tmp_path / "out" / "corrected-path.csv").exists()) == (status, not status)
-    in_vain = "corrected targets do not reduce the error there, so none are written"
+    in_vain = "corrected targets do not reduce the error there, so no corrections were written"
     assert (in_vain in done.stderr) == bool(status)
     said = " ".join(done.stdout.split())
     assert ("corrected targets of path.csv: the tool error at these targets falls from" in said) == (not status)

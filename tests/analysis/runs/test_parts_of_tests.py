@@ -56,7 +56,7 @@ def test_a_test_without_joints_predicts_nothing() -> None:
     poses, path = PoseTable(np.zeros((1, 6)), np.zeros((1, 3)), None), PathTable(np.zeros(1), np.zeros((1, 3)))
     assert shows_joints("pose") and not shows_joints("path")
     assert prediction_of(poses).setup is not None and observation_of(poses).parts(poses) is None
-    with pytest.raises(FileError, match="shows nothing of single joints"):
+    with pytest.raises(FileError, match="is a path without joint angles, which cannot show single joints"):
         prediction_of(path)
 
 

@@ -39,7 +39,7 @@ def lap() -> Measured:
     [
         ("yaw", "t_s", np.nan, "row 6 has t_s = nan"),
         ("yaw", "t_s", 1e300, "row 6 has t_s = 1e+300"),
-        ("yaw", "t_s", -5.0, "row 6: time does not increase, -5 after"),
+        ("yaw", "t_s", -5.0, "row 6: time does not increase, -5 s after 0.08 s"),
         ("yaw", "q3_deg", np.inf, "row 6 has q"),
         ("yaw", "g2_mm", np.nan, "row 6 has g_mm"),
         ("radial", "polar_deg", np.nan, "row 6 has polar"),

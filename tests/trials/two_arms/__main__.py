@@ -8,6 +8,7 @@ sockets, and both with 24 more touches of two fixed sockets whose distance is kn
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 
@@ -95,8 +96,10 @@ def print_errors(errors: dict[str, list[float]]) -> None:
 
 
 if __name__ == "__main__":
-    given = sys.argv[1:]
-    main(
-        int(given[0]) if given else 20, int(given[1]) if len(given) > 1 else 60,
-        float(given[2]) if len(given) > 2 else 0.05, given[3:] or list(PAIRS),
-    )  # fmt: skip
+    parser = argparse.ArgumentParser(prog="tests.trials.two_arms", description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("cases", type=int, nargs="?", default=20, help="cells of each pair (20)")
+    parser.add_argument("touches", type=int, nargs="?", default=60, help="touches of each cell (60)")
+    parser.add_argument("scatter_mm", type=float, nargs="?", default=0.05, help="scatter of a touch in mm (0.05)")
+    parser.add_argument("pairs", nargs="*", default=list(PAIRS), help=f"pairs of arms ({' '.join(PAIRS)})")
+    given = parser.parse_args()
+    main(given.cases, given.touches, given.scatter_mm, given.pairs)

@@ -11,8 +11,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
+from analysis.apps.makers.abb.posture import agreeing
 from analysis.apps.makers.numbers import frame_of, is_frame
 from analysis.apps.makers.points import Points, as_value
 from analysis.apps.makers.program_machine import (
@@ -33,7 +32,6 @@ from analysis.apps.makers.program_machine import (
     Unknown,
     Value,
 )
-from analysis.apps.makers.programs.posture import beyond_stretch, wrist_in_front
 from analysis.apps.makers.target import (
     NUMBER,
     Flags,
@@ -46,7 +44,7 @@ from analysis.apps.makers.target import (
     words,
 )
 from analysis.correction.reasons import Reason
-from analysis.robot.kinematics.arm import Arm, Array, Mask
+from analysis.robot.kinematics.arm import Array
 
 _NUMBER = re.compile(NUMBER)
 _WORD = re.compile(r"[A-Za-z]\w*")
@@ -587,18 +585,3 @@ def _list(reader: RapidReader, begin: int, reason: Reason, name: str) -> None:
     if reader.file < reader.points.files:
         line = reader.lines[reader.file].at(begin)
         reader.points.leave(UncorrectedTarget(reader.file, line, " ".join(name.split())[:60], reason))
-
-
-def agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
-    """Return a mask (n,) of the solutions q (n, 6) rad that agree with confdata: the quadrants of axes 1, 4, 6.
-
-    cfx only decides between the remaining solutions, because some arms do not use it and show 0. It is the sum of 4 for
-    a wrist behind axis 1, 2 for a wrist behind the lower arm, and 1 for a negative axis 5.
-    """
-    low = np.array(values[:3]) * np.pi / 2
-    turned = q[:, [0, 3, 5]]
-    good: Mask = np.all((turned > low - slack_rad) & (turned < low + np.pi / 2 + slack_rad), axis=1)
-    if good.sum() > 1 or values[3]:
-        sides = [(not wrist_in_front(arm, angles), not beyond_stretch(arm, angles), angles[4] < 0) for angles in q]
-        good &= np.array(sides) @ [4, 2, 1] == values[3]
-    return good

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from analysis.apps.makers.kuka.closed_lists import FUNCTIONS, NOTHING, SYSTEM, WRITING
+from analysis.apps.makers.kuka.posture import agreeing
 from analysis.apps.makers.numbers import frame_of, is_frame
 from analysis.apps.makers.points import Points, as_value
 from analysis.apps.makers.program_machine import (
@@ -37,7 +38,6 @@ from analysis.apps.makers.program_machine import (
     Unknown,
     Value,
 )
-from analysis.apps.makers.programs.posture import beyond_stretch, wrist_in_front
 from analysis.apps.makers.target import (
     NUMBER,
     Flags,
@@ -52,7 +52,7 @@ from analysis.apps.makers.target import (
     words,
 )
 from analysis.correction.reasons import Reason
-from analysis.robot.kinematics.arm import Arm, Array, Mask
+from analysis.robot.kinematics.arm import Array
 
 LINES = "flags of lines"
 """Name of the part with the validity of posture flags at the end of a line."""
@@ -591,19 +591,3 @@ def _with_all(reader: KrlReader, file: int, begin: int, text: str) -> dict[str, 
     elif re.search(r"\bSORI_TYP\b", text, re.IGNORECASE) and reader.constant():
         state["ori_type"] = reader.why(file, begin, "motion data may keep the orientation")
     return state
-
-
-def agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
-    """Return a mask (n,) of the solutions q (n, 6) rad that agree with Status and Turn.
-
-    T contains the signs of all axes. Bit 0 of S is the side of axis 1 on which the wrist is, as defined in KUKA's
-    Expert Programming. Bit 1 of S is the side of the outstretched arm on which axis 3 is. Bit 2 of S is not used,
-    because its sense differs between arms: T contains the sign of axis 5.
-    """
-    status, turn = values
-    signs = (turn >> np.arange(6)) & 1
-    good: Mask = np.all(np.where(signs == 1, q < slack_rad, q > -slack_rad), axis=1)
-    sides = not status & 1, bool(status >> 1 & 1)
-    for k in np.flatnonzero(good):
-        good[k] = (wrist_in_front(arm, q[k]), beyond_stretch(arm, q[k])) == sides
-    return good

@@ -51,5 +51,5 @@ def test_a_circle_in_parts_is_that_of_the_whole(tmp_path: Path, trouble: Trouble
 def test_a_wrong_direction_is_named_as_of_the_whole(tmp_path: Path) -> None:
     run = streamed_circle(tmp_path, ROWS, driven="acw", label="cw")
     for evaluate in (figures_alone, read_and_evaluated):
-        with pytest.raises(DirectionError, match="is labelled cw, the robot moved acw"):
+        with pytest.raises(DirectionError, match="is labelled cw, but the robot moved acw"):
             evaluate(run)

@@ -107,7 +107,11 @@ def test_a_table_is_read_as_it_was_written() -> None:
     [
         ("socket,q1_deg", "A,1", "q7_deg"),
         ("socket," + ",".join(f"q{k}_deg" for k in range(1, 8)) + ",q1_from_deg", "A" + ",1" * 8, "q1_from_deg only"),
-        ("socket," + ",".join(f"q{k}_deg" for k in range(1, 8)), "" + ",1" * 7, "has no value"),
+        (
+            "socket," + ",".join(f"q{k}_deg" for k in range(1, 8)),
+            "" + ",1" * 7,
+            "socket: is empty; fill in the value or remove the row",
+        ),
         ("socket," + ",".join(f"q{k}_deg" for k in range(1, 8)), "A" * 41 + ",1" * 7, "not a name of a socket"),
     ],
 )

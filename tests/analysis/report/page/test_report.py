@@ -87,8 +87,8 @@ def test_a_pdf_without_its_library_is_one_line_with_what_to_do(
     done = command_line.ran("report", run, "-o", "monday.pdf", cwd=tmp_path)
     assert (done.returncode, list(tmp_path.iterdir())) == (CellError.exit_code, [])
     assert done.stderr == (
-        f"error: monday.pdf: needs weasyprint, which is missing; {to_install('weasyprint')}, or write monday.html and "
-        "print the page from a browser\n"
+        f"error: monday.pdf: needs the Python package weasyprint, which is missing; {to_install('weasyprint')}, or "
+        "write monday.html and print the page from a browser\n"
     )
 
 

@@ -317,7 +317,7 @@ def test_every_play_and_every_wave_is_known_as_one() -> None:
         ({}, "rigs/effects/half.py: an Effect with the key effect 'half' is missing"),
         (
             {"Half": create_model("Half", __base__=Effect, effect=(str, "half"))},
-            "not say apply, .*remedy, STAGE, its one size",
+            "Half does not define apply, .*remedy, STAGE, its one size",
         ),
     ],
 )

@@ -142,7 +142,8 @@ def test_a_certificate_overdue_on_the_day_of_the_run_is_a_doubt(tmp_path: Path) 
     run = _lap(tmp_path, _text(g1=old, ball=ball, link=old | {"length_mm": 400}))
     (doubt,) = [doubt for doubt in measured_of(run).doubts if "certificate" in doubt]
     assert re.fullmatch(
-        r"g1: certificate D-K-1 2025-17 was valid until 2021-02-28, and this is of \d{4}-\d\d-\d\d; have it calibrated",
+        r"g1: certificate D-K-1 2025-17 was valid until 2021-02-28, which is before \d{4}-\d\d-\d\d; "
+        "have it calibrated again",
         doubt,
     )
     (doubt,) = [doubt for doubt in measured_of(_edited(run, started="yesterday")).doubts if "day" in doubt]
@@ -153,7 +154,7 @@ def test_check_warns_of_a_certificate_that_is_overdue(tmp_path: Path) -> None:
     file = tmp_path / "cell.yaml"
     file.write_text(_text(g2=PLAIN | {"date": "2020-01-31", "valid_until": "2021-01-31"}))
     told = CliRunner().invoke(app, ["check", str(file)]).stdout
-    assert "\n  g2: certificate D-K-1 2025-17 was valid until 2021-01-31, but the run is from " in told
+    assert "\n  g2: certificate D-K-1 2025-17 was valid until 2021-01-31, which is before " in told
 
 
 @pytest.mark.parametrize(("test", "direction", "of_link"), [("yaw", "acw", False), ("radial", None, True)])
@@ -177,7 +178,7 @@ def test_a_temperature_that_is_assumed_is_said(tmp_path: Path) -> None:
     said: list[list[str]] = []
     for more in ({}, {"temperature": {"mean_c": 21, "u_c": 1}}):
         run = _lap(tmp_path / str(len(said)), _text(g1=PLAIN | {"coefficient_per_c": 1e-5}, **more))
-        said.append([doubt for doubt in measured_of(run).doubts if "warm" in doubt])
+        said.append([doubt for doubt in measured_of(run).doubts if "temperature" in doubt])
     assert said == [
         ["the rig file does not give the temperature of the cell: 20 ± 5 °C is assumed; set temperature"],
         [],
