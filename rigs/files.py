@@ -75,6 +75,6 @@ def of_newer_rig(where: str, error: ValidationError, field: str = "version") -> 
     """
     for detail in error.errors(include_url=False, include_context=False):
         if detail["loc"] == (field,) and isinstance(detail["input"], int):
-            problem = f"has {field} {detail['input']}, which this rig does not know: a newer one wrote it"
+            problem = f"has {field} {detail['input']}, unknown to this rig: the file is from a newer version"
             return FileError(where, problem, "install the newest rig on this computer, or use the original computer")
     return None

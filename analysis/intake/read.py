@@ -414,7 +414,7 @@ def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Pro
             problems.add([TableProblem(line, "", problem)])
             continue
         if count > most_rows:
-            problem = f"has more than {_MOST_CELLS} cells, the first {line} lines alone"
+            problem = f"has more than {_MOST_CELLS} cells in its first {line} lines"
             raise FileError(where, problem, "import the file in several runs")
         count += 1
         yield line, fields

@@ -98,7 +98,7 @@ class Client:
         """Return the next line, empty if the daemon is gone. Raises OSError."""
         while b"\n" not in self._unread:
             if len(self._unread) > LONGEST_ANSWER:
-                problem = f"a program here sends more than {LONGEST_ANSWER} bytes in a line, which rigd never does"
+                problem = f"the answer exceeds {LONGEST_ANSWER} bytes, so this program is not rigd"
                 raise CellError(str(self._path), problem, _RESTART)
             self._sock.settimeout(max(0.001, until_s - clock.now_s()))
             received = self._sock.recv(65536)

@@ -263,5 +263,5 @@ def _encoded(answer: dict[str, Any]) -> bytes:
     line = json.dumps(answer).encode() + b"\n"
     if len(line) <= LONGEST_ANSWER:
         return line
-    error = CellError("rigd", f"the answer has {len(line)} bytes, more than a client takes", "see the log")
+    error = CellError("rigd", f"the answer has {len(line)} bytes, more than a client accepts", "see the log")
     return _encoded(_as_answer(error))

@@ -320,7 +320,7 @@ def _decoded(data: bytes, columns: Sequence[str] | None) -> pa.Table | str:
     file = pq.ParquetFile(source, metadata=file.metadata, pre_buffer=False, read_dictionary=text)
     table = file.read(columns, use_threads=False)
     if sum(_text_bytes(table.column(name)) for name in text if name in table.column_names) > _MOST_DECODED:
-        return "the text is longer than that of any chunk"
+        return "the text exceeds the limit of a chunk"
     table = table.cast(pa.schema([schema.field(name) for name in table.column_names], schema.metadata))
     table.validate(full=True)
     return table

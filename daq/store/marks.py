@@ -180,7 +180,7 @@ def _test_and_direction(
     # Recorded streams fit all tests with gauges. A table of a circle fits yaw and roll.
     alike: tuple[TestName, ...] = get_args(DrivenTest) if manifest.table is None else CIRCLES
     if test != manifest.test and not (manifest.test in alike and test in alike):
-        problem = f"contains data of a {manifest.test} test, which cannot be of a {test} test"
+        problem = f"contains data of a {manifest.test} test, which cannot be relabelled as a {test} test"
         raise FileError(str(run), problem, f"import the data with --test {test}")
     if test not in CIRCLES:
         if direction is not None and test != manifest.test:
@@ -194,7 +194,7 @@ def _test_and_direction(
         )
     if manifest.table is not None and direction not in (None, manifest.direction):
         # The rows of a table also contain the direction, and tables are never changed.
-        problem = f"contains an imported table whose rows say {manifest.direction}"
-        remedy = f"import it again with --direction {direction}, the direction column left out"
+        problem = f"contains an imported table with the direction {manifest.direction} in its rows"
+        remedy = f"import the table with --direction {direction} and without the direction column"
         raise FileError(str(run), problem, remedy)
     return {"test": test, "direction": direction or manifest.direction}

@@ -91,7 +91,9 @@ def test_a_table_has_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     paper, _ = load("paper-fanuc")
     # private: a table of that many cells would take minutes to write
     monkeypatch.setattr(analysis.intake.read, "_MOST_CELLS", 400)
-    with pytest.raises(FileError, match=r"has more than 400 cells.*; import the bag in several runs"):
+    with pytest.raises(
+        FileError, match=r"has more than 400 cells in its first \d+ lines; import the file in several runs"
+    ):
         read_file(table, "pose", paper)
     table.write_text(",".join(f"c{number}" for number in range(5000)) + "\n")
     with pytest.raises(FileError, match="has 5000 columns, more than 1000"):
