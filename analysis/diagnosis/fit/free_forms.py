@@ -119,7 +119,7 @@ def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
         if span[axis - 1] > 0:
             yield FreeForm(f"{error} its angle", linear.by_joint(axis, partial(angle, axis - 1)))
         if fastest[axis - 1] > 0:
-            words = f"{error} its speed, whichever way it turns"
+            words = f"{error} the speed, whichever way it turns"
             yield FreeForm(words, linear.by_joint(axis, partial(speed, axis - 1)))
         for joint in np.flatnonzero(fastest).tolist():
             words = f"{error} the way {'it' if joint == axis - 1 else f'axis {joint + 1}'} turns"
