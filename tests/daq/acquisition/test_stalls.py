@@ -161,7 +161,7 @@ def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: p
             used_s, now_s = used_s + took_s, now_s + (0.04 if data == b"fast" else took_s)
             return ConversationStep()
 
-        def lost(self, now_ns: int) -> tuple[()]:
+        def handle_link_loss(self, now_ns: int) -> tuple[()]:
             return ()
 
     clock = SimpleNamespace(
