@@ -257,7 +257,7 @@ def test_orbit_reading_and_status() -> None:
 
 @pytest.mark.parametrize(
     ("code", "word"),
-    [(18, "under range"), (19, "over range"), (246, "incompatible"), (247, "probe is missing"), (7, "manual")],
+    [(18, "under range"), (19, "over range"), (246, "incompatible"), (247, "no probe is connected"), (7, "manual")],
 )
 def test_orbit_status_words(code: int, word: str) -> None:
     script = _orbit()
