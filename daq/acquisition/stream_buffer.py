@@ -124,7 +124,7 @@ class StreamBuffer:
         self.heartbeat_ns = now_ns
         if before_ns and now_ns - before_ns > STALL_NS and not self._opening:
             detail = (
-                f"its reader stood still for {(now_ns - before_ns) / 1e9:.1f} s; messages in the meantime have late "
+                f"the reader did not run for {(now_ns - before_ns) / 1e9:.1f} s; messages received meanwhile have late "
                 "timestamps"
             )
             self.deliver([Fault(FaultKind.STALLED, now_ns, detail)])

@@ -224,12 +224,12 @@ def _nothing(report: PortReport, received: int, attempts_made: int, of: int) -> 
     if received:
         problem = f"{received} bytes arrived, but none of the {attempts_made} attempts can decode them"
         return _failed(report, problem, "see rig interfaces; give the interface: --key g1.interface=… --g1 PORT")
-    problem = f"silent in {attempts_made} attempts"
+    problem = f"silent in {attempts_made} attempt{'s' * (attempts_made != 1)}"
     if attempts_made < of:
         problem += f" of {of}; a built-in port is tried for at most {_SILENT_S:.0f} s"
     remedy = (
-        "switch it on and check the cable; if it sends at the press of a button alone, press it during a longer "
-        "--listen-s; if a command makes it send, name it: --g1 PORT --key g1.interface=…"
+        "switch it on and check the cable; if it sends only when a button is pressed, press it during a longer "
+        "--listen-s; if it sends only after a command, give the interface: --g1 PORT --key g1.interface=…"
     )
     return _failed(report, problem, remedy)
 

@@ -174,7 +174,7 @@ def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
         return {axis: axes[axis] for axis in feedback.axes}
     numbers = {int(match[1]): name for name in axes if (match := _NUMBERED.fullmatch(name))}
     if len(axes) != 6 or len(numbers) != 6:
-        raise Unfit(f"which axes are q1 to q6 is unknown; the axes are {names}; name six of them as `axes`")
+        raise Unfit(f"the order of q1 to q6 is unknown; the axes are {names}; list six of them in `axes`")
     return {numbers[number]: axes[numbers[number]] for number in sorted(numbers)}
 
 
@@ -185,7 +185,8 @@ def _deg_per_unit(names: Sequence[str], positions: Sequence[Any], feedback: OPCU
         None if unit is None else _DEG_PER.get(unit.UnitId) or _DEG_PER_NAME.get(_name(unit).lower()) for unit in units
     ]
     if unknown := [k for k, unit in enumerate(units) if unit is not None and stated[k] is None]:
-        raise Unfit(f"axis {names[unknown[0]]!r} is measured in {_name(units[unknown[0]])!r}, no angle; correct `axes`")
+        unit = _name(units[unknown[0]])
+        raise Unfit(f"axis {names[unknown[0]]!r} is measured in {unit!r}, which is not an angle unit; correct `axes`")
     declared = {"deg": 1.0, "rad": math.degrees(1)}.get(feedback.units or "")
     scales = tuple(per or declared for per in stated)
     if any(per is None for per in scales):

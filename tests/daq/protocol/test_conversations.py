@@ -167,7 +167,7 @@ def test_sylvac_readings(reply: bytes, value_mm: float) -> None:
         (b"ERR1\r", DEVICE_ERROR, "command"),
         (b"ERR2\r", DEVICE_ERROR, "parity"),
         (b"ERR3\r", DEVICE_ERROR, "range"),
-        (b"SY 228\r", DEVICE_ERROR, "switched on again"),
+        (b"SY 228\r", DEVICE_ERROR, "was switched on again"),
         (b"12.345\r", GARBLED, "12.345"),
         (b"+12345\r", GARBLED, "line"),
         (b"+1.0x0\r", GARBLED, "line"),

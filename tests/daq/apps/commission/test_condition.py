@@ -54,7 +54,7 @@ def test_a_robot_in_protective_stop_with_a_paused_program_and_a_lowered_slider()
 def test_a_robot_without_anything_to_say() -> None:
     with _robot([]) as stream:
         found = list(trial.examine_conversation(stream, 0.3))
-    assert {finding.verdict for finding in found} == {FindingVerdict.OK} and "does not show" not in found[0].what
+    assert {finding.verdict for finding in found} == {FindingVerdict.OK} and "not available" not in found[0].what
 
 
 def test_what_a_controller_does_not_show_is_named_and_not_judged() -> None:
@@ -62,7 +62,7 @@ def test_what_a_controller_does_not_show_is_named_and_not_judged() -> None:
     finding = trial.answers(robot_stream(rtde()), readings, lambda: None)
     assert (
         finding.verdict is FindingVerdict.OK
-        and "does not show program_state, speed_percent, payload_kg" in finding.what
+        and "not available: program_state, speed_percent, payload_kg" in finding.what
     )
 
 

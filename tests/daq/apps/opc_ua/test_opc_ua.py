@@ -178,7 +178,7 @@ SIX = {f"A{axis}": DEGREE for axis in range(1, 7)}
         (_space(**SIX, A7=DEGREE), {}, ("A7", "list six of them in `axes`")),
         (_space(Base=DEGREE, Shoulder=DEGREE), {}, ("Base, Shoulder", "`axes`")),
         (_space(**SIX), {"axes": ("A1", "A2", "A3", "A4", "A5", "E1")}, ("axis 'E1' does not exist", "A1, A2")),
-        (_space(**SIX | {"A2": CELSIUS}), {}, ("'A2'", "'°C'", "not an angle")),
+        (_space(**SIX | {"A2": CELSIUS}), {}, ("'A2'", "'°C'", "not an angle unit")),
         (_space(**dict.fromkeys(SIX)), {}, ("unit of axis 'A1'", "`units`")),
         (_two_robots(), {}, ("Left, Right", "`device`")),
         (_two_robots(), {"device": "Middle"}, ("Left, Right",)),
