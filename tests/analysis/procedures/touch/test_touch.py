@@ -71,7 +71,7 @@ def test_a_distance_that_is_known_otherwise_is_said() -> None:
     touched = planned_touches(rig_with(distance_mm=50.0))
     found = evaluate(touched, model_of(rig_with(distance_mm=51.0)))
     assert found.distances[0].known is not None
-    assert any("sockets A and B are 51.000 ± 0.050 mm apart, and by the arm 50.0" in note for note in found.notes)
+    assert any("sockets A and B are 51.000 ± 0.050 mm apart, but 50.0" in note for note in found.notes)
     assert not any("apart" in note for note in evaluate(touched, model_of(rig_with(distance_mm=50.0))).notes)
 
 
