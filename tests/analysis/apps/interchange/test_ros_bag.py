@@ -74,7 +74,10 @@ def test_both_byte_orders_are_read() -> None:
     ("messages", "told"),
     [
         (WHOLE[100:], "usable messages of /joint_states"),
-        ([one for one in WHOLE if one[0] != "/g2"], r"of /g2 .*; its topics: /g1 \(std_msgs/msg/Float64\), /joint_states"),
+        (
+            [one for one in WHOLE if one[0] != "/g2"],
+            r"of /g2 .*; its topics: /g1 \(std_msgs/msg/Float64\), /joint_states",
+        ),
         ([("/joint_states", STATE, ms, joint_state(["a"], [1.0])) for ms in range(99)], "fewer than two usable"),
         ([("/g1", "std_msgs/msg/String", 1, b"")], "std_msgs/msg/String"),
         ([*states(range(0, 100, 10)), *gauges("g1", [500, 520], 0), *gauges("g2", [500, 520], 0)], "at the same time"),
