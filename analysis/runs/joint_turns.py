@@ -6,8 +6,9 @@ turn, which only an error with a fractional number of waves per turn could show.
 
 The distribution of the angles distinguishes these causes. A joint that really turns has angles over the complete range.
 A joint with a restarted count has angles in one window, and others exactly whole turns away. Rows are therefore counted
-back in two cases: if they are outside the limits of the joint, or if all angles of the table, modulo a turn, leave a
-gap that is unlikely by chance. A joint is not changed if the rig file contains an error of that joint with a fractional
+back in two cases: if they are outside the limits of the joint, or if the angles of the table span a turn or more and,
+modulo a turn, leave a gap that is unlikely by chance. Angles within less than a turn are unambiguous: a joint that
+stood at -136° and at 138° did not stand at 224°, and a wrong scale would show the difference. A joint is not changed if the rig file contains an error of that joint with a fractional
 number of waves per turn.
 """
 
@@ -48,6 +49,8 @@ def turns_further(angle: Array, limits: Array) -> Integers:
 
     The excess is relative to the other angles, or to the limits (2,) rad.
     """
+    if np.ptp(angle) < _TURN:
+        return _turns_beyond(angle, limits)
     places = np.sort(angle % _TURN)
     gaps = np.diff(places, append=places[:1] + _TURN)
     widest = int(np.argmax(gaps))

@@ -34,6 +34,13 @@ def test_a_joint_that_turns_all_over_its_range_has_really_turned() -> None:
     assert turns_further(beyond, np.radians([-180.0, 180.0])).tolist() == [0] * 60 + [1]
 
 
+def test_angles_within_less_than_a_turn_are_as_they_stand() -> None:
+    """Two ranges of a joint with a wide gap behind: counted back, they were 360° off, and outside of the limits."""
+    apart = np.radians(np.concatenate([RNG.uniform(-136, -81, 30), RNG.uniform(56, 138, 30)]))
+    assert not turns_further(apart, np.radians([-179.0, 179.0])).any()
+    assert not turns_further(apart, LIMITS).any()
+
+
 def test_a_gear_error_that_does_not_repeat_with_the_turn_keeps_it() -> None:
     wave = TransmissionError(axis=4, order=50.5, amplitude_deg=0.01, phase_deg=0.0)
     one = table(1)
