@@ -8,8 +8,8 @@ The distribution of the angles distinguishes these causes. A joint that really t
 A joint with a restarted count has angles in one window, and others exactly whole turns away. Rows are therefore counted
 back in two cases: if they are outside the limits of the joint, or if the angles of the table span a turn or more and,
 modulo a turn, leave a gap that is unlikely by chance. Angles within less than a turn are unambiguous: a joint that
-stood at -136° and at 138° did not stand at 224°, and a wrong scale would show the difference. A joint is not changed if the rig file contains an error of that joint with a fractional
-number of waves per turn.
+stood at -136° and at 138° did not stand at 224°, and a wrong scale would show the difference. A joint is not changed if
+the rig file contains an error of that joint with a fractional number of waves per turn.
 """
 
 from __future__ import annotations
