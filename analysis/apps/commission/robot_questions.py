@@ -62,6 +62,8 @@ The build determines the usual plays, zeros and lengths of the arm:
 Build"""
 _NO_ROBOT = "none"
 _MOST_TOLERANCE_MM = 1000.0
+_LEAST_TOOL_MM = 1.0
+"""Lower bound of the largest coordinate of a ball on the flange. Chosen: the longest tools have 1 m, 1.0 in metres."""
 
 
 def ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
@@ -244,6 +246,9 @@ def _pose(text: str) -> Pose:
         raise FileError(
             repr(text), "is not x,y,z or x,y,z,roll,pitch,yaw", "write for example 0,0,150 or 0,0,150,0,90,0"
         )
+    if 0 < max(map(abs, values[:3])) < _LEAST_TOOL_MM:
+        problem = f"has no coordinate of {_LEAST_TOOL_MM:g} mm or more: the position looks like metres"
+        raise FileError(repr(text), problem, "give the position in mm")
     fields = {"xyz_mm": values[:3], "rpy_deg": values[3:] or (0.0, 0.0, 0.0)}
     pose: Pose = checked(Pose, fields, "--tool")
     return pose

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 _SAID = 20
 """Most targets without a posture on the screen; the JSON lists all."""
+_LEAST_PART_MM = 2.0
+"""Lower bound of the longest side of a part. Chosen: 2 m, given in metres."""
 
 
 @command(app, "rig postures targets.csv --rig found/cell.yaml -o postures")
@@ -126,4 +128,7 @@ def _size_of(part: str | None) -> Array | None:
         size = np.zeros(0)
     if size.shape != (3,) or not np.isfinite(size).all() or (size < 0).any():
         raise UseError("--part", f"{part!r} is no size", "give X,Y,Z in mm, as 300,200,100")
+    if 0 < size.max() < _LEAST_PART_MM:
+        problem = f"{part!r} has no side of {_LEAST_PART_MM:g} mm or more: the size looks like metres"
+        raise UseError("--part", problem, "give X,Y,Z in mm, as 300,200,100")
     return size

@@ -341,5 +341,10 @@ def test_an_arm_of_a_file_is_asked_how_it_is_built(tmp_path: Path) -> None:
     assert "Invalid value for '--build'" in one_line(init(tmp_path, "third.yaml", *words, "--build", "hobby"), 2)
 
 
+def test_a_tool_in_metres_is_refused(tmp_path: Path) -> None:
+    done = init(tmp_path, "--measured-by", "sockets", "--arm", "ur5", "--tool", "0,0,0.09")
+    assert "the position looks like metres; give the position in mm" in one_line(done, 3)
+
+
 def one_space(text: str) -> str:
     return " ".join(text.split())
