@@ -63,7 +63,7 @@ def _find_movement(
 ) -> tuple[MovementResult, str]:
     """Return the result and the name of the rig."""
     from analysis.cli.console import progress_of
-    from analysis.cli.several import distinct, end_with, load_runs, runs_below, worst
+    from analysis.cli.several import distinct, end_with, load_runs, runs_below, with_tables, worst
     from analysis.movement.runs import what_moved_in
     from rigs.load import load
 
@@ -71,7 +71,9 @@ def _find_movement(
         if len(runs) < 2:
             raise UseError("rig moved", "needs a reference and a new run", "give RUN… --new RUN…, or --plan")
         runs, new = runs[:-1], runs[-1:]
-    (reference, errors), (after, others) = (load_runs(distinct(runs_below(paths))) for paths in (runs, new))
+    (reference, errors), (after, others) = (
+        load_runs(distinct(runs_below(with_tables(paths, rig_file)))) for paths in (runs, new)
+    )
     end_with(worst([*errors, *others]))
     rig = load(rig_file)[0] if rig_file else reference[0].rig
     with progress_of("comparing the readings"):

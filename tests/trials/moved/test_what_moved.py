@@ -161,6 +161,9 @@ def test_the_command_says_what_moved(tmp_path: Path) -> None:
     assert "The base moved by" in page.read_text(encoding="utf-8")
     said = json.loads(CliRunner().invoke(app, [*words, "--json"]).stdout)
     assert said["causes"][0]["what"] == "base" and len(said["causes"][0]["translation_mm"]) == 3
+    tables = ["moved", str(tmp_path / "before.csv"), "--new", str(tmp_path / "after.csv"), "--json"]
+    of_tables = json.loads(CliRunner().invoke(app, [*tables, "--rig", str(tmp_path / "cell.yaml")]).stdout)
+    assert of_tables["causes"] == said["causes"]
     assert (
         CliRunner().invoke(app, ["moved", str(tmp_path / "before"), "--plan"]).stdout.count("Next: touch socket") == 1
     )
