@@ -60,7 +60,7 @@ import sys
 from daq.gauges import device, host
 from daq.feedback import host as robot_host
 from rigs.effects import VOCABULARY
-from rigs.interfaces import known, models
+from rigs.interfaces import list_interfaces, models
 from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
 gauges = {one.model_fields["interface"].annotation.__args__[0]: one for one in models(Gauge)}
@@ -69,7 +69,7 @@ dial = gauges["example_dial"](interface="example_dial", port="/dev/null", offset
 ours, theirs = host([dial]), device([dial], lambda now_ns: [1.25])
 print(type(ours).__name__, theirs.received(b"D\\r", 0).send)
 print(type(robot_host(robots["example_arm"](interface="example_arm", port="udp://0.0.0.0:7000"))).__name__)
-print(VOCABULARY["gauge_bow"].__module__, "example_dial" in {one.name for one in known()})
+print(VOCABULARY["gauge_bow"].__module__, "example_dial" in {one.name for one in list_interfaces()})
 print(gauges["tesa_tt"].__module__)
 """
 

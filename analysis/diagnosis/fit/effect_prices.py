@@ -46,7 +46,7 @@ class EffectPrices:
 
     @cached_property
     def log_choices(self) -> Array:
-        """Logarithm (n,) of the inverse likelihood of each form among the forms of the name."""
+        """Logarithm (n,), a pure number, of the inverse likelihood of each form among the forms of the name."""
         return np.asarray(-np.log(self.columns.likelihoods), dtype=float)
 
     @cached_property

@@ -269,7 +269,7 @@ def test_work_where_no_run_measured_is_said_to_be_unknown(tmp_path: Path) -> Non
     done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(tmp_path / "0")])
     assert (
         done.exit_code == 3
-        and "the uncertainty of the targets is unknown, so no corrections were written" in done.stderr
+        and "the uncertainty of the targets is unknown, so no corrected targets were written" in done.stderr
     )
     assert not (tmp_path / "0" / "corrected-path.csv").exists(), "a guess was written as a correction"
     words = ["correct", str(cell), "--path", str(path), "--anyway", "-o"]
@@ -290,7 +290,7 @@ def test_a_path_is_judged_by_its_own_targets(tmp_path: Path, q1: float, status: 
     path.write_text("\n".join([",".join(JOINTS), *(f"{q1},{20 + 9 * k},{10 - 9 * k},0,60,0" for k in range(5))]) + "\n")
     done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(tmp_path / "out")])
     assert (done.exit_code, (tmp_path / "out" / "corrected-path.csv").exists()) == (status, not status)
-    in_vain = "corrected targets do not reduce the error there, so no corrections were written"
+    in_vain = "corrected targets do not reduce the error there, so no corrected targets were written"
     assert (in_vain in done.stderr) == bool(status)
     said = " ".join(done.stdout.split())
     assert ("corrected targets of path.csv: the tool error at these targets falls from" in said) == (not status)
@@ -299,7 +299,7 @@ def test_a_path_is_judged_by_its_own_targets(tmp_path: Path, q1: float, status: 
 def test_u_of_a_program_is_that_of_targets_that_runs_cover() -> None:
     u_mm = np.array([0.1, 0.2])
     assert reached(u_mm, 2 * u_mm).endswith("± 0.400 mm in the base (standard uncertainty at the worst target)")
-    assert "worst target of those where runs say it" in reached(np.append(u_mm, np.nan), np.append(u_mm, np.nan))
+    assert "worst target of those that the runs cover" in reached(np.append(u_mm, np.nan), np.append(u_mm, np.nan))
 
 
 def test_without_the_joint_angles_of_the_runs_coverage_is_unknown(tmp_path: Path) -> None:

@@ -231,7 +231,7 @@ def test_where_nothing_is_gained_no_program_is_written(effect: Effect, tmp_path:
     path, out = tmp_path / "a.script", tmp_path / "out"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
     done = ran("correct", cell, "--program", path, "-o", out)
-    assert done.returncode == 3 and "do not reduce the error there, so no corrections were written" in done.stderr
+    assert done.returncode == 3 and "do not reduce the error there, so no corrected targets were written" in done.stderr
     assert "next:" not in done.stderr and [file.name for file in out.iterdir()] == ["corrections.yaml"]
     assert yaml.safe_load((out / "corrections.yaml").read_text())["verdict"] == "nothing"
     assert ran("correct", cell, "--program", path, "-o", tmp_path / "anyway", "--anyway").returncode == 0
