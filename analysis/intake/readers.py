@@ -36,7 +36,7 @@ class StreamReader(Protocol):
         """Return the file to be read in a directory made by a recorder; any other path unchanged. Raises FileError."""
 
     def size_remedy(self, data: bytes) -> str:
-        """Return how to make a file smaller, by its beginning; empty if unknown."""
+        """Return the remedy for a large file, by the first bytes; empty if the format is unknown."""
 
     def table_of(self, data: bytes, where: str, rig: Rig, test: TestName) -> tuple[bytes, tuple[str, ...]]:
         """Return the CSV of a circle, and doubts in words. Raises FileError."""

@@ -119,7 +119,7 @@ def closed(gap: Gap) -> float:
 
 
 def shortened(names: Iterable[str]) -> str:
-    """Return the names of effects, grouped by kind: each kind once with all seats."""
+    """Return the names of effects, each kind once, followed by the axes or gauges."""
     seats: dict[str, list[str]] = {}
     for name in names:
         kind, _, seat = name.partition(" ")

@@ -89,7 +89,7 @@ def not_testable_lines(result: PairResult) -> Iterator[str]:
 
 
 def as_plan(planned: PlannedTouches) -> RenderableType:
-    """Return what planned touches are expected to show."""
+    """Return the expected uncertainties of planned touches."""
     result = planned.expected
     shown = sum(constant.is_shown for constant in result.constants)
     count = len(planned.table.q)

@@ -27,7 +27,7 @@ _SHOWN_PLAY = 0.2
 
 
 def as_screen(postures: Postures, labels: Sequence[str], language: Language = "en") -> RenderableType:
-    """Return what is not known, the gain, and a row for each target, which `labels` (n,) name."""
+    """Return the unknowns, the gain, and a row for each target, named by `labels` (n,)."""
     texts = texts_of(language)
     parts: list[RenderableType] = [Text(line, style="yellow") for line in limits(postures, texts)]
     parts += [Text(gain_words(postures, texts), style="bold"), Text(way_words(postures, texts))]
@@ -42,7 +42,7 @@ def as_screen(postures: Postures, labels: Sequence[str], language: Language = "e
 
 
 def limits(postures: Postures, texts: Texts) -> list[str]:
-    """Return what is not known about the errors; it comes first."""
+    """Return the unknowns about the errors, which are printed first."""
     lines = [texts("postures_verdict", why=postures.verdict)] if postures.verdict else []
     if postures.knowledge != "calibrated":
         lines.append(texts(f"postures_{postures.knowledge}"))
@@ -82,7 +82,7 @@ def map_words(postures: Postures, texts: Texts) -> str:
 
 
 def play_words(postures: Postures, texts: Texts) -> str:
-    """Return how much the side of approach matters, empty if play is small or was not measured."""
+    """Return the influence of the side of approach; empty if play is small or was not measured."""
     rows = postures.best.rows
     if postures.knowledge == "typical" or not len(rows):
         return ""

@@ -102,7 +102,7 @@ class _SummaryWords:
         return ", ".join(filter(None, [name, size(named), certainty, usual]))
 
     def unknowns(self, act: Act | None) -> list[str]:
-        """Return what limits the evidence, in sentences that are not in the headline."""
+        """Return the limits of the evidence, as sentences that are not in the headline."""
         diagnosis, texts = self.diagnosis, self.texts
         sentences = [movement_sentence(movement, texts) for movement in diagnosis.movements[:_MOST_MOVEMENTS]]
         sentences.append(self.answer.visits)

@@ -69,7 +69,7 @@ Posture = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
 
 
 def identity(count: int) -> tuple[Row, ...]:
-    """Return the coupling of axes that turn with their joints."""
+    """Return the identity matrix: the coupling of axes that are not coupled."""
     return tuple(tuple(float(row == column) for column in range(count)) for row in range(count))
 
 

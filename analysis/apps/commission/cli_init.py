@@ -178,7 +178,7 @@ def next_steps(rig_file: Path) -> list[str]:
 
 
 def pair_steps(rig_file: Path) -> list[str]:
-    """Return what to do with the rig file of an arm that another arm measures."""
+    """Return the next steps for the rig file of an arm that a second arm measures."""
     file, other = shlex.quote(str(rig_file)), shlex.quote(str(rig_file.with_name("other.yaml")))
     return [
         f"rig init {other} --measured-by arm  # the other arm, unless it has its rig file",

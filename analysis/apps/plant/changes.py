@@ -106,7 +106,7 @@ def rises(count: int, first: Integers, last: Integers) -> Array:
 
 
 def directions(noise: Whitening, first: Integers, last: Integers) -> Array:
-    """Return whitened ramps (n, c) from run first (c,) to last (c,), as indices, of length 1."""
+    """Return whitened ramps (n, c) from the runs first (c,) to last (c,), as indices, normalised to length 1."""
     white = noise.without_level(rises(len(noise.level), first, last))
     lengths = np.linalg.norm(white, axis=0)
     unit: Array = white / np.where(lengths > 1e-9, lengths, np.inf)

@@ -126,7 +126,9 @@ def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
             yield FreeForm(words, linear.by_joint(axis, partial(way, joint)))
     for where, shares in (("both gauges", (1.0, 1.0)), ("gauge 1", (1.0, 0.0)), ("gauge 2", (0.0, 1.0))):
         yield FreeForm(f"something that changes with time in {where}", linear.by_gauge(shares, _time))
-    yield FreeForm("something of the ball that goes with where the link is", linear.by_gauge((1.0, 1.0), _circle_waves))
+    yield FreeForm(
+        "an error of the ball that varies with the position of the link", linear.by_gauge((1.0, 1.0), _circle_waves)
+    )
 
 
 def discrepancy_functions(linear: Linearisation) -> Array:

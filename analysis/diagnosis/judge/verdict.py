@@ -71,7 +71,7 @@ class JudgedFigure:
 
     @property
     def standing(self) -> Standing:
-        """Standing of the figure."""
+        """Verdict of the limit on the figure: pass, watch or fail."""
         return self.limit.standing(self.figure.value, self.figure.u)
 
     @property

@@ -148,7 +148,7 @@ def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis:
     FileError.
     """
     if rig.robot.rail:
-        problem = "is on a rail, and poses are planned of an arm that stands"
+        problem = "has a rail, but poses can be planned only for a fixed base"
         raise FileError(
             RigPlace.of(rig.name), problem, "leave out robot.rail, and add e1_mm, spread over the rail, by hand"
         )

@@ -87,7 +87,7 @@ class Checks(TestPart, Protocol[T_contra]):
         return labels_of(self.test).unsupported_reason
 
     def judged_joints(self, table: T_contra, rig: Rig) -> Verdict:
-        """Return which meaning of the joint columns fits a table that can show it."""
+        """Return the meaning of the joint columns that fits a table."""
         raise no_joints_error(self.test, f"rig {rig.name}")
 
     def off_path(self, table: T_contra, rig: Rig, T_tool: Array) -> PathDeviation | None:

@@ -79,7 +79,7 @@ def command_findings(run: Measured) -> Iterator[Finding]:
         return
     which = "commanded" if _has_column(run, "q1_measured_deg") else "measured"
     fact = f"measured less commanded angles: {'; '.join(error.words for error in large)}; the {which} angles are used"
-    remedy = "a difference that goes with load or speed is of the drives, and no error of the arm's geometry"
+    remedy = "a difference that varies with load or speed comes from the drives, not from the geometry of the arm"
     columns = tuple(f"q{error.axis}_deg" for error in large)
     yield Finding(COMMANDS, "likely", columns, "angles that were not reached", fact, remedy)
 

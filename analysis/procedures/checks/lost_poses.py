@@ -74,7 +74,7 @@ class Places:
 
 
 def places_of(table: PathTable) -> Places:
-    """Return which places of a path were not measured."""
+    """Return the places of a path that were not measured."""
     repeated, wild = np.zeros(len(table.t_s), dtype=bool), np.zeros(len(table.t_s), dtype=bool)
     step = np.linalg.norm(np.diff(table.xyz_mm, axis=0), axis=1)
     # Rows of equal places behind which the tool is further on.
@@ -325,7 +325,7 @@ _SEVERAL = 3
 
 
 def duplicate_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
-    """Which rows of poses repeat the place of others."""
+    """Rows of poses that repeat the place of other rows."""
     if not len(table.q):
         return
     lost = (table.xyz_mm == 0).all(axis=1)

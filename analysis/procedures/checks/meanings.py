@@ -138,7 +138,7 @@ PLACE_UNKNOWN = "the rig file lacks the place of the test"
 
 
 def judged_by_path(table: Table, rig: Rig) -> Verdict:
-    """Which meaning of the joints puts the tool on the path that the rig file states, of a circle or of targets."""
+    """Return the meaning of the joints that puts the tool on the path of the rig file, a circle or targets."""
     arm = arm_of(rig.robot)
     rows = slice(None, None, max(1, len(table.q) // _ROWS))
     columns = {name: column for name, column in vars(table).items() if isinstance(column, np.ndarray)}
@@ -161,8 +161,8 @@ def judged_by_path(table: Table, rig: Rig) -> Verdict:
 
 
 def judged_by_places(rig: Rig, q: Array, xyz_mm: Array, rpy: Array | None) -> Verdict:
-    """Which meaning of joints q (n, axes) rad brings an arm to places xyz_mm (n, 3), and with the turns rpy (n, 3) rad,
-    that were seen."""
+    """Return the meaning of joints q (n, axes) rad that brings an arm to the measured places xyz_mm (n, 3) and turns
+    rpy (n, 3) rad."""
     bare, measured = without_setup(arm_of(rig.robot)), np.flatnonzero((xyz_mm != 0).any(axis=1))
     few, many = (
         measured[np.unique(np.linspace(0, len(measured) - 1, rows).astype(int))] for rows in (_SCREENED, _JUDGED)

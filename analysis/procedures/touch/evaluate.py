@@ -165,7 +165,7 @@ def known_otherwise(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
 
 
 def unknown_distance(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
-    """Return what to say if sockets were touched and no distance of two is known."""
+    """Return a note if sockets were touched and the distance of each pair is unknown."""
     if not distances or any(pair.known for pair in distances):
         return ()
     first, second = distances[0].between

@@ -109,7 +109,7 @@ def test_a_dent_is_attributed_to_the_ball() -> None:
     added = linear.without_set_up(linear.by_gauge((1.0, 1.0), dented))[:, 0]
     left = white(linear, 3) + added * 30 / np.linalg.norm(added)
     found = best_free_form(tuple(free_forms_of(linear)), _beside(linear, left))
-    assert found.words == "something of the ball that goes with where the link is" and found.gain > 4 * _SURE
+    assert found.words == "an error of the ball that varies with the position of the link" and found.gain > 4 * _SURE
 
 
 def test_noise_alone_has_no_form() -> None:
