@@ -149,13 +149,19 @@ class _SummaryWords:
         """The largest parts of the error, and the sum of all others."""
         parts = [part for part in self.diagnosis.budget[:_MOST_CAUSES] if part.share >= _LEAST_SHARE]
         causes = [
-            BarSegment(self.answer.short_name(part), min(part.share, 1.0), _tenths_percent(part.share), part.rank or "")
+            BarSegment(self._cause_name(part), min(part.share, 1.0), _tenths_percent(part.share), part.rank or "")
             for part in parts
         ]
         rest = 1.0 - sum(cause.share for cause in causes)
         if causes and rest >= _TENTH_PERCENT:
             causes.append(BarSegment(self.texts("other_causes"), rest, _tenths_percent(rest)))
         return causes
+
+    def _cause_name(self, part: BudgetPart) -> str:
+        """Return the name of a part, marked if the part is an effect that an unknown cause may imitate."""
+        name = self.answer.short_name(part)
+        imitated = part.index is not None and self.diagnosis.effects[part.index].doubt == "unexplained"
+        return f"{name} ({self.texts('not_confirmed')})" if imitated else name
 
 
 def step_of(act: Act, diagnosis: Diagnosis, texts: Texts) -> str:

@@ -139,6 +139,11 @@ def test_the_bar_has_a_segment_for_each_share() -> None:
     assert capture.get() == "█" * 18 + "▓" + "▒" + "\n"
 
 
+def test_a_cause_that_may_be_imitated_is_marked() -> None:
+    (first, *_) = summarise(diagnosis("outside_library", effects=(replace(PLAY, doubt="unexplained"),))).causes
+    assert first.name == "play of axis 1 (Theta) (not confirmed)"
+
+
 def test_small_parts_are_one_cause() -> None:
     parts = tuple(BudgetPart("curve", 1.0, 0.1, 0.2, axis=axis, rank="usual") for axis in range(1, 6))
     causes = summarise(diagnosis("nothing_unusual", budget=parts)).causes
