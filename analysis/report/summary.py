@@ -6,7 +6,7 @@ Page, window, terminal and picture show the same words.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from analysis.correction.deviation import Deviation
 from analysis.report.texts import Texts
@@ -72,6 +72,20 @@ def error_size(um: float, u_um: float) -> str:
         return "–"
     decimals = 1 if min(um, u_um or um) < 9.95 else 0
     return f"{um:.{decimals}f} ± {u_um:.{decimals}f}" if u_um > 0 else f"{um:.{decimals}f}"
+
+
+_CHANGES_ARM = ("repair", "remaster", "enter")
+"""Kinds of actions after which a correction of the arm as it was no longer fits."""
+
+
+def with_corrections_removed(summary: Summary, kind: str, way: str, texts: Texts) -> Summary:
+    """Return a summary whose next step, of a kind of action, also removes the correction of the robot made in a way.
+
+    A repaired arm with corrected programs, or with entered values, would be corrected twice.
+    """
+    if way == "none" or kind not in _CHANGES_ARM:
+        return summary
+    return replace(summary, next=f"{summary.next} {texts(f'then_without_{way}')}")
 
 
 def driven_error(before: Deviation, after: Deviation, texts: Texts) -> ErrorChange:

@@ -18,7 +18,7 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from analysis.correction.deviation import Count, Deviation, Expected, NotNegative, Side, Work
 from analysis.diagnosis.judge.acts import is_done
-from analysis.report.summary import Summary, driven_error
+from analysis.report.summary import Summary, driven_error, with_corrections_removed
 from analysis.report.texts import texts_of
 from daq.store import durable
 from rigs.errors import CellError, FileError
@@ -323,7 +323,11 @@ class Session(Part):
             summary = replace(summary, error=driven_error(verified.same_before, verified.same_after, texts_of("en")))
         elif self.judged and self.judged.summary:
             summary = replace(summary, error=self.judged.summary.error)
-        return replace(summary, next=acts[0].step if acts else "", command=acts[0].command if acts else "")
+        if not acts:
+            return replace(summary, next="", command="")
+        summary = replace(summary, next=acts[0].step, command=acts[0].command)
+        way = self.correction.way if self.correction and self.is_corrected else "none"
+        return with_corrections_removed(summary, acts[0].kind, way, texts_of("en"))
 
     def runs_for(self, *purposes: Purpose) -> list[ProgramStep]:
         """Return the steps of these purposes that have a run."""

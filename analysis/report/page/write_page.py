@@ -47,7 +47,7 @@ from analysis.report.page.page_content import (
 )
 from analysis.report.page.sections import sections_of
 from analysis.report.still_chart import still
-from analysis.report.summary import Summary
+from analysis.report.summary import Summary, with_corrections_removed
 from analysis.report.summary_words import summarise
 from analysis.report.texts import Language, Texts, texts_of
 from rigs.distribution import version
@@ -234,7 +234,11 @@ def _open_acts(diagnosis: Diagnosis, after: BeforeAfter | None) -> list[Act]:
 def _summary(diagnosis: Diagnosis, after: BeforeAfter | None, texts: Texts) -> Summary:
     """Return headline and tiles; the error of a corrected robot is that measured with the correction."""
     driven, judged = (after.driven, after.judged if after.joined else None) if after else (None, None)
-    return summarise(diagnosis, texts, acts=_open_acts(diagnosis, after), driven=driven, judged_elsewhere=judged)
+    acts = _open_acts(diagnosis, after)
+    summary = summarise(diagnosis, texts, acts=acts, driven=driven, judged_elsewhere=judged)
+    if not (acts and after and after.driven):
+        return summary
+    return with_corrections_removed(summary, acts[0].kind, after.way, texts)
 
 
 def _scripts(pictures: Sequence[Picture]) -> dict[str, Any]:
