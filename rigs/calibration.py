@@ -251,6 +251,19 @@ def verdict_of(calibrated: CalibratedModel) -> Verdict:
     return "correct" if ground_of(calibrated) in ("not_judged", "explained", "gains_elsewhere") else "nothing"
 
 
+_JITTER = 1e-9
+"""Added to the diagonal of a correlation matrix before the root: twins have a correlation of 1 within rounding."""
+
+
+def covariance_root(covariance: Array) -> Array:
+    """Return a lower triangular root (P, P) of a covariance, whose parameters may be redundant or known exactly."""
+    sd = np.sqrt(np.diag(covariance))
+    unit = np.where(sd > 0, sd, 1.0)
+    correlation = covariance / unit[:, None] / unit
+    correlation[np.diag_indices_from(correlation)] += _JITTER
+    return np.asarray(unit[:, None] * np.linalg.cholesky(correlation), dtype=float)
+
+
 def packed_factor(root: Array) -> str:
     """Encode a lower triangular root (P, P) of a covariance, each row in the unit of the parameter."""
     return base64.b64encode(root[np.tril_indices(len(root))].astype("<f4").tobytes()).decode("ascii")

@@ -20,7 +20,7 @@ from analysis.correction.support import Support
 from analysis.correction.work import TaughtFrame, tool_poses, used_effects
 from analysis.diagnosis.evidence.observation import BEYOND_DEG
 from analysis.procedures.shared.quantity import parameter_label
-from analysis.robot.kinematics.arm import RAIL_MM, Array, Mask, pose_error
+from analysis.robot.kinematics.arm import RAIL_MM, Array, Integers, Mask, pose_error
 from analysis.robot.model.motion import Motion
 from analysis.robot.model.predict import Model, Path, driven, model_of
 from analysis.robot.model.scene import apply
@@ -251,10 +251,16 @@ def position_u_mm(uncertainty: PoseUncertainty, q: Array) -> Array:
     return u_mm
 
 
+def few_taught(count: int) -> Integers:
+    """Return the indices of the postures that teach a frame, drawn from `count` of them: at even steps, postures of a
+    grid could all have one orientation."""
+    return np.random.default_rng(0).permutation(count)[:_TAUGHT]
+
+
 def places_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) -> tuple[Array, Array]:
     """Return the standard uncertainty (n,) mm of the tool position at joint angles q (n, 6) rad in the robot's base,
     and with frame and tool taught at joint angles `taught` (m, 6) rad, both including the unexplained error."""
-    taught = taught[:: -(-len(taught) // _TAUGHT)]
+    taught = taught[few_taught(len(taught))]
     frame = TaughtFrame(tool_poses(model_of(rig, ()), taught))
     moves = uncertainty.pose_displacements(np.concatenate([taught, q[:_ROWS]]))[:, :, :3]
     motions, moves = frame.motions(moves[:, : len(taught)]), moves[:, len(taught) :]

@@ -20,6 +20,7 @@ from rigs.calibration import (
     CovarianceParameter,
     ModelAssessment,
     PlacedSetUp,
+    covariance_root,
     packed_factor,
 )
 from rigs.calibration import Term as CalibratedTerm
@@ -29,8 +30,6 @@ from rigs.rig import Rig
 from rigs.schema.declared_tests import Touch
 from rigs.schema.robot import Pose
 
-_LEAST = 1e-9
-"""Added to the diagonal of a correlation matrix before its root is taken: redundant constants make it singular."""
 _SETUP = "pair"
 _DIGITS = 6
 """Decimals of mm and degrees in a rig file."""
@@ -78,15 +77,8 @@ def _calibration(
         setups={_SETUP: PlacedSetUp(T_instrument_world=frames[0], T_tool_target=frames[1])},
         before_um=judged.before_um, calibrated_um=judged.whole_um, held_out_um=judged.handed_um, judged=judged,
         terms=terms, parameters=tuple(CovarianceParameter(term=k, field=TIMES) for k in range(len(terms))),
-        factor=packed_factor(_root(fit.posterior.cov[columns, columns])),
+        factor=packed_factor(covariance_root(fit.posterior.cov[columns, columns])),
     )  # fmt: skip
-
-
-def _root(cov: Array) -> Array:
-    """Return a lower triangular root (P, P) of a covariance."""
-    sd = np.sqrt(np.diag(cov))
-    correlation = cov / np.outer(sd, sd) + _LEAST * np.eye(len(sd))
-    return np.asarray(sd[:, None] * np.linalg.cholesky(correlation), dtype=float)
 
 
 def placed_texts(fit: FittedPair, texts: tuple[str, str]) -> tuple[str, str]:

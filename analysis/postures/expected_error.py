@@ -14,7 +14,13 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.correction.pose_uncertainty import CalibratedUncertainty, PoseUncertainty, covered, pose_uncertainty
+from analysis.correction.pose_uncertainty import (
+    CalibratedUncertainty,
+    PoseUncertainty,
+    covered,
+    few_taught,
+    pose_uncertainty,
+)
 from analysis.correction.support import supports, why_nothing
 from analysis.correction.work import (
     TaughtFrame,
@@ -40,9 +46,6 @@ _MOST_GROWTH = 4.0
 """Growth of u outside the measured joint range: real arms missed by two to four u (docs/evidence/world.md)."""
 _GROWN_RAD = np.radians(30.0)
 """Distance outside the range at which the growth is complete. Chosen: a usual range of taught postures."""
-_TAUGHT = 200
-"""Most postures for teaching a frame, of which the uncertainty is computed. Chosen: nine parameters do not improve with
-more."""
 _ROWS = 1024
 """Postures per block: 1500 terms at each need 75 MB. Smaller blocks take more calls of each term."""
 _SAMPLE = 40
@@ -78,7 +81,7 @@ class PostureErrors:
     @cached_property
     def expected_mm(self) -> Array:
         """Expected rms error (m,) mm, with uncertainty, and with play from unknown sides: the figure of the ranking."""
-        return np.asarray(np.sqrt(self.size_mm**2 + self.u_mm**2 + self.play_mm**2))
+        return self.from_sides(np.zeros(self.rising_mm.shape[:2]))
 
     @property
     def _middle_mm(self) -> Array:
@@ -96,20 +99,23 @@ class PostureErrors:
         error (m,) mm then. Joints without play count as rising."""
         axes = self.rising_mm.shape[1]
         playing = np.flatnonzero(np.abs(self.rising_mm - self.falling_mm).max(axis=(0, 2), initial=0.0) > 0)
-        rising = np.ones((len(self.u_mm), axes), dtype=bool)
-        best = self.from_sides(rising)
-        for sides in product((True, False), repeat=len(playing)):
-            tried = np.ones(axes, dtype=bool)
-            tried[playing] = sides
-            expected = self.from_sides(np.broadcast_to(tried, rising.shape))
+        sides = np.ones((len(self.u_mm), axes))
+        best = self.from_sides(sides)
+        for of_playing in product((1.0, -1.0), repeat=len(playing)):
+            tried = np.ones(axes)
+            tried[playing] = of_playing
+            expected = self.from_sides(np.broadcast_to(tried, sides.shape))
             better = expected < best - 1e-12
-            rising[better], best[better] = tried, expected[better]
-        return rising, best
+            sides[better], best[better] = tried, expected[better]
+        return sides > 0, best
 
-    def from_sides(self, rising: Mask) -> Array:
-        """Return the expected rms error (m,) mm if the joints (m, axes) arrive with a rising angle."""
-        moved = np.where(rising[..., None], self.rising_mm, self.falling_mm).sum(axis=1)
-        return np.asarray(np.sqrt(((self.error_mm + moved) ** 2).sum(axis=1) + self.u_mm**2))
+    def from_sides(self, side: Array) -> Array:
+        """Return the expected rms error (m,) mm if the joints (m, axes) arrive with a rising angle, 1, with a falling
+        one, -1, or from an unknown side, 0."""
+        half = (self.rising_mm - self.falling_mm) / 2
+        displaced = self.error_mm + self._middle_mm + (side[..., None] * half).sum(axis=1)
+        unknown = ((side == 0)[..., None] * half**2).sum(axis=(1, 2))
+        return np.asarray(np.sqrt((displaced**2).sum(axis=1) + unknown + self.u_mm**2))
 
 
 def knowledge_of(rig: Rig) -> Knowledge:
@@ -140,7 +146,7 @@ def expected_errors(
     at_taught, at_postures = forward(arm, taught), forward(arm, q)
     places = tool_places(rig, used, q)
     error = rest_moves_mm(places, at_postures, (tool_places(rig, used, taught), at_taught))
-    few = _few_of(len(taught))
+    few = few_taught(len(taught))
     taught, frame = taught[few], TaughtFrame(at_taught[few])
     square = np.zeros(len(q))
     if knowledge != "typical":
@@ -158,11 +164,6 @@ def expected_errors(
     square += _time_square(rig, q)
     inside = covered(uncertainty, q) if knowledge != "typical" else np.zeros(len(q), dtype=bool)
     return PostureErrors(error, np.sqrt(square), rising, falling, inside)
-
-
-def _few_of(count: int) -> Integers:
-    """Return at most 200 of so many indices (k,) at random: a step through a grid may have one orientation."""
-    return np.random.default_rng(0).permutation(count)[:_TAUGHT]
 
 
 def _first_turns(solution: Integers | None, count: int) -> tuple[Integers, Integers]:

@@ -79,7 +79,7 @@ def sequence_of(candidates: Candidates, errors: PostureErrors, rows: Integers) -
     expected = errors.expected_mm[rows].copy()
     away = np.diff(q, axis=0)
     of_rows = errors.of(rows[1:])
-    expected[1:] = _from_sides(of_rows, away)
+    expected[1:] = _after(of_rows, away)
     return Sequence(rows, expected, int(_changed(branch[:-1], branch[1:]).sum()), float(np.abs(away).max(axis=1).sum()))
 
 
@@ -91,15 +91,10 @@ def _approached(errors: PostureErrors, before: slice, rows: slice, away: Array) 
     """Return the expected errors (k, l) mm of postures `rows` (l) after `before` (k); away (k, l, axes) rad."""
     count = away.shape[0]
     repeated = np.tile(np.arange(rows.start, rows.stop), count)
-    return _from_sides(errors.of(repeated), away.reshape(-1, away.shape[2])).reshape(count, -1)
+    return _after(errors.of(repeated), away.reshape(-1, away.shape[2])).reshape(count, -1)
 
 
-def _from_sides(errors: PostureErrors, away: Array) -> Array:
+def _after(errors: PostureErrors, away: Array) -> Array:
     """Return the expected errors (m,) mm after motions (m, axes) rad; a joint that stays may be at either side."""
-    axes = errors.rising_mm.shape[1]
-    moved = away[:, :axes]
-    middle, half = (errors.rising_mm + errors.falling_mm) / 2, (errors.rising_mm - errors.falling_mm) / 2
-    side = np.where(np.abs(moved) > _STAYS_RAD, np.sign(moved), 0.0)
-    displaced = errors.error_mm + (middle + side[..., None] * half).sum(axis=1)
-    unknown = ((side == 0)[..., None] * half**2).sum(axis=(1, 2))
-    return np.asarray(np.sqrt((displaced**2).sum(axis=1) + unknown + errors.u_mm**2))
+    moved = away[:, : errors.rising_mm.shape[1]]
+    return errors.from_sides(np.where(np.abs(moved) > _STAYS_RAD, np.sign(moved), 0.0))

@@ -87,6 +87,8 @@ def postures(
     if maker and not rig.takes_programs:
         problem = "programs are written for arms of six axes without a rail"
         raise UseError("--for", problem, "leave it out and use postures.csv")
+    if size is not None and rig.robot.rail is not None:
+        raise UseError("--part", "the map of places does not support an arm on a rail", "leave it out")
     with named_by(rig_file, rig), progress_of("comparing postures"):
         read, poses, current = read_targets(targets, rig)
         chosen = choose_postures(rig, poses, current, change=change, part_mm=size)
@@ -106,7 +108,10 @@ def postures(
         say(f"wrote {path}", err=True)
     if written and chosen.knowledge == "calibrated":
         table = as_argument(written[0])
-        say(f"next: rig correct {as_argument(rig_file)} --path {table} -o corrections  # takes away more", err=True)
+        say(
+            f"next: rig correct {as_argument(rig_file)} --path {table} -o corrections  # reduces the error further",
+            err=True,
+        )
     elif chosen.knowledge == "typical" and not chosen.verdict:
         say(f"next: rig plan {as_argument(rig_file)} --poses 40 -o poses  # measure this arm", err=True)
     for error in errors[:_SAID]:

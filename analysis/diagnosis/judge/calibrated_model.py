@@ -32,14 +32,10 @@ from rigs.calibration import (
     ModelAssessment,
     PlacedSetUp,
     Term,
+    covariance_root,
     packed_factor,
 )
 from rigs.distribution import version
-
-_LEAST = 1e-9
-"""Term added to the diagonal of the correlation matrix before taking the root: twins have a correlation of 1 within
-rounding.
-"""
 
 
 def covariance_of(posterior: CoefficientPosterior, unknowns: Sequence[UnknownParameter]) -> Array:
@@ -79,7 +75,7 @@ def calibrated_model(
     parameters += [
         CovarianceParameter.model_construct(term=len(terms) + k, field=TIMES) for k in range(len(background))
     ]
-    root = wider.factor * _root(covariance_of(result.calibrated_posterior, unknowns))
+    root = wider.factor * covariance_root(covariance_of(result.calibrated_posterior, unknowns))
     arm, q = runs[0].model.arm, np.concatenate([run.table.q[run.rows] for run in runs])
     angles, rail = np.degrees(q[:, : arm.axes]), rail_mm(arm, q)
     of_poses = {run.setup for run in runs if facts_of(run.table.test).of_places}
@@ -141,18 +137,9 @@ def _combine_calibrations(before: CalibratedModel, new: CalibratedModel) -> Cali
     fields |= {
         "rail_mm": (min(low for low, _ in rails), max(high for _, high in rails)) if rails else None,
         "runs": (*before.runs, *new.runs), "joints_deg": tuple(joints), "terms": tuple(terms),
-        "parameters": tuple(parameters), "factor": packed_factor(_root(covariance)),
+        "parameters": tuple(parameters), "factor": packed_factor(covariance_root(covariance)),
     }  # fmt: skip
     return CalibratedModel.model_construct(**fields)
-
-
-def _root(covariance: Array) -> Array:
-    """Return a lower triangular root (P, P) of a covariance."""
-    sd = np.sqrt(np.diag(covariance))
-    unit = np.where(sd > 0, sd, 1.0)
-    correlation = covariance / unit[:, None] / unit
-    correlation[np.diag_indices_from(correlation)] += _LEAST
-    return np.asarray(unit[:, None] * np.linalg.cholesky(correlation), dtype=float)
 
 
 def _placed(setup: SetUp, *, poses: bool) -> PlacedSetUp:

@@ -37,7 +37,7 @@ def examine(
         yield from of_daemon(status, streams_of(rig))
     if example and status is None:
         observation = (
-            "this rig file is a shipped example: the ports and addresses are of no cell of yours, and none was asked"
+            "this rig file is a shipped example; its ports and addresses do not belong to your cell and were not tried"
         )
         yield doubtful(
             "instruments", observation, "create the rig file of your cell with rig init cell.yaml, and give that file"

@@ -147,7 +147,7 @@ def test_the_better_side_of_approach_takes_back_a_zero() -> None:
     rising, expected = errors.best_approach()
     assert rising[0, 0]
     assert expected[0] == pytest.approx(0.1)
-    assert errors.from_sides(np.array([[False, True]]))[0] == pytest.approx(np.hypot(2.0, 0.1))
+    assert errors.from_sides(np.array([[-1.0, 1.0]]))[0] == pytest.approx(np.hypot(2.0, 0.1))
     assert errors.expected_mm[0] == pytest.approx(np.sqrt(1 + 1 + 0.01))
 
 

@@ -141,12 +141,15 @@ def _do(call: _Call, machine: Machine) -> None:
             machine.joints(arguments["q"], replace(speed, seconds=arguments.get("t") or None))
         case "movel":
             speed_mm_s = 1000 * arguments.get("v", 0.25)
-            machine.line(arguments["pose"], speed_mm_s, stops=not arguments.get("r", 0.0), speed=_on_path(arguments))
+            machine.line(
+                _pose_in(arguments, "pose"), speed_mm_s, stops=not arguments.get("r", 0.0), speed=_on_path(arguments)
+            )
         case "movec":
             turning: Turning = "fixed to path" if arguments.get("mode", 0.0) == 1 else "even"
             stops = not arguments.get("r", 0.0)
-            speed_mm_s, via = 1000 * arguments.get("v", 0.25), arguments["pose_via"].place
-            machine.arc(via, arguments["pose_to"], speed_mm_s, turning=turning, stops=stops, speed=_on_path(arguments))
+            speed_mm_s, via = 1000 * arguments.get("v", 0.25), _pose_in(arguments, "pose_via").place
+            end, limits = _pose_in(arguments, "pose_to"), _on_path(arguments)
+            machine.arc(via, end, speed_mm_s, turning=turning, stops=stops, speed=limits)
         case "sleep":
             machine.wait(arguments["t"])
         case "popup":
@@ -159,6 +162,14 @@ def _do(call: _Call, machine: Machine) -> None:
             if not 0 <= arguments["n"] < count:
                 raise ProgramError(f"{name} has no output {arguments['n']}")
             machine.events.append(Switched(first + int(arguments["n"]), arguments["b"]))
+
+
+def _pose_in(arguments: dict[str, Any], name: str) -> ToolPose:
+    """Return the pose of an argument. Raises ProgramError for joint angles, which programs of rig do not use there."""
+    if not isinstance(arguments[name], ToolPose):
+        raise ProgramError(f"{name} has joint angles; the emulated controller takes only poses there")
+    pose: ToolPose = arguments[name]
+    return pose
 
 
 def _on_path(arguments: dict[str, Any]) -> MoveLimits:
