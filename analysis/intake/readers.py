@@ -27,7 +27,7 @@ class StandTable:
 
 
 class StreamReader(Protocol):
-    """Module that reads one kind of files."""
+    """Reader of one file format, loaded from a module."""
 
     def is_own(self, data: bytes) -> bool:
         """Return whether the bytes of a file, or its beginning, are of this kind."""

@@ -29,7 +29,7 @@ _STEP = 0.01
 
 @dataclass(frozen=True)
 class Term:
-    """An effect at one prior standard deviation, and its group."""
+    """An unknown of the fit: an effect with the size of one prior standard deviation, and its group."""
 
     effect: Effect
     group: Group

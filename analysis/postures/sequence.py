@@ -21,7 +21,7 @@ or saves a twentieth at ten."""
 TRAVEL = 0.1
 """Price of a radian of the joint that turns the most, in errors of a mean target. Chosen: half a turn costs a third."""
 _SINGULAR = 1e3
-"""Price of a singular posture, which only a program so far has: taken if there is no other."""
+"""Price of a singular posture. Only the table of an existing program contains one; it is the last choice."""
 _STAYS_RAD = 1e-9
 """Smallest motion that sets the side of approach of a joint."""
 

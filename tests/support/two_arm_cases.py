@@ -90,7 +90,7 @@ def fitted(first: Rig, second: Rig, table: PairTable) -> FittedPair:
 
 
 def deviations(cell: world.Cell, fit: FittedPair, rng: np.random.Generator, *, alone: bool = False) -> Deviations:
-    """Return how far a fit is from the truth; of an arm alone, only for the first arm."""
+    """Return the errors of a fit; for an arm fitted alone, only those of the first arm."""
     z: dict[str, list[float]] = {"zeros": [], "lengths": [], "twists": [], "base": []}
     error: dict[str, float] = {}
     sd, first = np.sqrt(np.diag(fit.posterior.cov)), 0

@@ -196,7 +196,7 @@ class Cell:
 
 
 def drawn_cell(first: Kind, second: Kind, rng: np.random.Generator, apart_mm: float | None = None) -> Cell:
-    """Return two drawn arms that face each other, with a base that is off its drawing."""
+    """Draw two arms that face each other, the second base displaced from its nominal place."""
     apart = 0.75 * (_reach(first) + _reach(second)) / 1.3 if apart_mm is None else apart_mm
     base = np.eye(4)
     base[:3, :3] = _about("z", np.pi + 0.05 * rng.normal())[0] @ _about("x", 0.01 * rng.normal())[0]

@@ -162,7 +162,7 @@ class RepeatabilityEvaluation(Evaluation[RepeatabilityTable]):
 
 
 def _program_table(rig: Rig) -> RepeatabilityTable:
-    """Return one reading at each target, then rounds with one approach from outside and one from inside."""
+    """Return the visits of each target: one reading, then rounds with an approach from outside and one from inside."""
     at, rounds = repeatability_program(rig), repeatability_of(rig).rounds
     approach = np.array(["none", *["out", "in"] * rounds])
     number = np.array([1, *np.repeat(np.arange(1, rounds + 1), 2)])

@@ -121,7 +121,7 @@ def test_a_frame_taught_in_the_order_of_a_grid_is_that_of_the_grid_in_any_order(
 
 
 def test_play_moves_the_tool_by_half_its_width_times_its_lever_and_lags() -> None:
-    """By physics: the better posture holds the tool near the axis, and a joint that rises stays behind."""
+    """Cases known from physics: a tool near the faulty axis moves less, and a rising joint lags behind."""
     width = 0.1
     rig, plain = ur10(Backlash(axis=1, width_deg=width)), soft_arm.nominal("ur10")
     q = about(POSTURE, 12)

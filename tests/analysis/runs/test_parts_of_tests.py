@@ -1,4 +1,4 @@
-"""Tests are packages that rig's own distribution offers; a ring that asks for a part imports that part alone."""
+"""Registration of tests as packages: each layer imports only the part that it uses."""
 
 from __future__ import annotations
 

@@ -203,7 +203,7 @@ def row_of(name: str, ranked: Ranked) -> str:
 
 
 def main() -> None:
-    """Print, and write where that is asked for, a line for each series."""
+    """Print a line for each series, and write the lines to a file if one is given."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path, help="directory with ipa-ur10 and mukca")
     parser.add_argument("--only", help="series whose name begins so (all)")

@@ -1,4 +1,4 @@
-"""`rig postures` as a person calls it: tables, files, what it says first, and errors in one line."""
+"""The command `rig postures`: tables, files, the order of its output, and errors in one line."""
 
 from __future__ import annotations
 

@@ -199,7 +199,7 @@ def test_a_small_name_with_a_rival_labels_no_others() -> None:
 def test_one_fold_decides_only_where_the_complete_model_predicts_worse_than_the_names_explain(
     predicted_um: float | None, names_do_better: bool
 ) -> None:
-    """Two wrong scales left a WAM without its curves: of 4676 µm a correction took away nothing."""
+    """Without this rule, two wrong joint scales suppressed the curves of a WAM, and its 4676 µm were not reduced."""
     train = replace(diagnosis().train, after_um=3100.0, calibrated_um=1900.0)
     fold = replace(train, after_um=2600.0, calibrated_um=3000.0)
     assert Gaps(train, fold, None, predicted_um).names_do_better == names_do_better
