@@ -252,7 +252,7 @@ def position_u_mm(uncertainty: PoseUncertainty, q: Array) -> Array:
 
 
 def few_taught(count: int) -> Integers:
-    """Return the indices of the postures that teach a frame, drawn from `count` of them: at even steps, postures of a
+    """Return the indices (k,) of the postures that teach a frame, drawn from `count` of them: at even steps, those of a
     grid could all have one orientation."""
     return np.random.default_rng(0).permutation(count)[:_TAUGHT]
 

@@ -189,7 +189,7 @@ def test_outputs_and_registers_are_the_signal(tmp_path: Path) -> None:
         ("yaw_far", "out of reach"),
         ("yaw_limit", "axis 1 is sent to 572.96°, beyond the limits"),
         ("yaw_list", "a joint move needs six joint angles"),
-        ("yaw_arc", "the program cannot be interpreted"),
+        ("yaw_arc", "pose_via has joint angles"),
         ("yaw_huge", "not a valid position of an arm"),
         ("/nowhere/yaw.script", "No such file or directory"),
     ],
