@@ -256,7 +256,10 @@ _JITTER = 1e-9
 
 
 def covariance_root(covariance: Array) -> Array:
-    """Return a lower triangular root (P, P) of a covariance, whose parameters may be redundant or known exactly."""
+    """Return a lower triangular root (P, P) of a covariance, each row in the unit of its parameter.
+
+    Parameters may be redundant, or known exactly.
+    """
     sd = np.sqrt(np.diag(covariance))
     unit = np.where(sd > 0, sd, 1.0)
     correlation = covariance / unit[:, None] / unit
