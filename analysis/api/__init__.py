@@ -9,7 +9,6 @@ functions.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import cast, get_args
 
@@ -306,7 +305,7 @@ def _diagnosed(
     given: Sequence[Effect] | None,
 ) -> Diagnosis:
     from analysis.diagnosis.diagnose import diagnose as diagnose_with  # noqa: PLC0415
-    from analysis.movement.between import without_moved  # noqa: PLC0415
+    from analysis.movement.between import with_movements, without_moved  # noqa: PLC0415
     from analysis.runs.loading import refuse_copies  # noqa: PLC0415
 
     used, held_out, elsewhere = _runs(runs), _runs(hold_out), _runs(unseen)
@@ -314,7 +313,7 @@ def _diagnosed(
     refuse_copies((run.path, run.run.readings_sha256) for run in (*used, *held_out, *elsewhere))
     sound, movements, doubts = without_moved(model, used)
     diagnosis = diagnose_with(model, sound, held_out, elsewhere, progress or _silent, tolerance_um, given)
-    return replace(diagnosis, movements=tuple(movements), doubts=(*doubts, *diagnosis.doubts))
+    return with_movements(diagnosis, movements, doubts)
 
 
 def _run(run: AnyRun) -> Measured:

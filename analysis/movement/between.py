@@ -10,6 +10,8 @@ import numpy as np
 
 from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.evidence.observation import ObservedRun
+from analysis.diagnosis.judge.act_list import MOVED
+from analysis.diagnosis.judge.result import Diagnosis
 from analysis.movement.changes import MovementStep, find_step
 from analysis.movement.runs import observed
 from analysis.procedures.facts import facts_of
@@ -45,6 +47,15 @@ def without_moved(rig: Rig, runs: Sequence[Measured]) -> tuple[list[Measured], l
                 kept[k] = replace(runs[k], table=_shortened(runs[k].table, mask))
                 dropped |= {k} if not mask.any() else set()
     return [run for k, run in enumerate(kept) if k not in dropped], movements, doubts
+
+
+def with_movements(diagnosis: Diagnosis, movements: Sequence[Movement], doubts: Sequence[str]) -> Diagnosis:
+    """Return a diagnosis of the remaining runs with the movements, messages about dropped rows, and the action that
+    the movements require, which comes first."""
+    acts = diagnosis.acts
+    if movements and not diagnosis.given:
+        acts = (MOVED, *(act for act in acts if act.why != "sound"))
+    return replace(diagnosis, movements=tuple(movements), doubts=(*doubts, *diagnosis.doubts), acts=acts)
 
 
 def _of_group(rig: Rig, runs: Sequence[Measured]) -> tuple[Movement | None, list[Mask]]:

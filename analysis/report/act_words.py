@@ -16,6 +16,7 @@ from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.plan.naming_tests import JOINED
 from analysis.report.answer_words import AnswerWords
 from analysis.report.diagnosis_words import micrometres, percent, size_in_words, sure, with_uncertainty
+from analysis.report.movement_words import act_after
 from analysis.report.texts import Texts, texts_of
 from rigs.effects import Effect, size_field
 from rigs.schema.effect import label_of, name_of
@@ -60,6 +61,8 @@ class ActWords:
             return texts(f"act_none_{act.why}", parts=self.parts(act))
         if act.kind == "measure":
             return self._measure(act)
+        if act.why == "moved":
+            return act_after(self.diagnosis.movements, texts)
         if act.effect is None:
             rig = self.diagnosis.rig
             load = "act_load" if rig.takes_programs else "act_load_targets"
@@ -148,7 +151,7 @@ class ActWords:
         if act.why in ("few_runs", "one_lap"):
             cause = self.noun(act.effect) if act.effect else ""
             return texts("next_repeat" if act.why == "few_runs" else "act_one_lap", cause=cause, count=act.runs)
-        if act.why in ("elsewhere", "revisit", "visits_differ", "not_visible"):
+        if act.why in ("elsewhere", "revisit", "visits_differ", "commanded", "not_visible"):
             return texts(self._of_places("next_plan") if act.why == "not_visible" else f"act_{act.why}")
         if act.why == "follows" and self.diagnosis.unexplained and (followed := self.diagnosis.unexplained.likeliest):
             joint = texts.axis(self.diagnosis.rig.robot, followed.axis) if followed.axis else ""

@@ -47,6 +47,7 @@ _WIDELY = 2.0
 % of healthy arms reach it.
 """
 _MOST_NAMED = 3
+_MOST_MOVEMENTS = 2
 _ALMOST_ALL = 0.95
 """Share of the error from which the text calls a part almost all of it. Chosen."""
 
@@ -140,9 +141,13 @@ class AnswerWords:
         sentence = f"{clauses[:1].upper()}{clauses[1:]}." if clauses else ""
         condition = self._condition()
         parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
-        commanded = self.texts("finding_only_commanded") if diagnosis.only_commanded else ""
-        moved = [movement_sentence(movement, self.texts) for movement in diagnosis.movements]
-        return " ".join(filter(None, (*moved, self.visits, *parts, commanded)))
+        return " ".join(filter(None, (*self.preconditions, self.visits, *parts)))
+
+    @property
+    def preconditions(self) -> list[str]:
+        """Movements and kinds of angles that limit the meaning of every name, as sentences. They come first."""
+        moved = [movement_sentence(movement, self.texts) for movement in self.diagnosis.movements[:_MOST_MOVEMENTS]]
+        return [*moved, *([self.texts("finding_only_commanded")] if self.diagnosis.only_commanded else [])]
 
     @property
     def visits(self) -> str:
@@ -260,9 +265,16 @@ class AnswerWords:
             which = repeated if diagnosis.repeated and len(diagnosis.runs) > 1 else "model_sufficient"
         if diagnosis.unexplained and (scatter_um := diagnosis.unexplained.scatter_um):
             which, values = "scatter", {"um": _length(scatter_um)}
+        if which == "undecided" and diagnosis.runs_to_decide is None:
+            which = self._undecided()
         if which == "outside_library" and diagnosis.remainder.at_new_places:
             which = "outside_library_there"
         return self.texts(f"finding_{which}", **values)
+
+    def _undecided(self) -> str:
+        """Return the reason why no part can be confirmed although the runs are enough."""
+        doubts = {named.doubt for named in self.diagnosis.effects}
+        return next((f"undecided_{doubt}" for doubt in ("commanded", "unexplained") if doubt in doubts), "undecided")
 
     @property
     def follows(self) -> str:

@@ -109,23 +109,14 @@ def _listed(words: Sequence[str]) -> str:
     return " or ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
 
 
-_DO = {
-    "nothing": "The robot needs no action.",
-    "base": "Fasten the base and the work. Then reteach the frame of the work, or shift the frame by these values.",
-    "base_tracker": "Fasten the base and the instrument. If the instrument did not move, reteach the work frame.",
-    "instrument": "Fasten the instrument and remeasure the frame of the instrument. The robot needs no change.",
-    "target": "Fasten the target or ball and remeasure the place. The robot needs no change.",
-    "tool": "Fasten the tool and reteach its centre point, or shift it by these values in the axes of the flange.",
-    "other": "Check the fastening of base, sockets and tool and the seat of the ball, then repeat the readings.",
-}
-
-
 def what_to_do(moved: MovementResult) -> str:
     """Return the recommended action."""
     named = moved.named
     if named is not None:
         causes = [member.cause for member in named.together] or [named.cause]
-        return " ".join(dict.fromkeys(_act(cause, of_tracker=moved.of_tracker) for cause in causes))
+        english = texts_of("en")
+        acts = [_act(cause, short_name(cause), english, of_tracker=moved.of_tracker) for cause in causes]
+        return " ".join(dict.fromkeys(acts))
     if moved.next_posture is not None:
         return next_words(moved.next_posture)
     if moved.hidden:
@@ -135,12 +126,15 @@ def what_to_do(moved: MovementResult) -> str:
     return "Take more readings in other postures."
 
 
-def _act(cause: Cause, *, of_tracker: bool) -> str:
-    if cause.what == "zero":
-        return f"Re-master axis {cause.axis}, then repeat these readings."
-    if cause.what == "socket":
-        return f"Fasten socket {short_name(cause)} and touch it again; points taught from it move with it."
-    return _DO["base_tracker" if cause.what == "base" and of_tracker else cause.what]
+def act_after(movements: Sequence[Movement], texts: Texts) -> str:
+    """Return the recommended action after movements found among the runs of a diagnosis."""
+    acts = [_act(movement, movement.name, texts, of_tracker=movement.of_tracker) for movement in movements]
+    return " ".join(dict.fromkeys(acts))
+
+
+def _act(moved: Cause | Movement, name: str, texts: Texts, *, of_tracker: bool) -> str:
+    which = {"base": "base_tracker" if of_tracker else "base", "nothing": "none"}.get(moved.what, moved.what)
+    return texts(f"moved_act_{which}", axis=moved.axis or "", name=name)
 
 
 def next_words(posture: ReferencePosture) -> str:

@@ -7,12 +7,11 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from analysis.correction.deviation import Deviation
-from analysis.diagnosis.judge.acts import Act
+from analysis.diagnosis.judge.acts import Act, Doubt
 from analysis.diagnosis.judge.result import CERTAIN_ODDS, BudgetPart, Diagnosis, Named
 from analysis.report.act_words import ActWords, command, without_idle_mounts
 from analysis.report.answer_words import AnswerWords, has_model, is_complete, large_parts, part_of
 from analysis.report.diagnosis_words import size, sure
-from analysis.report.movement_words import movement_sentence
 from analysis.report.summary import BarSegment, ErrorChange, Summary, driven_error, error_size
 from analysis.report.texts import Texts, texts_of
 
@@ -21,7 +20,9 @@ _MOST_CAUSES = 3
 _LEAST_SHARE = 0.01
 """Share of the error from which a part is a main cause. Chosen: the narrowest segment that can be seen."""
 _TENTH_PERCENT = 0.001
-_MOST_MOVEMENTS = 2
+_IMITATED: tuple[Doubt, ...] = ("unexplained", "commanded")
+"""Doubts about an effect that a different cause may imitate."""
+_HARMLESS = ("uncalibrated", "nothing_unusual")
 _UNDECIDED = ("out_of_range", "outside_library", "undecided", "not_testable_here")
 """Conditions that limit the evidence for every cause and action."""
 
@@ -41,8 +42,8 @@ def summarise(
     act = open_acts[0] if open_acts else None
     headline = words.headline
     return Summary(
-        badge=words.texts(f"badge_{diagnosis.condition}"),
-        headline=f"{headline[:1].upper()}{headline[1:]}",
+        badge=words.badge,
+        headline=" ".join([*words.answer.preconditions, f"{headline[:1].upper()}{headline[1:]}"]),
         unknowns=tuple(words.unknowns(act)),
         error=driven_error(*driven, words.texts) if driven else words.error,
         causes=tuple(words.causes),
@@ -69,9 +70,19 @@ class _SummaryWords:
         return AnswerWords(self.diagnosis, self.texts, self.judged_elsewhere)
 
     @property
+    def badge(self) -> str:
+        """The condition of the arm in a word or two, after a movement if there is one."""
+        moved = bool(self.diagnosis.movements)
+        keys = ["moved"] * moved + [self.diagnosis.condition] * (not moved or self.diagnosis.condition not in _HARMLESS)
+        return ", ".join(self.texts(f"badge_{key}") for key in keys)
+
+    @property
     def headline(self) -> str:
         """Cause, size and certainty of the largest cause; the condition if no cause is certain."""
-        if self.diagnosis.condition not in ("out_of_range", "outside_library") and (leading := self._leading()):
+        names_open = any(named.doubt == "commanded" for named in self.diagnosis.effects)
+        if self.diagnosis.condition in ("out_of_range", "outside_library") or names_open:
+            return self.answer.condition_sentence
+        if leading := self._leading():
             first, others = leading[0], len(leading) - 1
             ending = f", {self.texts('and_more', count=others)}" if others else ""
             return f"{first}{ending}."
@@ -104,12 +115,10 @@ class _SummaryWords:
     def unknowns(self, act: Act | None) -> list[str]:
         """Return the limits of the evidence, as sentences that are not in the headline."""
         diagnosis, texts = self.diagnosis, self.texts
-        sentences = [movement_sentence(movement, texts) for movement in diagnosis.movements[:_MOST_MOVEMENTS]]
-        sentences.append(self.answer.visits)
+        sentences = [self.answer.visits]
         if diagnosis.condition in _UNDECIDED and (sentence := self.answer.condition_sentence) != self.headline:
             sentences.append(sentence)
         sentences.append(self.answer.follows)
-        sentences.append(texts("finding_only_commanded") if diagnosis.only_commanded else "")
         if act and (against := ActWords(diagnosis, texts).against(self._beyond_basis(act))):
             sentences.append(texts("uncertain", against=against))
         return list(filter(None, sentences))
@@ -160,7 +169,7 @@ class _SummaryWords:
     def _cause_name(self, part: BudgetPart) -> str:
         """Return the name of a part, marked if the part is an effect that an unknown cause may imitate."""
         name = self.answer.short_name(part)
-        imitated = part.index is not None and self.diagnosis.effects[part.index].doubt == "unexplained"
+        imitated = part.index is not None and self.diagnosis.effects[part.index].doubt in _IMITATED
         return f"{name} ({self.texts('not_confirmed')})" if imitated else name
 
 

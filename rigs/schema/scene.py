@@ -25,6 +25,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Stage = Literal["time", "arm", "joint", "tool", "setup", "gauge"]
 STAGES: tuple[Stage, ...] = ("time", "arm", "joint", "tool", "setup", "gauge")
+OUTSIDE_ARM: tuple[Stage, ...] = ("time", "setup", "gauge")
+"""Stages of the instruments. Effects of these stages are no errors of the arm."""
 
 
 class Scene(Protocol):

@@ -30,6 +30,7 @@ from analysis.procedures.facts import facts_of
 from rigs.calibration import verdict_of
 from rigs.effects import Effect
 from rigs.schema.effect import label_of, name_of, size_field
+from rigs.schema.scene import OUTSIDE_ARM
 
 LEAST_SHARE = 0.1
 """Share of the error above which every part has an action, or a reason for the absence of an action."""
@@ -66,6 +67,8 @@ class JudgedPlace:
 
 
 EARLY_COMMANDED = Act("convert", "early", command=("import", "TABLE", "--test", "pose", "--joints", "commanded"))
+MOVED = Act("mount", "moved")
+"""First action after a movement between or within the runs."""
 EARLY = Act("wait", "early")
 """First action if joints were read before standstill: use the commanded angles of the file if present, or repeat the
 measurement."""
@@ -280,7 +283,7 @@ def _measurements(
     diagnosis: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]]
 ) -> list[Act]:
     """Return the measurements to make: to separate rivals, identify a group, decide, or validate elsewhere."""
-    acts = []
+    acts = [Act("measure", "commanded")] if any(named.doubt == "commanded" for named in diagnosis.effects) else []
     scatter = tuple(k for k, part in enumerate(diagnosis.budget) if part.kind == "scatter")
     if _may_repeat(diagnosis, scatter):
         acts.append(Act("measure", "revisit", parts=scatter))
@@ -338,8 +341,8 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
     This is the case if correction is not allowed, if the runs are too few, or if rivals of the largest part leave the
     repair open.
     """
-    if measurement.why in ("revisit", "visits_differ"):
-        return measurement.why == "visits_differ" or measurement.parts[:1] == (0,)  # scatter is the largest part
+    if measurement.why in ("commanded", "visits_differ", "revisit"):
+        return measurement.why != "revisit" or measurement.parts[:1] == (0,)  # scatter is the largest part
     if measurement.why in ("unexplained", "follows"):
         return not any(act.kind == "load" for act in acts)
     if measurement.why == "one_lap":
@@ -360,5 +363,5 @@ def _reason(diagnosis: Diagnosis, part: BudgetPart) -> Reason:
     if part.kind in ("gauges", "clocks"):
         return "gauges"
     if part.index is not None and diagnosis.effects[part.index].effect.compensation().use == "none":
-        return "gauges" if diagnosis.effects[part.index].effect.STAGE in ("gauge", "setup", "time") else "history"
+        return "gauges" if diagnosis.effects[part.index].effect.STAGE in OUTSIDE_ARM else "history"
     return "history" if part.kind in ("reversal", "warming") else "too_small"

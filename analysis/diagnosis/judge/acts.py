@@ -23,13 +23,13 @@ JudgedOn = Literal["unseen", "held_out", "used"]
 """Basis of a figure: a different place, held-out runs, or the runs used."""
 Doubt = Literal[
     "usual", "one_lap", "healthy_shows_it", "rival", "held_out", "unsure", "contradicted", "series", "no_better",
-    "unexplained",
+    "unexplained", "commanded",
 ]  # fmt: skip
 """Reason for not confirming an effect: no larger than elsewhere in this arm or in healthy arms; slow, and a single
 lap in each direction shows no time dependence; a healthy arm may show it by chance; a rival is likelier; it makes
 held-out runs worse; the contribution is uncertain by more than half; set-ups show different shares; it is part of
-a series of more waves than a joint has; the model explains the runs no better with it; or it may imitate an
-unexplained error of similar size.
+a series of more waves than a joint has; the model explains the runs no better with it; it may imitate an
+unexplained error of similar size; or only commanded angles are known, and the arm may not have reached them.
 """
 Objection = Literal["rivals", "doubt", "not_judged_elsewhere", "few_runs", "unexplained", "no_place"]
 """Objection to an action: a different cause is possible (`names`); the effect is doubted (`doubt`); no run of a
@@ -39,14 +39,14 @@ rig file has no further test.
 Reason = Literal[
     "fault", "sure_and_large", "not_enough", "correction", "rivals", "group", "few_runs", "one_lap", "unexplained",
     "not_visible", "elsewhere", "scatter", "too_small", "history", "gauges", "sound", "early", "out_of_range",
-    "follows", "revisit", "visits_differ",
+    "follows", "revisit", "visits_differ", "moved", "commanded",
 ]  # fmt: skip
 """Reason for an action in the list: a fault; a usual error that is large and cannot be removed otherwise; such an
 error, if the interim correction is insufficient; the interim correction; rivals to separate; a group to identify; too
 few runs; a single lap in each direction, which shows no slow change; an unknown cause; an effect not visible in the
 tests; unknown accuracy elsewhere; joints read too early; a parameter out of range; a test of the dependence of the
 unexplained part; single visits, which do not separate scatter from error; visits of a target that differ by more than
-the usual repeatability.
+the usual repeatability; a movement between or within the runs; angles that are only commanded.
 
 Reason for no action: the error differs from run to run; the gain of a correction is too small; a target cannot contain
 an error that depends on the approach; the error belongs to the gauges; the arm is sound.

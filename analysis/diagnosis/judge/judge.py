@@ -41,6 +41,7 @@ from analysis.diagnosis.judge.verdict import (
     runs_to_decide,
     standing_of,
     standing_within,
+    within_commanded,
     within_unexplained,
     without_useless,
 )
@@ -85,6 +86,8 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Verdict
     accuracy = accuracy_of(gaps, *standing)
     remainder, is_material = remainder_of(result, named, result.scatter_limits_um, gaps)
     named = within_unexplained(named, remainder.um if is_material else 0.0, gaps.train.noise_floor_um)
+    if any(run.has_only_commanded_angles for run in evidence.uses.used):
+        named = within_commanded(named)
     named = sorted(named, key=lambda name: (not name.stands, -name.worth_um))
     condition = condition_of(result, named, remainder, validation.whole, is_material=is_material, early=bool(early))
     budget: tuple[BudgetPart, ...] = ()

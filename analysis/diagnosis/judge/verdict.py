@@ -47,6 +47,7 @@ from rigs.errors import RigError
 from rigs.rig import Rig
 from rigs.schema.effect import is_wave, label_of, name_of, size_field, size_of
 from rigs.schema.limits import Limit, Limits, Standing
+from rigs.schema.scene import OUTSIDE_ARM
 from rigs.schema.vocabulary import TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -486,7 +487,7 @@ def _is_testable(result: SearchResult, *, early: bool) -> bool:
 
 def is_undecided(named: Sequence[Named]) -> bool:
     """Return whether more runs may find a fault: an effect of the size of a fault is not certain yet."""
-    return needs_runs(named) or any(name.doubt == "unexplained" or fault_rivals(name) for name in named)
+    return needs_runs(named) or any(name.doubt in ("unexplained", "commanded") or fault_rivals(name) for name in named)
 
 
 def needs_runs(named: Sequence[Named]) -> bool:
@@ -506,6 +507,17 @@ def within_unexplained(named: Sequence[Named], unexplained_um: float, noise_um: 
         replace(_with_odds_to_the(weight, name), doubt="unexplained")
         if name.stands and name.worth_um < (_MUCH_MORE if name.directions < 2 else _MORE) * unexplained_um
         else name
+        for name in named
+    ]
+
+
+def within_commanded(named: Sequence[Named]) -> list[Named]:
+    """Return the names, with faults of the arm no longer confirmed.
+
+    Only commanded angles are known, and an angle that the arm did not reach has the same effect as such a fault.
+    """
+    return [
+        replace(name, doubt="commanded") if name.stands and name.effect.STAGE not in OUTSIDE_ARM else name
         for name in named
     ]
 

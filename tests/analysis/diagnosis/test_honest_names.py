@@ -16,7 +16,7 @@ from analysis.diagnosis.fit.free_forms import discrepancy_evidence, discrepancy_
 from analysis.diagnosis.fit.search import SearchResult, search
 from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.judge.result import Gap, Named
-from analysis.diagnosis.judge.verdict import within_unexplained, without_useless
+from analysis.diagnosis.judge.verdict import within_commanded, within_unexplained, without_useless
 from analysis.procedures.simulate import simulate
 from rigs.effects import Backlash, BallForm, Effect, TransmissionError
 from rigs.load import load
@@ -80,6 +80,12 @@ def test_a_name_stands_that_does_more_than_the_unexplained_error(
     assert name.stands == stands and (name.doubt is None or name.doubt == "unexplained")
     assert within_unexplained([_named(worth_um, 100.0, directions)], 0.0, noise_um=2.0)[0].stands, "all is explained"
     assert name.posterior == pytest.approx(0.9999 if stands else 0.588, abs=1e-3)  # 9999 to the 1/26th is 1.425
+
+
+def test_commanded_angles_confirm_no_fault_of_the_arm() -> None:
+    play = replace(_named(30.0, 100.0), effect=Backlash(axis=1, width_deg=0.05))
+    ball, of_arm = within_commanded([_named(30.0, 100.0), play])
+    assert ball.stands and of_arm.doubt == "commanded"
 
 
 def _wandering(axis: int) -> Array:

@@ -16,6 +16,7 @@ from analysis.apps.window.frames import shown_summary
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis
+from analysis.movement.between import with_movements
 from analysis.report.diagnosis_screen import as_screen
 from analysis.report.summary import Summary, error_size
 from analysis.report.summary_screen import StackedBar, on_screen
@@ -116,6 +117,22 @@ def test_what_is_unknown_comes_before_the_next_step(changes: dict[str, object], 
     assert expected in first and first.count(expected) == 1
     text = " ".join(shown(found).split())
     assert text.index(expected) < text.index("Do next") < text.index("Details")
+
+
+def test_a_movement_comes_first_in_badge_headline_and_next_step() -> None:
+    sound = diagnosis("nothing_unusual", acts=())
+    moved = summarise(with_movements(sound, [MOVED], []))
+    assert moved.badge == "MOVED" and moved.headline.startswith("The base moved by 0.40 ± 0.01 mm")
+    assert moved.next.startswith("Fasten the base")
+    assert summarise(with_movements(diagnosis("named"), [MOVED], [])).badge == "MOVED, FAULT FOUND"
+    assert with_movements(sound, [], []) == sound
+
+
+def test_with_commanded_angles_alone_a_large_cause_is_not_confirmed() -> None:
+    found = diagnosis("undecided", only_commanded=True, effects=(replace(PLAY, doubt="commanded"),))
+    summary = summarise(found)
+    assert "certain" not in summary.headline and summary.headline.startswith("Only commanded angles are known")
+    assert summary.causes[0].name.endswith("(not confirmed)")
 
 
 @pytest.mark.parametrize("width", [20, 30, 40, 80, 200])

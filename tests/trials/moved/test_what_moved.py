@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis import load_run
+from analysis.api import diagnose
 from analysis.cli import app
 from analysis.movement.between import without_moved
 from analysis.movement.changes import find_step
@@ -19,6 +20,7 @@ from analysis.movement.inference import compare
 from analysis.movement.next_touch import candidates_of, hidden_causes, next_posture
 from analysis.movement.result import moved_of, what_moved
 from analysis.report.movement_words import headline, movement_sentence, what_to_do
+from analysis.report.summary_words import summarise
 from analysis.report.texts import texts_of
 from rigs.errors import FileError
 from tests.trials.moved.__main__ import Case, label, observed
@@ -149,6 +151,14 @@ def _write_runs(to: Path, drawn: Case, tables: dict[str, tuple[list[str], np.nda
         (to / f"{name}.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
         words = ["import", str(to / f"{name}.csv"), "--rig", str(to / "cell.yaml"), "--test", "touch"]
         assert CliRunner().invoke(app, [*words, "-o", str(to / name)]).exit_code == 0
+
+
+def test_a_diagnosis_of_both_runs_begins_with_the_movement(tmp_path: Path) -> None:
+    drawn = case("base")
+    _write_runs(tmp_path, drawn, {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(8)})
+    summary = summarise(diagnose([tmp_path / "before", tmp_path / "after"]))
+    assert summary.badge.startswith("MOVED") and summary.headline.startswith("The base moved by")
+    assert summary.next.startswith("Fasten the base")
 
 
 def test_the_command_says_what_moved(tmp_path: Path) -> None:
