@@ -206,8 +206,7 @@ def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Ar
     unchanged if the poses are too few."""
     near = ~far
     for _ in range(STEPS):
-        those = np.flatnonzero(near)
-        those = those[np.unique(np.linspace(0, len(those) - 1, min(FITTED, len(those))).astype(int))]
+        those = _sample(np.flatnonzero(near), seen.xyz_mm)
         fitted = fit_arm(bare, seen.q[those], seen.xyz_mm[those])
         if fitted.spare < SPARE:
             break
@@ -217,6 +216,12 @@ def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Ar
         if (near == before).all():
             break
     return mm, far
+
+
+def _sample(rows: Integers, xyz_mm: Array) -> Integers:
+    """Return at most FITTED of the rows (m,), at places xyz_mm (n, 3); the same ones for any order of the rows."""
+    by_place = rows[np.lexsort(xyz_mm[rows].T)]
+    return by_place[np.unique(np.linspace(0, len(rows) - 1, min(FITTED, len(rows))).astype(int))]
 
 
 def without_lost(table: PoseTable, bare: Arm, fit: Fit) -> RemainingPoses:

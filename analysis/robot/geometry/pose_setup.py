@@ -227,11 +227,13 @@ def _fitted(changed: Callable[[Array], Arm], count: int, misfit: Callable[[Arm],
     residual, J = misfit(changed(change)), np.empty((0, count))
     for _ in range(_ROUNDS):
         J = np.stack([(misfit(changed(change + step)) - residual) / _STEP for step in _STEP * np.eye(count)], axis=1)
-        normal, gradient = J.T @ J, J.T @ residual
         before, gained = float(residual @ residual), 0.0
+        u, sizes, vt = np.linalg.svd(J, full_matrices=False)
+        determined = sizes > DETERMINED * sizes[0]
         while damping <= _MOST_DAMPING_OF_ARM and gained <= 0:
-            damped = normal + damping * float(np.trace(normal)) / count * np.eye(count)
-            tried = change - np.linalg.solve(damped, gradient)
+            # Undetermined directions would amplify rounding, which depends on the order of the rows.
+            gains = determined * sizes / (sizes**2 + damping * float(np.sum(sizes**2)) / count)
+            tried = change - vt.T @ (gains * (u.T @ residual))
             new = misfit(changed(tried))
             gained = before - float(new @ new)
             damping *= 10 if gained <= 0 else 0.1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -70,6 +72,18 @@ def test_wild_rows_are_named_when_they_are_imported_and_left_out_of_every_fit(sp
 def test_sound_poses_are_none_of_them_wild(seed: int, count: int) -> None:
     run, _ = _run(seed, "none", count)
     assert not far_poses(run.table, without_setup(arm_of(RIG.robot))).far.any()  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("count", [112, 400])  # more than are fitted at once
+def test_the_distance_from_the_fitted_arm_does_not_depend_on_the_order_of_the_rows(count: int) -> None:
+    run, _ = _run(0, "2 mm", count)
+    table, bare = run.table, without_setup(arm_of(RIG.robot))
+    assert isinstance(table, PoseTable)
+    order = np.random.default_rng(1).permutation(count)
+    shuffled = replace(table, q=table.q[order], xyz_mm=table.xyz_mm[order])
+    found, again = far_poses(table, bare), far_poses(shuffled, bare)
+    assert found.far.any() and (found.far[order] == again.far).all()
+    assert again.far_mm == pytest.approx(found.far_mm[order], rel=1e-6, abs=1e-9)
 
 
 @pytest.mark.parametrize("spoil", ["2 mm", pytest.param("4", marks=pytest.mark.nightly)])
