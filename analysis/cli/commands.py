@@ -110,7 +110,7 @@ _APPS = {
     **dict.fromkeys(("circle", "doctor", "init"), "commission"),
     **dict.fromkeys(("compare", "fleet", "history"), "plant"),
     **dict.fromkeys(("correct", "plan", "postures", "program"), "makers"),
-    **{name: name for name in ("emulate", "live", "paper", "parts", "session", "window")},
+    **{name: name for name in ("emulate", "live", "pair", "paper", "parts", "session", "window")},
 }
 """App that contains a module of commands, as cli_FILE; all other modules are in this package."""
 

@@ -24,18 +24,17 @@ from rigs.schema.vocabulary import TestName
 _GIVE_TEST = "choose with --test"
 
 
-def read_any_table(
-    source: Path, *, rig_file: str | Path, test: TestName | None = None, socket: str = "", **label: Any
-) -> Measured:
+def read_any_table(source: Path, *, rig_file: str | Path, test: TestName | None, **label: Any) -> Measured:
     """Return the run of any table, not written to disk.
 
-    test: inferred from the columns if None. socket: socket of all rows of touches. label: direction, operator,
-    placement and joints, see `read_table`. Raises FileError, also if only an operator could interpret the columns.
+    test: inferred from the columns if None. label: direction, operator, placement and joints, see `read_table`.
+
+    Raises FileError, also if only an operator could interpret the columns.
     """
     rig = load(rig_file)[0]
     kind = test_of(source, rig) if test is None else test
-    if needs_touch_map(source, kind, socket):
-        table_map = propose_touch_map(source, rig, kind, socket)
+    if needs_touch_map(source, kind, ""):
+        table_map = propose_touch_map(source, rig, kind, "")
         return read_mapped([source], table_map, rig_file=rig_file, test=kind, **label)
     if kind != MAPPED or is_plain(source, kind):
         return read_table(source, rig_file=rig_file, test=kind, **label)

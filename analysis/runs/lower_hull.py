@@ -3,11 +3,6 @@
 The envelope is straight over a short span. Over a long span a clock's rate follows the temperature, and the envelope is
 a continuous polyline with a knot per window. In both cases it is the line below all points with the smallest mean
 distance (for the straight line: Olson, A Passive Solution to the Sensor Synchronization Problem, IROS 2010).
-
-The polyline is the solution of a linear program on a chain: each corner involves only the two adjacent knots. The
-normal equations are therefore tridiagonal, and the cost of a step is linear in the number of knots and corners. The
-solver is a predictor-corrector method (Mehrotra, On the implementation of a primal-dual interior point method, 1992).
-It takes less time than the import of `scipy.optimize`.
 """
 
 from __future__ import annotations
@@ -16,80 +11,30 @@ import numpy as np
 
 from analysis.robot.kinematics.arm import Array, Integers
 
-_ENOUGH = 1e-10
-"""Tolerance of the mean height, relative to the range of the corners."""
-_ROUNDS = 80
-"""Largest number of iterations; about 15 are usual."""
-_SHORT = 0.995
-"""Step length relative to the first bound that limits it."""
+_TOLERANCE = 1e-10
+"""Largest height of the polyline above a corner, relative to the range of the corners; the smallest of the solver."""
 
 
 def highest_under(pull: Array, right: Integers, share: Array, corners: Array) -> Array | None:
-    """Return the heights (k,) below all corners that maximise pull @ heights, or None if the method does not converge.
+    """Return the heights (k,) below all corners that maximise pull @ heights, or None if there is no solution.
 
     pull (k,): at least 0. right, share, corners (m,): a corner lies between knots right - 1 and right, at the relative
     position share, and has the ordinate corners, in the unit of the heights.
     """
-    size, knots = float(np.abs(corners).max()) or 1.0, len(pull)
-    bound, pull = corners / size, pull / pull.sum()
+    from scipy.optimize import linprog  # noqa: PLC0415 - slow to import, needed for long runs only
+    from scipy.sparse import csr_array  # noqa: PLC0415 - as above
 
-    def at_corners(heights: Array) -> Array:
-        return np.asarray((1 - share) * heights[right - 1] + share * heights[right])
-
-    def at_knots(weights: Array) -> Array:
-        return _summed(right - 1, (1 - share) * weights, knots) + _summed(right, share * weights, knots)
-
-    heights, price = np.full(knots, bound.min() - 1.0), np.full(len(bound), 1.0 / len(bound))
-    space = bound - at_corners(heights)
-    for _ in range(_ROUNDS):
-        unpaid, gap = pull - at_knots(price), float(space @ price)
-        if gap < _ENOUGH and np.abs(unpaid).max() < _ENOUGH:
-            return heights * size
-        stiff = price / space
-        diagonal = _summed(right - 1, (1 - share) ** 2 * stiff, knots) + _summed(right, share**2 * stiff, knots)
-        off_diagonal = _summed(right, share * (1 - share) * stiff, knots)[1:]
-        aim, target = -space * price, np.zeros(len(bound))
-        for _ in range(2):  # a predictor step to the bounds, then a corrector step towards the central path
-            rise = _solved(diagonal, off_diagonal, unpaid - at_knots(aim / space))
-            taken = -at_corners(rise)
-            paid = (aim - price * taken) / space
-            ahead, dearer = _largest_share(space, taken), _largest_share(price, paid)
-            gap_after = float((space + ahead * taken) @ (price + dearer * paid))
-            target = (gap_after / gap) ** 3 * gap / len(bound) - taken * paid
-            aim, last = -space * price + target, (rise, ahead, paid, dearer)
-        rise, ahead, paid, dearer = last
-        heights, price = heights + ahead * rise, price + dearer * paid
-        space = bound - at_corners(heights)
-        if not (space > 0).all():
-            return None
-    return None
-
-
-def _summed(knot: Integers, weights: Array, knots: int) -> Array:
-    """Sum weights (m,) per knot: (k,)."""
-    return np.bincount(knot, weights, knots).astype(np.float64)
-
-
-def _largest_share(values: Array, change: Array) -> float:
-    """Return the largest fraction of a change, at most 1, for which positive values (m,) remain positive."""
-    falls = change < 0
-    return min(1.0, _SHORT * float((-values[falls] / change[falls]).min(initial=np.inf)))
-
-
-def _solved(diagonal: Array, off_diagonal: Array, target: Array) -> Array:
-    """Solve symmetric tridiagonal equations by elimination: diagonal (k,), off-diagonal (k - 1,), solution (k,).
-
-    The value of an unconstrained knot is not changed.
-    """
-    pivots, values, sides = np.where(diagonal > 0, diagonal, 1.0).tolist(), target.tolist(), off_diagonal.tolist()
-    for k, side in enumerate(sides):
-        share = side / pivots[k]
-        pivots[k + 1] = max(pivots[k + 1] - share * side, 1e-14 * pivots[k + 1])
-        values[k + 1] -= share * values[k]
-    values[-1] /= pivots[-1]
-    for k in range(len(sides) - 1, -1, -1):
-        values[k] = (values[k] - sides[k] * values[k + 1]) / pivots[k]
-    return np.array(values)
+    size, rows = float(np.abs(corners).max()) or 1.0, np.arange(len(corners))
+    places = np.concatenate([rows, rows]), np.concatenate([right - 1, right])
+    at_corners = csr_array((np.concatenate([1 - share, share]), places), shape=(len(corners), len(pull)))
+    best = linprog(  # type: ignore[call-overload]  # the stubs know dense matrices only
+        -pull / pull.sum(),
+        at_corners,
+        corners / size,
+        bounds=(None, None),
+        options={"primal_feasibility_tolerance": _TOLERANCE},
+    )
+    return np.asarray(best.x, dtype=float) * size if best.success else None
 
 
 TICK_S = 1e-9

@@ -317,5 +317,3 @@ def _is_content(name: str, values: object) -> bool:
 
 GaugeTable = CircleTable | TargetTable
 """Tables of gauge readings with times."""
-Evidence = GaugeTable | PlaceTable
-"""Tables with joint angles, usable for a diagnosis of the arm."""

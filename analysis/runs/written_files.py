@@ -42,13 +42,10 @@ _MARKS: dict[str, tuple[bytes, tuple[bytes, ...]]] = {
 """For each suffix: first bytes of a file, and marks near the start or end of a file made by rig."""
 
 
-def refuse_existing(path: Path, option: str = "--output") -> None:
-    """Raise FileError before any computation if the path exists, for a file that records or decides something.
-
-    option: command-line option for a different name, shown in the error.
-    """
+def refuse_existing(path: Path) -> None:
+    """Raise FileError before any computation if the path exists, for a file that records or decides something."""
     if os.path.lexists(path):
-        raise FileError(str(path), "exists already", f"choose a different {option}, or remove it first")
+        raise _exists(path)
 
 
 def refuse_foreign(path: Path, option: str = "--output") -> None:
@@ -155,10 +152,7 @@ def write_new(path: Path, write: Writer) -> None:
         ) from None
     except OSError as error:
         raise FileError(str(path.parent), error.strerror or str(error), "choose a different --output") from None
-    try:
-        _refuse_existing(path)
-    except FileExistsError:
-        raise _exists(path) from None
+    refuse_existing(path)
     temporary, opened = path.with_name(f".{secrets.token_hex(8)}.tmp"), False
     try:
         with temporary.open("xb") as file:
@@ -169,7 +163,7 @@ def write_new(path: Path, write: Writer) -> None:
         except FileExistsError:
             raise
         except OSError:  # memory sticks and some network shares do not support links
-            _refuse_existing(path)
+            refuse_existing(path)
             temporary.rename(path)
     except FileExistsError:
         raise _exists(path) from None
@@ -181,11 +175,6 @@ def write_new(path: Path, write: Writer) -> None:
     finally:
         with suppress(OSError):
             surely(lambda: temporary.unlink(missing_ok=True))
-
-
-def _refuse_existing(path: Path) -> None:
-    if os.path.lexists(path):
-        raise FileExistsError(path)
 
 
 def _exists(path: Path) -> FileError:

@@ -9,6 +9,7 @@ from typing import get_args
 
 import numpy as np
 
+from analysis.apps.makers.report import plan_report
 from analysis.correction.support import joint_zeros, link_constants, supports
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.given import given_effects, parse_effects
@@ -21,7 +22,6 @@ from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.fit.search import fit_given
 from analysis.diagnosis.judge.result import Named
 from analysis.procedures.simulate import simulate
-from analysis.report import plan_report
 from analysis.report.diagnosis_words import plain, size
 from analysis.robot.model.predict import model_of
 from analysis.runs.tables import CircleTable

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analysis.pair.arm_terms import PairArm, tool_points
-from analysis.pair.fit_pair import FittedPair, fit_pair, pair_of
-from analysis.pair.pair_table import PairTable
+from analysis.apps.pair.arm_terms import PairArm, tool_points
+from analysis.apps.pair.fit_pair import FittedPair, fit_pair, pair_of
+from analysis.apps.pair.pair_table import PairTable
 from analysis.robot.kinematics.arm import Array
 from rigs.load import parse
 from rigs.rig import Rig

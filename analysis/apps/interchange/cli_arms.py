@@ -72,7 +72,7 @@ def arms(
         for doubt in calibration_of_arm.doubts:
             say(doubt, err=True, mark="note: ")
     if poses:
-        from analysis.intake.controller_constants import controller_constants
+        from analysis.apps.interchange.controller_constants import controller_constants
         from analysis.intake.imports import poses_of_controller
         from rigs.load import parse
 

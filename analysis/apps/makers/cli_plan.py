@@ -127,9 +127,9 @@ def plan(
 
 
 def _plan(rig: Rig, tests: Sequence[TestName], runs: int, level: float, *, as_json: bool) -> None:
+    from analysis.apps.makers.report import plan_report
     from analysis.cli.console import progress_of
     from analysis.diagnosis.plan.detectability import plan as planned
-    from analysis.report import plan_report
 
     with progress_of("simulating the tests"):
         plan_made = planned(rig, tests, runs, level)
@@ -142,9 +142,9 @@ def _plan(rig: Rig, tests: Sequence[TestName], runs: int, level: float, *, as_js
 def _propose(
     rig: Rig, text: str, tests: Sequence[TestName], runs: int, minutes: float, output: Path | None, *, as_json: bool
 ) -> None:
+    from analysis.apps.makers.report import proposal_report
     from analysis.cli.console import progress_of
     from analysis.diagnosis.plan.proposal import propose as proposed
-    from analysis.report import proposal_report
 
     if output:
         proposal_report.refuse_earlier_proposal(rig, output)

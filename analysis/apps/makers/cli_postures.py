@@ -73,11 +73,11 @@ def postures(
 
     A posture is within the joint limits and clear of singularities. Obstacles are not known."""
     from analysis.apps.makers.posture_targets import labels_of, read_targets, target_errors
+    from analysis.apps.postures.posture_report import as_screen
+    from analysis.apps.postures.result import choose_postures
     from analysis.cli.console import progress_of
     from analysis.cli.several import end_with, worst
-    from analysis.postures.result import choose_postures
     from analysis.report.plain_console import PlainConsole
-    from analysis.report.posture_report import as_screen
     from rigs.load import load, named_by
 
     if maker and not output:

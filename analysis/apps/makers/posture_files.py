@@ -12,9 +12,9 @@ from analysis.apps.makers.programs.motion_plan import Comment, JointMove, Motion
 from analysis.apps.makers.programs.planned import targets_at, tracker_plan
 from analysis.apps.makers.target_path import POSES, TargetPath
 from analysis.apps.makers.writing import encoded_programs, programs_of
-from analysis.postures.result import Postures
-from analysis.report.posture_picture import picture
-from analysis.report.posture_report import POSTURE_COLUMNS, all_csv, chosen_csv
+from analysis.apps.postures.posture_picture import picture
+from analysis.apps.postures.posture_report import POSTURE_COLUMNS, all_csv, chosen_csv
+from analysis.apps.postures.result import Postures
 from analysis.report.still_chart import as_png
 from analysis.robot.kinematics.arm import arm_of
 from analysis.runs.written_files import Writer, holding, write_all_new

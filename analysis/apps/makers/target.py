@@ -166,10 +166,10 @@ class ProgramTexts:
     own: int = 1
 
 
-def numbers_in(text: str, begin: int, end: int, most: int = 64) -> tuple[Number, ...] | None:
+def numbers_in(text: str, begin: int, end: int) -> tuple[Number, ...] | None:
     """Return the numbers of a list "n, n, n" in the text from `begin` to `end`; None for any other text."""
     numbers, at = [], begin
-    for part in text[begin:end].split(",", most):
+    for part in text[begin:end].split(","):
         match = _NUMBER.fullmatch(part.strip())
         if not match:
             return None

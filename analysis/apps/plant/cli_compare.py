@@ -77,8 +77,8 @@ def compare(
         _before_and_after(runs, runs_below(against), as_json)
         return
     import analysis
+    from analysis.apps.plant import comparison_report
     from analysis.cli.console import progress_of
-    from analysis.report import comparison_report
     from analysis.report.plain_console import PlainConsole
 
     with progress_of() as progress:
@@ -113,9 +113,9 @@ def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bo
 
 
 def _arms(first: Path, second: Path, as_json: bool) -> None:
+    from analysis.apps.plant.arms_apart import arms_apart
+    from analysis.apps.plant.arms_compared import arms_apart_tables
     from analysis.cli.console import progress_of
-    from analysis.correction.arms_apart import arms_apart
-    from analysis.report.arms_compared import arms_apart_tables
     from analysis.report.plain_console import PlainConsole
     from rigs.load import load
 
@@ -129,9 +129,9 @@ def _arms(first: Path, second: Path, as_json: bool) -> None:
 
 def _which_fits(arms: Sequence[Path], runs: Sequence[Path], as_json: bool) -> None:
     import analysis
+    from analysis.apps.plant.arms_compared import fitting_arm_table
+    from analysis.apps.plant.fitting_arm import fitting_arm
     from analysis.cli.console import progress_of
-    from analysis.diagnosis.evidence.fitting_arm import fitting_arm
-    from analysis.report.arms_compared import fitting_arm_table
     from analysis.report.plain_console import PlainConsole
 
     with progress_of() as progress:

@@ -96,9 +96,9 @@ def as_differences(compared: Sequence[Difference]) -> RenderableType:
     return Group(*found_first, fold_long_words(table), Text(u, style="dim"))
 
 
-def sparkline(values: Array, width: int = _WIDTH) -> str:
+def sparkline(values: Array) -> str:
     """Return a sparkline of values (n,) in any unit, from smallest to largest; flat for equal values."""
-    pieces = np.array_split(values, min(width, len(values)))
+    pieces = np.array_split(values, min(_WIDTH, len(values)))
     heights = np.array([np.median(piece) for piece in pieces])
     low, span = heights.min(), np.ptp(heights)
     if span == 0:

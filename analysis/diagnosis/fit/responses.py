@@ -511,18 +511,11 @@ def limits_um(linear: Linearisation, own_um: Mapping[str, float] = MappingProxyT
     return np.asarray(np.sqrt(least), dtype=float)
 
 
-def scatter_um(linear: Linearisation) -> Array:
-    """Return the rms difference (b,) µm of a run from the mean of many; at targets of a median target, because a few
-    targets scatter many times as much.
-
-    Stamp noise during fast changes of the readings is excluded. Repeated circles show the difference directly, pooled
-    over all directions of a set-up; otherwise it is computed from the noise.
-    """
-    return np.asarray(np.sqrt(_scatter_squares(linear, [block.steady_mm for block in linear.blocks])[0]), dtype=float)
-
-
 def noise_um(linear: Linearisation) -> Array:
-    """Return the same rms difference (b,) µm including the stamp noise of repeated circles."""
+    """Return the rms difference (b,) µm of a run from the mean of many, including the stamp noise of repeated circles.
+
+    At targets it is that of a median target, because a few targets scatter many times as much.
+    """
     return np.asarray(np.sqrt(_scatter_squares(linear, [block.apart_mm for block in linear.blocks])[0]), dtype=float)
 
 

@@ -7,12 +7,11 @@ path.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.robot.geometry.circle import Reversal, peaks
+from analysis.robot.geometry.circle import peaks
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.laps import Laps
 from analysis.runs.noise.readings import noise_beneath
@@ -67,19 +66,6 @@ def turns(laps: Laps) -> list[MeasuredReversal]:
                     turned.append(turn)
         seen += turned
     return sorted(seen, key=lambda turn: (turn.axis, turn.phi))
-
-
-def match_reversals(
-    seen: Sequence[MeasuredReversal], nominal: Sequence[Reversal]
-) -> list[tuple[Reversal, MeasuredReversal | None]]:
-    """Return each nominal reversal with the closest reversal of the same joint and sense within 30°, or None."""
-    pairs = []
-    for reversal in nominal:
-        alike = [turn for turn in seen if (turn.axis, turn.upper) == (reversal.axis, reversal.upper)]
-        nearest = min(alike, key=lambda turn: abs(angle_difference(turn.phi, reversal.phi)), default=None)
-        near = nearest is not None and abs(angle_difference(nearest.phi, reversal.phi)) < np.radians(30)
-        pairs.append((reversal, nearest if near else None))
-    return pairs
 
 
 def angle_difference(phi: float, other_phi: float) -> float:

@@ -13,6 +13,7 @@ from rich.console import Console
 from scipy.optimize import minimize_scalar
 from typer.testing import CliRunner
 
+from analysis.apps.makers.report.plan_report import as_table
 from analysis.cli import app
 from analysis.diagnosis.evidence.observation import observe_run, rms
 from analysis.diagnosis.evidence.setups import fit_run_setups
@@ -30,7 +31,6 @@ from analysis.diagnosis.plan.detectability import (
 )
 from analysis.diagnosis.plan.expected import SEPARABLE, ExpectedPosterior, expected_posterior, planned_blocks
 from analysis.procedures.simulate import simulate
-from analysis.report.plan_report import as_table
 from analysis.robot.model.predict import model_of
 from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError, healthy_size, size_field
 from rigs.errors import FileError, UseError

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from analysis.apps.makers.report.proposal_report import write
 from analysis.cli import app
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.plan import proposal as proposals
@@ -21,7 +22,6 @@ from analysis.diagnosis.plan.proposal import (
     circle_candidates,
     propose,
 )
-from analysis.report.proposal_report import write
 from analysis.robot.geometry.driven_programs import circle_program, feasible_tests
 from analysis.robot.model.predict import SetUp
 from rigs.errors import FileError, RigError, UseError

@@ -34,9 +34,9 @@ def test_a_reading_becomes_mm_and_the_next_is_asked_for(reply: bytes, units: str
         (b"D!1\r\n", FaultKind.DEVICE_ERROR, "not connected; check its plug"),
         (b"D!2\r\n", FaultKind.DEVICE_ERROR, "out of its range; move it"),
         (b"D=+001.0000 in\r\n", FaultKind.DEVICE_ERROR, "reads in inch"),
-        (b"D=12.3456 mm\r\n", FaultKind.GARBLED, "check the line's settings"),  # its sign is lost
-        (b"D=+012.345 mm\r\n", FaultKind.GARBLED, "check the line's settings"),  # a digit is lost
-        (b"D!9\r\n", FaultKind.GARBLED, "check the line's settings"),
+        (b"D=12.3456 mm\r\n", FaultKind.GARBLED, "check the line settings"),  # its sign is lost
+        (b"D=+012.345 mm\r\n", FaultKind.GARBLED, "check the line settings"),  # a digit is lost
+        (b"D!9\r\n", FaultKind.GARBLED, "check the line settings"),
     ],
 )
 def test_what_is_no_reading_is_a_fault_that_says_what_to_do(reply: bytes, kind: FaultKind, words: str) -> None:

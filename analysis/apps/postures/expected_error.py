@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from analysis.apps.postures.typical import typical_displacements, typical_plays
 from analysis.correction.pose_uncertainty import (
     CalibratedUncertainty,
     PoseUncertainty,
@@ -31,7 +32,6 @@ from analysis.correction.work import (
     used_effects,
     work_or_spread,
 )
-from analysis.postures.typical import typical_displacements, typical_plays
 from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of, blocks, forward, forward_and_jacobian
 from analysis.robot.model.predict import driven, model_of, stops
 from rigs.effects import Effect

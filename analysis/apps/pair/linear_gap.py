@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analysis.pair.arm_terms import GROUPS, PairArm, tool_points
-from analysis.pair.pair_table import PairTable
+from analysis.apps.pair.arm_terms import GROUPS, PairArm, tool_points
+from analysis.apps.pair.pair_table import PairTable
 from analysis.robot.geometry.pose_setup import frame
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 from rigs.errors import FileError

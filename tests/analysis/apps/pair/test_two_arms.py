@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from analysis import calibrated_arm
-from analysis.pair.arm_terms import PairArm, arm_terms
-from analysis.pair.fit_pair import FittedPair, fit_pair, pair_of, start
-from analysis.pair.linear_gap import PairState, linearise
-from analysis.pair.pair_table import PairTable, read_pair_table
-from analysis.pair.plan_touches import plan_touches
-from analysis.pair.posterior import expected_posterior
-from analysis.pair.postures import common_postures, is_clear
-from analysis.pair.result import PairResult, result_of, result_of_plan
+from analysis.apps.pair.arm_terms import PairArm, arm_terms
+from analysis.apps.pair.fit_pair import FittedPair, fit_pair, pair_of, start
+from analysis.apps.pair.linear_gap import PairState, linearise
+from analysis.apps.pair.pair_table import PairTable, read_pair_table
+from analysis.apps.pair.plan_touches import plan_touches
+from analysis.apps.pair.posterior import expected_posterior
+from analysis.apps.pair.postures import common_postures, is_clear
+from analysis.apps.pair.result import PairResult, result_of, result_of_plan
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.table_layout import joint_columns, second_joint_columns
 from rigs.errors import FileError

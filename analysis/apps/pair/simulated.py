@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.pair.arm_terms import arm_terms, tool_points
-from analysis.pair.fit_pair import ball_of, pair_of
-from analysis.pair.linear_gap import PairState
-from analysis.pair.pair_table import PairTable
+from analysis.apps.pair.arm_terms import arm_terms, tool_points
+from analysis.apps.pair.fit_pair import ball_of, pair_of
+from analysis.apps.pair.linear_gap import PairState
+from analysis.apps.pair.pair_table import PairTable
 from analysis.robot.kinematics.arm import Array, forward_and_jacobian
 from analysis.robot.model.predict import model_of
 from analysis.runs.noise.cell_noise import SEAT_MM

@@ -13,11 +13,11 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from analysis.postures.candidates import LEAST_CONDITIONING, NO_BRANCH, Candidates, find_candidates
-from analysis.postures.expected_error import PostureErrors, expected_errors
-from analysis.postures.result import choose_postures
-from analysis.postures.sequence import best_sequence
-from analysis.postures.work_map import work_map
+from analysis.apps.postures.candidates import LEAST_CONDITIONING, NO_BRANCH, Candidates, find_candidates
+from analysis.apps.postures.expected_error import PostureErrors, expected_errors
+from analysis.apps.postures.result import choose_postures
+from analysis.apps.postures.sequence import best_sequence
+from analysis.apps.postures.work_map import work_map
 from analysis.robot.kinematics.arm import Array, arm_of, forward
 from rigs.arms import load_arm
 from rigs.calibration import TIMES, CovarianceParameter, Term, packed_factor

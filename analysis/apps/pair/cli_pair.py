@@ -16,7 +16,7 @@ from rigs.errors import FileError, UseError
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
-    from analysis.pair.plan_touches import PlannedTouches
+    from analysis.apps.pair.plan_touches import PlannedTouches
     from rigs.rig import Rig
     from rigs.schema.robot import Pose
 
@@ -94,12 +94,12 @@ def pair(
 
 
 def _fit(first: Rig, second: Rig, texts: tuple[str, str], table: Path, output: Path | None, *, as_json: bool) -> None:
-    from analysis.pair.fit_pair import fit_pair, pair_of
-    from analysis.pair.pair_table import read_pair_table
-    from analysis.pair.result import result_of
+    from analysis.apps.pair.fit_pair import fit_pair, pair_of
+    from analysis.apps.pair.pair_report import as_screen
+    from analysis.apps.pair.pair_report import write as write_pair
+    from analysis.apps.pair.pair_table import read_pair_table
+    from analysis.apps.pair.result import result_of
     from analysis.report.diagnosis_report import refuse_existing_rig
-    from analysis.report.pair_report import as_screen
-    from analysis.report.pair_report import write as write_pair
     from analysis.report.plain_console import PlainConsole
 
     paths = [output / f"{rig.name}.yaml" for rig in (first, second)] if output else []
@@ -133,8 +133,8 @@ def _plan(
     *,
     as_json: bool,
 ) -> None:
-    from analysis.pair.plan_touches import plan_touches
-    from analysis.report.pair_report import as_plan
+    from analysis.apps.pair.pair_report import as_plan
+    from analysis.apps.pair.plan_touches import plan_touches
     from analysis.report.plain_console import PlainConsole
     from analysis.runs.written_files import holding, refuse_existing, write_all_new
 
@@ -165,7 +165,7 @@ def _plan(
 
 def _simulated(first: Rig, second: Rig, planned: PlannedTouches, seed: int) -> str:
     """Return the table of drawn arms, and print where they have their bases."""
-    from analysis.pair.simulated import base_of, simulated_touches
+    from analysis.apps.pair.simulated import base_of, simulated_touches
 
     touches, state = simulated_touches(first, second, planned.table, seed)
     place = ", ".join(f"{value:.3f}" for value in base_of(first, second, state))

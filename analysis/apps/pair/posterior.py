@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
-from analysis.pair.linear_gap import LinearGaps
+from analysis.apps.pair.linear_gap import LinearGaps
 from analysis.robot.kinematics.arm import Array
 
 LEVELS = 6

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.diagnosis.evidence.fitting_arm import fitting_arm
+from analysis.apps.plant.fitting_arm import fitting_arm
 from analysis.runs.loading import Measured
 from rigs.errors import FileError
 from rigs.load import load

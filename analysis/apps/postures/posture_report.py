@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from analysis.postures.result import Postures
+from analysis.apps.postures.result import Postures
 from analysis.report.plain_console import bare_table, right
 from analysis.report.texts import Language, Texts, texts_of
 from analysis.robot.kinematics.arm import RAIL_MM, Array

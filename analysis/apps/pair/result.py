@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from analysis.pair.arm_terms import scale_shares
-from analysis.pair.fit_pair import FittedPair
-from analysis.pair.linear_gap import LinearGaps, Pair, PairState
-from analysis.pair.posterior import PairPosterior
+from analysis.apps.pair.arm_terms import scale_shares
+from analysis.apps.pair.fit_pair import FittedPair
+from analysis.apps.pair.linear_gap import LinearGaps, Pair, PairState
+from analysis.apps.pair.posterior import PairPosterior
 from analysis.robot.kinematics.arm import Array, roll_pitch_yaw
 from rigs.schema.effect import size_field
 from rigs.schema.part import Vector

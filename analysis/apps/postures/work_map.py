@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.postures.candidates import Candidates, find_candidates
-from analysis.postures.expected_error import expected_errors
+from analysis.apps.postures.candidates import Candidates, find_candidates
+from analysis.apps.postures.expected_error import expected_errors
 from analysis.robot.kinematics.arm import Arm, Array, arm_of
 from rigs.rig import Rig
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from analysis.apps.postures.candidates import NO_BRANCH, Candidates, branch_of, find_candidates
+from analysis.apps.postures.expected_error import Knowledge, PostureErrors, expected_errors, knowledge_of
+from analysis.apps.postures.sequence import CHANGE, Sequence, best_sequence, sequence_of
+from analysis.apps.postures.work_map import WorkMap, work_map
 from analysis.correction.pose_uncertainty import pose_uncertainty
 from analysis.correction.support import supports, why_nothing
 from analysis.correction.work import work_or_spread
-from analysis.postures.candidates import NO_BRANCH, Candidates, branch_of, find_candidates
-from analysis.postures.expected_error import Knowledge, PostureErrors, expected_errors, knowledge_of
-from analysis.postures.sequence import CHANGE, Sequence, best_sequence, sequence_of
-from analysis.postures.work_map import WorkMap, work_map
 from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array, Integers, Mask, arm_of
 from analysis.robot.kinematics.newton import conditioning
 from rigs.errors import FileError, RigPlace

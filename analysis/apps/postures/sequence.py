@@ -11,8 +11,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from analysis.postures.candidates import LEAST_CONDITIONING, NO_BRANCH, Candidates
-from analysis.postures.expected_error import PostureErrors
+from analysis.apps.postures.candidates import LEAST_CONDITIONING, NO_BRANCH, Candidates
+from analysis.apps.postures.expected_error import PostureErrors
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 
 CHANGE = 0.5

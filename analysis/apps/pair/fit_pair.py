@@ -9,10 +9,10 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from analysis.pair.arm_terms import PairArm, arm_terms, tool_points
-from analysis.pair.linear_gap import LinearGaps, Pair, PairState, linearise
-from analysis.pair.pair_table import FEWEST, PairTable
-from analysis.pair.posterior import PairPosterior, fitted_levels, posterior
+from analysis.apps.pair.arm_terms import PairArm, arm_terms, tool_points
+from analysis.apps.pair.linear_gap import LinearGaps, Pair, PairState, linearise
+from analysis.apps.pair.pair_table import FEWEST, PairTable
+from analysis.apps.pair.posterior import PairPosterior, fitted_levels, posterior
 from analysis.robot.geometry.pose_setup import frame
 from analysis.robot.kinematics.arm import Array
 from rigs.errors import FileError

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from analysis.pair.fit_pair import ball_of, pair_of
-from analysis.pair.linear_gap import Pair, PairState, linearise
-from analysis.pair.pair_table import PairTable
-from analysis.pair.posterior import expected_posterior, setup_sds
-from analysis.pair.postures import common_postures
-from analysis.pair.result import PairResult, result_of_plan
+from analysis.apps.pair.fit_pair import ball_of, pair_of
+from analysis.apps.pair.linear_gap import Pair, PairState, linearise
+from analysis.apps.pair.pair_table import PairTable
+from analysis.apps.pair.posterior import expected_posterior, setup_sds
+from analysis.apps.pair.postures import common_postures
+from analysis.apps.pair.result import PairResult, result_of_plan
 from analysis.runs.table_layout import SOCKET, joint_columns, second_joint_columns
 from rigs.rig import Rig
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.pair.arm_terms import PairArm
-from analysis.pair.fit_pair import FittedPair
-from analysis.pair.result import PairResult
+from analysis.apps.pair.arm_terms import PairArm
+from analysis.apps.pair.fit_pair import FittedPair
+from analysis.apps.pair.result import PairResult
 from analysis.robot.geometry.pose_setup import frame
 from analysis.robot.kinematics.arm import Array, roll_pitch_yaw
 from rigs.calibration import (

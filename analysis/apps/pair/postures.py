@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.pair.arm_terms import tool_points
+from analysis.apps.pair.arm_terms import tool_points
 from analysis.robot.kinematics.arm import Arm, Array, Mask, forward_and_jacobian, link_frames
 from rigs.errors import FileError
 

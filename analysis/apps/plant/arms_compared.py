@@ -7,8 +7,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.correction.arms_apart import ArmsApart
-from analysis.diagnosis.evidence.fitting_arm import FittingArm
+from analysis.apps.plant.arms_apart import ArmsApart
+from analysis.apps.plant.fitting_arm import FittingArm
 from analysis.report.diagnosis_words import micrometres
 from analysis.report.plain_console import right
 from rigs.text import plain

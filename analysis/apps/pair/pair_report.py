@@ -9,10 +9,10 @@ from pathlib import Path
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from analysis.pair.calibrations import calibrations, placed_texts
-from analysis.pair.fit_pair import FittedPair
-from analysis.pair.plan_touches import PlannedTouches
-from analysis.pair.result import PairConstant, PairResult
+from analysis.apps.pair.calibrations import calibrations, placed_texts
+from analysis.apps.pair.fit_pair import FittedPair
+from analysis.apps.pair.plan_touches import PlannedTouches
+from analysis.apps.pair.result import PairConstant, PairResult
 from analysis.report.diagnosis_report import extended_files
 from analysis.report.plain_console import bare_table, right
 from analysis.runs.written_files import holding, write_all_new

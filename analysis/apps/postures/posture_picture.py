@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Rectangle
 
-from analysis.postures.result import Postures
-from analysis.postures.work_map import WorkMap
-from analysis.report.posture_report import gain_words, limits, map_words
+from analysis.apps.postures.posture_report import gain_words, limits, map_words
+from analysis.apps.postures.result import Postures
+from analysis.apps.postures.work_map import WorkMap
 from analysis.report.still_chart import Part, Sheet
 from analysis.report.texts import texts_of
 from analysis.robot.kinematics.arm import Array
