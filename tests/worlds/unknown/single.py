@@ -1,7 +1,7 @@
-"""Cells of a UR10e with one hidden effect that rig's library has, measured by yaw alone, twice each way.
+"""Cells of a UR10e with a single hidden effect of rig's library, measured by yaw only, twice in each direction.
 
-Half of them are low-order gear errors of axis 6, which makes the circle's full turn; the others look alike: the
-scale of a gauge, the distance between the gauges, a coupling of axes 4 and 6, the form of the ball.
+Half of them are low-order gear errors of axis 6, which makes a full turn on the circle. The others are similar in
+appearance: gauge scale, gauge baseline, coupling of axes 4 and 6, form of the ball.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ OTHERS = ("gauge_scale", "gauge_baseline", "wrist_coupling", "ball_form")
 
 @dataclass(frozen=True, kw_only=True)
 class WristCoupling(Cause):
-    """One wrist joint that turns another by a share of its angle, as of a belt with a wrong ratio in the controller."""
+    """A wrist joint that turns another by a share of its angle."""
 
     kind = "wrist coupling"
     tests = ("circle",)
