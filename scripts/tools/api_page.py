@@ -1,7 +1,7 @@
-"""The page docs/api.md from the docstrings of the public API: `scripts/dev api_page > docs/api.md`.
+"""Generate docs/api.md from the docstrings of the public API: `scripts/dev api_page > docs/api.md`.
 
-The public API is `analysis.__all__`. Functions come in the order of their source, then classes with their public
-fields, properties and methods, then errors.
+The public API is `analysis.__all__`. Functions are in the order of their source, followed by classes with their public
+fields, properties and methods, and finally errors.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _SECTIONS = ("Returns ", "Raises ", "Source: ")
 
 
 def page() -> str:
-    """The whole page as Markdown."""
+    """Return the complete page as Markdown."""
     import analysis  # noqa: PLC0415 - the script first puts the repository on the path
 
     public = [getattr(analysis, name) for name in analysis.__all__]
@@ -62,7 +62,7 @@ def _function(function: Callable[..., Any]) -> str:
 
 
 def _signature(function: Callable[..., Any]) -> str:
-    """The signature as code, a parameter a line where it would be too long."""
+    """Return the signature as code, with a parameter per line if it is long."""
     signature = inspect.signature(function)
     parts = [_parameter(one) for one in signature.parameters.values()]
     named = [k for k, one in enumerate(signature.parameters.values()) if one.kind is one.KEYWORD_ONLY]
@@ -81,7 +81,7 @@ def _parameter(one: inspect.Parameter) -> str:
 
 
 def _block(paragraph: str) -> str:
-    """A paragraph of prose, or the list of parameters, each `name: what`."""
+    """Return a paragraph of prose, or a list of parameters with their descriptions."""
     lines = paragraph.splitlines()
     if paragraph.startswith(_SECTIONS) or ": " not in lines[0]:
         return _prose(paragraph)
@@ -110,7 +110,7 @@ def _class(found: type) -> str:
 
 
 def _members(found: type) -> list[tuple[str, str]]:
-    """Public properties and methods, those of a base class of ours included, by name and docstring."""
+    """Return names and docstrings of public properties and methods, including those of base classes in this project."""
     members: dict[str, str] = {}
     for owner in reversed(found.__mro__):
         if not owner.__module__.startswith(("analysis", "rigs")):
