@@ -17,7 +17,7 @@ Undrivable = Literal["limits", "speed", "singularity", "reach"]
 
 
 class RigPlace(str):
-    """Name of a rig in an error if the file is unknown. part: for example `tests.circle`, or empty."""
+    """Name of a rig, used in errors if the file is unknown. part: for example `tests.circle`, or empty."""
 
     rig_name: str = ""
     part: str = ""
