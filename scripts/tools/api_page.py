@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import re
 import sys
+import textwrap
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
@@ -38,6 +40,8 @@ This page is generated from the docstrings: `scripts/dev api_page > docs/api.md`
 """
 _LONGEST = 100
 _SECTIONS = ("Returns ", "Raises ", "Source: ")
+_ENTRY = re.compile(r"(?P<names>\w+(, \w+)*)( (?P<shape>\([^)]*\)))?: (?P<text>.*)")
+"""Line of a parameter or field, such as `u_mm (n,): standard uncertainty`."""
 
 
 def page() -> str:
@@ -81,15 +85,17 @@ def _parameter(one: inspect.Parameter) -> str:
 
 
 def _block(paragraph: str) -> str:
-    """Return a paragraph of prose, or a list of parameters with their descriptions."""
+    """Return a paragraph of prose, an example as code, or a list of parameters or fields with their descriptions."""
+    if paragraph.startswith("    "):
+        return f"```python\n{textwrap.dedent(paragraph)}\n```"
     lines = paragraph.splitlines()
-    if paragraph.startswith(_SECTIONS) or ": " not in lines[0]:
+    if paragraph.startswith(_SECTIONS) or not _ENTRY.match(lines[0]):
         return _prose(paragraph)
     entries: list[str] = []
     for line in lines:
-        name, colon, what = line.partition(": ")
-        if colon and name.isidentifier():
-            entries.append(f"- `{name}`: {what}")
+        if entry := _ENTRY.match(line):
+            shape = f" {entry['shape']}" if entry["shape"] else ""
+            entries.append(f"- {', '.join(f'`{name}`' for name in entry['names'].split(', '))}{shape}: {entry['text']}")
         else:
             entries[-1] += f" {line}"
     return "\n".join(entries)
@@ -100,13 +106,12 @@ def _prose(paragraph: str) -> str:
 
 
 def _class(found: type) -> str:
-    described = [_prose(paragraph) for paragraph in (inspect.getdoc(found) or "").split("\n\n")]
+    summary, *paragraphs = (inspect.getdoc(found) or "").split("\n\n")
     members = [f"- `{name}`: {_prose(what)}" for name, what in _members(found)]
     fields = dataclasses.fields(found) if dataclasses.is_dataclass(found) else ()
     listed = [f"Fields: {', '.join(f'`{field.name}: {field.type}`' for field in fields)}."] if fields else []
-    return (
-        "\n\n".join([f"### {found.__name__}", *described, *listed, *(["\n".join(members)] if members else [])]) + "\n"
-    )
+    parts = [_prose(summary), *map(_block, paragraphs), *listed, *(["\n".join(members)] if members else [])]
+    return "\n\n".join([f"### {found.__name__}", *parts]) + "\n"
 
 
 def _members(found: type) -> list[tuple[str, str]]:
