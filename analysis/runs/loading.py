@@ -41,33 +41,26 @@ ONLY_COMMANDED = (
     "only commanded joint angles are available: angles not reached (deflection under gravity, following "
     "error) cannot be distinguished from errors of zeros, lengths, compliance or gears"
 )
-"""A run: its rig file and the readings as one table, in rad and mm.
-
-path: directory or file of the run.
-run: manifest and labels.
-rig: rig file at the time of the measurement, including its calibration.
-table: readings of gauges, joints or tracker, aligned to a common time.
-u_lag_s: standard uncertainty of the gauges' time relative to the robot's, 0 for tables with a common time.
-doubts: warnings as text.
-systematic: uncertainties from certificates.
-condition: condition of the robot during the run.
-
-Recorded streams are not kept, because the table is derived from them, and the streams of a long run need much memory.
-"""
+"""Doubt about a run with commanded joint angles only."""
 SIMULATED = "simulated, "
 """Prefix of the source of a simulated table, followed by the seed."""
 
 
 @dataclass(frozen=True)
 class Measured(Tabular):
-    """A run with the rig file (rig) and the readings as one table, in rad and mm.
+    """A run: its rig file and the readings as one table, in rad and mm.
 
+    path: directory or file of the run.
+    run: manifest and labels.
+    rig: rig file at the time of the measurement, including its calibration.
+    table: readings of gauges, joints or tracker, aligned to a common time.
     u_lag_s: standard uncertainty of the gauges' time relative to the robot's, 0 for tables with a common time.
-    doubts: as text.
+    doubts: warnings as text.
     systematic: uncertainties from certificates.
-    condition: condition of the robot.
+    condition: condition of the robot during the run.
 
-    The run contains no streams, because the table is derived from them, and the streams of a long run need much memory.
+    Recorded streams are not kept, because the table is derived from them, and the streams of a long run need much
+    memory.
     """
 
     path: Path
