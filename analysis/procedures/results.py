@@ -165,7 +165,7 @@ def read_and_evaluated(path: Path) -> Result:
 
 
 def figures_alone(path: Path) -> Result:
-    """Evaluate a run directory, without keeping its rows. Raises FileError."""
+    """Evaluate a run directory without keeping its rows. Raises FileError."""
     return _evaluate_in_parts(path, None)
 
 
@@ -213,7 +213,7 @@ def result_of(measured: Measured, like: tuple[LapNoise, LapNoise] | None = None)
 
 
 _KEPT: WeakValueDictionary[int, Result] = WeakValueDictionary()
-"""Referenced results by the identity of their run, which each of them references."""
+"""Cached results by the identity of their run, as long as they are referenced."""
 
 
 def _evaluated(measured: Measured, like: tuple[LapNoise, LapNoise] | None, reduced: Reduced | None = None) -> Result:
@@ -258,13 +258,14 @@ def _same_cell(first: Result, second: Result) -> bool:
 
 
 _END_S, _MOVES_RAD = 0.5, float(np.radians(0.05))
-"""Joint motion and time at the end of a run that mean an unfinished motion: five times those of a standstill."""
+"""Joint motion and time at the end of a run that indicate an unfinished motion: five times those of a standstill."""
 
 
 @dataclass(frozen=True)
 class Fitness:
-    """Usability of a finished run. why: reason of `rig analyse` for refusing it, or empty. drove: actual direction, if
-    only the label is wrong. still_driving: whether the robot was moving at the end."""
+    """Usability of a finished run. why: reason why `rig analyse` would refuse it, or empty. drove: actual direction
+    if only the label is wrong. still_driving: True if the robot was moving at the end.
+    """
 
     why: str
     drove: Direction | None
