@@ -205,7 +205,7 @@ def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = 
 
 
 def fit_nearest(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> tuple[float, PoseSetUp]:
-    """Return the residual of `left_mm`, and the fitted base and tool."""
+    """Return the residual of `left_mm`, in mm, for positions xyz_mm (n, 3), and the fitted base and tool."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     T = forward(bare, q)
