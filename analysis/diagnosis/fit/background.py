@@ -235,8 +235,8 @@ class Background:
 class Gains:
     """Gain of n forms relative to a healthy share, each fitted together with all other terms.
 
-    Log evidence (n,) as a `fault`, and as the only form of `healthy` size of the name. `sigma` (n,): significance of a
-    healthy size in sigmas. `size` (n,): size shown by the readings, in healthy sizes.
+    Log evidence (n,) as a `fault`, and as the only form of `healthy` size of the effect. `sigma` (n,): significance of
+    a healthy size in sigmas. `size` (n,): size shown by the readings, in healthy sizes.
     """
 
     fault: Array

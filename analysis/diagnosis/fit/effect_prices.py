@@ -1,4 +1,4 @@
-"""Prior odds of effects: the log evidence that an effect must gain before the selection names it."""
+"""Prior odds of effects: the log evidence that an effect must gain before the selection accepts it."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class EffectPrices:
 
     @cached_property
     def log_choices(self) -> Array:
-        """Logarithm (n,), a pure number, of the inverse likelihood of each form among the forms of the name."""
+        """Logarithm (n,), a pure number, of the inverse likelihood of each form among the forms of the effect."""
         return np.asarray(-np.log(self.columns.likelihoods), dtype=float)
 
     @cached_property
@@ -63,8 +63,8 @@ class EffectPrices:
         return self.shows_curves and is_of_curve(effect)
 
     def nearest_form(self, effect: Effect) -> int | None:
-        """Return the index of the form of an effect's name, for waves the form of the nearest order; None if the
-        name has no form.
+        """Return the index of the form of an effect, for waves the form of the nearest order; None if the effect has
+        no form.
         """
         forms, order = self.columns.forms, order_of(effect)
         of_name = [k for k, form in enumerate(forms) if form.name == name_of(effect)]
@@ -91,12 +91,14 @@ class EffectPrices:
         return odds - self.choice_cost(effect) - self.stated_penalty(effect)
 
     def usual_gain(self, effect: Effect, level: float) -> float:
-        """Return the log odds that an effect gains over the penalty in a comparison of names, since it may be usual."""
+        """Return the log odds that an effect gains over the penalty in a comparison of named effects, since it may
+        be usual.
+        """
         return float(self.usual_gains([effect], np.array([size_of(effect)]), level)[0])
 
     def usual_gains(self, effects: Sequence[Effect], size: Array, level: float) -> Array:
         """Return the log odds (n,) that effects with given sizes (n,), in healthy sizes, gain over their penalties in a
-        comparison of names, since they may be usual.
+        comparison of named effects, since they may be usual.
 
         Every arm has a usual amount of every effect. Neither a search that ignores it below a given gain nor an arm
         that shows less of most others is evidence against it.

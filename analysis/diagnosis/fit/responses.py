@@ -30,7 +30,7 @@ from rigs.schema.effect import PHASE, name_of
 
 _Kind = TypeVar("_Kind", bound=np.generic)
 _KEPT = 4
-"""Number of responses cached for each kind and name, at some 4 MB each with their products: about the number of
+"""Number of responses cached for each kind and effect, at some 4 MB each with their products: about the number of
 starting points of the fits of a round.
 """
 

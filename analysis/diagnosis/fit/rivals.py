@@ -19,9 +19,9 @@ _NEAR = 6.0
 400.
 """
 _MISSED = 0.9
-"""Share of the evidence of a name, or of the linear form if that is less, above which the linear form of a rival is
-also fitted. Chosen: linear forms of similar effects miss the evidence of the fits by shares differing less than a
-tenth.
+"""Share of the evidence of a named effect, or of the linear form if that is less, above which the linear form of a
+rival is also fitted. Chosen: linear forms of similar effects miss the evidence of the fits by shares differing
+less than a tenth.
 """
 _SWAPS = 4
 """Largest number of replacements of a name by a rival. Chosen: each costs a search."""
@@ -43,7 +43,7 @@ explains a different part. Chosen: odds of 150 to 1.
 
 @dataclass(frozen=True)
 class RivalOdds:
-    """Odds of a name and of the rivals, best first, each as the state with the rival in place of the name.
+    """Odds of a named effect and of the rivals, best first, each as the state with the rival in place of the effect.
 
     `healthy_odds`: odds of a healthy arm showing the same.
     """
@@ -56,7 +56,7 @@ class RivalOdds:
 def compare_with_rivals(
     selection: Selection, state: SelectionState, limits: Array
 ) -> tuple[SelectionState, tuple[RivalOdds, ...]]:
-    """Compare each fault with its rivals, and return the state and the odds of each name. A rival with more evidence
+    """Compare each fault with its rivals, and return the state and the odds of each effect. A rival with more evidence
     replaces the fault, and the search continues from there.
 
     An effect of healthy size, or a fault only in this arm that changes readings by no more than the limits (b,) µm, is

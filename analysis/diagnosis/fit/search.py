@@ -82,17 +82,17 @@ class SearchResult:
 
     @property
     def fit(self) -> Refined:
-        """The names as fitted, with their parameters and residual (N,)."""
+        """The named effects as fitted, with their parameters and residual (N,)."""
         return self.state.refined
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The names."""
+        """The named effects."""
         return self.state.effects
 
     @cached_property
     def posterior(self) -> CoefficientPosterior:
-        """The posterior of all coefficients other than the names."""
+        """The posterior of all coefficients other than the named effects."""
         return self.selection.posterior(self.state)
 
     @property
@@ -135,7 +135,7 @@ class SearchResult:
 
     @cached_property
     def initial_residual(self) -> Array:
-        """The whitened residual (N,) of the model without names, with set-ups fitted."""
+        """The whitened residual (N,) of the model without named effects, with set-ups fitted."""
         return self.linear.without_set_up(self.linear.residual(()))
 
     @cached_property
@@ -158,7 +158,7 @@ class SearchResult:
     @cached_property
     def calibrated_posterior(self) -> CoefficientPosterior:
         """The posterior excluding free forms and discrepancy. No model contains them, and a part shared between them
-        and the background would remain in it: 92 µm, compared with 19 for the names only.
+        and the background would remain in it: 92 µm, compared with 19 for the named effects only.
         """
         if not self.state.free_forms and not self.state.discrepancy:
             return self.posterior
@@ -171,8 +171,8 @@ class SearchResult:
 
 
 def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> SearchResult:
-    """Search for names in runs, about set-ups fitted together with the names. The readings of a run are (m, k) mm.
-    Names that change readings by no more than the scatter of a run have no rivals.
+    """Search for named effects in runs, about set-ups fitted together with the named effects. The readings of a run
+    are (m, k) mm. Named effects that change readings by no more than the scatter of a run have no rivals.
     """
     refitted: tuple[Effect, ...] = ()
     so_far: tuple[Effect, ...] = ()
@@ -375,8 +375,9 @@ def _step_share(linear: Linearisation, rows: Mask, free: Callable[[Array], Array
 
 
 def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) -> Array:
-    """Return the residual (N,) plus the contributions of names and of the healthy share with the shape of the
-    arrival errors A (N, axes), and the curves of joints."""
+    """Return the residual (N,) plus the contributions of named effects and of the healthy share with the shape of
+    the arrival errors A (N, axes), and the curves of joints.
+    """
     posterior = result.posterior
     columns = posterior.background.columns
     others = np.concatenate([columns.X[:, : columns.set_ups.start], columns.X[:, columns.set_ups.stop :]], axis=1)

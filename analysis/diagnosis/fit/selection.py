@@ -66,19 +66,22 @@ healthy effects."""
 _SEARCH_ROUNDS = 40
 """Largest number of rounds; each adds or removes an effect, and the limit therefore equals that of the effects."""
 _SEEN = 4.0
-"""Sigmas that the largest fault must have for the name to be testable. Chosen: below the 7 sigma at which an effect
-is detected, to avoid reporting names in between as hidden.
+"""Sigmas that the largest fault must have for an effect to be testable. Chosen: below the 7 sigma at which an effect
+is detected, to avoid reporting named effects in between as hidden.
 """
 _SURE_EVIDENCE = 5.0
 """Log evidence of the cavity above which an effect is not tested for removal. Chosen: odds of 150 to 1."""
 _MUCH = 50.0
-"""Log evidence from which a free form competes with names. Chosen: foreign effects leave 50 to 500 in log evidence, and
-effects of the library mostly less than 8."""
+"""Log evidence from which a free form competes with named effects. Chosen: foreign effects leave 50 to 500 in log
+evidence, and effects of the library mostly less than 8.
+"""
 _MARGIN = 1.2
-"""Factor by which a free form must explain more than the best name, whose first fit is not at the optimum. Chosen."""
+"""Factor by which a free form must explain more than the best named effect, whose first fit is not at the optimum.
+Chosen.
+"""
 _TRIED, _CLOSE = 3, 0.5
-"""Largest number of names fitted before a name is added, and the share of the largest gain that the others must
-have. Chosen: each fit costs a fraction of a round.
+"""Largest number of named effects fitted before a named effect is added, and the share of the largest gain that the
+others must have. Chosen: each fit costs a fraction of a round.
 """
 _BENT, _PLAIN_TO_SEE = -5.0, 10.0
 """Minimum log evidence of a form whose name is also fitted if no name gains much, and minimum sigmas of the form in
@@ -208,7 +211,7 @@ class Selection:
         return replace(state, curves=curves, strength=strength)
 
     def fitted_again(self, state: SelectionState, refitted: Sequence[Effect] = ()) -> SelectionState:
-        """Return the state with each fault refitted from the best form of the name, if that explains more, except the
+        """Return the state with each fault refitted from the best form of the effect, if that explains more, except the
         `refitted` faults.
 
         A shape found with other set-ups may be a local optimum: a spike of 0.18 s remained at 0.05 s, although most of
@@ -233,9 +236,9 @@ class Selection:
     def select(self, state: SelectionState, *, stops: bool = False) -> SelectionState:
         """Return the state with all effects that cover their penalty and no others.
 
-        If a free form explained more than the best name, the search accepting it is tried too, and the state with more
-        evidence is returned. If `stops` is set, the search ends at the first new fault that invalidates the columns,
-        unless a free form explained more before.
+        If a free form explained more than the best named effect, the search accepting it is tried too, and the state
+        with more evidence is returned. If `stops` is set, the search ends at the first new fault that invalidates the
+        columns, unless a free form explained more before.
         """
         named, with_free_form = self._stepwise(state, accept_free_forms=False, stops=stops)
         if with_free_form is None:
@@ -322,8 +325,8 @@ class Selection:
         return self.renewed(replace(state, free_forms=(), discrepancy=0.0, refined=replace(state.refined, free=none)))
 
     def not_testable(self, state: SelectionState, posterior: CoefficientPosterior) -> tuple[str, ...]:
-        """Return the names that these tests would not show at the size of a large fault, with all other possible
-        effects present.
+        """Return the named effects that these tests would not show at the size of a large fault, with all other
+        possible effects present.
         """
         sigma = posterior.gains(self.columns.forms, state.level).sigma
         named = {name_of(effect) for effect in state.effects}
@@ -405,7 +408,7 @@ class Selection:
         return evidence + prices - FREE_PRICE * len(state.free_forms)
 
     def evidence_of_names(self, state: SelectionState) -> float:
-        """Return the log evidence of a state, up to a constant, for a comparison of names."""
+        """Return the log evidence of a state, up to a constant, for a comparison of named effects."""
         return self.evidence(state) + sum(self.prices.usual_gain(effect, state.level) for effect in state.effects)
 
     def without(self, state: SelectionState, place: int) -> SelectionState:
@@ -420,8 +423,8 @@ class Selection:
         return replace(state, refined=replace(kept, residual=self.linear.residual(kept.effects)), origins=origins)
 
     def gains(self, state: SelectionState, posterior: CoefficientPosterior) -> Array:
-        """Return the log odds (n,) of each form over an equal share, as a fault or as the healthy effect of the
-        name, whichever are larger.
+        """Return the log odds (n,) of each form over an equal share, as a fault or at the healthy size of the
+        effect, whichever are larger.
         """
         gains = posterior.gains(self.columns.forms, state.level)
         curves, pieces = self.prices.waves_of_curves
@@ -465,9 +468,9 @@ class Selection:
         return changed, self.refitted(replace(state, free_forms=(*state.free_forms, free_form)))
 
     def _worth_trying(self, state: SelectionState, posterior: CoefficientPosterior, gain: Array) -> list[int]:
-        """Return the best form of each of the few names with the largest gains (n,), best first.
+        """Return the best form of each of the few named effects with the largest gains (n,), best first.
 
-        If none gains much, also return the form of a clearly visible name whose gain may be low only because of the
+        If none gains much, also return the form of a clearly visible effect whose gain may be low only because of the
         stretched shape.
         """
         forms, best_of = self.columns.forms, dict[str, int]()

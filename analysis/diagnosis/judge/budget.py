@@ -283,7 +283,7 @@ class Budget:
 
     @cached_property
     def _not_shown(self) -> set[tuple[int, ...]]:
-        """Columns of forms not testable in these runs: invisible names, and waves of which a joint covered few
+        """Columns of forms not testable in these runs: invisible effects, and waves of which a joint covered few
         cycles, indistinguishable from a zero.
         """
         hidden = self.result.selection.not_testable(self.result.state, self.result.posterior)

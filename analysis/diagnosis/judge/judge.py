@@ -101,9 +101,9 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Verdict
 def _named_in(
     evidence: Evidence, fit: Fit, validation: Validation, changes: Sequence[EffectChange]
 ) -> tuple[list[Named], tuple[str, ...]]:
-    """Return the effects of a search as names, confirmed ones first, and doubts about their sizes.
+    """Return the effects found by a search, confirmed ones first, and doubts about their sizes.
 
-    Readings are (m, k) mm. Unless the effects were given, a vibration of the link is a name too.
+    Readings are (m, k) mm. Unless the effects were given by the user, a vibration of the link is included.
     """
     result, fitted, train, given = fit.result, validation.fitted, validation.gaps.train, fit.is_given
     named = named_effects(result, fitted, held_out_gains(result, validation.judges), changes)
@@ -168,7 +168,7 @@ def _verdict(answer: _Answer, evidence: Evidence, fit: Fit, validation: Validati
 
 
 def _groups(named: Sequence[Named]) -> tuple[tuple[str, ...], ...]:
-    """Return the names that the runs cannot distinguish, each with its rivals."""
+    """Return the named effects that the runs cannot distinguish, each with its rivals."""
     return tuple(
         (name_of(name.effect), *(name_of(rival.effect) for rival in name.rivals))
         for name in named

@@ -34,8 +34,8 @@ Condition = Literal[
     "not_testable_here",
 ]  # fmt: skip
 """Condition of the arm: effects are named; effects are named, but a rival is possible; a single parameter exceeds
-the range that rig corrects, and is the only name; the cause is not in the library; the runs are too few; many
-usual errors that a calibration was shown to remove; nothing unusual; or the runs cannot show effects.
+the range that rig corrects, and is the only named effect; the cause is not in the library; the runs are too few;
+many usual errors that a calibration was shown to remove; nothing unusual; or the runs cannot show effects.
 """
 Rank = Literal["unusual", "usual", "undecided"]
 """Whether an effect is larger than in healthy arms and elsewhere in this arm."""
@@ -155,8 +155,10 @@ class Accuracy:
 # these tests cannot distinguish → actions → next test
 
 _DIFFERS, _DIFFERS_SIGMA = 0.5, 3.0
-"""Difference of the shares of two set-ups above which they contradict a name, and the minimum difference in standard
-uncertainties. Chosen: several times the differences of true faults in development cases, and odds of 400 to 1."""
+"""Difference of the shares of two set-ups above which they contradict a named effect, and the minimum difference in
+standard uncertainties. Chosen: several times the differences of true faults in development cases, and odds of 400
+to 1.
+"""
 ODDS = 20.0
 """Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
 
@@ -185,8 +187,8 @@ class Share:
 
 @dataclass(frozen=True)
 class Rival:
-    """A rival effect that could replace a name, with the standard uncertainties of the parameters and the share of
-    the evidence.
+    """A rival effect that could replace a named effect, with the standard uncertainties of the parameters and the
+    share of the evidence.
     """
 
     effect: Effect
@@ -590,7 +592,8 @@ def fault_rivals(named: Named) -> list[Rival]:
 def is_open(part: BudgetPart, named: Named) -> bool:
     """Return whether an effect with a large share of the error is open.
 
-    It is open if it is no fault, or usual errors may show the same, and its odds are below those of a certain name.
+    It is open if it is no fault, or usual errors may show the same, and its odds are below those of a certain named
+    effect.
     """
     return part.share > LARGE_SHARE and named.doubt in ("usual", "healthy_shows_it") and named.posterior < CERTAIN_ODDS
 

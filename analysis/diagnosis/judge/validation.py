@@ -1,4 +1,4 @@
-"""Validation: residuals of a frozen model on used, held-out and unseen runs, and the gain of each name."""
+"""Validation: residuals of a frozen model on used, held-out and unseen runs, and the gain of each effect."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Stages:
 
     @property
     def has_background(self) -> bool:
-        """Whether the calibrated model contains more than the names."""
+        """Whether the calibrated model contains more than the named effects."""
         return self.calibrated.effects != self.named.effects
 
     def names_alone(self) -> Stages:
@@ -63,7 +63,8 @@ class Stages:
 def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
     """Return the models of a search, with set-ups fitted to the runs used, (m, k) mm.
 
-    If the complete model explains these runs worse than the names, the calibrated model contains only the names.
+    If the complete model explains these runs worse than the named effects, the calibrated model contains only the named
+    effects.
     """
     names = result.effects
     whole = (*names, *background_effects(result.calibrated_posterior))

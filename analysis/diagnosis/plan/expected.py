@@ -51,13 +51,13 @@ DETECTABLE = 7.0
 choice among some hundred forms.
 """
 SEPARABLE = float(np.sqrt(2 * np.log(ODDS)))
-"""Separation in sigmas below which the odds between two names are within ODDS, at which a diagnosis dismisses a
+"""Separation in sigmas below which the odds between two effects are within ODDS, at which a diagnosis dismisses a
 rival: odds of o need a log evidence of ln o = sigma² / 2.
 """
 
 
 def is_separable(sigma: float) -> bool:
-    """Return whether two names with this separation in sigmas can be distinguished."""
+    """Return whether two effects with this separation in sigmas can be distinguished."""
     return sigma >= SEPARABLE
 
 
@@ -306,7 +306,9 @@ class ExpectedPosterior:
         return refined.sd(0)[size_field(effect)] / healthy_size(effect)
 
     def sd_of_name(self, name: str) -> float:
-        """Return the standard uncertainty of a name's size, in healthy sizes, in the form with the best detection."""
+        """Return the standard uncertainty of an effect's size, in healthy sizes, in the form with the best
+        detection.
+        """
         forms = [candidate for candidate in self.candidates if candidate.name == name]
         return self.sd(min(forms, key=self._form_posterior.sd)) if forms else float("inf")
 

@@ -1,4 +1,4 @@
-"""Last stage of a diagnosis: the tests that would decide open names, and the actions."""
+"""Last stage of a diagnosis: the tests that would decide open effects, and the actions."""
 
 from __future__ import annotations
 
