@@ -39,7 +39,7 @@ factors of about five, refined by the fit.
 
 @dataclass(frozen=True)
 class Candidate:
-    """A name in a given form.
+    """An effect in a given form.
 
     `effects`: effect of each column, at `size` of the healthy size, because the response to backlash is not
     proportional to the width. `shaped`: the effect in the other shapes tried by a search. `weight`: relative likelihood
@@ -202,7 +202,7 @@ class Columns:
 
     @cached_property
     def likelihoods(self) -> Array:
-        """Likelihood of each form (n,) among the forms of the name in a healthy arm."""
+        """Likelihood of each form (n,) among the forms of the effect in a healthy arm."""
         return _likelihoods(self.forms)
 
     @cached_property

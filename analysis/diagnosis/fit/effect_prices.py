@@ -41,7 +41,7 @@ class EffectPrices:
 
     @cached_property
     def fault_price(self) -> float:
-        """Prior log odds that a name is a fault of the arm."""
+        """Prior log odds that a named effect is a fault of the arm."""
         return float(np.log(_FAULTS / max(len(self.columns.among), 1)))
 
     @cached_property
@@ -51,10 +51,10 @@ class EffectPrices:
 
     @cached_property
     def shows_curves(self) -> bool:
-        """Whether the readings show curves of joints and no single waves of a healthy joint.
+        """True if the readings show curves of joints but no single waves of a healthy joint.
 
-        Poses see long pieces of the curve of a joint's error over the angle, and no wave of a healthy joint is
-        dominant. For a UR10, 22 waves picked singly took nine tenths of the time and left the same residual as no wave.
+        Poses cover long sections of the error of a joint over its angle, and no wave of a healthy joint is dominant.
+        For a UR10, 22 waves selected singly took nine tenths of the time and left the same residual as no wave.
         """
         return not any(block.sampling for block in self.linear.blocks)
 
@@ -72,7 +72,7 @@ class EffectPrices:
         return of_name[int(np.argmin(apart))] if of_name else None
 
     def choice_cost(self, effect: Effect) -> float:
-        """Return the log evidence that the choice of an effect among the forms of the name costs.
+        """Return the log evidence required for choosing an effect among several possible forms.
 
         Waves are as likely as in the background: by octaves. With all of 125 orders equally likely, order 2 paid 2.6
         more than that, and a ball's form replaced a gear error of the axis that drives the circle.
@@ -119,8 +119,8 @@ class EffectPrices:
         return np.asarray(np.logaddexp(fault, healthy) - wide, dtype=float)
 
     def stated_penalty(self, effect: Effect) -> float:
-        """Return the log evidence that readings must provide for shapes of an effect that differ from the rig file:
-        if the link masses are unknown, a soft joint and a heavy load look the same.
+        """Return the log evidence that readings must provide for shapes of an effect that differ from the rig file.
+        With unknown link masses, a soft joint and a heavy load look the same.
         """
         free = effect.free(self.linear.payload_kg)
         off = [abs(getattr(effect, one.field) - one.expected) > _OFF_STATED * one.spread for one in free if one.stated]
@@ -141,8 +141,10 @@ class EffectPrices:
 
     @cached_property
     def thresholds(self) -> Array:
-        """Log evidence (n,) that a form must gain beyond the penalty: infinite if a set-up of poses or touches can
-        do the same, as the last length is a length of the tool; less along directions that are hardly visible.
+        """Log evidence (n,) that a form must gain in addition to the penalty.
+
+        It is infinite if a set-up of poses or touches has the same effect, as the last length is a length of the tool.
+        It is lower along directions that are hardly visible.
         """
         against = np.array([self.stated_penalty(form.effect) for form in self.columns.forms], dtype=float)
         if self.shows_curves:

@@ -231,12 +231,12 @@ class _Problem:
 
     @cached_property
     def expected(self) -> Array:
-        """The expected values (q,) of the unknowns."""
+        """Expected values (q,) of the unknowns."""
         return np.array([u.expected for u in self.unknowns])
 
     @cached_property
     def spread(self) -> Array:
-        """The prior standard deviations (q,) of the unknowns."""
+        """Prior standard deviations (q,) of the unknowns."""
         return np.array([u.spread for u in self.unknowns])
 
     @cached_property

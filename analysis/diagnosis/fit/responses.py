@@ -499,8 +499,8 @@ def plain_rms_by_block(linear: Linearisation, change: Array) -> RmsByBlock:
 
 
 def limits_um(linear: Linearisation, own_um: Mapping[str, float] = MappingProxyType({})) -> Array:
-    """Return the changes (b,) µm from which a name is material: the scatter of a run, excluding `own_um`, the
-    contribution of the name in each set-up.
+    """Return the changes (b,) µm from which a named effect is material: the scatter of a run, excluding `own_um`, the
+    contribution of the effect in each set-up.
 
     Few repeats determine the scatter of a run within a fifth or worse, so the limit is computed from the mean square
     minus the standard uncertainty of the mean square. A single difference of two runs provides no uncertainty.

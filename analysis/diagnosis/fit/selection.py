@@ -52,8 +52,8 @@ from rigs.schema.effect import is_wave, name_of
 # two. Effects whose evidence no longer covers their penalty are removed.
 
 _OFF = 0.1
-"""Share of the response of the faults by which the reference faults may differ. Chosen: columns computed with no
-faults missed up to 1 % of a large fault; they then miss 0.1 %.
+"""Largest relative difference between the responses of the current faults and of the reference faults. Chosen:
+columns computed without faults had errors of up to 1 % of a large fault; with this limit they have 0.1 %.
 """
 _FEW_SIGMA = 100.0
 """Norm of the difference between the responses of the faults and the reference faults, in standard deviations of the
@@ -84,10 +84,10 @@ _TRIED, _CLOSE = 3, 0.5
 others must have. Chosen: each fit costs a fraction of a round.
 """
 _BENT, _PLAIN_TO_SEE = -5.0, 10.0
-"""Minimum log evidence of a form whose name is also fitted if no name gains much, and minimum sigmas of the form in
-the readings. All stretched shapes may differ too much from the true shape. The spike of an axis that fades in
-0.93 s, 21 sigma, lost 2.5 with the shape of 1 s and gained 420 when fitted; when omitted, it turned a lag of 0.6
-ms into 33 ms.
+"""Minimum log evidence of a form whose effect is also fitted if no effect gains much, and minimum sigmas of the form
+in the readings. The available shapes may all differ too much from the true shape. The spike of an axis with a
+decay of 0.93 s, 21 sigma, lost 2.5 with the shape of 1 s and gained 420 when fitted; when omitted, a lag of 0.6
+ms became 33 ms.
 """
 _CURVE_ROUNDS, _ENOUGH_OF_CURVES = 3, 2.0
 """Largest number of fits of curves alternating with the weights of outliers, and the log evidence that a fit must
@@ -122,7 +122,7 @@ class Selection:
 
     @property
     def shows_free_forms(self) -> bool:
-        """Whether the readings show unnamed errors."""
+        """True if the readings can show unnamed errors."""
         return bool(self._free)
 
     @cached_property
@@ -166,7 +166,7 @@ class Selection:
 
     @property
     def _of_tracker(self) -> bool:
-        """Whether all readings are poses of a tracker."""
+        """True if all readings are poses of a tracker."""
         return all(facts_of(block.table.test).of_tracker for block in self.linear.blocks)
 
     def state_with(self, effects: Sequence[Effect], previous: SelectionState | None = None) -> SelectionState:
@@ -363,8 +363,8 @@ class Selection:
         return replace(state, refused=state.refused | of_effect)
 
     def _without_free_form(self, state: SelectionState) -> SelectionState | None:
-        """Return the state with a free form removed if the best name in the same role, or no effect, explains as
-        much, and None otherwise.
+        """Return the state with a free form removed if the best named effect in the same role, or no effect,
+        explains as much, and None otherwise.
         """
         whole = self.evidence(state) if state.free_forms else 0.0
         for k in range(len(state.free_forms)):

@@ -91,7 +91,7 @@ class SelectionState:
         return self.refined.effects
 
     def may_be_fault(self, place: int) -> bool:
-        """Whether an effect is a possible fault."""
+        """Return whether an effect is a possible fault."""
         return bool(self.possible_faults([self.refined.effects[place]]))
 
     def possible_faults(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
@@ -143,7 +143,7 @@ def series_among(effects: Sequence[Effect]) -> frozenset[str]:
 
 
 _SHOULDER = 2
-"""The axis loaded by nearly the same moment as the base: the first axis perpendicular to gravity."""
+"""The second axis, which carries nearly the same moment as the base: the first axis perpendicular to gravity."""
 
 
 def _is_soft_shoulder(effect: Effect) -> bool:
@@ -151,7 +151,7 @@ def _is_soft_shoulder(effect: Effect) -> bool:
 
 
 def stands_softly(effects: Sequence[Effect]) -> bool:
-    """Return whether effects contain a compliant base and no compliance of the shoulder."""
+    """Return whether the effects include a compliant base but no compliance of the shoulder."""
     yields = any(e.part == "gravity" and e.STAGE == "tool" and not hasattr(e, "axis") for e in effects)
     return yields and not any(map(_is_soft_shoulder, effects))
 
@@ -200,12 +200,11 @@ class Backgrounds:
 
     @cached_property
     def _usual_load(self) -> Array:
-        """Ratio of each column (p,) of the shoulder's compliance to the healthy size in an arm of the build; 1 for all
-        others.
+        """Ratio (p,) of the usual to the healthy size for columns of the shoulder's compliance; 1 for all others.
 
-        The foundation of the arm rotates it like a soft axis 2, about a lower point. With a soft foundation that axis
-        may have the usual compliance: if as stiff as in a machine, it left the compliance to the base, at three times
-        the true value.
+        A compliant foundation rotates the arm like a compliant axis 2, about a lower point. Next to a compliant
+        foundation, axis 2 is therefore permitted the usual compliance of the build; otherwise its compliance was
+        attributed to the base, at three times the true value.
         """
         usual = np.ones(len(self.columns.healthy))
         for form in self.columns.forms:

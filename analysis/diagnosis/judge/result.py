@@ -38,7 +38,7 @@ the range that rig corrects, and is the only named effect; the cause is not in t
 many usual errors that a calibration was shown to remove; nothing unusual; or the runs cannot show effects.
 """
 Rank = Literal["unusual", "usual", "undecided"]
-"""Whether an effect is larger than in healthy arms and elsewhere in this arm."""
+"""Whether an effect is larger than in healthy arms and than others in this arm."""
 
 
 @dataclass(frozen=True)
@@ -160,13 +160,13 @@ standard uncertainties. Chosen: several times the differences of true faults in 
 to 1.
 """
 ODDS = 20.0
-"""Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
+"""Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A named effect with a closer rival is ambiguous."""
 
 
 SURE_SIGMA = 3.0
 """Standard uncertainties from which an effect with no rival is certain. Chosen: odds of 400 to 1."""
 CERTAIN_ODDS = ODDS / (1 + ODDS)
-"""Share of the evidence from which a name has no rival."""
+"""Share of the evidence from which a named effect has no rival."""
 LARGE_SHARE = 1 / 3
 """Share of the error from which a part of any size is mentioned in the first sentence, and a group lists candidate
 effects.
@@ -178,7 +178,7 @@ plan."""
 
 @dataclass(frozen=True)
 class Share:
-    """Size of a name in a single set-up as a share of the fitted size, with standard uncertainty."""
+    """Size of a named effect in a single set-up as a share of the fitted size, with standard uncertainty."""
 
     setup: str
     value: float
@@ -390,7 +390,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class NextTest:
-    """The shortest test that distinguishes the rivals, and the sigma to expect."""
+    """The shortest test that distinguishes the rivals, and the expected separation in sigma."""
 
     test: str
     why: str
@@ -580,7 +580,7 @@ class Diagnosis(Verdict, Tabular):
 
 
 def likely_rivals(named: Named) -> list[Rival]:
-    """Return the rivals of a name that cannot be dismissed."""
+    """Return the rivals of a named effect that cannot be dismissed."""
     return [rival for rival in named.rivals if rival.posterior * ODDS >= named.posterior]
 
 
@@ -590,10 +590,10 @@ def fault_rivals(named: Named) -> list[Rival]:
 
 
 def is_open(part: BudgetPart, named: Named) -> bool:
-    """Return whether an effect with a large share of the error is open.
+    """Return whether the cause of a large share of the error is undecided.
 
-    It is open if it is no fault, or usual errors may show the same, and its odds are below those of a certain named
-    effect.
+    This is the case if the effect is not a fault, or if usual errors may have the same result, and its odds are below
+    those of a certain effect.
     """
     return part.share > LARGE_SHARE and named.doubt in ("usual", "healthy_shows_it") and named.posterior < CERTAIN_ODDS
 
@@ -604,11 +604,11 @@ def is_certain_part(diagnosis: Diagnosis, part: BudgetPart) -> bool:
     """
     if part.index is None:
         return part.sigma >= CERTAIN_SIGMA
-    # If usual errors may show the same, the cause is open and the contribution certain.
+    # If usual errors may have the same result, the cause is undecided and the contribution certain.
     return diagnosis.effects[part.index].doubt in (None, "usual", "healthy_shows_it") and part.sigma >= SURE_SIGMA
 
 
 def is_sure(diagnosis: Diagnosis, part: BudgetPart) -> bool:
-    """Return whether a part is certain: an effect with no rivals, or a group of small terms."""
+    """Return whether a part is certain: an effect without rivals, or a group of small terms."""
     is_certain = part.index is None or diagnosis.effects[part.index].posterior >= CERTAIN_ODDS
     return is_certain and is_certain_part(diagnosis, part)

@@ -130,8 +130,8 @@ _CRUMBS = 0.05
 to 0.5 %, and a UR10 predicted by the calibrated model within a tenth of the error 1 to 5 %.
 """
 _SURE_ODDS = 0.999
-"""Odds from which a name is confirmed even if it does not reduce the gap by itself. A gear of 97 % replaced a twist
-of 96 %.
+"""Odds from which a named effect is confirmed even if it does not reduce the gap by itself. A gear of 97 % replaced
+a twist of 96 %.
 """
 _SAME_SIGMA = 0.5
 """Change of the readings in standard deviations of the noise up to which an effect and a rival are twins. Chosen: at
@@ -165,8 +165,8 @@ _LIKELY = 0.2
 third each, and all remain above this limit.
 """
 _SIGMA = 2.0
-"""Uncertainties of the contribution up to which a name is not confirmed. With gauges exchanged in all runs, a length
-of -23 ± 23 mm had odds above 99.9 %.
+"""Uncertainties of the contribution up to which a named effect is not confirmed. With gauges exchanged in all runs,
+a length of -23 ± 23 mm had odds above 99.9 %.
 """
 
 
@@ -249,8 +249,8 @@ def named_effects(
 
 
 def alone_out_of_range(named: Sequence[Named], beyond: OutOfRange, fitted: FittedRuns) -> list[Named]:
-    """Return the parameter that is out of range as the only, confirmed named effect, with the effects that explain
-    as much.
+    """Return only the parameter that is out of range, as confirmed, with the effects that explain the readings
+    equally well.
     """
     effect = next(name for name in named if name_of(name.effect) == beyond.name)
     return [replace(effect, doubt=None, twins=beyond.twins, alone_um=fitted.residual_um([effect.effect]))]
@@ -328,7 +328,7 @@ def _doubt(
         (healthy_odds >= _HEALTHY, "healthy_shows_it"),
         (odds <= _LIKELY, "rival"),
         (change.um <= _SIGMA * change.u_um, "unsure"),
-        # A size compatible with zero is no fault, however certain the shape: for example a play resting on the same
+        # A size compatible with zero is not a fault, however certain the shape, such as backlash resting on the same
         # flank in every pose.
         (abs(getattr(effect, size_field(effect))) <= u, "unsure"),
     )
@@ -401,16 +401,18 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
 
 
 def _single_runs_um(train: Gap) -> float:
-    """Return the rms in µm of what single runs leave beyond the noise, 0 if that is not much more than the noise, which
-    is known roughly."""
+    """Return the rms in µm that single runs leave beyond the noise; 0 if it is not much larger than the noise, which
+    is only roughly known.
+    """
     if train.calibrated_um <= _FAR * train.noise_floor_um:
         return 0.0
     return float(np.sqrt(min(train.calibrated_um, train.before_um) ** 2 - train.noise_floor_um**2))
 
 
 def _missed_elsewhere_um(gaps: Gaps) -> float:
-    """Return the rms in µm by which the model misses places without part in the fit; 0 if that is within the noise, or
-    a negligible share of the gap."""
+    """Return the rms error in µm of the model at places not used in the fit; 0 if it is within the noise, or a
+    negligible share of the residual.
+    """
     missed_um, before_um = gaps.unexplained_um, gaps.train.before_um
     counts = gaps.train.noise_floor_um < missed_um < before_um and missed_um**2 > _CRUMBS * before_um**2
     return missed_um if counts else 0.0
@@ -460,8 +462,8 @@ def condition_of(
 
 
 def as_scatter(budget: Sequence[BudgetPart], remainder: Remainder) -> tuple[tuple[BudgetPart, ...], Remainder]:
-    """Return the budget and the remainder of an unknown cause as scatter: the unexplained part does not repeat, as far
-    as places visited a single time can show.
+    """Return the budget and the remainder with the unexplained part counted as scatter, because places visited only
+    once cannot show that it repeats.
     """
     merged = [part for part in budget if part.kind in ("unexplained", "scatter")]
     um = float(np.sqrt(sum(part.um**2 for part in merged)))
@@ -489,7 +491,7 @@ def _is_testable(result: SearchResult, *, early: bool) -> bool:
 
 
 def is_undecided(named: Sequence[Named]) -> bool:
-    """Return whether more runs may find a fault: an effect of the size of a fault is not certain yet."""
+    """Return whether more runs may reveal a fault: an effect of the size of a fault is not certain yet."""
     return needs_runs(named) or any(name.doubt == "unexplained" or fault_rivals(name) for name in named)
 
 

@@ -293,7 +293,7 @@ class Detectability:
 
 
 def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], list[Detectability]]:
-    """Return the candidates representing each name (for a gear by order, in the median form), and their
+    """Return the candidates representing each effect (for a gear by order, in the median form), and their
     detectabilities.
     """
     forms: dict[str, list[Candidate]] = {}
@@ -333,7 +333,7 @@ class Detected:
 
     @property
     def names(self) -> dict[str, tuple[Detectability, ...]]:
-        """Each name with its detectabilities, for gears with an entry per order."""
+        """Each effect with its detectabilities, for gears with an entry per order."""
         named: dict[str, tuple[Detectability, ...]] = {}
         for detectability in self.detectabilities:
             name = name_of(detectability.effect)
@@ -372,12 +372,12 @@ class ClosePair:
 
     @property
     def first(self) -> tuple[Effect, ...]:
-        """Effects of the first name at the given size."""
+        """First effect of the pair at the given size."""
         return _at_size(self.candidates[0], self.sizes[0])
 
     @property
     def second(self) -> tuple[Effect, ...]:
-        """Effects of the second name at the given size."""
+        """Second effect of the pair at the given size."""
         return _at_size(self.candidates[1], self.sizes[1])
 
 

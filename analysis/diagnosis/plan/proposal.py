@@ -114,7 +114,7 @@ def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:
 # Goals of a proposal: undetectable names and pairs that look alike, and the progress of runs towards them.
 
 _FAINT = 0.1
-"""Share of a goal below which additional information does not count: an undetectable name must not outweigh all
+"""Share of a goal below which additional information does not count: an undetectable effect must not outweigh all
 others. Chosen.
 """
 
