@@ -70,7 +70,7 @@ class Pair:
 
     @cached_property
     def socket(self) -> Integers:
-        """Index of the socket (n,) of each touch."""
+        """Position (n,) of each touch's socket in `names`, as an index."""
         return np.searchsorted(np.array(self.names), self.table.socket)
 
     @cached_property
