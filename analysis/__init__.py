@@ -1,4 +1,4 @@
-"""Analysis of ball-link runs with two digital probes: figures, models and diagnoses of a robot.
+"""Analysis of measurements with a ball link and two digital probes: figures, models and diagnoses of a robot.
 
     from analysis import load_run, evaluate
     result = evaluate(load_run("runs/monday-acw"))
@@ -6,8 +6,8 @@
 
 The names below are the public API (docs/api.md) and are imported on first use. A folder of `analysis` must not share a
 name with a function of the API, because importing the folder would hide the function. The folders form layers, from
-`robot` inside to `cli`, with `apps` outside (docs/decisions/0014). The only parts of `daq` they use read runs, talk to
-a running daemon, or start an emulator.
+`robot` inside to `cli`, with `apps` outside (docs/decisions/0014). `analysis` uses only three parts of `daq`: those
+that read runs, talk to a running daemon, and start an emulator.
 """
 
 # ruff: noqa: F403, F405 - the names of the list below are those of `analysis.api`, which is slow to import
@@ -53,7 +53,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public name, imported on first use because the import takes most of a second."""
+    """Import a public name on first use, because importing all of them takes most of a second."""
     if name not in __all__:
         raise AttributeError(f"module 'analysis' has no attribute {name!r}")
     from analysis import api  # noqa: PLC0415

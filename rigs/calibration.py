@@ -103,11 +103,11 @@ class CovarianceParameter(Part):
 class ModelAssessment(Part):
     """Assessment of the model by the diagnosis, as rms of the readings in µm.
 
-    `condition` is the condition of the diagnosis. `place` is the basis: another place, runs or poses held out, or the
-    runs used. The rms values there are `before_um` without the model, `names_um` with only the named effects,
-    `whole_um` with the complete model, and `handed_um` with the content of the file, which consists of the names only
-    if they do better. `unexplained_um` is the error per coordinate beyond the noise. Every uncertainty computed from
-    the file includes it.
+    `condition` is the condition of the diagnosis. `place` names the readings of the assessment: a different place,
+    held-out runs or poses, or the runs used. `before_um` is the rms without the model, `names_um` with only the named
+    effects, and `whole_um` with the complete model. `handed_um` is the rms with the effects stored in this file: the
+    complete model, or only the named effects if they give a smaller rms. `unexplained_um` is the error per coordinate
+    beyond the noise, which every uncertainty computed from the file includes.
     """
 
     condition: Annotated[str, Field(max_length=40)]
@@ -133,9 +133,8 @@ class CalibratedModel(Part):
     float32, base64. `joints_deg` is the range of each joint in the runs, and `rail_mm` the range of the rail, if any.
     Outside of these ranges the terms equal their prior. `reach_mm`, for touches only, is the largest distance between a
     validating placement and the other sockets. `held_out_um` is the rms in µm at places excluded from the fit; None if
-    there were none. `widened` is the factor in L by which the errors at such places, or in neighbourhoods of poses held
-    out, exceed the expectation from the readings used. `judged` is the assessment of the diagnosis; None in files of
-    earlier versions.
+    there were none. `widened` is the ratio of the real to the expected error at such places or at held-out poses; L is
+    already multiplied by it. `judged` is the assessment of the diagnosis; None in files of earlier versions.
     """
 
     format: Literal[1] = 1
@@ -252,7 +251,9 @@ def verdict_of(calibrated: CalibratedModel) -> Verdict:
 
 
 _JITTER = 1e-9
-"""Added to the diagonal of a correlation matrix before the root: twins have a correlation of 1 within rounding."""
+"""Added to the diagonal of a correlation matrix before computing its root, because indistinguishable terms have a
+correlation of 1 within rounding.
+"""
 
 
 def covariance_root(covariance: Array) -> Array:
@@ -282,7 +283,7 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
     waves: dict[int, list[tuple[float, float, float]]] = {}
     sums: dict[Effect, float] = {}
     for term, times in terms:
-        effect = term.model_copy(update={"found": None})  # no property of the arm, and not hashable
+        effect = term.model_copy(update={"found": None})  # the provenance is no property of the arm, and not hashable
         if is_nothing(effect, times):
             continue
         if is_sine(effect):
@@ -290,7 +291,7 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
             amplitude = times * math.degrees(size)
             waves.setdefault(axis, []).append((order, amplitude * math.cos(phase), amplitude * math.sin(phase)))
         else:
-            # Constants of the same seat add up, for any reference sizes.
+            # Terms for the same constant add up, for any reference sizes.
             unit = healthy(effect) if effect.STAGE == "arm" else effect
             sums[unit] = sums.get(unit, 0.0) + times * (size_of(effect) if unit is not effect else 1.0)
     curves: list[Effect] = [JointCurve(axis=axis, waves=tuple(parts)) for axis, parts in waves.items()]
@@ -322,7 +323,7 @@ def sine_of(effect: Effect) -> tuple[int, float, float, float]:
 
 
 class _Calibrated(Effect):
-    """An effect created only by a calibration, never by a rig file or a search."""
+    """Base of effects that are created only by a calibration, never by a rig file or a search."""
 
     share: float = Field(default=1.0, json_schema_extra={"healthy": 1.0})
 
@@ -370,7 +371,7 @@ class JointCurve(_Calibrated):
 
 
 class Portion(Part):
-    """Multiple of the change caused by an effect.
+    """An effect, and the multiple of its change.
 
     Backlash is not proportional to the width, nor a cosine error to the angle. The change is therefore scaled instead
     of the size.
@@ -381,7 +382,7 @@ class Portion(Part):
 
 
 class _Portions(_Calibrated):
-    """Combined multiples of effects of the same stage."""
+    """Sum of the scaled changes of effects of the same stage."""
 
     portions: tuple[Portion, ...] = Field(min_length=1)
 
@@ -398,7 +399,7 @@ class _Portions(_Calibrated):
 
 
 class JointPortions(_Portions):
-    """Joint angle changes by multiples of effects."""
+    """Scaled changes of joint angles."""
 
     effect: Literal["joint_portions"] = "joint_portions"
 
@@ -411,7 +412,7 @@ class JointPortions(_Portions):
 
 
 class GaugePortions(_Portions):
-    """Reading changes by multiples of effects."""
+    """Scaled changes of gauge readings."""
 
     effect: Literal["gauge_portions"] = "gauge_portions"
 

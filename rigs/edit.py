@@ -1,8 +1,8 @@
-"""Edits of a rig file in place: changed values or added effects. All other text and comments are preserved.
+"""Edit a rig file in place: change values or add effects. All other text and comments are preserved.
 
 YAML nodes give the position of each value. Numbers are replaced in place. Missing keys are inserted at the start of
 their mapping, in any style, or at the end of the file for top-level keys. The result is parsed and compared with the
-request. Styles that use a place twice (anchors) are therefore refused instead of changed partially.
+request. Text shared by several places (YAML anchors) is therefore refused instead of changed partially.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ def with_values(
 ) -> str:
     """Return the text of a rig file with changed values, verified to give the expected rig.
 
-    Raises FileError with this remedy if the text cannot be changed: it uses a place twice, or has an unusual layout.
+    Raises FileError with this remedy if the text cannot be changed: it shares text between places (YAML anchors), or
+    has an unusual layout.
     """
     edited = text
     for parent in dict.fromkeys(keys[:-1] for keys in values):

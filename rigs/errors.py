@@ -17,7 +17,7 @@ Undrivable = Literal["limits", "speed", "singularity", "reach"]
 
 
 class RigPlace(str):
-    """Name of a rig in an error if the file is unknown. part: for example `tests.circle`, or empty."""
+    """Name of a rig, used in errors if the file is unknown. part: for example `tests.circle`, or empty."""
 
     rig_name: str = ""
     part: str = ""
@@ -30,9 +30,18 @@ class RigPlace(str):
 
 
 class RigError(Exception):
-    """An expected failure.
+    """Base of all expected failures.
 
-    where: affected object (file, port, gauge). what: description of the problem. remedy: action for the user.
+    where: affected object (file, port, gauge).
+    what: description of the problem.
+    remedy: action for the user.
+
+    Example:
+
+        try:
+            run = load_run("runs/monday-acw")
+        except RigError as error:
+            print(error.where, error.what, error.remedy)
     """
 
     exit_code = 1
@@ -50,7 +59,7 @@ class RigError(Exception):
         return _again, (type(self), self.args), self.__dict__
 
     def lines(self) -> list[str]:
-        """Message with a line per problem."""
+        """Return the message with a line per problem."""
         return [str(self)]
 
 
@@ -65,7 +74,7 @@ class UseError(RigError):
 
 
 class FileError(RigError):
-    """A rig file, run or table is missing, damaged or wrong."""
+    """A rig file, run or table is missing, damaged or wrong. A subclass of RigError."""
 
     exit_code = 3
 
@@ -87,7 +96,7 @@ class DirectionError(FileError):
 
 
 class CellError(RigError):
-    """The cell does not respond as expected: a port, gauge, robot or daemon."""
+    """The cell does not respond as expected: a port, gauge, robot or daemon. A subclass of RigError."""
 
     exit_code = 4
 

@@ -29,9 +29,11 @@ from rigs.yaml_text import read_yaml
 
 _REMEDY = "restore both files of the same diagnosis, or repeat the diagnosis"
 _MOST_UM = 1e6
-"""One metre, more than the error of any working arm."""
+"""Upper limit of an error in µm: one metre, more than any working arm has."""
 _MOST_WIDENED = 1000.0
-"""Held-out poses wrong by 10 mm for an arm calibrated to 10 µm. Such an arm would not be calibrated."""
+"""Upper limit of the ratio of real to expected error. It corresponds to an error of 10 mm for an arm calibrated to
+10 µm, which would not be a calibration.
+"""
 _LEAST_DEG, _MOST_DEG = -1000.0, 1000.0
 """Limits of joint angles: controllers count at most three turns."""
 
@@ -89,7 +91,7 @@ _MAX_BYTES = 1_000_000
 
 
 class Hidden(Part):
-    """Effects hidden in a simulated or emulated cell, from a separate file or from a rig file."""
+    """Effects hidden in a simulated or emulated cell, from a separate file or a rig file."""
 
     effects: tuple[AnyEffect, ...] | None = None
     eccentricity_mm: Vector | None = None

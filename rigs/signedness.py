@@ -17,8 +17,8 @@ _BITS = (8, 12, 16, 24, 32)
 _DECIMALS = range(7)
 """Decimal digits of a count: 1 mm to 1 nm. A gauge in other units has a scale in the rig file."""
 _MOST_SHARE = 0.1
-"""Maximum span of the readings, decoded as signed, as a share of the full range. Chosen: a gauge with a larger travel
-passes many counts in between, and the readings leave no such gap.
+"""Maximum span of the signed readings as a share of the full range. Chosen: a gauge with a larger travel also shows
+readings in between, so there is no gap.
 """
 _FEWEST = 2
 """Minimum number of different readings on either side. A single reading may be an outlier."""
@@ -74,7 +74,7 @@ def unsigned_readings(values: NDArray[np.float64], scales: Iterable[float] = ())
 
 
 def _is_wrapped(lower: NDArray[np.float64], upper: NDArray[np.float64], jump: float, count: float) -> bool:
-    """Return whether the upper readings minus the jump continue the lower readings below zero."""
+    """Return whether the upper readings, reduced by the jump, continue the lower readings below zero."""
     back = upper - jump
     span = max(float(lower[-1]), float(back[-1])) - min(float(lower[0]), float(back[0]))
     meets = float(lower[0]) - float(back[-1])

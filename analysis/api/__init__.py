@@ -1,4 +1,4 @@
-"""The functions of `from analysis import …`: creation of runs from files or by simulation, and evaluation of runs.
+"""Functions of `from analysis import …`: create runs from files or by simulation, and evaluate runs.
 
 `load_run`, `read_table` and `simulate` return a run (`Measured`). All other functions take runs and return frozen
 results with curves, `to_dict()`, `to_table()` (pyarrow) and `to_frame()` (pandas). No function prints. Every expected
@@ -52,10 +52,16 @@ def load_run(path: str | Path) -> Measured:
 
     path: the run directory.
 
-    Returns the run: `table` with the readings (g_mm (n, k) mm of k gauges, q (n, 6) rad of the joints), `rig` at the
-    time of measurement, and `doubts` as text. `to_table()` has the columns of docs/tables.md, in degrees and mm.
+    Returns the run. `table` contains the readings: g_mm (n, k), in mm, of k gauges and q (n, 6), in rad, of the joints.
+    `rig` is the rig file at the time of measurement, and `doubts` are warnings as text. `to_table()` has the columns of
+    docs/tables.md, in degrees and mm.
 
     Raises FileError if the run is missing, still being recorded, not recovered after a crash, or damaged.
+
+    Example:
+
+        run = load_run("runs/monday-acw")
+        print(run.title, run.doubts)
 
     Source: docs/recording.md (run directories), docs/analysis.md (alignment of times).
     """
@@ -77,15 +83,21 @@ def read_table(
     path: CSV file or workbook with the columns of docs/tables.md. Poses and touches may have the format of the
     instrument if the meaning of the columns is unambiguous.
     rig: rig file of the measured cell, or name of a shipped rig or library arm.
-    test: `yaw`, `roll`, `radial`, `repeatability`, `pose`, `touch` or `path`; inferred from the columns if None.
+    test: `yaw`, `roll`, `radial`, `repeatability`, `pose`, `touch` or `path`. If None, it is inferred from the columns,
+    which are the same for yaw and roll.
     direction: `acw` or `cw`, for a circle if the table lacks the column `direction`.
     operator: name of the operator.
     placement: name of the place of instrument or ball; runs with the same placement share a set-up.
     joints: `commanded` to use the columns qN_commanded_deg as joint angles.
 
-    Returns the run; `doubts` lists suspicious units, gauges and certificates.
+    Returns the run. Its `doubts` list suspicious units, gauges and certificates.
 
     Raises FileError if the rig file or the table cannot be read; every bad row is listed with the line number.
+
+    Example:
+
+        run = read_table("yaw.csv", "ur10e", test="yaw", direction="acw")
+        print(run.to_table().column_names)
 
     Source: docs/tables.md.
     """
@@ -106,12 +118,17 @@ def save_run(run: Measured, directory: str | Path) -> Path:
     """Write a run of `read_table` or `simulate` as a run directory for `load_run` and `rig`.
 
     run: result of `read_table` or `simulate`.
-    directory: directory to create; it determines the name of the run.
+    directory: directory to create. The last part of the path becomes the name of the run.
 
     Returns the path of the directory.
 
-    Raises FileError if the directory exists, or for a recorded run, whose directory can be copied instead; CellError if
-    the disk cannot be written.
+    Raises FileError if the directory exists, or if the run is a recorded one, whose directory can be copied instead;
+    CellError if the disk cannot be written.
+
+    Example:
+
+        run = simulate("ur10e", "yaw", "acw")
+        save_run(run, "runs/monday-acw")
 
     Source: docs/recording.md (run directories).
     """
@@ -148,6 +165,11 @@ def simulate(
     Raises FileError if a file cannot be read or the robot cannot drive the test, UseError for an unknown test or
     direction.
 
+    Example:
+
+        run = simulate("ur10e", "yaw", "cw", seed=7)
+        print(run.table.g_mm.shape, run.table.q.shape)
+
     Source: docs/simulation.md.
     """
     from analysis.procedures.simulate import simulated_run  # noqa: PLC0415
@@ -164,12 +186,19 @@ def evaluate(run: AnyRun, like: Result | None = None) -> Result:
     """Evaluate a run: the figures of the test with standard uncertainties, and the underlying curve.
 
     run: result of `load_run`, `read_table` or `simulate`, or the path of a run directory.
-    like: result of a run with at least two laps in the same cell, which supplies the noise for a run of a single lap.
+    like: result of a run with at least two laps in the same cell. Its noise is used for a run of a single lap.
 
-    Returns the result: `figures` by the names of docs/figures.md, each with value, u and unit; `curve` over the circle
-    angle or the targets, in degrees and mm; `reversals` of the joints; `doubts` as text.
+    Returns the result. `figures` maps the names of docs/figures.md to values with u and unit. `curve` contains the
+    points over the circle angle or the targets, in degrees and mm. `reversals` are those of the joints, and `doubts`
+    are warnings as text.
 
     Raises FileError if the readings are not a measurement of the labelled test.
+
+    Example:
+
+        result = evaluate(simulate("ur10e", "yaw", "acw"))
+        band = result.figures["band_deg"]
+        print(band.value, band.u, band.unit)
 
     Source: docs/figures.md (definitions), docs/analysis.md (uncertainty); Y. T. Oh, Applied Sciences 9 (2019).
     """
@@ -177,13 +206,19 @@ def evaluate(run: AnyRun, like: Result | None = None) -> Result:
 
 
 def evaluate_runs(runs: AnyRun | Sequence[AnyRun]) -> list[Result]:
-    """Evaluate runs. A run of a single lap uses the noise of the first run of the same test with more laps.
+    """Evaluate several runs. A run of a single lap uses the noise of the first run of the same test with more laps.
 
     runs: runs or paths of run directories, of any tests, robots and cells.
 
     Returns a result for each run, in the same order.
 
     Raises FileError as `evaluate` does.
+
+    Example:
+
+        runs = [simulate("ur10e", "yaw", way) for way in ("acw", "cw")]
+        for result in evaluate_runs(runs):
+            print(result.title, result.figures["band_deg"])
 
     Source: docs/analysis.md.
     """
@@ -199,11 +234,17 @@ def compare(
     rig: the model; the rig file of the first run if None.
     unseen: runs at a different place or radius, each compared with a separately fitted set-up.
 
-    Returns `runs` with measured and simulated curves and figures and `residuals_mm` (m, k) of every reading, `poses`
-    with the residuals of runs without gauges, the fitted `setups`, and `doubts` as text. `disagreement` lists the
-    places of disagreement with the joints that reverse there, and the residual after each effect of the model.
+    Returns the comparison. `runs` contains for each run measured and simulated curves and figures, and the residuals of
+    every reading as `residuals_mm` (m, k). `poses` contains the residuals of runs without gauges, `setups` the fitted
+    set-ups, and `doubts` warnings as text. `disagreement` lists the places with large residuals and the joints that
+    reverse there, and the residual after adding each effect of the model.
 
     Raises FileError if a run does not belong to the robot or circle of the model.
+
+    Example:
+
+        compared = compare(simulate("ur10e", "yaw", "acw"))
+        print(compared.runs[0].rms_um)
 
     Source: docs/simulation.md.
     """
@@ -224,22 +265,29 @@ def calibrate(
     unseen: AnyRun | Sequence[AnyRun] = (),
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
-    """Calibrate the model of a robot: fit given effects, or find them, together with all other parameters the runs
-    determine.
+    """Calibrate the model of a robot. The given effects, or those found automatically, are fitted together with all
+    other parameters that the runs determine.
 
     runs: at least one run, or paths of run directories, of the same robot.
     effects: effects to fit, separated by commas, such as `backlash:1,joint_offset`: NAME:AXIS, or NAME for all axes. If
     None, the runs determine the effects, as in `diagnose`.
     rig: the initial model; the rig file of the first run if None.
-    hold_out: runs used for validation only; by default a fifth of the neighbourhoods of poses.
+    hold_out: runs used for validation only. By default a fifth of the poses is held out, in groups of neighbouring
+    postures.
     unseen: runs at a different place or radius for validation.
     progress: called with a short text at each step, which may take seconds.
 
     Returns the diagnosis with the calibrated model in `calibrated`, the `effects` with sizes and standard
-    uncertainties, and the rms gap in µm before and after for each set of runs.
+    uncertainties, and the rms residual in µm before and after for each set of runs.
 
     Raises UseError for an unknown effect, FileError if a run belongs to a different robot or is given twice, or if the
     readings are too few.
+
+    Example:
+
+        runs = [simulate("ur10e", "yaw", way, seed=seed) for seed in (1, 2) for way in ("acw", "cw")]
+        found = calibrate(runs, "backlash:1")
+        print(found.train.before_um, found.train.calibrated_um)
 
     Source: docs/calibration.md.
     """
@@ -268,11 +316,18 @@ def diagnose(
     tolerance_um: largest accepted rms error of the readings; the limits of the rig file if None.
     progress: called with a short text at each step, which may take seconds.
 
-    Returns the verdicts `condition` and `accuracy`, the `budget` of the error, the `effects` with odds, sizes and
-    rivals, the rms gap in µm before and after for each set of runs, the curves of residuals, the calibrated model in
-    `calibrated`, and `extended_rig`, the model with the confirmed effects.
+    Returns the diagnosis. `condition` and `accuracy` are the verdicts, `budget` lists the parts of the error, and
+    `effects` the causes with odds, sizes and alternatives. `train`, `held_out` and `unseen` contain the rms residual in
+    µm before and after for each set of runs. `calibrated` is the calibrated model, and `extended_rig` the rig with the
+    confirmed effects.
 
     Raises FileError if a run belongs to a different robot or is given twice, or if the readings are too few.
+
+    Example:
+
+        runs = [simulate("ur10e", "yaw", way, seed=seed) for seed in (1, 2) for way in ("acw", "cw")]
+        found = diagnose(runs)
+        print(found.condition, [cause.effect for cause in found.standing])
 
     Source: docs/diagnosis.md.
     """
@@ -284,11 +339,17 @@ def calibrated_arm(rig: RigFile | Rig) -> CalibratedArm:
 
     rig: rig file next to its calibration, or name of a shipped rig or library arm.
 
-    Returns the arm: `forward(q_deg)` gives the poses of the tool, T (n, 4, 4) with lengths in mm, and u_mm (n,), the
-    standard uncertainty of the place; `inverse(T, near_deg)` gives q_deg (n, axes), `reached` (n,) and u_mm (n,). The
-    poses include all effects that depend only on the posture. Plays and time-dependent effects are included in u_mm.
+    Returns the arm. `forward(q_deg)` gives tool poses T (n, 4, 4), with lengths in mm, and the standard uncertainty
+    u_mm (n,) of the position. `inverse(T, near_deg)` gives q_deg (n, axes), `reached` (n,) and u_mm (n,). The poses
+    include all effects that depend only on the posture. Backlash and time-dependent effects are included in u_mm.
 
     Raises FileError if the file cannot be read.
+
+    Example:
+
+        arm = calibrated_arm("ur10e")
+        poses = arm.forward([0, -90, 90, 0, 90, 0])
+        print(poses.T[0, :3, 3], poses.u_mm[0])
 
     Source: docs/calibration.md.
     """
@@ -334,7 +395,7 @@ def _runs(runs: AnyRun | Sequence[AnyRun]) -> list[Measured]:
 
 
 def _test(test: TestName) -> TestName:
-    """Return the test. Raises UseError for an unknown name."""
+    """Return the name of a test unchanged. Raises UseError for an unknown name."""
     if test not in get_args(TestName):
         raise UseError("test", f"{test!r} is not a test", f"give one of {', '.join(get_args(TestName))}")
     return test
@@ -351,7 +412,7 @@ def _direction(direction: str | None) -> Direction | None:
 
 
 def _silent(doing: str) -> None:
-    """Ignore progress."""
+    """Ignore a progress message."""
 
 
 def _model(rig: RigFile | Rig | None, runs: Sequence[Measured]) -> Rig:

@@ -1,7 +1,7 @@
 """The calibrated arm: tool pose from joint angles, and joint angles from a tool pose.
 
-Both refer to the real arm: all posture-dependent effects are included; backlash and time-dependent effects are not. The
-uncertainty includes the excluded effects, the uncertainty of the calibration, and the unexplained error.
+Both refer to the real arm and include all effects that depend only on the posture. Backlash and time-dependent effects
+are not included. The stated uncertainty covers them, the uncertainty of the calibration, and the unexplained error.
 """
 
 from __future__ import annotations
@@ -40,16 +40,20 @@ _ORTHONORMAL = 1e-6
 _ONE_FRAME = 2
 """Dimensions of a single frame (4, 4)."""
 _UNTURNED_DEG, _UNTURNED_DIGITS, _ALIKE_DIGITS = 1e-6, 6, 3
-"""Degrees below which a rotation is rounding, and decimals of rad for equal rotations and postures."""
+"""Rotation in degrees below which a result is a rounding error, and decimals of rad for equal rotations and
+postures.
+"""
 
 
 @dataclass(frozen=True)
 class ArmPoses:
-    """Tool poses.
+    """Result of `CalibratedArm.forward`: tool poses with uncertainty.
 
-    T (n, 4, 4): in the world of the rig file, lengths in mm. u_mm (n,): standard uncertainty of the position, all three
-    coordinates together, NaN if unknown or not covered. covered (n,): False if a joint is outside the range of the
-    model's runs, or the tool further from the sockets than validated; None if unknown.
+    T (n, 4, 4): poses in the world of the rig file, lengths in mm.
+    u_mm (n,): standard uncertainty of the position, all three coordinates together, in mm; NaN if unknown or not
+    covered.
+    covered (n,): False if a joint is outside the range of the calibration runs, or the tool is further from the sockets
+    than validated; None if unknown.
     """
 
     T: Array
@@ -59,11 +63,14 @@ class ArmPoses:
 
 @dataclass(frozen=True)
 class ArmAngles:
-    """Joint angles of poses.
+    """Result of `CalibratedArm.inverse`: joint angles for poses.
 
-    q_deg (n, axes): NaN if no solution lies within the limits. reached (n,): mask of solutions. u_mm, covered: as in
-    ArmPoses, at these angles. turned_deg (n,): rotation from the requested orientation, unavoidable for some arms with
-    fewer than six axes; 0 with six.
+    q_deg (n, axes): joint angles in degrees; NaN if no solution lies within the limits.
+    reached (n,): True for poses with a solution.
+    u_mm (n,): standard uncertainty of the position in mm, as in `ArmPoses`.
+    covered (n,): validity of the calibration, as in `ArmPoses`.
+    turned_deg (n,): rotation from the requested orientation in degrees. It is 0 for six or more axes; arms with fewer
+    axes cannot reach every orientation.
     """
 
     q_deg: Array
@@ -75,7 +82,14 @@ class ArmAngles:
 
 @dataclass(frozen=True)
 class CalibratedArm:
-    """Arm of a rig file with all effects found, from the file and from the calibration."""
+    """Arm of a rig file with the errors known from the file and from its calibration. Create it with `calibrated_arm`.
+
+    Example:
+
+        arm = calibrated_arm("ur10e")
+        wanted = arm.forward([0, -90, 90, 0, 90, 0]).T
+        print(arm.inverse(wanted, near_deg=[0, -80, 80, 0, 90, 0]).q_deg)
+    """
 
     rig: Rig
 
@@ -98,10 +112,10 @@ class CalibratedArm:
     def inverse(self, T: Array, near_deg: Array | None = None) -> ArmAngles:
         """Return joint angles that move the tool of the calibrated arm to poses T (n, 4, 4), or (4, 4), lengths in mm.
 
-        Among several postures, the solution nearest to near_deg (axes,) is selected, by default the middle of the
-        limits. Each further pose is solved near the previous solution. Arms of seven axes stay as near to it as the
-        pose allows. Arms of fewer than six axes reach the place with the closest possible orientation. Raises FileError
-        for invalid frames.
+        If several postures reach a pose, the one nearest to near_deg (axes,) is selected, by default to the middle of
+        the limits. Each further pose is solved near the previous solution. Arms of seven axes stay as near to it as the
+        pose allows. Arms of fewer than six axes reach the position with the closest possible orientation. Raises
+        FileError for invalid frames.
         """
         poses = _numbers(T, "T")
         poses = poses[None] if poses.ndim == _ONE_FRAME else poses

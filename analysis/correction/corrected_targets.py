@@ -77,10 +77,10 @@ class WorkError:
 
     @classmethod
     def of(cls, sizes_mm: Array, inside: Mask | None) -> WorkError:
-        """Return the error of positions displaced by sizes_mm (5, n) mm.
+        """Return the rms error of displaced positions.
 
-        Rows: displacement in the base and in a taught frame, uncertainties in both, and uncorrectable part. inside:
-        mask of covered positions.
+        sizes_mm (5, n): displacement in the base and in a taught frame, uncertainties in both, and uncorrectable part,
+        in mm. inside: mask of covered positions.
         """
         off_mm, taught_mm, u_mm, u_frame_mm, stays_mm = sizes_mm
 

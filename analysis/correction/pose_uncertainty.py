@@ -252,14 +252,18 @@ def position_u_mm(uncertainty: PoseUncertainty, q: Array) -> Array:
 
 
 def few_taught(count: int) -> Integers:
-    """Return the indices (k,) of the postures that teach a frame, drawn from `count` of them: at even steps, those of a
-    grid could all have one orientation."""
+    """Return the indices (k,) of the postures that teach a frame, drawn randomly from `count`. At even steps, the
+    postures of a grid could all have the same orientation.
+    """
     return np.random.default_rng(0).permutation(count)[:_TAUGHT]
 
 
 def places_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) -> tuple[Array, Array]:
-    """Return the standard uncertainty (n,) mm of the tool position at joint angles q (n, 6) rad in the robot's base,
-    and with frame and tool taught at joint angles `taught` (m, 6) rad, both including the unexplained error."""
+    """Return the standard uncertainty (n,) mm of the tool position at joint angles q (n, 6) rad, in the robot's base
+    and in a taught frame.
+
+    taught (m, 6): joint angles in rad at which frame and tool are taught. Both include the unexplained error.
+    """
     taught = taught[few_taught(len(taught))]
     frame = TaughtFrame(tool_poses(model_of(rig, ()), taught))
     moves = uncertainty.pose_displacements(np.concatenate([taught, q[:_ROWS]]))[:, :, :3]

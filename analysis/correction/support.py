@@ -53,9 +53,8 @@ def supports(rig: Rig) -> list[Support]:
 
 
 def supports_beside(rig: Rig) -> list[Support]:
-    """Return the effects outside the named ones of a diagnosis that are part of the calibration, with their use.
-
-    These effects are certain, and not larger than usual.
+    """Return the certain effects of the calibration that are not named in the rig file because their size is usual,
+    with their use.
     """
     if rig.calibrated is None:
         return []
@@ -151,7 +150,7 @@ ANYWAY = "written although rig advises against a correction by this model"
 
 
 def why_nothing(rig: Rig) -> str:
-    """Return the refusal of corrections by a rig's model, as a sentence; empty if the model may be used."""
+    """Return the sentence that refuses corrections by a rig's model; empty if the model may be used."""
     reason = reason_against_model(rig)
     return f"do not correct by this model: {reason}" if reason else ""
 

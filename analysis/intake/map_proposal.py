@@ -85,7 +85,7 @@ class TableReading:
 
     @property
     def fits(self) -> bool:
-        """Whether the places fit the arm."""
+        """True if the positions fit the arm."""
         return self.left <= RIGHT_MM and self.share <= RIGHT_SHARE
 
 

@@ -49,7 +49,7 @@ _UNIT = re.compile(r"[\[(]?\s*(mm|m|cm|um|µm|in|inch|deg|°|rad|s|ms|-|degrees|
 _MOSTLY = 0.9
 """Minimum share of numbers in a numeric column."""
 _FEWEST = 3
-"""Minimum number of columns: a place."""
+"""Minimum number of columns: a position has three."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
-"""Readers of files that contain several recorded streams, as bags of ROS 2.
+"""Readers of files that contain several recorded streams, such as ROS 2 bags.
 
-A package offers each as an entry point `rig.readers`: a module with the functions of `StreamReader`. Rig's own reader
-is an app, offered in the same way, so that imports of tables know nothing of its libraries.
+A package offers each reader as an entry point `rig.readers`: a module with the functions of `StreamReader`. Rig's own
+reader is offered in the same way, so that the import of tables does not depend on its libraries.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from rigs.schema.vocabulary import TestName
 
 @dataclass(frozen=True)
 class StandTable:
-    """The table as text, the topic that it was made from, and what a person should know, in words."""
+    """Table of the stationary poses in a file as text, the topic it was made from, and doubts as text."""
 
     text: bytes
     topic: str
@@ -30,7 +30,7 @@ class StreamReader(Protocol):
     """Reader of one file format, loaded from a module."""
 
     def is_own(self, data: bytes) -> bool:
-        """Return whether the bytes of a file, or its beginning, are of this kind."""
+        """Return whether a file has the format of this reader, by its first bytes or all bytes."""
 
     def file_of(self, path: Path) -> Path:
         """Return the file to be read in a directory made by a recorder; any other path unchanged. Raises FileError."""
@@ -42,7 +42,9 @@ class StreamReader(Protocol):
         """Return the CSV of a circle, and doubts in words. Raises FileError."""
 
     def stands_of(self, data: bytes, where: str, rig: Rig, topic: str) -> StandTable:
-        """Return the stands of the robot as a table. topic: of the poses; the only one if empty. Raises FileError."""
+        """Return the stationary poses of the robot as a table. topic: topic of the poses; if empty, the only one.
+        Raises FileError.
+        """
 
 
 @cache
@@ -61,7 +63,7 @@ def _loaded(offer: EntryPoint) -> StreamReader:
 
 
 def reader_of(data: bytes) -> StreamReader | None:
-    """Return the reader of a file by its bytes, or by its beginning; None for any other file."""
+    """Return the reader of a file by its first bytes or all bytes; None for any other format."""
     return next((reader for reader in readers() if reader.is_own(data)), None)
 
 

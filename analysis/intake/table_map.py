@@ -112,11 +112,16 @@ class MappedColumn(Part):
 class TableMap(Part):
     """Meaning of the columns of a measurement.
 
-    files: layouts of the files in order. join: how to join several files, `rows` or a common column. joints, commanded,
-    place, residual, turn: columns of poses. sees: whether the instrument observes the tool or, like a camera on the
-    tool, observes the cell from the tool. stops: rows are stops of the ISO 9283 cube, identified by place. columns: for
-    other tests, by the names of docs/tables.md. constants: words for all rows, such as the socket. only_commanded:
-    measured joints are unknown. assumed: unconfirmed assumptions.
+    files: layouts of the files in order.
+    join: method of joining several files, `rows` or a common column.
+    joints, commanded, place, residual, turn: columns of poses.
+    sees: `the tool` if the instrument observes the tool, `from the tool` for an instrument on the tool, such as a
+    camera.
+    stops: True if rows are stops of the ISO 9283 cube, identified by position.
+    columns: columns of other tests, by the names of docs/tables.md.
+    constants: texts common to all rows, such as the socket.
+    only_commanded: True if measured joint angles are unknown.
+    assumed: unconfirmed assumptions.
     """
 
     files: Annotated[tuple[FileLayout, ...], Field(min_length=1, max_length=8)]

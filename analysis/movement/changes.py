@@ -22,7 +22,7 @@ from analysis.movement.result import CauseOdds, moved_of
 from analysis.robot.kinematics.arm import Array, Integers
 
 _FEWEST = 3
-"""Minimum number of readings after a movement; fewer may be one or two outliers."""
+"""Minimum number of readings after a movement; fewer may be outliers."""
 _FEWEST_BEFORE = 10
 """Minimum number of readings before a movement, which determine arm and set-ups well enough."""
 _MOST_AFTER = 20

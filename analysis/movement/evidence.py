@@ -94,7 +94,9 @@ def _nearness(first: LinearReadings, second: LinearReadings) -> Array:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A grid point: weight, multiple of the scatter, and the decomposition needed to predict other readings."""
+    """A grid point with its weight, its multiple of the scatter, and the matrix decomposition for predicting other
+    readings.
+    """
 
     weight: float
     scatter: float
@@ -178,7 +180,7 @@ def regional_scatter(
 
 @dataclass(frozen=True)
 class Prediction:
-    """New readings minus the prediction of a scenario (n,), and covariance (n, n), in units of the assumed scatter."""
+    """New readings (n,) minus the prediction of a scenario, with covariance (n, n), in units of the assumed scatter."""
 
     weight: float
     scatter: float
@@ -254,10 +256,9 @@ class CausePosterior:
 def posterior(
     predictions: Sequence[Prediction], shifts: Mapping[Cause, Shift], sd_mm: Array, row: Integers
 ) -> CausePosterior:
-    """Return the posterior of no movement, of the given causes with their shifts of the readings (n,) mm, and of an
-    unknown change.
+    """Return the probabilities of no movement, of the given causes, and of an unknown change.
 
-    Pairs of causes are tried if no single cause fits.
+    shifts: effect of each cause on the readings (n,) in mm. Pairs of causes are tried if no single cause fits.
     """
     single = [NOTHING, *shifts, OTHER]
     columns = {cause: Shift(shift.columns / sd_mm[:, None], shift.offset / sd_mm) for cause, shift in shifts.items()}

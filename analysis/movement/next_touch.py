@@ -36,8 +36,9 @@ class ReferencePosture:
 
 @dataclass(frozen=True)
 class Lever:
-    """A cause not visible in any posture of the reference: largest effect in mm at the typical size, and the scatter
-    that hides it.
+    """A cause that is invisible in all postures of the reference.
+
+    It contains the largest effect in mm at the typical size of the cause, and the scatter that hides it.
     """
 
     cause: Cause

@@ -49,7 +49,7 @@ class CauseOdds:
 
     @property
     def name(self) -> str:
-        """The name of the socket, target or instrument as the user entered it."""
+        """Return the name of the socket, target or instrument as entered by the user."""
         return short_name(self.cause)
 
     def to_dict(self) -> dict[str, Any]:

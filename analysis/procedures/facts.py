@@ -1,6 +1,6 @@
 """Records of a test: facts for computations, and labels for screen and page.
 
-Each test states them as `FACTS` and `LABELS` in its package; a test without them has the usual values.
+Each test provides them as `FACTS` and `LABELS` in its package. A test without them has the usual values.
 """
 
 from __future__ import annotations
@@ -17,14 +17,17 @@ from rigs.schema.vocabulary import TestName
 class Facts:
     """Properties of a test's readings and of its set-up.
 
-    of_places: whether a reading is a place, three coordinates of a target or ball on the tool. of_tracker: whether an
-    instrument sees the places; it may be placed anywhere and may read joints before they rest. constants_apart: whether
-    the readings alone determine the constants of an arm, which then have separate widths. setup_terms, frame_terms:
-    number of fitted set-up terms, and number of leading terms for places that belong to the instrument or socket; the
-    others belong to the target on the tool, common to all placements. wild_spreads: robust standard deviations from
-    which a reading is an outlier relative to a calibrated arm; the standard deviation is at least the largest of real
-    cells, 0.06 mm. Chosen: as for the sphere of a radial test. assumed_sd_mm: standard deviation of a coordinate if no
-    place was visited twice.
+    of_places: True if a reading is a position, three coordinates of a target or ball on the tool.
+    of_tracker: True if an instrument measures the positions. It may have any place, and may read joints before they
+    rest.
+    constants_apart: True if the readings alone determine the constants of an arm, which then have separate prior
+    widths.
+    setup_terms: number of fitted set-up terms.
+    frame_terms: number of leading set-up terms that belong to the instrument or socket. The others belong to the target
+    on the tool, common to all placements.
+    wild_spreads: robust standard deviations from which a reading is an outlier relative to a calibrated arm. The
+    standard deviation is at least the largest of real cells, 0.06 mm. Chosen: as for the sphere of a radial test.
+    assumed_sd_mm: standard deviation of a coordinate if no position was visited twice.
     """
 
     of_places: bool = False
@@ -41,12 +44,16 @@ class Labels:
     """Words of a test for screen and page.
 
     example: figure with bounds for warning and failure, of the size of the values in docs/rig-file.md, to be replaced.
-    part: section of `tests` in a rig file describing place and motion of the test. further: name in a plan as an
-    additional test in a rig file with that section, and the reason for adding it. along: abscissa of the curve in a
-    table of measured and simulated values. setup: description of the set-up terms. no_repeats: message if no reading
-    was repeated; empty if the message is common to all tests. joints_fit: action of rows whose joints have the labelled
-    meaning. rows: name of the rows. distance_from: origin of the distance of an outlier. outlier_check: subject to
-    check. unsupported_reason: reason for not showing single joints; empty if the test does show them.
+    part: section of `tests` in a rig file describing place and motion of the test.
+    further: name in a plan as an additional test in a rig file with that section, and the reason for adding it.
+    along: abscissa of the curve in a table of measured and simulated values.
+    setup: description of the set-up terms.
+    no_repeats: message if no reading was repeated; empty if the message is common to all tests.
+    joints_fit: predicate of a message about rows whose joints have the labelled meaning.
+    rows: name of the rows.
+    distance_from: origin of the distance of an outlier.
+    outlier_check: subject to check for an outlier.
+    unsupported_reason: reason why the test reveals nothing about single joints; empty if it does.
     """
 
     example: tuple[str, float, float] | None = None
@@ -78,10 +85,10 @@ def labels_of(test: TestName) -> Labels:
 
 
 def shows_joints(test: TestName) -> bool:
-    """Return whether a test shows single joints of an arm, as a diagnosis requires."""
+    """Return whether a test reveals single joints of an arm, as a diagnosis requires."""
     return not labels_of(test).unsupported_reason
 
 
 def no_joints_error(test: TestName, where: str) -> FileError:
-    """Return the error for a test that shows nothing of an arm's joints."""
+    """Return the error for a test that reveals nothing about the joints of an arm."""
     return FileError(where, labels_of(test).unsupported_reason, "give poses, touches or circles")

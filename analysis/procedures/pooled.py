@@ -43,7 +43,7 @@ _ANYWHERE_DEG = 180.0 / math.sqrt(3)
 
 @dataclass(frozen=True)
 class BetweenRuns:
-    """Figure over runs: mean, standard uncertainty, and standard deviation between the runs."""
+    """A figure over several runs: mean, standard uncertainty, and standard deviation between the runs."""
 
     mean: Quantity
     sd: float
@@ -54,13 +54,13 @@ class BetweenRuns:
 
     @property
     def in_sd(self) -> str:
-        """Return the standard deviation between the runs for display."""
+        """Return the standard deviation between the runs, formatted for display."""
         return self.mean.rounded_size(self.sd)
 
 
 @dataclass(frozen=True)
 class Pooled:
-    """Combined runs of one test and direction; left_out: the others, each with the reason."""
+    """Combined runs of one test and direction. left_out: excluded runs, each with the reason."""
 
     title: str
     runs: tuple[Result, ...]
@@ -70,7 +70,9 @@ class Pooled:
 
 @dataclass(frozen=True)
 class Pairs:
-    """Pairs of acw and cw runs, their figures including the lag of the gauges in ms, and reasons for unpaired runs."""
+    """Pairs of acw and cw runs with their figures, including the lag of the gauges in ms, and the reasons for
+    unpaired runs.
+    """
 
     runs: tuple[tuple[Result, Result], ...]
     figures: dict[str, Quantity | BetweenRuns]
@@ -93,8 +95,11 @@ def pooled(group: Sequence[Result]) -> list[Pooled]:
 
 
 def figures_between_runs(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, BetweenRuns]:
-    """Return the figures common to all runs, over the runs. The u of a mean is at least the smallest u of a run, part
-    of which (the gauges' time and baseline) is common to all runs."""
+    """Return the figures common to all runs, combined over the runs.
+
+    The u of a mean is at least the smallest u of a run, because a part of it (time and baseline of the gauges) is
+    common to all runs.
+    """
     over_runs = {}
     for name in (name for name in runs[0] if all(name in run for run in runs)):
         figures = [run[name] for run in runs]

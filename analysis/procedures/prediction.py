@@ -1,6 +1,6 @@
-"""Predicted readings of a table: its set-up, its motion and its readings, as its test asks for them.
+"""Prediction of the readings of a table: set-up, motion and readings, according to its test.
 
-Each test implements it as `PART` in the module `predict` of its package, unless it shows no joints of an arm.
+Each test implements it as `PART` in the module `predict` of its package, unless the test reveals nothing about joints.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Prediction(TestPart, Protocol[T_contra]):
 
 
 def prediction_of(table: Table) -> Prediction[Table]:
-    """Return the prediction of a table. Raises FileError for a test that shows no joints."""
+    """Return the prediction of a table. Raises FileError for a test that reveals nothing about joints."""
     return _prediction(table.test)
 
 

@@ -36,8 +36,18 @@ from rigs.schema.vocabulary import WITHOUT_GAUGES, Direction
 
 @dataclass(frozen=True)
 class Result(Tabular):
-    """Evaluated run. measured: the run as read. found: result of its test, in radians and mm. figures: by their names
-    in docs/figures.md, ending in the unit."""
+    """Evaluated run.
+
+    measured: the run.
+    found: result of the test, in radians and mm.
+    figures: figures by the names of docs/figures.md, which end in the unit.
+
+    Example:
+
+        result = evaluate(simulate("ur10e", "yaw", "acw"))
+        print(result.title, result.figures["band_deg"])
+        table = result.curve.to_table()
+    """
 
     measured: Measured
     found: Evaluated
@@ -45,7 +55,7 @@ class Result(Tabular):
 
     @cached_property
     def curve(self) -> ResultCurve:
-        """Curve or points of the figures, in degrees and mm."""
+        """Curve or points underlying the figures, in degrees and mm."""
         return self.found.as_curve
 
     @cached_property
@@ -63,23 +73,24 @@ class Result(Tabular):
 
     @property
     def name(self) -> str:
-        """Name of the run."""
+        """Name of the run directory."""
         return self.measured.run.manifest.name
 
     @property
     def test(self) -> str:
-        """Test of the run."""
+        """Kind of test, such as `yaw`."""
         return self.measured.run.manifest.test
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:
-        """Doubts about the figures as text."""
+        """Warnings about run and figures, as text."""
         return (*doubts_of(self.measured), *self.found.notes)
 
     @property
     def without_rows(self) -> Result:
-        """Return the result of a circle without its rows, for keeping many runs; the digest is still that of the
-        readings."""
+        """The same result without the rows of a circle, which saves memory for many runs. The digest of the readings
+        is kept.
+        """
         measured, table = self.measured, self.measured.table
         if not isinstance(self.found, CircleResult) or not isinstance(table, CircleTable):
             return self
@@ -93,7 +104,7 @@ class Result(Tabular):
 
     @property
     def lap_noise(self) -> tuple[LapNoise, LapNoise] | None:
-        """Noise of angle and distance between the laps, usable for a run of one lap; None below two laps."""
+        """Noise of angle and distance estimated from the differences between laps; None for fewer than two laps."""
         if not isinstance(self.found, CircleResult) or self.found.laps.count < 2:
             return None
         return self.found.curve.noise, self.found.distance.curve.noise
@@ -104,7 +115,9 @@ class Result(Tabular):
         return table_of_rows(("figure", "value", "u", "unit", "samples", "noise"), rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return run, figures and doubts as plain types, None for unknown values: a run of `rig analyse --json`."""
+        """Return run, figures and doubts as plain types, with None for unknown values: the entry of a run in `rig
+        analyse --json`.
+        """
         manifest = self.measured.run.manifest
         warmth = self.measured.condition.warmth or {}
         plain: dict[str, Any] = for_json(
@@ -152,7 +165,7 @@ def read_and_evaluated(path: Path) -> Result:
 
 
 def figures_alone(path: Path) -> Result:
-    """Evaluate a run directory, without keeping its rows. Raises FileError."""
+    """Evaluate a run directory without keeping its rows. Raises FileError."""
     return _evaluate_in_parts(path, None)
 
 
@@ -200,7 +213,7 @@ def result_of(measured: Measured, like: tuple[LapNoise, LapNoise] | None = None)
 
 
 _KEPT: WeakValueDictionary[int, Result] = WeakValueDictionary()
-"""Referenced results by the identity of their run, which each of them references."""
+"""Cached results by the identity of their run, as long as they are referenced."""
 
 
 def _evaluated(measured: Measured, like: tuple[LapNoise, LapNoise] | None, reduced: Reduced | None = None) -> Result:
@@ -245,13 +258,14 @@ def _same_cell(first: Result, second: Result) -> bool:
 
 
 _END_S, _MOVES_RAD = 0.5, float(np.radians(0.05))
-"""Joint motion and time at the end of a run that mean an unfinished motion: five times those of a standstill."""
+"""Joint motion and time at the end of a run that indicate an unfinished motion: five times those of a standstill."""
 
 
 @dataclass(frozen=True)
 class Fitness:
-    """Usability of a finished run. why: reason of `rig analyse` for refusing it, or empty. drove: actual direction, if
-    only the label is wrong. still_driving: whether the robot was moving at the end."""
+    """Usability of a finished run. why: reason why `rig analyse` would refuse it, or empty. drove: actual direction
+    if only the label is wrong. still_driving: True if the robot was moving at the end.
+    """
 
     why: str
     drove: Direction | None

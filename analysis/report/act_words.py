@@ -30,7 +30,7 @@ class ActWords:
     diagnosis: Diagnosis
     texts: Texts = field(default_factory=partial(texts_of, "en"))
     is_judged_elsewhere: bool = False
-    """Whether the model was validated on runs at a different place before they joined the runs used."""
+    """Whether the model was validated on runs at a different place before these runs joined the runs used."""
 
     @property
     def next(self) -> str:
@@ -86,9 +86,9 @@ class ActWords:
         )
 
     def removes(self, act: Act) -> str:
-        """Return the expected error after an act, ± the standard uncertainty, and the place of that estimate.
+        """Return the error expected after an act, ± its standard uncertainty, and where this error was estimated.
 
-        The sentence says so if the error was not computed. Empty for acts that remove no error.
+        The sentence says so if the error was not computed. It is empty for acts that remove no error.
         """
         if act.kind == "approach" and act.removes_um is None:
             return self.texts("act_not_computed")
@@ -170,8 +170,8 @@ class ActWords:
         )  # fmt: skip
 
     def _of_places(self, key: str) -> str:
-        """Return the key of a text, or the variant for runs without ball and gauges if only poses or touches were
-        measured.
+        """Return the key of a text, or its variant for runs that measured only poses or touches, with no ball and
+        gauges.
         """
         tests = {name.split()[0].strip(",;") for name in self.diagnosis.setups}
         return f"{key}_places" if tests and tests <= set(WITHOUT_GAUGES) else key

@@ -83,7 +83,7 @@ def _parts(residuals: Diagnosis | Disagreement, stairs: Stairs | None, floor_um:
 
 
 def _closes(chart: Chart) -> str:
-    """Return the rms of the first residual and, if the chart has steps, of the last."""
+    """Return the rms of the first residual and, if the chart has steps, the rms of the last."""
     first, last = chart.lines[0], chart.lines[-1]
     after = f" → {rms(last.y):.1f}" if chart.steps else ""
     return f": residual {rms(first.y):.1f}{after} µm rms"

@@ -42,7 +42,9 @@ def size(named: Named | Rival | GroupMember, times: float = 1.0) -> str:
 
 
 def beside_size(named: Named) -> list[str]:
-    """Return the shape parameters of an effect: the fitted ones, and the required ones, such as the order of a gear."""
+    """Return the parameters of an effect other than its size: the fitted ones, and the required ones such as a
+    gear's order.
+    """
     fields = type(named.effect).model_fields
     return [
         field
@@ -128,13 +130,15 @@ def shortened(names: Iterable[str]) -> str:
 
 
 _FOUND = 0.02
-"""Share from which a subject counts as found. The fit is tuned on the validation places, and the shares are slightly
-optimistic.
+"""Share from which a quantity counts as an explanation of the residual. The fit is tuned on the validation places,
+and the shares are slightly optimistic.
 """
 
 
 def remains_lines(remains: ResidualSummary, texts: Texts) -> list[str]:
-    """Return the residual at validation places, and the subjects that explain it or not."""
+    """Return two sentences: the residual at the validation places, and the quantities that explain some or none of
+    it.
+    """
     shares = {texts(f"remains_{looked.subject}"): looked.share for looked in remains.looked if looked.share is not None}
     shown = [f"{subject} {percent(share)}" for subject, share in shares.items() if share >= _FOUND]
     none = [subject for subject, share in shares.items() if share < _FOUND]
@@ -145,7 +149,9 @@ def remains_lines(remains: ResidualSummary, texts: Texts) -> list[str]:
 
 
 def remains_rows(remains: ResidualSummary, texts: Texts) -> list[tuple[str, str]]:
-    """Return a row for each tested subject with the explained share, or the reason for a missing share."""
+    """Return a row for each quantity tested as an explanation: its share of the residual, or the reason for no
+    share.
+    """
 
     def words(share: float | None) -> str:
         if share is None:

@@ -18,10 +18,10 @@ _MOST_ODDS = 1000
 """Odds above which only this bound is stated."""
 
 _WIDE_DEG = 0.03
-"""Possible error of a zero from which it is reported: half a millimetre at a metre."""
+"""Smallest possible error of a joint zero that is reported: half a millimetre at a metre."""
 
 _SMALL = 2.0
-"""Multiple of u up to which a component of a direction is left out."""
+"""Smallest multiple of its uncertainty u at which a component of a direction is mentioned."""
 
 
 def name_of(cause: Cause, *, of_tracker: bool = False) -> str:

@@ -86,7 +86,7 @@ def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
 
 
 def target_charts(result: Result, texts: Texts) -> list[Picture]:
-    """Return the charts of a run."""
+    """Return the charts of a run at targets."""
     match result.curve:
         case RadialCurve() as curve:
             return _hemisphere(result, curve, texts)

@@ -14,8 +14,10 @@ from analysis.report.texts import Texts
 
 @dataclass(frozen=True)
 class BarSegment:
-    """A segment of the stacked bar: name, share of the error from 0 to 1, the same in words, and class of the part,
-    empty if unclassified."""
+    """A segment of the stacked bar.
+
+    share: of the error, 0 to 1; percent: the same as text. rank: class of the part; empty if it has none.
+    """
 
     name: str
     share: float
@@ -39,12 +41,12 @@ class ErrorChange:
 
     @property
     def words(self) -> str:
-        """Return both figures with their unit in a line."""
+        """Both errors with their unit, as a line of text."""
         return f"{self.now} → {self.after} µm rms" if self.after else f"{self.now} µm rms"
 
     @property
     def title(self) -> str:
-        """Return both labels in a line."""
+        """Both labels, as a line of text."""
         label = f"{self.now_label} → {self.after_label}" if self.after else self.now_label
         return label[:1].upper() + label[1:]
 
@@ -75,13 +77,13 @@ def error_size(um: float, u_um: float) -> str:
 
 
 _CHANGES_ARM = ("repair", "remaster", "enter")
-"""Kinds of actions after which a correction of the arm as it was no longer fits."""
+"""Kinds of acts that change the arm, so an existing correction no longer fits."""
 
 
 def with_corrections_removed(summary: Summary, kind: str, way: str, texts: Texts) -> Summary:
-    """Return a summary whose next step, of a kind of action, also removes the correction of the robot made in a way.
+    """Return a summary whose next step, of the given kind of act, also removes the existing correction of the robot.
 
-    A repaired arm with corrected programs, or with entered values, would be corrected twice.
+    A repaired arm would otherwise be corrected twice. way: how the robot was corrected.
     """
     if way == "none" or kind not in _CHANGES_ARM:
         return summary
@@ -89,7 +91,7 @@ def with_corrections_removed(summary: Summary, kind: str, way: str, texts: Texts
 
 
 def driven_error(before: Deviation, after: Deviation, texts: Texts) -> ErrorChange:
-    """Return the error before and after a correction, measured on the robot."""
+    """Return the measured error of the robot before and after a correction."""
     return ErrorChange(
         now_label=texts("error_before_label"),
         now=error_size(before.um, before.u_um),

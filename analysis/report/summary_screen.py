@@ -13,9 +13,9 @@ from analysis.report.summary import BarSegment, Summary
 from analysis.report.texts import Texts
 
 BAR_WIDTH = 40
-"""Columns of the stacked bar on a wide terminal: half of the usual 80."""
+"""Width of the stacked bar in columns on a wide terminal: half of the usual 80."""
 _FILLS = "█▓▒░"
-"""Fills of the segments, which differ without colour."""
+"""Fill characters of the segments, distinguishable on a terminal that shows no colours."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class StackedBar:
     causes: tuple[BarSegment, ...]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Yield the bar in a line."""
+        """Yield the bar as a single line."""
         width, begin = min(BAR_WIDTH, options.max_width), 0.0
         for fill, cause in zip(_FILLS, self.causes, strict=False):
             end = begin + cause.share
@@ -35,7 +35,7 @@ class StackedBar:
 
 
 def on_screen(summary: Summary, texts: Texts, style: str = "bold") -> list[RenderableType]:
-    """Return headline and tiles for a terminal of any width."""
+    """Return the headline and the tiles as elements of rich, for a terminal of any width."""
     error = summary.error
     causes: list[RenderableType] = [Text("–")]
     if summary.causes:

@@ -1,4 +1,4 @@
-"""Build the summary of a diagnosis in a language: headline, figures, causes and next step are chosen only here."""
+"""Summary of a diagnosis in a given language. Headline, figures, causes and next step are selected only here."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from analysis.report.summary import BarSegment, ErrorChange, Summary, driven_err
 from analysis.report.texts import Texts, texts_of
 
 _MOST_CAUSES = 3
-"""Segments of the bar with a name of their own. Chosen: as many names as fit on a phone."""
+"""Maximum number of bar segments with their own names. Chosen: as many names as fit on a phone."""
 _LEAST_SHARE = 0.01
-"""Share of the error from which a part is a main cause. Chosen: the narrowest segment that can be seen."""
+"""Minimum share of the error for a main cause. Chosen: the narrowest visible segment."""
 _TENTH_PERCENT = 0.001
 _IMITATED: tuple[Doubt, ...] = ("unexplained", "commanded")
 """Doubts about an effect that a different cause may imitate."""
 _HARMLESS = ("uncalibrated", "nothing_unusual")
 _UNDECIDED = ("out_of_range", "outside_library", "undecided", "not_testable_here")
-"""Conditions that limit the evidence for every cause and action."""
+"""Conditions of a diagnosis that limit the evidence for every cause and act."""
 
 
 def summarise(
@@ -35,8 +35,11 @@ def summarise(
     driven: tuple[Deviation, Deviation] | None = None,
     judged_elsewhere: tuple[float, float] | None = None,
 ) -> Summary:
-    """Build the summary. `acts` are the open actions, those of the diagnosis if None; `driven` is the error measured
-    before and after a correction; `judged_elsewhere` as of `AnswerWords`."""
+    """Return the summary of a diagnosis.
+
+    acts: the open acts, by default those of the diagnosis. driven: error measured before and after a correction.
+    judged_elsewhere: see `AnswerWords`.
+    """
     words = _SummaryWords(diagnosis, texts or texts_of("en"), judged_elsewhere)
     open_acts = without_idle_mounts(diagnosis.acts) if acts is None else acts
     act = open_acts[0] if open_acts else None
@@ -58,7 +61,7 @@ def _tenths_percent(share: float) -> str:
 
 @dataclass(frozen=True)
 class _SummaryWords:
-    """The phrases of the summary."""
+    """Sentences of a summary."""
 
     diagnosis: Diagnosis
     texts: Texts = field(default_factory=partial(texts_of, "en"))
@@ -89,7 +92,7 @@ class _SummaryWords:
         return self.answer.condition_sentence
 
     def _leading(self) -> list[str]:
-        """Return the faults and the large parts as phrases, the largest first."""
+        """Return the faults and the other large parts of the error as phrases, largest first."""
         faults = [(part_of(self.diagnosis, named), named) for named in self.diagnosis.standing]
         phrases = [(part.share if part else 0.0, self._effect(named, part)) for part, named in faults]
         phrases += [(part.share, self._part(part)) for part in large_parts(self.diagnosis)]
@@ -105,7 +108,7 @@ class _SummaryWords:
         return self.texts("probable_member", part=name, member=self.answer.noun(member.effect), odds=sure(member.odds))
 
     def _effect(self, named: Named, part: BudgetPart | None) -> str:
-        """Return an effect with size and certainty, for an effect of usual size also that."""
+        """Return an effect with its size and certainty, and a remark if its size is usual."""
         is_certain = named.posterior >= CERTAIN_ODDS
         certainty = self.texts("certain") if is_certain else self.texts("likely", odds=sure(named.posterior))
         usual = self.texts("usual_size") if part and part.rank == "usual" else ""
@@ -113,7 +116,7 @@ class _SummaryWords:
         return ", ".join(filter(None, [name, size(named), certainty, usual]))
 
     def unknowns(self, act: Act | None) -> list[str]:
-        """Return the limits of the evidence, as sentences that are not in the headline."""
+        """Return the limits of the evidence as sentences, except those in the headline."""
         diagnosis, texts = self.diagnosis, self.texts
         sentences = [self.answer.visits]
         if diagnosis.condition in _UNDECIDED and (sentence := self.answer.condition_sentence) != self.headline:
@@ -124,14 +127,14 @@ class _SummaryWords:
         return list(filter(None, sentences))
 
     def _beyond_basis(self, act: Act) -> Act:
-        """Return an action without the objection that the basis of the error states."""
+        """Return an act, with the objection removed that the stated basis of the error already contains."""
         return replace(
             act, against=tuple(objection for objection in act.against if objection.why != "not_judged_elsewhere")
         )
 
     @property
     def error(self) -> ErrorChange:
-        """The error now and after repair and correction, both on the runs that judged the model."""
+        """The error now, and after repair and correction, both on the runs used to validate the model."""
         diagnosis, texts, accuracy = self.diagnosis, self.texts, self.diagnosis.accuracy
         place: str = accuracy.place
         before_um, after_um = accuracy.before_there_um, accuracy.calibrated_um
@@ -155,7 +158,7 @@ class _SummaryWords:
 
     @property
     def causes(self) -> list[BarSegment]:
-        """The largest parts of the error, and the sum of all others."""
+        """The largest parts of the error as separate segments, and all other parts as a single segment."""
         parts = [part for part in self.diagnosis.budget[:_MOST_CAUSES] if part.share >= _LEAST_SHARE]
         causes = [
             BarSegment(self._cause_name(part), min(part.share, 1.0), _tenths_percent(part.share), part.rank or "")
@@ -167,14 +170,14 @@ class _SummaryWords:
         return causes
 
     def _cause_name(self, part: BudgetPart) -> str:
-        """Return the name of a part, marked if the part is an effect that an unknown cause may imitate."""
+        """Return the name of a part, marked if an unknown cause may imitate it."""
         name = self.answer.short_name(part)
         imitated = part.index is not None and self.diagnosis.effects[part.index].doubt in _IMITATED
         return f"{name} ({self.texts('not_confirmed')})" if imitated else name
 
 
 def step_of(act: Act, diagnosis: Diagnosis, texts: Texts) -> str:
-    """Return an action as an imperative, without the command."""
+    """Return an act as an imperative sentence, excluding its command line."""
     if act.kind == "load":
         return texts("do_load" if diagnosis.rig.takes_programs else "do_load_targets")
     return texts("do_convert") if act.kind == "convert" else ActWords(diagnosis, texts).what(act)

@@ -48,14 +48,19 @@ SIMULATED = "simulated, "
 
 @dataclass(frozen=True)
 class Measured(Tabular):
-    """A run with the rig file (rig) and the readings as one table, in rad and mm.
+    """A run: its rig file and the readings as one table, in rad and mm.
 
+    path: directory or file of the run.
+    run: manifest and labels.
+    rig: rig file at the time of the measurement, including its calibration.
+    table: readings of gauges, joints or tracker, aligned to a common time.
     u_lag_s: standard uncertainty of the gauges' time relative to the robot's, 0 for tables with a common time.
-    doubts: as text.
+    doubts: warnings as text.
     systematic: uncertainties from certificates.
-    condition: condition of the robot.
+    condition: condition of the robot during the run.
 
-    The run contains no streams, because the table is derived from them, and the streams of a long run need much memory.
+    Recorded streams are not kept, because the table is derived from them, and the streams of a long run need much
+    memory.
     """
 
     path: Path

@@ -1,7 +1,8 @@
 """Find the parts of a test. Each test is a package that an installed distribution offers as entry point `rig.tests`.
 
-Every ring asks a test for its own part: the module of that name, with the class `PART`. Reading a run therefore imports
-`format.py` alone. Rig's own tests are offered in the same way as those of other packages.
+The package of a test contains a module for each layer of `analysis` that needs to know the test, with the class `PART`.
+Reading a run therefore imports `format.py` only. Rig's own tests are offered in the same way as those of other
+packages.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from rigs.errors import FileError
 from rigs.schema.vocabulary import TEST_PACKAGES, TestName
 
 Module = Literal["format", "predict", "evaluate", "checks", "observe"]
-"""Modules of a test's package, each with the part for one ring."""
+"""Names of the modules in the package of a test, each for one layer of `analysis`."""
 TESTS: tuple[TestName, ...] = get_args(TestName)
 """All tests, in the order in which they are listed everywhere."""
 _REMEDY = "install a different version of that package, or uninstall it"

@@ -59,13 +59,19 @@ class TableFormat(TestPart, Protocol[T]):
         )
 
     def stands(self, table: T) -> Mask | None:
-        """Return a mask (n,) of the rows that start a standstill of the robot; None if a row is never a second reading
-        of the same standstill: the robot was driven, or each row is a separate visit."""
+        """Return a mask (n,) of the rows that start a standstill of the robot.
+
+        None if no two rows belong to the same standstill, because the robot kept moving or each row is a separate
+        visit.
+        """
         return None
 
     def averaged(self, table: T, first: Mask, mean: Callable[[Array], Array]) -> T:
-        """Return the table with a row for each standstill; first (n,): whether a row is the first of a standstill,
-        mean: means (s, …) over each standstill of values (n, …) in their unit; labels are those of the first row."""
+        """Return the table with a row for each standstill.
+
+        first (n,): True for the first row of a standstill, which also supplies the labels. mean: function that averages
+        values (n, …) over each standstill to (s, …).
+        """
         columns = {name: column for name, column in vars(table).items() if isinstance(column, np.ndarray)}
         return replace(table, **{name: mean(c) if c.dtype.kind == "f" else c[first] for name, c in columns.items()})
 

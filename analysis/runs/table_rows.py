@@ -25,14 +25,15 @@ class Rows:
 
     @cached_property
     def axes(self) -> int:
-        """Number of joints in the table; cells of unrelated columns, such as a gripper, stay text. Fewer than the
-        minimum means six joints with missing columns."""
+        """Number of joints in the table, at least six. Unrelated columns with a joint name, such as a gripper,
+        contain text.
+        """
         joints = list(takewhile(self._is_measured, joint_columns(MOST_AXES)))
         return len(joints) if len(joints) >= FEWEST_AXES else DRIVEN_AXES
 
     @cached_property
     def rail(self) -> bool:
-        """Whether the table contains rail positions; an unrelated column of that name stays text."""
+        """True if the table contains rail positions. An unrelated column of that name contains text."""
         return self._is_measured(RAIL)
 
     @property

@@ -34,9 +34,9 @@ class Table(ABC):
         def q(self) -> Array: ...
 
     in_order_of_time: ClassVar[bool] = False
-    """Whether rows have increasing times."""
+    """True if the rows have increasing times."""
     swept: ClassVar[bool] = False
-    """Whether joints move during the reading."""
+    """True if joints move during the reading."""
     rail = False
 
     @property
@@ -71,13 +71,18 @@ class Table(ABC):
 
     @property
     def sides(self) -> Integers | None:
-        """Side of the backlash for each joint (n, axes): direction of the last move, -1 or 1, 0 if the joint did not
-        move; None if rows do not contain the approach of the joints."""
+        """Side of the backlash for each joint (n, axes): direction of the last move, -1 or 1, or 0 if the joint did not
+        move.
+
+        None if the table does not contain the approach of the joints.
+        """
         return None
 
     @property
     def lost(self) -> Mask:
-        """Mask (n,) of the rows without a measurement, by the value that an instrument writes in that case."""
+        """Mask (n,) of the rows without a measurement, identified by the value that an instrument writes in that
+        case.
+        """
         return np.zeros(len(self.q), dtype=bool)
 
     def thinned(self, count: int) -> Self:

@@ -32,13 +32,16 @@ def load(feedback: Feedback) -> Any:
 
 
 def host(feedback: Feedback) -> Host:
-    """Return the host side."""
+    """Return the conversation of the host. Raises CellError if a required package is not installed.
+
+    Samples contain q1_deg … q6_deg in degrees, followed by signal and condition of the robot.
+    """
     conversation: Host = load(feedback).host(feedback)
     return conversation
 
 
 def device(feedback: Feedback, read: Read) -> Device:
-    """Return the controller side.
+    """Return the conversation of the emulated controller. `read(now_ns)` gives the values in the order of the samples.
 
     Values that `read` omits at the end are replaced by those of a robot in normal operation.
     """

@@ -111,19 +111,19 @@ _DATA = 2
 """Message type sent by a controller. The other types are sent to controllers."""
 _MOTORS, _RAPID = 4, 8
 _STATE_OF_MOTORS = {1: 1.0, 2: 0.0}
-"""MOTORS_ON, MOTORS_OFF."""
+"""Value of the column `motors_on` by motor state: MOTORS_ON, MOTORS_OFF."""
 _STATE_OF_RAPID = {1: ProgramState.STOPPED, 2: ProgramState.RUNNING}
-"""RAPID_STOPPED, RAPID_RUNNING."""
+"""Program state by execution state: RAPID_STOPPED, RAPID_RUNNING."""
 
 
 def host(feedback: ABBEGM) -> Host:
-    """Return the host side."""
+    """Return the conversation of the host, which reads the joint angles in degrees."""
     check = "check that the RAPID program is streaming (EGMStreamStart), and that the controller sends to this address"
     return Streamed(Positions(_decode, check, Order()), feedback.timeout_s)
 
 
 def device(feedback: ABBEGM, read: Read) -> Device:
-    """Return the controller side."""
+    """Return the conversation of the emulated controller. `read` gives its values, joint angles in degrees."""
     return _EGMController(read, RATE_HZ)
 
 

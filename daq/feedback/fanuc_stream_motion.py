@@ -75,12 +75,12 @@ def status_type(version: int) -> int:
 
 
 def host(feedback: FANUCStreamMotion) -> Host:
-    """Return the host side."""
+    """Return the conversation of the host, which reads the joint angles in degrees."""
     return Streamed(_StreamMotionClient(feedback), feedback.timeout_s)
 
 
 def device(feedback: FANUCStreamMotion, read: Read) -> Device:
-    """Return the controller side."""
+    """Return the conversation of the emulated controller. `read` gives its values, joint angles in degrees."""
     return _StreamMotionController(feedback.version or _ASKED_AS, read)
 
 

@@ -34,12 +34,12 @@ _CLOCK_FORMAT = {"t_s": ".3f", "t_ms": ".0f", "t_us": ".0f"}
 
 
 def host(feedback: LineFeed) -> Host:
-    """Return the host side."""
+    """Return the conversation of the host, which reads the joint angles in degrees."""
     return Streamed(_LineFeedDialect(feedback), feedback.timeout_s)
 
 
 def device(feedback: LineFeed, read: Read) -> Device:
-    """Return the controller side."""
+    """Return the conversation of the emulated controller. `read` gives its values, joint angles in degrees."""
     return _ControllerProgram(feedback, read)
 
 

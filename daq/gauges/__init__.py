@@ -18,12 +18,19 @@ Read = Callable[[int], Sequence[float]]
 
 
 def host(gauges: Sequence[Gauge]) -> Host:
-    """Return the host side of the link shared by these gauges."""
+    """Return the conversation of the host for gauges that share a link. Raises CellError if a required package is
+    missing.
+
+    Samples contain a value in mm for each gauge, in the order given; nan for a gauge in error.
+    """
     conversation: Host = import_module(driver_of(gauges[0], __name__)).host(gauges)
     return conversation
 
 
 def device(gauges: Sequence[Gauge], read: Read) -> Device:
-    """Return the instrument side of the link shared by these gauges."""
+    """Return the conversation of the emulated instrument for gauges that share a link.
+
+    `read(now_ns)` gives the measured values in mm, in the order of the gauges; nan for a head in error.
+    """
     conversation: Device = import_module(driver_of(gauges[0], __name__)).device(gauges, read)
     return conversation

@@ -29,14 +29,14 @@ _CHECK = f"close the menu and end any master measurement, during which it is sil
 
 
 def host(gauges: Sequence[MahrC1208]) -> Host:
-    """Return the host side. A cable carries a single gauge."""
+    """Return the conversation of the host, which reads the gauge in mm. A cable carries a single gauge."""
     protocol = gauges[0].protocol
     dialect = TextDialect(gauges, _REQUEST[protocol] + b"\r", DelimitedLines(_END[protocol]), _read, _CHECK)
     return Polled(dialect, gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MahrC1208], read: Read) -> Device:
-    """Return the instrument side. An open menu represents a head in error."""
+    """Return the conversation of the emulated instrument. An open menu represents a head in error."""
     (gauge,) = gauges
 
     def answer(command: bytes, show: Show) -> bytes:

@@ -48,13 +48,13 @@ _MORE = Trouble("the sensor sends further values; select only the distance for R
 
 
 def host(gauges: Sequence[MicroEpsilonILD1420]) -> Host:
-    """Return the host side. A line carries a single sensor."""
+    """Return the conversation of the host, which reads the sensor in mm. A line carries a single sensor."""
     (gauge,) = gauges
     return QuicklyStreamed(_ILD1420Dialect(gauge), gauge.timeout_s)
 
 
 def device(gauges: Sequence[MicroEpsilonILD1420], read: Read) -> Device:
-    """Return the sensor side."""
+    """Return the conversation of the emulated sensor. `read` gives its reading in mm."""
     (gauge,) = gauges
     return _Sensor(gauge, read)
 

@@ -36,7 +36,7 @@ _STATUS = {
 
 
 def host(gauges: Sequence[SolartronOrbit]) -> Host:
-    """Return the host side for one or several probes polled in turn."""
+    """Return the conversation of the host, which polls one or several probes in turn, in mm."""
 
     def exchange(gauge: SolartronOrbit, wire: Wire, shared: bool) -> Polled:
         return Polled(_OrbitDialect(gauge, wire), gauge.timeout_s, shared=shared)
@@ -45,7 +45,7 @@ def host(gauges: Sequence[SolartronOrbit]) -> Host:
 
 
 def device(gauges: Sequence[SolartronOrbit], read: Read) -> Device:
-    """Return the device side of the units on a line."""
+    """Return the conversation of the emulated units on a line. `read` gives their readings in mm."""
 
     def value(now_ns: int) -> Sequence[float]:
         return [0.0 if math.isnan(value) else value for value in read(now_ns)]

@@ -184,7 +184,7 @@ class RecorderState:
 
     @property
     def run(self) -> int | None:
-        """Number of the run that receives samples, even before it is created, or None if idle."""
+        """Number of the run that receives samples, even before its directory exists; None if idle."""
         return self.phase.run if isinstance(self.phase, Beginning | Running) else None
 
 

@@ -25,7 +25,7 @@ _SECTION = "\nrobot:\n"
 
 
 class Sources(Part):
-    """Sources of the numbers of an arm. second, third: sources used to check the geometry."""
+    """Sources of the numbers of an arm. second, third: independent sources used to check the geometry."""
 
     geometry: str
     second: str
@@ -36,7 +36,7 @@ class Sources(Part):
 
 
 class ArmFile(Part):
-    """A file of the library."""
+    """Content of a library file."""
 
     maker: str
     model: str

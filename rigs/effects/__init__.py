@@ -91,7 +91,7 @@ def swing(frequency_hz: float, amplitude_mm: float) -> Effect:
 
 @cache
 def late_stamps() -> tuple[Effect, ...]:
-    """Return the effects of the timestamps, each at the healthy size. They have no parameter other than the size."""
+    """Return each timestamp effect at the healthy size. The size is their only parameter."""
     names = [name for name, cls in VOCABULARY.items() if cls.STAGE == "time"]
     return tuple(healthy(VOCABULARY[name].model_validate({"effect": name})) for name in names)
 

@@ -33,11 +33,11 @@ _FIRM_NM = 1.0
 """Torque that presses the flank firmly. Below it the transition is smooth."""
 _SPECTRUM = (0.1, 0.25, 0.5, 0.75, 1.25, 1.5, 2.0, 3.0, 4.0)
 _SHARE = 0.05
-"""Widths of elements, relative to the effect, that may replace a part of it, and the standard deviation of each part.
+"""Widths of parallel backlash elements relative to the effect, and the standard deviation of the share of each.
 
 Friction builds up gradually, and wind-up adds to it. The hysteresis of a joint therefore has a spectrum of widths
-(Prandtl-Ishlinskii), and the effect gives the total height. Chosen: with five widths the remainder of a backlash of
-0.62° was named a servo lag.
+(Prandtl-Ishlinskii), and the effect gives the total height. Chosen: with five widths the residual of a backlash of
+0.62° was mistaken for a servo lag.
 """
 
 
@@ -62,7 +62,7 @@ class Backlash(Effect):
     FREE = (FreeShape("transit", 0.2, 0.4, tried=(1.0,)), FreeShape("preload", 0.0, 0.15, tried=(1.0,)))
 
     def apply(self, scene: S) -> S:
-        """Let the joint lag. The trace, or each visit if there are no times, starts in the middle of the play."""
+        """Let the joint lag. A trace, and each visit of a table without times, starts in the middle of the backlash."""
         half = np.radians(self.width_deg) / 2
         q = scene.q[:, self.axis - 1]
         widths = half * (1 + self.transit * _SPREAD) if self.transit else np.array([half])
@@ -106,7 +106,7 @@ class Backlash(Effect):
         return f"axis {self.axis} does not turn back"
 
     def departures(self) -> Departures:
-        """Return the initial position in the width and the form of the crossing."""
+        """Return the departures: initial position within the backlash, and form of the crossing."""
         half_deg = self.width_deg / 2
         free = scaled(self, 1.0, preload=0.0)
         spectrum = tuple(((_SHARE / ratio, scaled(free, ratio, transit=0.0)), (-_SHARE, free)) for ratio in _SPECTRUM)

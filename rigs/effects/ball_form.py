@@ -46,7 +46,7 @@ class BallForm(Effect):
         return Compensation("none", "is a property of the ball, which the robot's controller cannot correct")
 
     def departures(self) -> Departures:
-        """Return unequal lobes: a lobe more and a lobe less."""
+        """Return the departures: unequal lobes, represented by one lobe more and one lobe less."""
         near = [lobes for lobes in (self.lobes - 1, self.lobes + 1) if _FEWEST <= lobes <= _MOST]
         return Departures(
             tuple(

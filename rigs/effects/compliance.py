@@ -62,10 +62,10 @@ class Compliance(Effect):
 
     @classmethod
     def free(cls, payload_kg: float) -> tuple[FreeShape, ...]:
-        """Return the free payload.
+        """Return the payload as a shape to fit.
 
-        A given payload stays within the uncertainty of scales and cables, unless the readings contradict: more, or
-        none.
+        A given payload may vary within the uncertainty of scales and cables. It may vary further only if the readings
+        contradict it, for example because the tool was absent.
         """
         if payload_kg <= 0:
             return cls.FREE

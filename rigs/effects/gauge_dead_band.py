@@ -56,5 +56,5 @@ class GaugeDeadBand(Effect):
         return OF_THE_GAUGES
 
     def departures(self) -> Departures:
-        """Return the approach of the plunger to a target."""
+        """Return the departures: the approach of the plunger to a target is unknown."""
         return Departures(stick=(self.gauge, self.width_mm / 2))

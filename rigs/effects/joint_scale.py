@@ -10,8 +10,8 @@ from rigs.schema.scene import S
 from rigs.schema.vocabulary import Build
 
 _LEAST_TURN = 0.15
-"""Minimum motion of a joint in turns, 54°, for distinguishing a wrong scale from a wrong zero. Chosen: on laps that
-turn a joint by less it was a rival of each zero, which is far more likely.
+"""Minimum motion of a joint in turns, 54°, for distinguishing a wrong scale from a wrong zero. Chosen: with a
+smaller motion the scale competed with each zero, which is far more likely.
 """
 
 
@@ -38,7 +38,9 @@ class JointScale(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[JointScale]]:
-        """Return a form for each joint with a large motion: on a short stretch a wrong scale is a wrong zero."""
+        """Return a form for each joint with a large motion. Over a short range, a wrong scale is equivalent to a
+        wrong zero.
+        """
         return [form for form in at_each_axis(cls, scope) if scope.turned[form[0].axis - 1] >= _LEAST_TURN]
 
     def plain(self, joint: str) -> str:

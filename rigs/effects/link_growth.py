@@ -57,5 +57,5 @@ class LinkGrowth(Effect):
         return Compensation("none", "is a property of the ball link, which the robot's controller cannot correct")
 
     def departures(self) -> Departures:
-        """Return uneven warming."""
+        """Return the departures: uneven warming."""
         return Departures(alike=warming_parts(self))

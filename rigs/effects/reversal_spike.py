@@ -78,5 +78,5 @@ class ReversalSpike(Effect):
         return f"axis {self.axis} does not turn back"
 
     def departures(self) -> Departures:
-        """Return an earlier or later start, and any decay time at a target."""
+        """Return the departures: an earlier or later start, and any decay time at a target."""
         return Departures(jolt=(self.axis, abs(self.amplitude_deg), self.decay_s), fades=True)

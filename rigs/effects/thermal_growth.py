@@ -48,7 +48,7 @@ class ThermalGrowth(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ThermalGrowth]]:
-        """Return a fast and a slow form, if gauges are read: poses have no time."""
+        """Return a fast and a slow form for runs with gauges. Poses have no times, so growth is not observable."""
         return [[cls(time_constant_s=tau) for tau in WARMING_S]] if scope.gauges else []
 
     def plain(self, joint: str) -> str:
@@ -62,7 +62,7 @@ class ThermalGrowth(Effect):
         return Compensation("none", "changes with time: warming up helps, a fixed target does not")
 
     def departures(self) -> Departures:
-        """Return uneven warming: parts of the arm may grow faster, slower, more or less."""
+        """Return the departures: uneven warming, in which parts of the arm grow faster, slower, more or less."""
         keys = {"ppm": self.ppm, "time_constant_s": self.time_constant_s}
         return Departures(
             beside=tuple((_PART_SHARE, _GrowthBeyond(axis=axis, **keys)) for axis in _PARTS),

@@ -77,9 +77,9 @@ class EffectProvenance(Part):
     correlation: dict[str, float] = Field(default_factory=dict)
     """Correlation of the size with other effects of the fit, by name."""
     together: tuple[str, ...] = ()
-    """Effects of the fit that resemble this effect: only their sum is known."""
+    """Other fitted effects with a similar change of the readings: only their sum is known."""
     rivals: tuple[str, ...] = ()
-    """Effects that may explain the runs instead. Separate them by a measurement before correcting."""
+    """Effects that explain the runs equally well. Distinguish them by a measurement before correcting."""
     joints_deg: tuple[tuple[float, float], ...] | None = Field(
         default=None, min_length=FEWEST_AXES, max_length=MOST_AXES
     )
@@ -88,7 +88,7 @@ class EffectProvenance(Part):
 
 @dataclass(frozen=True)
 class Scope:
-    """Observability of effects in runs.
+    """Properties of runs that determine which effects are observable.
 
     timed: joints turn during the readings (circles). gauges: gauges read. twist_deg (axes): alpha of the arm. turned
     (axes): range of each joint in turns during the readings.
@@ -111,10 +111,11 @@ class Scope:
 
 @dataclass(frozen=True)
 class FreeShape:
-    """Shape fitted together with the size: expected value and uncertainty.
+    """A shape fitted together with the size: expected value and uncertainty.
 
-    tried: start values of a search; empty if not searched. stated: the expected value was given and applies unless the
-    readings contradict; a fit starting elsewhere has the distance as the uncertainty. low: lower limit of a fit.
+    tried: start values of a search; empty if it is not searched. stated: the expected value was given by the user. If
+    the readings contradict it, the fit starts from a different value and uses the distance as uncertainty. low: lower
+    limit of a fit.
     """
 
     field: str
@@ -125,13 +126,13 @@ class FreeShape:
     low: float = -math.inf
 
     def spread_from(self, begin: float) -> float:
-        """Return the spread in a fit that starts at a value."""
+        """Return the standard deviation for a fit that starts at a value."""
         return max(self.spread, abs(begin - self.expected)) if self.stated else self.spread
 
 
 @dataclass(frozen=True)
 class StretchedShape:
-    """Shape fitted from the value in a form, with a relative uncertainty.
+    """A shape fitted from the value of a form, with a relative uncertainty.
 
     least: minimum uncertainty. low: lower limit.
     """
@@ -146,11 +147,11 @@ class StretchedShape:
 class Departures:
     """Deviations of real effects from the ideal form, because gears, balls and brakes are not ideal.
 
-    beside: effects, each with a share of one standard deviation. alike: combinations of effects with such shares, too
-    similar to be included in the first fit. gap: a joint and half of its backlash in degrees, because the initial
-    position in the backlash is unknown. jolt: a joint, its deviation in degrees at each reversal, and the decay time in
-    s; 0 for none. stick: a gauge and its deviation in mm at a target, because the approach of the plunger is unknown.
-    fades: the effect decays while the robot rests at a target for an unknown time.
+    beside: additional effects, each with a random share of one standard deviation. alike: combinations of effects with
+    such shares, added after the first fit because they resemble the effect. gap: a joint and half of its backlash in
+    degrees, whose initial position within the backlash is unknown. jolt: a joint, its deviation in degrees at each
+    reversal, and the decay time in s; 0 for none. stick: a gauge and its deviation in mm at a target, if the approach
+    of the plunger is unknown. fades: True if the effect decays while the robot rests at a target for an unknown time.
     """
 
     beside: tuple[tuple[float, Effect], ...] = ()
@@ -252,7 +253,7 @@ class Effect(Part, ABC):
 
     @classmethod
     def free(cls, payload_kg: float) -> tuple[FreeShape, ...]:
-        """Return the shapes fitted with the effect for a given payload; 0 if unknown."""
+        """Return the shapes to fit with the effect for a given payload in kg; 0 if unknown."""
         return cls.FREE
 
     @property
@@ -325,12 +326,12 @@ _E = TypeVar("_E", bound=Effect)
 
 
 def at_each_axis(cls: type[_E], scope: Scope, **values: float) -> list[list[_E]]:
-    """Return a form per joint."""
+    """Return a list of forms per joint, each with one form."""
     return [[cls.model_validate({"axis": axis, **values})] for axis in scope.axes]
 
 
 def at_each_gauge(cls: type[_E], scope: Scope) -> list[list[_E]]:
-    """Return a form per gauge."""
+    """Return a list of forms per gauge, each with one form."""
     return [[cls.model_validate({"gauge": gauge})] for gauge in scope.gauges]
 
 
@@ -346,7 +347,9 @@ def healthy(effect: _E) -> _E:
 
 
 def identity(effect: _E) -> _E:
-    """Return the identity of an effect, independent of size and shape: required keys, seat and form."""
+    """Return the effect with only its required keys, which identify name, seat and form. Size and shape have their
+    defaults.
+    """
     return type(effect).model_validate(
         {name: getattr(effect, name) for name, info in type(effect).model_fields.items() if info.is_required()}
     )
@@ -364,7 +367,9 @@ def label_of(effect: Effect) -> str:
 
 
 def whole_order(order: float) -> float:
-    """Return the displayed order of a gear wave: the number of teeth if integer to a tenth of a wave."""
+    """Return the displayed order of a gear wave, rounded to an integer (the number of teeth) if within a tenth of a
+    wave.
+    """
     return float(round(order)) if abs(order - round(order)) < _OF_A_WAVE and round(order) > 0 else order
 
 
@@ -450,7 +455,7 @@ def warmed(t_s: Array, time_constant_s: float) -> Array:
 
 
 def warming_parts(effect: Effect) -> tuple[tuple[tuple[float, Effect], ...], ...]:
-    """Return combinations of effects with shares for parts of a growth with faster or slower time constants."""
+    """Return combinations of effects with their shares: parts of a growth with faster or slower time constants."""
     tau_s = float(getattr(effect, "time_constant_s"))  # noqa: B009 - of those that grow alone
     others = [effect.model_copy(update={"time_constant_s": ratio * tau_s}) for ratio in SPECTRUM]
     return tuple(((SPECTRUM_SHARE, part), (-SPECTRUM_SHARE, effect)) for part in others)

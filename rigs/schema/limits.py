@@ -184,7 +184,7 @@ class Limits(Part):
         return Limit(fail=self.data_sheet_rp_mm) if self.from_data_sheet(test, figure) else None
 
     def judge(self, test: str) -> bool:
-        """Return whether a figure of a test may have a limit."""
+        """Return whether limits exist for a kind of test."""
         return self.data_sheet_rp_mm is not None or bool(self._part(test).model_dump(exclude_none=True))
 
     def from_data_sheet(self, test: str, figure: str) -> bool:

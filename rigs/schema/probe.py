@@ -254,7 +254,7 @@ class Probe(Part):
     calibrated: dt.date | None = None
     """Calibration date, in files older than `certificate`; not used."""
     timeout_s: float = Field(default=0.5, ge=0.01, le=60)
-    """Time limit for an answer, after which the gauge counts as silent."""
+    """Time without an answer after which the gauge counts as silent."""
     timing: Timing = Timing()
     """Latching time of readings. A value in the rig file replaces the default of the maker completely."""
 

@@ -1,14 +1,16 @@
-"""The page docs/api.md from the docstrings of the public API: `scripts/dev api_page > docs/api.md`.
+"""Generate docs/api.md from the docstrings of the public API: `scripts/dev api_page > docs/api.md`.
 
-The public API is `analysis.__all__`. Functions come in the order of their source, then classes with their public
-fields, properties and methods, then errors.
+The public API is `analysis.__all__`. Functions are in the order of their source, followed by classes with their public
+fields, properties and methods, and finally errors.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import inspect
+import re
 import sys
+import textwrap
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
@@ -38,10 +40,12 @@ This page is generated from the docstrings: `scripts/dev api_page > docs/api.md`
 """
 _LONGEST = 100
 _SECTIONS = ("Returns ", "Raises ", "Source: ")
+_ENTRY = re.compile(r"(?P<names>\w+(, \w+)*)( (?P<shape>\([^)]*\)))?: (?P<text>.*)")
+"""Line of a parameter or field, such as `u_mm (n,): standard uncertainty`."""
 
 
 def page() -> str:
-    """The whole page as Markdown."""
+    """Return the complete page as Markdown."""
     import analysis  # noqa: PLC0415 - the script first puts the repository on the path
 
     public = [getattr(analysis, name) for name in analysis.__all__]
@@ -62,7 +66,7 @@ def _function(function: Callable[..., Any]) -> str:
 
 
 def _signature(function: Callable[..., Any]) -> str:
-    """The signature as code, a parameter a line where it would be too long."""
+    """Return the signature as code, with a parameter per line if it is long."""
     signature = inspect.signature(function)
     parts = [_parameter(one) for one in signature.parameters.values()]
     named = [k for k, one in enumerate(signature.parameters.values()) if one.kind is one.KEYWORD_ONLY]
@@ -81,15 +85,17 @@ def _parameter(one: inspect.Parameter) -> str:
 
 
 def _block(paragraph: str) -> str:
-    """A paragraph of prose, or the list of parameters, each `name: what`."""
+    """Return a paragraph of prose, an example as code, or a list of parameters or fields with their descriptions."""
+    if paragraph.startswith("    "):
+        return f"```python\n{textwrap.dedent(paragraph)}\n```"
     lines = paragraph.splitlines()
-    if paragraph.startswith(_SECTIONS) or ": " not in lines[0]:
+    if paragraph.startswith(_SECTIONS) or not _ENTRY.match(lines[0]):
         return _prose(paragraph)
     entries: list[str] = []
     for line in lines:
-        name, colon, what = line.partition(": ")
-        if colon and name.isidentifier():
-            entries.append(f"- `{name}`: {what}")
+        if entry := _ENTRY.match(line):
+            shape = f" {entry['shape']}" if entry["shape"] else ""
+            entries.append(f"- {', '.join(f'`{name}`' for name in entry['names'].split(', '))}{shape}: {entry['text']}")
         else:
             entries[-1] += f" {line}"
     return "\n".join(entries)
@@ -100,17 +106,16 @@ def _prose(paragraph: str) -> str:
 
 
 def _class(found: type) -> str:
-    described = [_prose(paragraph) for paragraph in (inspect.getdoc(found) or "").split("\n\n")]
+    summary, *paragraphs = (inspect.getdoc(found) or "").split("\n\n")
     members = [f"- `{name}`: {_prose(what)}" for name, what in _members(found)]
     fields = dataclasses.fields(found) if dataclasses.is_dataclass(found) else ()
     listed = [f"Fields: {', '.join(f'`{field.name}: {field.type}`' for field in fields)}."] if fields else []
-    return (
-        "\n\n".join([f"### {found.__name__}", *described, *listed, *(["\n".join(members)] if members else [])]) + "\n"
-    )
+    parts = [_prose(summary), *map(_block, paragraphs), *listed, *(["\n".join(members)] if members else [])]
+    return "\n\n".join([f"### {found.__name__}", *parts]) + "\n"
 
 
 def _members(found: type) -> list[tuple[str, str]]:
-    """Public properties and methods, those of a base class of ours included, by name and docstring."""
+    """Return names and docstrings of public properties and methods, including those of base classes in this project."""
     members: dict[str, str] = {}
     for owner in reversed(found.__mro__):
         if not owner.__module__.startswith(("analysis", "rigs")):

@@ -1,6 +1,6 @@
-"""The page docs/arms.md from the arm library and its second sources: `scripts/dev arms_page > docs/arms.md`.
+"""Generate docs/arms.md from the arm library and independent data: `scripts/dev arms_page > docs/arms.md`.
 
-Each arm is compared with independent sources on 1000 random postures within its limits.
+Each arm is compared with its independent sources on 1000 random postures within its limits.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 POSTURES = 1000
 EXACT = 1e-6
-"""mm and rad below which a difference is the rounding of what was typed, and differs from computer to computer."""
+"""Difference in mm and rad below which two sources agree: rounding of the published numbers, which varies between
+computers.
+"""
 HEAD = """\
 # The arm library
 
@@ -136,7 +138,7 @@ true: Cartesian moves of the controller still use the stored calibration, while 
 
 
 def page() -> str:
-    """The whole page as Markdown."""
+    """Return the complete page as Markdown."""
     from rigs.arms import arm_names, load_arm  # noqa: PLC0415 - the script first puts the repository on the path
 
     arms = [load_arm(name) for name in arm_names()]
@@ -168,7 +170,7 @@ def page() -> str:
 
 
 def _cells(arm: LibraryArm) -> Iterator[str]:
-    """What the page says of an arm's geometry against each of its sources."""
+    """Yield the comparison of an arm's geometry with each of its sources, as table cells."""
     from tests.support.second_sources import SOURCES, differences  # noqa: PLC0415
 
     found = SOURCES[arm.name]

@@ -1,4 +1,4 @@
-"""Prints which processor time tests, files and fixtures took in the last runs of the tests, the longest first."""
+"""Print the processor time of tests, files and fixtures in the latest test runs, longest first."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def main() -> int:
 
 
 def chosen(found: Durations, under: str, nightly: bool) -> Durations:
-    """The tests of a night, or those of each commit, below a path."""
+    """Select nightly or regular tests below a path."""
     names = [name for name in found.tests if name.startswith(under) and (name in found.nightly) == nightly]
     return Durations(
         {name: found.tests[name] for name in names},
@@ -46,7 +46,7 @@ def chosen(found: Durations, under: str, nightly: bool) -> Durations:
 
 
 def section(title: str, rows: Iterable[tuple[str, float]], most: int, whole: float) -> None:
-    """Print the longest of some rows in seconds, each with its share of the whole."""
+    """Print the largest rows of a table in seconds, each with its share of the total."""
     print(f"\n{title}")
     for name, seconds in sorted(rows, key=lambda row: -row[1])[:most]:
         print(f"{seconds:8.2f} s  {100 * seconds / whole:5.1f} %  {name}")

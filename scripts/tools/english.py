@@ -1,9 +1,9 @@
-"""Words that set the prose of this project apart from ordinary technical English: counts of four kinds of text.
+"""Count words typical of this project's former dialect in four kinds of text.
 
 `scripts/dev english` prints, per 1000 words of docstrings, messages, page texts and documents, the frequency of marker
 words in excess of twice their frequency in the docstrings of well-known packages (asyncio, email, rich, click,
 pymodbus, scipy.optimize), the folders with the largest excess, and names of a single participle or preposition. A low
-count does not make good prose; a rising one shows a relapse. `tests/test_english.py` holds the counts.
+count does not make good prose; an increase indicates a relapse. `tests/test_english.py` limits the counts.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ found given held here kept known left like looked lose lost made means missing m
 rest said same seen shown stands straight taken them there those told under wanted whole within worth
 """
 BARE = frozenset(_BARE.split())
-"""Participles, prepositions and adverbs that say nothing as the complete name of a function or class."""
+"""Participles, prepositions and adverbs that are uninformative as the complete name of a function or class."""
 LEAST_WORDS = 5
-"""Words of a string from which it counts as a message."""
+"""Minimum number of words of a string that counts as a message."""
 _HEADLESS = re.compile(r"(?:returns? )?(?:what|where|how|who|which)\b", re.IGNORECASE)
 _NO_PROSE = re.compile(r"`[^`]*`|<[^>]*>|\{[^}]*\}|https?:\S+")
 
@@ -51,7 +51,7 @@ def excess_of(counts: Counter[str]) -> float:
 
 
 def docstrings_in(tree: ast.AST) -> list[ast.Constant]:
-    """Return the docstrings of a module: of definitions, and those below constants."""
+    """Return the docstrings of a module, including strings below constants."""
     return [
         statement.value
         for node in ast.walk(tree)

@@ -1,7 +1,7 @@
-"""What the product costs to carry on, in numbers: lines, helpers used once, empty names, circles, makers named.
+"""Count maintenance costs of the code: lines, helpers used once, uninformative names, import cycles, named makers.
 
-Each number may fall freely; tests/test_house.py holds the largest that each may have. Apps are the folders
-`analysis/apps` and `daq/apps`; everything else is the core.
+A number may decrease freely; tests/test_house.py contains the upper limit of each. Apps are the folders `analysis/apps`
+and `daq/apps`; everything else is the core.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ EMPTY = frozenset(
     {"one", "found", "own", "told", "left", "known", "held", "there", "here", "some", "given", "wanted", "worth"}
     | {"what", "said", "more", "rest", "them", "same", "other", "like", "alone", "beside"}
 )
-"""Names that say nothing of what they stand for."""
+"""Uninformative names."""
 MAKERS = {
     "ur": r"\bur\b|\bur_|_ur\b|\bURs?\b|URScript|URRTDE|Universal Robots",
     "fanuc": r"(?i:(?<!paper-)fanuc)",
@@ -28,25 +28,26 @@ MAKERS = {
     "abb": r"\bABB|\babb\b|\babb_|\bRAPID\b",
     "yaskawa": r"(?i:yaskawa|motoman)|\bINFORM\b",
 }
-"""How each maker is named. The name of a rig, paper-fanuc, is none; nor is that of an arm, as ur10e."""
+"""Patterns for the name of each maker. The names of the rig paper-fanuc and of arms such as ur10e do not count."""
 
 TESTS = ("yaw", "roll", "radial", "repeatability", "pose", "touch", "path")
 OTHER_WORDS = {
-    "yaw": ("apps/interchange/driver_kinematics", "intake/column_groups"),  # turns
+    "yaw": ("apps/interchange/driver_kinematics", "intake/column_groups"),  # rotations
     "roll": ("apps/interchange/driver_kinematics", "intake/column_groups"),
-    "repeatability": ("report/listings",),  # of an arm, by its data sheet
-    # A word of URScript, of foreign headers, of the cube's stops, along an axis, and of a program's name.
+    "repeatability": ("report/listings",),  # data-sheet value of an arm
+    # Other meanings: a word of URScript, of foreign headers, of stops at the cube, along an axis, and of a program
+    # name.
     "pose": (
         *("apps/makers/ur/driver", "intake/column_groups", "intake/cube_stops"),
         *("report/run_pictures", "report/run_charts", "apps/makers/programs/planned"),
     ),
-    # Of a file, of a page; the column of a curve.
+    # Other meanings: of a file or a page; the column of a curve.
     "path": (
         *("apps/makers/report/correction_report", "report/listings", "apps/window/guard"),
         "procedures/shared/result_curves",
     ),
 }
-"""Files of `analysis` in which the name of a test is another word, none of its kind."""
+"""Files of `analysis` in which the name of a test has another meaning."""
 
 
 @cache
@@ -58,12 +59,12 @@ def sources() -> dict[str, ast.Module]:
 
 @cache
 def nodes_of(tree: ast.Module) -> tuple[ast.AST, ...]:
-    """Return every node of a file. A walk through all files costs more than what is looked for in it."""
+    """Return all nodes of a file, cached because walking all files takes longer than the search itself."""
     return tuple(ast.walk(tree))
 
 
 def counts() -> dict[str, int]:
-    """Return every number of the house by its name."""
+    """Return all counts by name."""
     texts = [(ROOT / name).read_text(encoding="utf-8") for name in sources()]
     functions, once = _functions()
     return {
@@ -81,7 +82,9 @@ def counts() -> dict[str, int]:
 
 
 def _functions() -> tuple[list[int], int]:
-    """The length in lines of each function, and how many private ones one place of their file uses."""
+    """Return the length of each function in lines, and the number of private functions used at a single place of
+    their file.
+    """
     lengths, once = [], 0
     for tree in sources().values():
         uses = collections.Counter(
@@ -106,8 +109,9 @@ def _bindings() -> Iterator[str]:
 
 
 def circles() -> list[list[str]]:
-    """Return each group of modules that import each other in a circle, be it inside of functions; an import for types
-    alone closes none."""
+    """Return each group of modules that import each other in a cycle, including imports within functions but not
+    imports for type checking only.
+    """
     modules = {_module(name) for name in sources()}
     graph = {_module(name): _imports(tree, modules) for name, tree in sources().items()}
     reach: dict[str, set[str]] = {}
@@ -129,7 +133,9 @@ def _module(name: str) -> str:
 
 
 def _imports(tree: ast.Module, modules: set[str]) -> set[str]:
-    """Those of some modules that a file imports to run; of one that it takes from its package, it alone."""
+    """Return the imported modules among `modules` at run time; for an import from a package only the imported
+    submodule.
+    """
     imported: set[str] = set()
     for node in _that_run(tree):
         if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
@@ -141,8 +147,11 @@ def _imports(tree: ast.Module, modules: set[str]) -> set[str]:
 
 
 def files_that_name(maker: str) -> list[str]:
-    """Return the files outside a maker's own that name it in what runs: not in a docstring, which gives a source. Its
-    own are its folder, and files that are named after it, as the driver of its interface."""
+    """Return the files that name a maker in code, outside of the maker's own files.
+
+    Docstrings are ignored, because they state sources. A maker's own files are its folder and files named after it,
+    such as the driver of its interface.
+    """
     name = re.compile(MAKERS[maker])
     return [
         file
@@ -154,8 +163,9 @@ def files_that_name(maker: str) -> list[str]:
 
 
 def files_that_name_kind(test: str) -> list[str]:
-    """Return the files outside a test kind's own that name it, as a word or by its table. Its own are its folder, and
-    files whose name has its word, as lost_poses."""
+    """Return the files that name a kind of test, as a word or by its table, outside of its own folder and files
+    named after it.
+    """
     name, own = re.compile(rf"[\"']{test}[\"']|{test.capitalize()}Table"), re.compile(rf"(^|_){test}(s|es)?(_|$)")
     words = {f"analysis/{file}.py" for file in OTHER_WORDS.get(test, ())}
     others = (
@@ -168,7 +178,7 @@ def files_that_name_kind(test: str) -> list[str]:
 
 @cache
 def _words() -> dict[str, set[str]]:
-    """The names and the texts of each file that are no docstrings."""
+    """Return the names and texts in each file, excluding docstrings."""
     return {file: set(_words_of(tree)) for file, tree in sources().items()}
 
 
@@ -185,7 +195,7 @@ def _words_of(tree: ast.Module) -> Iterator[str]:
 
 
 def _that_run(node: ast.AST) -> Iterator[ast.AST]:
-    """Each node of a tree but those that only a type checker reads."""
+    """Yield the nodes of a tree, excluding those used only by a type checker."""
     yield node
     for below in ast.iter_child_nodes(node):
         if not (isinstance(below, ast.If) and isinstance(below.test, ast.Name) and below.test.id == "TYPE_CHECKING"):
@@ -193,7 +203,7 @@ def _that_run(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def sizes() -> dict[str, tuple[int, int]]:
-    """Return the lines and files of the core, of the apps, of tests, of trials and of documents."""
+    """Return lines and files of core, apps, tests, trials and documents."""
     of_apps = [file for file in sources() if file.split("/")[1] == "apps"]
     files = {
         "core": sorted(sources().keys() - set(of_apps)),
@@ -209,7 +219,7 @@ def sizes() -> dict[str, tuple[int, int]]:
 
 
 def main() -> int:
-    """Print each number, and the circles."""
+    """Print all counts, and the import cycles."""
     for part, (lines, count) in sizes().items():
         print(f"{lines:8d}  lines of {part}, in {count} files")
     for name, number in counts().items():

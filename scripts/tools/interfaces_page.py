@@ -1,4 +1,5 @@
-"""The page docs/interfaces.md from the schemas and the peers: `scripts/dev interfaces_page > docs/interfaces.md`.
+"""Generate docs/interfaces.md from the schemas and the reference programs: `scripts/dev interfaces_page >
+docs/interfaces.md`.
 
 The source of an interface comes from its class (`rigs.interfaces`), the independent implementations from `PEERS` of
 tests/trials/wire_peers/__main__.py. The list of unsupported interfaces is in this file.
@@ -66,19 +67,19 @@ LEFT_OUT = (
 
 
 def page() -> str:
-    """The whole page as Markdown."""
+    """Return the complete page as Markdown."""
     left_out = ["## Not supported", "", *(_left_out(*one) for one in LEFT_OUT)]
     return "\n".join([HEAD, *_section("Gauges", "gauge"), *_section("Robots", "robot"), *left_out, ""])
 
 
 def _left_out(name: str, instead: str, why: str) -> str:
-    """List item of an unsupported interface."""
+    """Return the list item of an unsupported interface."""
     alternative = "" if instead == "–" else f" Use {instead}."
     return f"- **{name}**: {why}.{alternative}"
 
 
 def _section(title: str, kind: str) -> list[str]:
-    """A heading for each interface of a kind, with its instruments, source, doubts and peers."""
+    """Return a section for each interface of a kind, with its instruments, source, doubts and reference programs."""
     from rigs.interfaces import list_interfaces  # noqa: PLC0415
     from tests.trials.wire_peers.__main__ import PEERS  # noqa: PLC0415 - the script first puts the repository on the path
 

@@ -1,4 +1,4 @@
-"""Draws small changes of daq, analysis and rigs by a seed, and counts how many of them the tests find."""
+"""Apply random small changes to daq, analysis and rigs, and count how many of them the tests detect."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ ROOT = Path(__file__).resolve().parents[2]
 KEPT = ROOT / ".pytest_cache" / "mutants.json"
 FOLDERS = ("rigs", "daq", "analysis", "docs", "tests", "scripts", "systemd")
 UNKNOWN_S = 5.0
-"""Assumed of a file whose tests have not run here yet: half of the files take less than 2 s."""
+"""Assumed time of test files that have not been measured here: half of the files take less than 2 s."""
 HANGS_S = 3600.0
-"""A mutant that makes a test wait for ever is found; pytest's own limits are far below."""
+"""Time after which a mutant that blocks a test counts as detected; the limits of pytest are far shorter."""
 ENDS = {0: "missed", 1: "found", 2: "found", 5: "missed"}
-"""By the exit code of pytest: 2 is a module that cannot be imported any more, 5 that there is no test."""
+"""Result by exit code of pytest: 2 means that a module can no longer be imported, 5 that there is no test."""
 
 
 def main() -> int:
@@ -52,7 +52,7 @@ def main() -> int:
 
 
 def copied(root: Path, tree: Path) -> Path:
-    """A copy of a tree without what was made in it."""
+    """Copy a tree without generated files."""
     for name in FOLDERS:
         shutil.copytree(root / name, tree / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
     for file in root.iterdir():
@@ -64,7 +64,7 @@ def copied(root: Path, tree: Path) -> Path:
 
 
 def looked_for(mutant: Mutant, tree: Path, took: Durations, seconds: float, night: bool) -> dict[str, str]:
-    """By whom a mutant is found (commit, night, or nothing) and by which test."""
+    """Run the tests for a mutant. Return the detecting set of tests (commit, night, or empty) and the failing test."""
     path = tree / mutant.path
     sound = path.read_text(encoding="utf-8")
     path.write_text(mutant.applied(sound), encoding="utf-8")
@@ -81,7 +81,7 @@ def looked_for(mutant: Mutant, tree: Path, took: Durations, seconds: float, nigh
 
 
 def within(files: Sequence[str], took: Durations, seconds: float, night: bool) -> list[str]:
-    """The first files whose tests take no more than so long together, and one at least."""
+    """Return the first files with a total test time of up to `seconds`, at least one file."""
     tests = {name: time for name, time in took.tests.items() if (name in took.nightly) == night}
     by_file = Durations(tests).by_file()
     chosen, sum_s = list[str](), 0.0
@@ -94,7 +94,7 @@ def within(files: Sequence[str], took: Durations, seconds: float, night: bool) -
 
 
 def tried(tree: Path, files: Sequence[str], marks: str) -> tuple[str, str]:
-    """Run tests until one fails: how it ends, and which failed."""
+    """Run tests until one fails. Return the result and the failing test."""
     if not files:
         return "missed", ""
     environment = os.environ | {"PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
@@ -114,7 +114,7 @@ def tried(tree: Path, files: Sequence[str], marks: str) -> tuple[str, str]:
 
 
 def counted(results: Sequence[dict[str, str | int]]) -> str:
-    """How many were found by whom, of all and of each kind."""
+    """Format the numbers of detected mutants, in total and for each kind."""
     rows = []
     for kind in ("", *sorted({str(one["kind"]) for one in results})):
         by = Counter(one["by"] for one in results if one["kind"] == kind or not kind)

@@ -1,4 +1,4 @@
-"""What a night has time for: the tests marked `nightly`, more cases of what a test of each commit shows."""
+"""Run the tests marked `nightly`, which have more cases than the tests of each commit."""
 
 from __future__ import annotations
 
@@ -26,7 +26,9 @@ MOST_FILES = 15
 
 @dataclass(frozen=True)
 class Night:
-    """How many tests ended how (passed, failed, skipped, not begun), which failed, and how long it took."""
+    """Result of a night: number of tests by outcome (passed, failed, skipped, not begun), failed tests, and
+    duration.
+    """
 
     ended: Mapping[str, int]
     failed: Sequence[str]
@@ -34,7 +36,7 @@ class Night:
 
     @property
     def is_whole(self) -> bool:
-        """Whether every test was begun and none failed."""
+        """Return whether every test was started and none failed."""
         return not self.failed and not self.ended.get("not begun") and self.ended.get("passed", 0) > 0
 
 
@@ -60,22 +62,22 @@ def main() -> int:
 
 
 def expected(took: Durations) -> str:
-    """What the tests of a night take by what is kept of them."""
+    """Describe the expected duration according to earlier runs."""
     seconds = [time for name, time in took.tests.items() if name in took.nightly]
     return f"{len(seconds)} tests of a night have run here before: {sum(seconds) / 60:.0f} minutes of processor time"
 
 
 def ran(processes: str, ends_s: float, report: Path, others: Sequence[str]) -> int:
-    """Run the tests of a night, the last begun before a time of the clock; what pytest ends with."""
+    """Run the nightly tests and return the exit code of pytest. No test starts after `ends_s`."""
     command = [sys.executable, "-m", "pytest", "-m", "nightly", "--dist", "worksteal", "--numprocesses", processes]
     command += [f"--night-ends={ends_s:.0f}", f"--junitxml={report}", *others]
-    # Without it each process would compile and rewrite every module again.
+    # Otherwise each process would compile and rewrite every module again.
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     return subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode
 
 
 def read(report: Path, minutes: float) -> Night:
-    """The night that a report of pytest (JUnit) tells of."""
+    """Return the result from a JUnit report of pytest."""
     ended: Counter[str] = Counter()
     failed = []
     for case in ElementTree.parse(report).iter("testcase"):  # noqa: S314 - written by pytest above
@@ -91,13 +93,13 @@ def read(report: Path, minutes: float) -> Night:
 
 
 def summary(night: Night) -> str:
-    """One line."""
+    """Format the result in a single line."""
     counts = ", ".join(f"{night.ended.get(word, 0)} {word}" for word in ("passed", "failed", "skipped", "not begun"))
     return f"{counts}, in {night.minutes:.0f} minutes"
 
 
 def result(night: Night, state: str, others: Sequence[str], took: Durations) -> str:
-    """The result in the words of the page, with the longest files."""
+    """Format the result for the page, with the longest files."""
     what = f"of `{' '.join(others)}` alone" if others else "whole"
     day = dt.datetime.now(tz=dt.UTC).date().isoformat()
     lines = [f"{day}, commit {state}, {what}: {summary(night)}.", ""]
@@ -111,13 +113,13 @@ def result(night: Night, state: str, others: Sequence[str], took: Durations) -> 
 
 
 def commit() -> str:
-    """The commit of this tree, and whether anything differs from it."""
+    """Return the commit of this tree, marked if there are uncommitted changes."""
     said = ["git", "describe", "--always", "--dirty", "--exclude", "*"]
     return subprocess.run(said, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip() or "unknown"
 
 
 def page_with(page: str, told: str) -> str:
-    """The page with another result between its marks."""
+    """Return the page with a new result between its markers."""
     before, _, rest = page.partition(BEGIN)
     _, mark, after = rest.partition(END)
     if not mark:

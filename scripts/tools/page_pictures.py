@@ -1,7 +1,7 @@
-"""Pictures of the report for the documents: the annotated first screen, dark, printed, the steps and the sphere.
+"""Create pictures of the report for the documents: annotated first screen, dark mode, print, steps and sphere.
 
-`scripts/dev page_pictures` simulates the runs that `docs/reading-the-report.md` speaks of, makes their page, and takes
-its pictures in a headless Chromium, into docs/images.
+`scripts/dev page_pictures` simulates the runs described in `docs/reading-the-report.md`, creates their report, and
+takes screenshots with a headless Chromium, stored in docs/images.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from tests.support.command_line import ran
 
 _HIDDEN = "effects: [{effect: backlash, axis: 1, width_deg: 0.008}]\neccentricity_mm: [0.3, -0.2, 0.1]\n"
 _RUNS = (("yaw", 2, 0), ("repeatability", 1, 20), ("radial", 1, 30))
-"""Test, how many (of each direction), and the seed of the noise."""
+"""Test, number of runs (in each direction), and noise seed."""
 _README_HIDDEN = "effects: [{effect: backlash, axis: 1, width_deg: 0.02}]\neccentricity_mm: [0.6, -0.4, 0.1]\n"
 _README_RUNS = (("yaw", 3, 0), ("roll", 3, 10), ("radial", 1, 20))
 _VERDICTS = {"phone": (390, 844), "desktop": (1280, 520)}
-"""Width and height in pixels of the pictures of the verdict of the case of the README."""
+"""Width and height in pixels of the verdict pictures of the README."""
 _NUMBERED = (
     (1, r'(<p class="lead headline">)()'),
     (2, r"(<h3>)(Error now)"),
@@ -37,7 +37,7 @@ _NUMBERED = (
     (6, r'(<th scope="col" class="word">)(class)'),
     (7, r'(<h2 id="steps">)()'),
 )
-"""What has a number in the documents, by the element before which it stands."""
+"""Numbered elements in the documents: number, and pattern of the element."""
 _BADGE = (
     '<b style="display:inline-block;width:1.35em;height:1.35em;line-height:1.35em;border-radius:50%;margin-right:.35em;'
     'background:#1f5aa6;color:#fff;font:bold 14px/1.45em sans-serif;text-align:center">{}</b>'
@@ -50,7 +50,7 @@ _STEPPER = "document.querySelector('.stepper')"
 
 
 def main() -> None:
-    """Make the page and its pictures."""
+    """Create the report and its pictures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, default=Path("docs/images"), help="where the pictures go")
     parser.add_argument("--page", type=Path, help="a page that is there already (made anew)")
@@ -74,7 +74,7 @@ def main() -> None:
 def made_page(
     directory: Path, rig: str = "ur10e", hidden: str = _HIDDEN, runs: Sequence[tuple[str, int, int]] = _RUNS
 ) -> Path:
-    """Simulate an arm with a play that its rig file does not know, and make the report of its runs."""
+    """Simulate an arm with hidden backlash and create the report of its runs."""
     directory = directory / rig
     directory.mkdir()
     (directory / "hidden.yaml").write_text(hidden)
@@ -88,7 +88,7 @@ def made_page(
 
 
 def with_numbers(page: str) -> str:
-    """Return a page with the numbers of the documents. Raises SystemExit where a place of one is gone."""
+    """Return a page with the numbers of the documents. Raises SystemExit if a numbered element is missing."""
     for number, place in _NUMBERED:
         page, count = re.subn(place, rf"\1{_BADGE.format(number)}\2", page, count=1)
         if not count:
@@ -104,7 +104,7 @@ def _rig(directory: Path, *words: str) -> None:
 
 @contextmanager
 def _opened(chromium: Browser, page: Path, width: int, *, dark: bool = False) -> Iterator[None]:
-    """Open a page in a window of a width, and wait until its pictures are drawn."""
+    """Open a page in a window of a given width and wait until its charts are drawn."""
     chromium.send("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
     scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
     chromium.send("Emulation.setEmulatedMedia", media="screen", features=scheme)
@@ -114,7 +114,7 @@ def _opened(chromium: Browser, page: Path, width: int, *, dark: bool = False) ->
 
 
 def _place_of(chromium: Browser, element: str) -> dict[str, float]:
-    """Where an element is on the page, in pixels."""
+    """Return position and size of an element on the page, in pixels."""
     corner = "x: box.x + scrollX, y: box.y + scrollY, width: box.width, height: box.height"
     found: dict[str, float] = chromium.value(f"(box => ({{{corner}}}))({element}.getBoundingClientRect())")
     return found
@@ -128,14 +128,14 @@ def _shot(chromium: Browser, file: Path, x: float, y: float, width: float, heigh
 
 
 def _annotated(chromium: Browser, page: Path, file: Path) -> None:
-    """The page's first screen with its numbers, down to the steps."""
+    """Take a picture of the first screen with its numbers, down to the steps."""
     with _opened(chromium, page, _WIDE):
         last = _place_of(chromium, _STEPPER)
         _shot(chromium, file, 0, 0, _WIDE, last["y"] + last["height"] + 10)
 
 
 def _part(chromium: Browser, page: Path, element: str, height: float, file: Path, *, dark: bool = False) -> None:
-    """A part of the page from an element on, once its charts are drawn."""
+    """Take a picture of a part of the page starting at an element, once its charts are drawn."""
     with _opened(chromium, page, _WIDE, dark=dark):
         chromium.value(f"{element}.scrollIntoView()")
         chromium.until("document.querySelectorAll('.live .main-svg').length > 0")
@@ -145,7 +145,7 @@ def _part(chromium: Browser, page: Path, element: str, height: float, file: Path
 
 
 def _printed(chromium: Browser, page: Path, file: Path) -> None:
-    """The first two sheets of A4 side by side."""
+    """Take a picture of the first two printed A4 sheets side by side."""
     with _opened(chromium, page, _WIDE):
         chromium.send("Emulation.setEmulatedMedia", media="print", features=[])
         data = chromium.send("Page.printToPDF", paperWidth=8.27, paperHeight=11.69, preferCSSPageSize=True)["data"]

@@ -1,8 +1,8 @@
-"""The plotting script of the report's page from the package plotly: compressed, version and licence beside it.
+"""Extract the plotting script of the report from the package plotly: compressed, with version and licence.
 
-    scripts/dev plotting_script     # writes analysis/templates/plotly.min.js.gz and plotly.txt
+scripts/dev plotting_script     # writes analysis/templates/plotly.min.js.gz and plotly.txt
 
-The package has 39 MB beside the 5 MB of this one file, so that only developers install it.
+The package has 39 MB in addition to the 5 MB of this file, so only developers install it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ TEMPLATES = Path(__file__).parents[2] / "analysis" / "templates"
 
 
 def made() -> dict[str, bytes]:
-    """Return the two files by name."""
+    """Return the contents of the two files by name."""
     from plotly.offline import get_plotlyjs  # noqa: PLC0415 - slow to import
 
     script = get_plotlyjs()

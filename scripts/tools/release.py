@@ -1,6 +1,6 @@
-"""The checklist of a release: what must be so before a version is tagged, each checked, and then what people do.
+"""Check the requirements of a release before tagging it, and list the manual steps.
 
-The version is that of pyproject.toml, and it stands nowhere else. The exit code is 1 where something is not ready.
+The version is defined only in pyproject.toml. The exit code is 1 if a requirement is not met.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ CHECKS = {
     "the demo agrees with the truth": ["scripts/demo"],
     "wheel and source work in empty environments": ["scripts/dev", "wheel", "--extras", "--output", "dist"],
 }
-"""What takes minutes: what it shows, and the command."""
+"""Checks that take minutes: requirement and command."""
 
 
 def main(
@@ -30,7 +30,7 @@ def main(
         bool, typer.Option("--quick", help="Leave out what takes minutes: tests, demo and wheel.")
     ] = False,
 ) -> None:
-    """Go through the checklist in the checkout of the working directory."""
+    """Check the repository of the working directory."""
     root = Path(_git(Path.cwd(), "rev-parse", "--show-toplevel"))
     version = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     print(f"release of {version}")
@@ -50,7 +50,7 @@ def main(
 
 
 def of_files(root: Path, version: str) -> Iterator[tuple[str, str]]:
-    """What can be seen in the checkout: each thing, and what to do about it; empty where it is ready."""
+    """Yield each requirement that is visible in the files, with the action to take; empty if it is met."""
     changed = _git(root, "status", "--porcelain")
     yield "the checkout is clean", "commit or remove what git status shows" if changed else ""
     tagged = _git(root, "tag", "--list", f"v{version}")
@@ -61,7 +61,7 @@ def of_files(root: Path, version: str) -> Iterator[tuple[str, str]]:
 
 
 def of_commands(root: Path) -> Iterator[tuple[str, str]]:
-    """What only running it shows."""
+    """Yield each requirement that needs a command, with its exit code if it fails."""
     for what, command in CHECKS.items():
         code = subprocess.run(command, cwd=root, check=False).returncode
         yield what, f"{' '.join(command)} ended with {code}" if code else ""

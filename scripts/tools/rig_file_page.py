@@ -1,8 +1,7 @@
-"""The page docs/rig-file-reference.md from the schema: `scripts/dev rig_file_page > docs/rig-file-reference.md`.
+"""Generate docs/rig-file-reference.md from the schema: `scripts/dev rig_file_page > docs/rig-file-reference.md`.
 
-A section for each mapping of a rig file, named by the place of its first use, with an item for each key: its type, its
-default, and its docstring in the schema. Keys that all members of a union have (every gauge,
-every effect) are listed once.
+Each mapping of a rig file has a section, named by the place of its first use, with an item for each key: type, default
+and docstring of the schema. Keys common to all members of a union (every gauge, every effect) are listed once.
 """
 
 from __future__ import annotations
@@ -37,9 +36,9 @@ _BOUNDS = {
 }
 _KINDS = {"number": "number", "integer": "integer", "string": "text", "boolean": "`true` or `false`"}
 _WRITTEN = {"Line": "line settings, as `9600 8N1`", "Limit": "number, which is `fail`, or {}"}
-"""Mappings that a person writes in another way, by their classes; {} is the mapping."""
+"""Mappings with a special notation in a rig file, by class; {} is the mapping."""
 _CHOOSERS = ("interface", "effect")
-"""Keys by whose value a mapping is one of several kinds."""
+"""Keys whose value selects the kind of a mapping."""
 _LONGEST_DEFAULT = 40
 
 Model = type[BaseModel]
@@ -48,21 +47,21 @@ Schema = dict[str, Any]
 
 @dataclass(frozen=True)
 class Shared:
-    """Keys that all members of a union have, listed with the first of them only."""
+    """Keys common to all members of a union, listed only with the first of them."""
 
     first: str
     keys: frozenset[str]
 
 
 def page() -> str:
-    """The whole page as Markdown."""
+    """Return the complete page as Markdown."""
     from rigs.rig import Rig  # noqa: PLC0415 - the script first puts the repository on the path
 
     return "\n".join([HEAD, *_sections(Rig)])
 
 
 def _sections(root: Model) -> Iterator[str]:
-    """Sections in the order in which a reader of the file meets the keys, the whole of each key after its parent."""
+    """Return the sections in the order of the keys in a file, each child section after its parent."""
     schema = root.model_json_schema(by_alias=False)
     definitions: dict[str, Schema] = schema["$defs"]
     places: dict[str, str] = {root.__name__: "The file"}
@@ -76,7 +75,7 @@ def _sections(root: Model) -> Iterator[str]:
 
 
 def _find_places(schema: Schema, path: str, definitions: dict[str, Schema], places: dict[str, str]) -> None:
-    """Name each mapping by the path of its first use, those of a union by what chooses them."""
+    """Name each mapping by the path of its first use; members of a union by their kind."""
     for key, given in schema["properties"].items():
         here = f"{path}.{key}" if path else key
         references = _references(given)
@@ -85,13 +84,13 @@ def _find_places(schema: Schema, path: str, definitions: dict[str, Schema], plac
                 continue
             keys = definitions[name]["properties"]
             chosen = [keys[one]["const"] for one in _CHOOSERS if one in keys]
-            where = here.replace("gauges.g1", "gauges.g1 to g8")  # all are one union, met first in g1
+            where = here.replace("gauges.g1", "gauges.g1 to g8")  # all belong to one union, first found in g1
             places[name] = f"{where}: {chosen[0]}" if len(references) > 1 and chosen else where
             _find_places(definitions[name], here, definitions, places)
 
 
 def _references(given: Schema) -> list[str]:
-    """The mappings that a value may be or hold, in order."""
+    """Return the mappings that a value may be or contain, in order."""
     if "$ref" in given:
         return [given["$ref"].rpartition("/")[2]]
     below = [*given.get("anyOf", ()), *given.get("oneOf", ()), *([given["items"]] if "items" in given else ())]
@@ -99,7 +98,7 @@ def _references(given: Schema) -> list[str]:
 
 
 def _shared(schema: Schema, definitions: dict[str, Schema]) -> dict[str, Shared]:
-    """For each member of a union but the first, that first one and the keys that all have with one meaning."""
+    """Return for each further member of a union the first member, and the keys they share with the same meaning."""
     found: dict[str, Shared] = {}
     for mapping in (schema, *definitions.values()):
         for given in mapping["properties"].values():
@@ -134,7 +133,7 @@ def _section(place: str, model: Model, schema: Schema, common: Shared | None, pl
 
 
 def _docstrings(model: Model) -> dict[str, str]:
-    """What stands below each key in the schema, of base classes too."""
+    """Return the docstring of each key in the schema, including base classes."""
     found: dict[str, str] = {}
     for owner in reversed(model.__mro__):
         if not owner.__module__.startswith("rigs"):
@@ -149,7 +148,7 @@ def _docstrings(model: Model) -> dict[str, str]:
 
 
 def _kind(given: Schema, places: dict[str, str]) -> str:
-    """What a value may be, in words."""
+    """Describe the type of a value."""
     choices = [one for one in (*given.get("anyOf", ()), *given.get("oneOf", ())) if one.get("type") != "null"]
     named = given.get("enum", [given["const"]] if "const" in given else [])
     if "$ref" in given:
@@ -182,7 +181,7 @@ def _mapping(name: str, places: dict[str, str]) -> str:
 
 
 def _anchor(title: str) -> str:
-    """The anchor that GitHub gives a heading."""
+    """Return the anchor that GitHub gives a heading."""
     kept = "".join(one for one in title.lower() if one.isalnum() or one in " -_")
     return kept.replace(" ", "-")
 
@@ -203,7 +202,7 @@ def _default(field: FieldInfo) -> str:
 
 
 def _plainly(value: object) -> str:
-    """A value as YAML has it."""
+    """Format a value as YAML."""
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,8 +1,8 @@
-"""The documents as a static site, every link and anchor of it checked: `scripts/dev website [DIRECTORY]`.
+"""Build the documents as a static site and check every link and anchor: `scripts/dev website [DIRECTORY]`.
 
-Pages keep their paths, with .html for .md, so that links stay what they are; README.md is index.html, and so is a list
-of the files of a directory that a page links to. Files that pages link to lie beside them. Nothing is loaded from
-elsewhere. The exit code is 1 where a link leads nowhere.
+Pages keep their paths, with .html in place of .md, so links stay valid. README.md becomes index.html. A linked
+directory becomes a page that lists its files, and linked files are copied. Nothing is loaded from other sites. The exit
+code is 1 if a link is broken.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def build(directory: Path) -> list[Path]:
 
 
 def broken(directory: Path) -> list[str]:
-    """Return a line for each link of a site's pages to a file or an anchor that is not there."""
+    """Return a line for each link to a missing file or anchor."""
     anchors = {page: set(re.findall(r' id="([^"]+)"', page.read_text("utf-8"))) for page in directory.rglob("*.html")}
     lines = []
     for page in anchors:
@@ -93,19 +93,19 @@ def _parsed(source: Path) -> list[Token]:
 
 
 def _title(source: Path) -> str:
-    """The first heading of a page."""
+    """Return the first heading of a page."""
     found = re.search(r"^# (.+)$", source.read_text(encoding="utf-8"), re.M)
     return re.sub(r"[`*]", "", found[1]) if found else source.stem
 
 
 def _address(source: Path) -> Path:
-    """Where the page of a document is in the site."""
+    """Return the path of a document's page within the site."""
     path = source.relative_to(ROOT)
     return path.with_name("index.html") if path.name == "README.md" else path.with_suffix(".html")
 
 
 def _links(tokens: Iterable[Token]) -> Iterable[tuple[Token, str]]:
-    """Tokens with an address in them, and the name of its attribute."""
+    """Yield tokens that contain an address, with the name of the attribute."""
     for token in tokens:
         for name in ("href", "src"):
             if name in token.attrs:
@@ -114,7 +114,7 @@ def _links(tokens: Iterable[Token]) -> Iterable[tuple[Token, str]]:
 
 
 def _target(source: Path, link: str) -> Path | None:
-    """The file that a link leads to; None of an address elsewhere, and of an anchor in the same page."""
+    """Return the file that a link refers to; None for external addresses and anchors in the same page."""
     path = link.partition("#")[0]
     return None if not path or re.match(r"[a-z]+:", path) else (source.parent / unquote(path)).resolve()
 
@@ -126,7 +126,7 @@ def _targets(source: Path, tokens: Iterable[Token]) -> Iterable[Path]:
 
 
 def _body(source: Path, tokens: list[Token]) -> str:
-    """The HTML of a page: links to documents lead to their pages, and headings have the anchors that GitHub gives."""
+    """Return the HTML of a page, with links to other pages adapted and with GitHub's heading anchors."""
     for token, name in _links(tokens):
         link = str(token.attrs[name])
         target = _target(source, link)
@@ -150,7 +150,7 @@ def _plain(inline: Token) -> str:
 
 
 def _navigation(titles: dict[Path, str], up: str) -> str:
-    """Links to the pages of people who use it; decisions and the like are linked from their index."""
+    """Return links to the user pages; decisions and similar pages are linked from their index."""
     shown = [source for source in titles if source.parent in {ROOT, ROOT / "docs", ROOT / "docs" / "how-to"}]
     links = (f'<a href="{up}/{_address(source).as_posix()}">{html.escape(titles[source])}</a>' for source in shown)
     return "\n".join(links)
@@ -166,7 +166,7 @@ def _page(title: str, navigation: str, body: str, up: str) -> str:
 
 
 def _list(source: Path, place: Path, directory: Path) -> None:
-    """A page with the files of a directory, which are copied beside it; documents among them have their pages."""
+    """Write a page that lists the files of a directory, and copy these files; documents are linked to their pages."""
     place.mkdir(parents=True, exist_ok=True)
     rows = []
     for file in sorted(path for path in source.rglob("*") if path.is_file() and "__pycache__" not in path.parts):

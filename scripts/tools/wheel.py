@@ -1,9 +1,8 @@
-"""The wheel as it would be published: built, installed into an empty environment and used there.
+"""Build the wheel, install it into an empty environment, and use it there.
 
-Nothing of the working tree is in reach of that environment, so that what the wheel lacks is missed: commands, rig
-files, templates, marks of types, dependencies. The packages that rig needs come from the package registry; the exit
-code is 75 where that cannot be reached. With --borrow they are those of the environment that runs this, and only a
-dependency that pyproject.toml lacks is not missed.
+The environment cannot access the working tree, so missing parts are detected: commands, rig files, templates, type
+markers, dependencies. Required packages come from the package registry; the exit code is 75 if it is unreachable. With
+--borrow they come from the current environment, and only dependencies missing in pyproject.toml remain undetected.
 """
 
 from __future__ import annotations
@@ -34,18 +33,18 @@ PARTS = """
 import distributed, foxglove, s3fs, sshfs
 import analysis.apps.window.serve, daq.apps.opc_ua.robotics
 """
-"""What needs the extras that no command without a network uses: cluster, foxglove, remote, web, opcua."""
+"""Program that uses the extras without a network: cluster, foxglove, remote, web, opcua."""
 
 
 @dataclass(frozen=True)
 class Environment:
-    """An environment with the wheel in it, and an empty directory to work in."""
+    """An environment with the installed wheel, and an empty working directory."""
 
     place: Path
     work: Path
 
     def run(self, program: str, *arguments: str) -> str:
-        """Run a program of the environment in the empty directory, and return what it prints."""
+        """Run a program of the environment in the empty directory and return its output."""
         outside = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
         command = [self.place / "bin" / program, *arguments]
         done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=self.work, env=outside)
@@ -84,13 +83,13 @@ def build(folder: Path) -> Path:
 
 
 def install(package: str, scratch: Path, *, borrow: bool = False) -> Environment:
-    """Make an empty environment, and install a package with what it asks for, or with what is installed here."""
+    """Create an empty environment and install a package with its dependencies, or with the locally installed ones."""
     environment = Environment(scratch / "environment", scratch / "empty")
     environment.work.mkdir(parents=True)
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", environment.place], check=True)
     if borrow:
         packages = environment.place / "lib" / Path(sysconfig.get_path("purelib")).parent.name / "site-packages"
-        # A path alone: what is installed here from the working tree by a .pth of its own is not in reach.
+        # Only a path: .pth files of the local environment, which refer to the working tree, have no effect.
         (packages / "borrowed.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
     if _pip(environment, package, *(("--no-deps",) if borrow else ())):
         if _pip(environment, "--dry-run", "--ignore-installed", "--no-deps", "pyserial"):
@@ -101,7 +100,7 @@ def install(package: str, scratch: Path, *, borrow: bool = False) -> Environment
 
 
 def use(environment: Environment) -> list[str]:
-    """Use the installed programs as a newcomer would, and return a line for each thing seen."""
+    """Use the installed programs like a new user, and return a line for each check."""
     version = environment.run("rig", "--version").strip()
     if version != f"rig {VERSION}":
         _fail(f"it calls itself {version}, and pyproject.toml {VERSION}")
@@ -123,7 +122,7 @@ def use(environment: Environment) -> list[str]:
 
 
 def use_extras(environment: Environment) -> str:
-    """Use each extra in an environment that has all of them, and return a line."""
+    """Use each extra in an environment with all of them, and return a line."""
     environment.run("rig", "example", "rigs")
     (run, *_) = environment.run("rig", "simulate", "rigs/ur10e.yaml", "--test", "yaw", "-o", "runs").split()
     environment.run("rig", "export-urdf", "rigs/ur10e.yaml", "-o", "arm.urdf")
@@ -135,10 +134,10 @@ def use_extras(environment: Environment) -> str:
 
 
 def _pip(environment: Environment, *arguments: str) -> int:
-    """Return pip's exit code; the pip is that of the Python beneath this environment, which has none."""
+    """Run pip and return its exit code. The pip belongs to the base Python, because this environment has none."""
     python = os.environ.get("PYTHON") or getattr(sys, "_base_executable", sys.executable)
     into = ["--python", str(environment.place / "bin" / "python"), "--disable-pip-version-check"]
-    quickly = ["--quiet", "--no-compile"]  # what is imported is compiled then: 19 s of CPU in place of 35 s
+    quickly = ["--quiet", "--no-compile"]  # modules are then compiled on import: 19 s of CPU time instead of 35 s
     return subprocess.run([python, "-m", "pip", *into, "install", *quickly, *arguments], check=False).returncode
 
 

@@ -6,11 +6,13 @@ import inspect
 import json
 import subprocess
 import sys
+import textwrap
 from collections.abc import Callable
 from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow.csv
 import pytest
 from typer.testing import CliRunner
 
@@ -93,7 +95,30 @@ def test_every_function_says_what_it_takes_returns_and_raises(function: object) 
     told = inspect.getdoc(function) or ""
     missing = [name for name in inspect.signature(function).parameters if f"\n{name}: " not in told]  # type: ignore[arg-type]
     assert missing == []
-    assert all(word in told for word in ("\n\nReturns ", "\n\nRaises ", "\n\nSource: "))
+    assert all(word in told for word in ("\n\nReturns ", "\n\nRaises ", "\n\nExample:\n\n", "\n\nSource: "))
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        value
+        for name in analysis.__all__
+        if "\n\nExample:\n\n" in (inspect.getdoc(value := getattr(analysis, name)) or "")
+    ],
+    ids=lambda value: value.__name__,
+)
+def test_every_example_runs(
+    value: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, laps: list[Measured]
+) -> None:
+    """Examples that read a file find a run at its path. `diagnose` takes long and is only compiled."""
+    example = (inspect.getdoc(value) or "").split("\n\nExample:\n\n")[1].split("\n\n")[0]
+    code = compile(textwrap.dedent(example), "example", "exec")
+    monkeypatch.chdir(tmp_path)
+    if value is not save_run:
+        save_run(laps[0], "runs/monday-acw")
+    pyarrow.csv.write_csv(laps[0].to_table(), "yaw.csv")
+    if value is not diagnose:
+        exec(code, {name: getattr(analysis, name) for name in analysis.__all__})  # noqa: S102 - examples of our own
 
 
 def test_every_public_class_and_method_has_a_docstring() -> None:

@@ -1,1 +1,1 @@
-"""What tests and the scripts for developers share, imported as `tests.support.NAME`."""
+"""Helpers shared by tests and developer scripts, imported as `tests.support.NAME`."""

@@ -1,4 +1,4 @@
-"""Bags of ROS 2 in memory: messages as CDR has them, written as MCAP."""
+"""ROS 2 bags in memory: CDR-encoded messages, written as MCAP."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ def rig(**feedback: object) -> Rig:
 def joint_state(
     names: Sequence[str], angles_rad: Sequence[float], order: str = "<", stamp_ns: int = 5 * 10**9 + 7
 ) -> bytes:
-    """CDR by hand: encapsulation, stamp, frame, names, positions, two empty sequences."""
+    """Encode a JointState message by hand as CDR: encapsulation, stamp, frame, names, positions, two empty
+    sequences.
+    """
     body = b""
 
     def put(code: str, *values: Any) -> None:
@@ -57,7 +59,7 @@ def number(mm: float) -> bytes:
 
 
 def bag(*messages: tuple[str, str, float, bytes], compression: CompressionType = CompressionType.ZSTD) -> bytes:
-    """An MCAP of topic, type, ms and data."""
+    """Return an MCAP file with messages, each given as topic, type, time in ms and data."""
     out = io.BytesIO()
     writer = Writer(out, compression=compression)
     writer.start(profile="ros2")

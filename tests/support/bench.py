@@ -1,4 +1,4 @@
-"""A cell on the bench: emulated instruments with readings set by hand, and the real daemon as a process."""
+"""An emulated cell: instruments with readings set by the test, and the real daemon as a separate process."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ BIN = Path(sys.executable).parent
 
 
 class ByHand:
-    """Readings that a test sets; nan is a head that is off."""
+    """Instrument readings set by the test; nan emulates a disconnected gauge head."""
 
     def __init__(self) -> None:
         self.mm = {"g1": 0.1, "g2": -0.1}
@@ -44,7 +44,9 @@ class ByHand:
 
 
 def rig_text(gauges: str = "sylvac", timeout_s: float = 0.3) -> str:
-    """A rig of shipped parts with short time-outs: continuous Sylvac, polled, Keyence, Modbus RTU or TCP."""
+    """Return a rig file with short time-outs for a kind of gauge: continuous Sylvac, polled, Keyence, Modbus RTU or
+    TCP.
+    """
     data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
     if gauges in ("sylvac", "polled"):
         data["gauges"] = yaml.safe_load((SHIPPED / "paper-fanuc.yaml").read_text())["gauges"]
@@ -66,13 +68,13 @@ def rig_text(gauges: str = "sylvac", timeout_s: float = 0.3) -> str:
 
 
 class Watched:
-    """A daemon whose status is asked for until it is as a test wants it."""
+    """Base of benches: polls the status of the daemon until a condition holds."""
 
     def status(self) -> dict[str, Any]:
         raise NotImplementedError
 
     def until(self, what: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
-        """Ask for the status until it is so."""
+        """Poll the status until the condition is true, and return it."""
         deadline = clock.now_s() + PATIENCE_S
         while clock.now_s() < deadline:
             state = self.status()
@@ -89,7 +91,7 @@ class Watched:
 
 
 class Bench(Watched):
-    """Cell and daemon in one directory; leaves nothing running."""
+    """Emulated cell and daemon in one directory. Leaving the context ends all processes."""
 
     def __init__(
         self,
@@ -125,7 +127,7 @@ class Bench(Watched):
         self.cell.stop()
 
     def start(self, program: Sequence[str | Path] = (BIN / "rigd",), **options: Any) -> Bench:
-        """Start the daemon and wait until it serves; `said` is what it said until then."""
+        """Start the daemon and wait until it accepts requests. `said` contains its output up to then."""
         self.daemon = subprocess.Popen(
             [*program, self.rig, "--runs", "runs", *self.options],
             stderr=subprocess.PIPE,
@@ -143,7 +145,7 @@ class Bench(Watched):
         raise AssertionError("".join(self.said))
 
     def run(self, *command: str | Path) -> subprocess.CompletedProcess[str]:
-        """A command of ours to its end: `rig` in this process, as its client."""
+        """Run a command to completion. `rig` runs in this process, as a client of the daemon."""
         program, *arguments = command
         if program == "rig":
             return ran(*arguments, cwd=self.folder, XDG_RUNTIME_DIR=str(self.folder))
@@ -161,7 +163,10 @@ class Bench(Watched):
     def emulating(
         self, rig: str, *options: str, end: signal.Signals = signal.SIGTERM, code: int = 0
     ) -> Iterator[Callable[[str], str]]:
-        """`rig emulate` with a keyboard: type a line, get the line it answers; ended by a signal, with an exit code."""
+        """Run `rig emulate` with an emulated keyboard; yield a function that types a line and returns the response.
+
+        At the end the program receives the signal `end` and must exit with `code`.
+        """
         process = subprocess.Popen(
             [BIN / "rig", "emulate", rig, *options],
             stdin=subprocess.PIPE,
@@ -190,7 +195,7 @@ class Bench(Watched):
 
     @contextlib.contextmanager
     def replaying(self, log: Path, rig: Path) -> Iterator[Callable[[], str]]:
-        """`rig replay`; gives what waits for its end and returns all that it said."""
+        """Run `rig replay`; yield a function that waits for the end and returns the complete output."""
         process = subprocess.Popen(
             [BIN / "rig", "replay", log, rig], stdout=subprocess.PIPE, cwd=self.folder, text=True
         )
@@ -204,7 +209,7 @@ class Bench(Watched):
             process.wait()
 
     def fails(self, *command: str | Path, code: int) -> str:
-        """A command that must fail with this exit code and one line; returns the line."""
+        """Run a command that must fail with this exit code and a single line of output. Return the line."""
         done = self.run(*command)
         assert done.returncode == code, done.stderr
         assert "Traceback" not in done.stderr
@@ -222,7 +227,7 @@ class Bench(Watched):
             return client.ask("status")
 
     def signalled(self, number: signal.Signals) -> tuple[int, str]:
-        """Send a signal, wait for the end: exit code and what was said."""
+        """Send a signal to the daemon and wait for it to exit. Return the exit code and the output."""
         assert self.daemon is not None
         self.daemon.send_signal(number)
         _, said = self.daemon.communicate(timeout=PATIENCE_S)

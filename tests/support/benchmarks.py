@@ -1,7 +1,7 @@
-"""What a benchmark measures and how: CPU time of rig and of what a user would take instead, in turns.
+"""Benchmarks: CPU time of rig and of an alternative program, measured alternately.
 
-Both are timed within one run of one process, in alternating turns of which the best counts: what else the machine does
-then slows down both.
+Both are timed in the same process in alternating turns, and the fastest turn counts. Other load on the computer
+therefore affects both equally.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from dataclasses import dataclass
 BEGIN, END = "<!-- measured: scripts/bench writes from here … -->", "<!-- … to here -->"
 TURNS = 5
 _LEAST_S = 0.02
-"""CPU of a turn, at least: the clock of a process has steps of up to 4 ms on some machines."""
+"""Minimum CPU time of a turn. The process clock of some machines has a resolution of 4 ms."""
 _PATIENCE_S = 20.0
-"""CPU after which no further turn begins."""
+"""CPU time after which no further turn starts."""
 
 
 @dataclass(frozen=True)
 class Peer:
-    """What a user would take instead: its name and the call; `missing` says why there is no call."""
+    """The alternative program: name and callable. `missing` is the reason if there is no callable."""
 
     name: str
     call: Callable[[], object] | None = None
@@ -30,7 +30,7 @@ class Peer:
 
 @dataclass(frozen=True)
 class Line:
-    """One figure beside its goal, the most that it may be, and beside the peer's, nan without one."""
+    """A benchmark result with the upper limit (`goal`) and the result of the alternative, nan if there is none."""
 
     row: str
     what: str
@@ -42,11 +42,11 @@ class Line:
 
     @property
     def reached(self) -> bool:
-        """Whether the figure is within the goal."""
+        """Whether the result is within the limit."""
         return self.figure <= self.goal
 
     def cells(self) -> tuple[str, ...]:
-        """Row, what, unit, goal, figure, peer, the peer's figure, rig/peer and the outcome, as text."""
+        """Text of the table cells: row, quantity, unit, limit, result, alternative, its result, ratio and verdict."""
         return (
             self.row,
             self.what,
@@ -66,13 +66,15 @@ HEAD = ("row", "case", "unit", "goal", "rig", "reference", "figure", "ratio", "o
 
 
 def table(lines: list[Line]) -> str:
-    """A Markdown table of lines."""
+    """Format results as a Markdown table."""
     rows = [HEAD, ("---",) * len(HEAD), *(line.cells() for line in lines)]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
 
 
 def page_with(page: str, measured: str) -> str:
-    """The page with what was measured between its marks. Raises ValueError for a page without them."""
+    """Return the page with the text between its markers replaced by the results. Raises ValueError if there are no
+    markers.
+    """
     before, mark, rest = page.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not mark or not end:
@@ -81,9 +83,9 @@ def page_with(page: str, measured: str) -> str:
 
 
 def beside(ours: Callable[[], object], peer: Peer, count: int, turns: int = TURNS) -> tuple[float, float]:
-    """CPU microseconds an item of ours and of the peer, best of alternating turns; the peer's is nan where missing.
+    """Return the CPU time in microseconds per item of rig and of the alternative, each the best of alternating turns.
 
-    count: items of a call, of either.
+    count: number of items processed by one call of either program. The time of a missing alternative is nan.
     """
     calls = [call for call in (ours, peer.call) if call is not None]
     for call in calls:
@@ -97,7 +99,7 @@ def beside(ours: Callable[[], object], peer: Peer, count: int, turns: int = TURN
 
 
 def _turn(call: Callable[[], object]) -> float:
-    """CPU seconds of a call, over as many as the clock needs."""
+    """Return the CPU time in seconds of one call, averaged over as many calls as the clock resolution requires."""
     calls, begin = 0, time.process_time()
     while (spent := time.process_time() - begin) < _LEAST_S:
         call()

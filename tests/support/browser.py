@@ -1,4 +1,4 @@
-"""A headless Chromium that a test drives over a pipe (Chrome DevTools Protocol), with an empty profile."""
+"""A headless Chromium with an empty profile, controlled over a pipe (Chrome DevTools Protocol)."""
 
 from __future__ import annotations
 
@@ -27,11 +27,13 @@ for source, place in ((commands, 3), (answers, 4)):
     os.set_inheritable(place, True)  # dup2 leaves it as it was where both are the same
 os.execv(sys.argv[3], sys.argv[3:])
 """
-"""Chromium reads commands at descriptor 3 and writes answers at 4; this puts them there and becomes it."""
+"""Program that starts Chromium with commands on file descriptor 3 and responses on 4."""
 
 
 class Browser:
-    """One page: `send` calls a method of the protocol, `value` evaluates an expression, `events` holds what it said."""
+    """A browser page. `send` calls a protocol method, `value` evaluates a JavaScript expression, `events` collects
+    events.
+    """
 
     def __init__(self, to_browser: int, from_browser: BinaryIO) -> None:
         self._to, self._from = to_browser, from_browser
@@ -65,30 +67,30 @@ class Browser:
         return b"".join(parts)
 
     def value(self, expression: str) -> Any:
-        """The value of an expression, which may be a promise."""
+        """Evaluate a JavaScript expression, awaiting a promise, and return the value."""
         told = self.send("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         assert "exceptionDetails" not in told, told["exceptionDetails"]
         return told["result"].get("value")
 
     def until(self, expression: str, seconds: float = 60.0) -> Any:
-        """The value of an expression once it is true."""
+        """Evaluate an expression repeatedly until it is true, and return the value."""
         end = time.monotonic() + seconds
         while not (value := self.value(expression)):
             assert time.monotonic() < end, f"{expression} is not true after {seconds:g} s"
         return value
 
     def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
-        """Move, press or release the mouse at a place of the window."""
+        """Move, press or release the mouse at a position in the window."""
         self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
 
     def named(self, *methods: str) -> list[dict[str, Any]]:
-        """The parameters of the events of these names."""
+        """Return the parameters of all events with these names."""
         return [event["params"] for event in self.events if event.get("method") in methods]
 
 
 @contextmanager
 def browser(profile: Path) -> Iterator[Browser]:
-    """A browser with an empty profile; it is ended afterwards."""
+    """Start a browser with an empty profile, and end it afterwards."""
     assert CHROMIUM
     commands, to_browser = os.pipe()
     from_browser, answers = os.pipe()

@@ -1,4 +1,4 @@
-"""Rigs with arms of the library, random bases and tools, and random constants found."""
+"""Rigs with library arms, random bases and tools, and random found constants."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from rigs.schema.robot import Pose, Rail
 
 
 def changed(name: str, seed: int = 0, *, rail: bool = False) -> Rig:
-    """A rig with an arm of the library, its base and tool anywhere, on a rail of any way or none; each zero and
-    constant is changed twice."""
+    """Return a rig with a library arm, a random base and tool, and an optional rail in a random direction.
+
+    Each zero and each link constant is changed by two effects.
+    """
     rng = np.random.default_rng(seed)
 
     def pose() -> Pose:
@@ -39,7 +41,9 @@ def changed(name: str, seed: int = 0, *, rail: bool = False) -> Rig:
 
 
 def within_limits(rig: Rig, n: int = 20) -> np.ndarray:
-    """Random joint angles (n, axes) rad within the limits, and where a rail stands in m in a column more."""
+    """Return n random joint angles (n, axes) rad within the limits; with a rail, its position in m is an additional
+    column.
+    """
     limits = np.radians([axis.limits_deg for axis in rig.robot.axes])
     if rig.robot.rail:
         limits = np.vstack([limits, np.array(rig.robot.rail.limits_mm) / 1000])

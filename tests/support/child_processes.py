@@ -1,4 +1,4 @@
-"""Waiting for what other processes do: polled, with a bound that only a hung one reaches."""
+"""Waiting for other processes by polling, with a generous time limit."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 
 def until(condition: Callable[[], bool], seconds: float = 60.0) -> bool:
-    """Whether the condition came true in time."""
+    """Wait until the condition is true. Return False if the time limit expires first."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         if condition():
@@ -21,7 +21,7 @@ def until(condition: Callable[[], bool], seconds: float = 60.0) -> bool:
 
 
 def is_gone(pid: int) -> bool:
-    """Whether a process has ended; one that nobody has waited for has ended too."""
+    """Return whether a process has ended, including a zombie whose parent has not called wait."""
     try:
         return (
             Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()[0] == "Z"
@@ -31,18 +31,18 @@ def is_gone(pid: int) -> bool:
 
 
 def sign_in(directory: Path) -> None:
-    """Leave this process's number in a directory."""
+    """Write the id of this process to a directory."""
     (directory / str(os.getpid())).touch()
 
 
 def signed_in(directory: Path) -> list[int]:
-    """The processes that left their numbers."""
+    """Return the process ids written to a directory by `sign_in`."""
     return [int(file.name) for file in directory.iterdir() if file.name.isdecimal()]
 
 
 @dataclass(frozen=True)
 class Deadly:
-    """An item over which processes die so many times, counted in a directory."""
+    """A work item that kills its worker process the first few times; the kills are counted in a directory."""
 
     directory: Path
     number: int
@@ -53,7 +53,7 @@ class Deadly:
 
 
 def die(item: Deadly) -> int:
-    """Die over an item as often as it says, then give its number."""
+    """Kill this process until the item's number of deaths is reached, then return the number of the item."""
     counted = item.directory / f"deaths-{item.number}"
     with counted.open("a", encoding="ascii") as file:
         file.write("x")

@@ -1,6 +1,6 @@
-"""Commands as a person calls them, in the process of the test: it has imported already what they need.
+"""Run commands in the process of the test, which has already imported the required modules.
 
-A process of its own is for what only a process has: signals, a terminal, limits, modules that are not loaded.
+Use a subprocess only for features of a process: signals, a terminal, resource limits, or the set of loaded modules.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ import typer.main
 
 from analysis import cli
 
-typer.main.get_params_from_function = cache(typer.main.get_params_from_function)  # asked anew for every command line
+# evaluated again for every command line
+typer.main.get_params_from_function = cache(typer.main.get_params_from_function)
 
 
 def ended(*words: str | Path) -> int:
-    """What a command ends with, called as a person calls it."""
+    """Run a command as a user would, and return the exit code."""
     before, interrupted = sys.argv, signal.getsignal(signal.SIGINT)
     sys.argv = ["rig", *map(str, words)]
     try:
@@ -37,9 +38,9 @@ def ended(*words: str | Path) -> int:
 
 
 def ran(*words: str | Path, cwd: Path | None = None, **env: str) -> CompletedProcess[str]:
-    """A command with what it ends with and what it prints, as `subprocess.run` would give it; nobody types.
+    """Run a command without standard input, and return exit code and output like `subprocess.run`.
 
-    env: variables that it finds beside those of the tests.
+    env: environment variables in addition to those of the tests.
     """
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
     with (
@@ -49,7 +50,8 @@ def ran(*words: str | Path, cwd: Path | None = None, **env: str) -> CompletedPro
         pytest.MonkeyPatch.context() as patched,
     ):
         patched.setattr("sys.stdin", io.StringIO())
-        patched.setattr("__main__.__package__", None)  # else usage is `python -m pytest.rig`
+        # otherwise the usage line would begin with `python -m pytest.rig`
+        patched.setattr("__main__.__package__", None)
         for name, value in env.items():
             patched.setenv(name, value)
         code = ended(*words)

@@ -1,7 +1,7 @@
-"""Cells of arms from outside, sound or with one convention broken, and what the product says of them.
+"""Independently generated cells, sound or with one broken convention, and the expected findings of rig.
 
-Circles and targets are those of the stranger, poses those of an arm that py-opw-kinematics or a product of matrices
-moves; each arm has errors in every effect at its healthy size.
+Circles and targets come from `tests.worlds.stranger`. Poses come from an arm computed by py-opw-kinematics or by plain
+matrix products. Each arm has every effect at its healthy size.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ from tests.worlds.stranger.sight import Sight, sight_of
 Array = NDArray[np.float64]
 ROBOTS = ("paper-fanuc", "ur10e")
 _REPEATS_RAD = np.radians(0.001)
-"""Each joint stops a little elsewhere in every run."""
+"""Standard deviation of each joint angle between runs."""
 _WHITE_MM = 0.001
 
 
 def rig_of(name: str) -> Rig:
-    """A rig file's model with the arm of one of the five."""
+    """Return the model of a rig file for one of the five arms."""
     rig, arm = load("paper-fanuc")[0], ARMS[name]
     axes = tuple(
         axis.model_copy(
@@ -63,7 +63,7 @@ def rig_of(name: str) -> Rig:
 
 
 def run_of(table: Table, name: str, rig: Rig) -> Measured:
-    """A table as if it had been imported."""
+    """Return a table as an imported run."""
     direction = table.direction if isinstance(table, CircleTable) else None
     kind = {RadialTable: "radial", RepeatabilityTable: "repeatability", PoseTable: "pose"}
     test = table.test if isinstance(table, CircleTable) else kind[type(table)]
@@ -75,7 +75,7 @@ def run_of(table: Table, name: str, rig: Rig) -> Measured:
 
 
 def poses(name: str, rng: np.random.Generator, count: int = 60) -> Measured:
-    """Poses of an arm that errs, as a tracker sees them from somewhere."""
+    """Simulate poses of an imperfect arm measured by a tracker at a random place."""
     q = rng.uniform(-1, 1, (count, 6)) * np.radians([120, 45, 45, 120, 80, 150])
     q[:, 2] += 0.4
     q[:, 1] -= 0.5 * (name == "ur10e")
@@ -92,7 +92,9 @@ def poses(name: str, rng: np.random.Generator, count: int = 60) -> Measured:
 
 @cache
 def scene(robot: str) -> tuple[Sight, Rig, list[Motion], list[Trace]]:
-    """A cell, its rig, and a yaw and a roll lap each way, a radial and a repeatability program."""
+    """Return a cell: its instrument, its rig, and the motions and traces of yaw and roll laps in both directions and
+    of a radial and a repeatability program.
+    """
     sight = sight_of(robot)
     cell = sight.cell
     laps = [circle(cell, sight.track, test, sense, 1) for test in ("yaw", "roll") for sense in (1, -1)]
@@ -105,8 +107,10 @@ def scene(robot: str) -> tuple[Sight, Rig, list[Motion], list[Trace]]:
 
 
 def gauged(robot: str, rng: np.random.Generator, faults: Sequence[Fault], tests: Sequence[int]) -> list[Measured]:
-    """Runs of a cell with gauges, an arm with these faults and everything else at its healthy size; tests: by their
-    place in the scene."""
+    """Simulate runs of a cell with gauges, for an arm with these faults and all other effects at healthy size.
+
+    tests: indices of motions in the scene.
+    """
     sight, rig, motions, traces = scene(robot)
     way = rng.standard_normal(3)
     off = rng.uniform(0.3, 1.0) * way / np.linalg.norm(way)
@@ -137,12 +141,12 @@ def _table(k: int, motion: Motion, t_s: Array, q: Array, g_mm: Array) -> Table:
 
 
 def play(rng: np.random.Generator) -> Fault:
-    """A play of some joint, 0.01 to 0.05 degrees."""
+    """Return a backlash of a random joint, 0.01 to 0.05 degrees."""
     return Fault("backlash", {"axis": int(rng.integers(1, 7))}, float(rng.uniform(0.01, 0.05)))
 
 
 def sound(number: int, seed: int = 0) -> list[Measured]:
-    """A sound cell: of three, two have gauges and one a tracker."""
+    """Simulate a sound cell. Of every three cells, two have gauges and one has a tracker."""
     rng = np.random.default_rng([seed, number, 1])
     if number % 3 == 2:
         return [poses(list(ARMS)[number // 3 % len(ARMS)], rng)]
@@ -151,8 +155,12 @@ def sound(number: int, seed: int = 0) -> list[Measured]:
 
 
 def driven_on_from(number: int, seed: int = 0) -> list[Measured]:
-    """A sound cell whose robot drives cw on from the start of acw, so that joints stand turns apart between the ways;
-    two laps on end in every third, joints that begin turns elsewhere in every other, a play in two of three."""
+    """Simulate a sound cell whose robot starts the cw lap where the acw lap ended, so joints differ by full turns
+    between the directions.
+
+    Every third cell drives two continuous laps, every second cell starts with joints shifted by full turns, and two of
+    three have backlash.
+    """
     rng = np.random.default_rng([seed, number, 3])
     name = driven_on.ROBOTS[number % 2]
     wrong, ball = independent_arm.healthy(rng), rng.normal(0, 0.4, 3)
@@ -172,8 +180,7 @@ def driven_on_from(number: int, seed: int = 0) -> list[Measured]:
 
 @dataclass(frozen=True)
 class Broken:
-    """A convention broken: the runs; what would be right to say of them: the convention, and words in what is meant,
-    any of them."""
+    """Runs with a broken convention, the name of that convention, and words of which the finding must contain one."""
 
     runs: list[Measured]
     convention: str
@@ -185,14 +192,14 @@ def _with(run: Measured, **fields: object) -> Measured:
 
 
 def _joints(rng: np.random.Generator, number: int) -> Measured:
-    """Poses of one of five arms, or a run with gauges."""
+    """Return poses of one of the five arms, or a run with gauges."""
     if number % 2 == 0:
         return poses(list(ARMS)[number // 2 % len(ARMS)], rng)
     return gauged(ROBOTS[number // 2 % 2], rng, [], [(0, 2, 4)[number // 4 % 3]])[0]
 
 
 def coupling(rng: np.random.Generator, number: int) -> Broken:
-    """Joint 3 counts from the horizontal."""
+    """Report joint 3 relative to the horizontal."""
     run, sign = _joints(rng, number), float(rng.choice([-1, 1]))
     q = run.table.q.copy()
     q[:, 2] -= sign * q[:, 1]
@@ -200,7 +207,7 @@ def coupling(rng: np.random.Generator, number: int) -> Broken:
 
 
 def reversed_axis(rng: np.random.Generator, number: int) -> Broken:
-    """One axis counts the other way."""
+    """Reverse the sign of one axis."""
     run, axis = _joints(rng, number), int(rng.integers(6))
     q = run.table.q.copy()
     q[:, axis] *= -1
@@ -208,7 +215,7 @@ def reversed_axis(rng: np.random.Generator, number: int) -> Broken:
 
 
 def exchanged_columns(rng: np.random.Generator, number: int) -> Broken:
-    """Two columns stand in each other's place."""
+    """Exchange two joint columns."""
     run = _joints(rng, number)
     one, other = sorted(rng.choice(6, 2, replace=False).tolist())
     q = run.table.q.copy()
@@ -217,7 +224,7 @@ def exchanged_columns(rng: np.random.Generator, number: int) -> Broken:
 
 
 def zero_off(rng: np.random.Generator, number: int) -> Broken:
-    """One zero is a quarter or half a turn away."""
+    """Shift one joint zero by a quarter or half turn."""
     run, axis, off = _joints(rng, number), int(rng.integers(6)), int(rng.choice([90, -90, 180]))
     q = run.table.q.copy()
     q[:, axis] -= np.radians(off)
@@ -225,26 +232,26 @@ def zero_off(rng: np.random.Generator, number: int) -> Broken:
 
 
 def gauges_negated(rng: np.random.Generator, number: int) -> Broken:
-    """Both gauges count the other way, on an arm with a play."""
+    """Negate both gauges, on an arm with backlash."""
     runs = gauged(ROBOTS[number % 2], rng, [play(rng)], range(4))
     return Broken([_with(run, g_mm=-run.table.g_mm) for run in runs], "gauge sign", ("both",))  # type: ignore[union-attr]
 
 
 def one_negated(rng: np.random.Generator, number: int) -> Broken:
-    """One of the gauges counts the other way."""
+    """Negate one gauge."""
     runs, k = gauged(ROBOTS[number % 2], rng, [play(rng)] * (number % 4 < 2), range(2)), int(rng.integers(2))
     signs = np.where(np.arange(2) == k, -1.0, 1.0)
     return Broken([_with(run, g_mm=signs * run.table.g_mm) for run in runs], "gauge sign", (f"g{k + 1} ",))  # type: ignore[union-attr]
 
 
 def gauges_exchanged(rng: np.random.Generator, number: int) -> Broken:
-    """g1 and g2 stand in each other's place."""
+    """Exchange the columns of g1 and g2."""
     runs = gauged(ROBOTS[number % 2], rng, [play(rng)] * (number % 4 < 2), range(2))
     return Broken([_with(run, g_mm=run.table.g_mm[:, ::-1]) for run in runs], "gauge order", ("exchanged",))  # type: ignore[union-attr]
 
 
 def unit(rng: np.random.Generator, number: int) -> Broken:
-    """Radians, metres, inches or micrometres."""
+    """Write a column in radians, metres, inches or micrometres."""
     if number % 4 == 0:
         run = poses(list(ARMS)[number // 4 % len(ARMS)], rng)
         return Broken([_with(run, xyz_mm=run.table.xyz_mm / 1e3)], "units", ("",))  # type: ignore[union-attr]
@@ -258,7 +265,7 @@ def unit(rng: np.random.Generator, number: int) -> Broken:
 
 
 def places(rng: np.random.Generator, number: int) -> Broken:
-    """A tracker that lost its target, or sent its last place again."""
+    """Insert rows of a tracker that lost its target or repeated its last position."""
     run = poses(list(ARMS)[number // 2 % len(ARMS)], rng)
     xyz, row = run.table.xyz_mm.copy(), int(rng.integers(5, 50))  # type: ignore[union-attr]
     xyz[row] = 0.0 if number % 2 else xyz[row - 1]
@@ -266,7 +273,7 @@ def places(rng: np.random.Generator, number: int) -> Broken:
 
 
 def stands(rng: np.random.Generator, number: int) -> Broken:
-    """Three readings of each stand."""
+    """Write three readings of each standstill."""
     run = poses(list(ARMS)[number % len(ARMS)], rng, 20)
     q, xyz = (np.repeat(values, 3, axis=0) for values in (run.table.q, run.table.xyz_mm))  # type: ignore[union-attr]
     return Broken([_with(run, q=q, xyz_mm=xyz + rng.normal(0, 0.005, xyz.shape))], "stands", ("",))
@@ -284,9 +291,9 @@ BREAKS: dict[str, Callable[[np.random.Generator, int], Broken]] = {
     "a place lost or sent again": places,
     "three readings a stand": stands,
 }
-"""By kind how a cell is made with that convention broken."""
+"""Functions that create a cell with a broken convention, by the name of the fault."""
 
 
 def is_right(finding: Finding, broken: Broken) -> bool:
-    """Whether a finding says what was broken."""
+    """Return whether a finding names the broken convention."""
     return finding.convention == broken.convention and any(words in finding.meant for words in broken.meant)

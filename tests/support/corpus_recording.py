@@ -1,7 +1,7 @@
-"""How the captures of this corpus were made: `rigd --capture` on emulated cells in which something goes wrong.
+"""Creates the capture files of the corpus: `rigd --capture` on emulated cells with faults.
 
-`python -m tests.support.corpus_recording NAME…` makes them anew, and `test_corpus.py` holds the drivers to what each
-has said since. A capture of a real cell belongs here too: rig file, `cell.log`, what `heard` makes of it.
+`python -m tests.support.corpus_recording NAME…` records them again. `test_corpus.py` checks that the drivers still
+decode each capture as before. A capture of a real cell may be added: rig file, `cell.log`, and the result of `heard`.
 """
 
 from __future__ import annotations
@@ -31,11 +31,13 @@ from tests.support.bench import BIN, Bench, ByHand, rig_text
 
 CORPUS = Path(__file__).parents[1] / "corpus"
 _SAMPLES = 45
-"""Of the slowest stream, at the least."""
+"""Minimum number of samples of the slowest stream."""
 
 
 def cells() -> dict[str, dict[str, Any]]:
-    """By name the gauges (each a part of a rig file; the second one moves over) and the feedback of a cell."""
+    """Return gauges and feedback of each cell, as parts of a rig file, by name. In cells with two gauges the second
+    one moves.
+    """
     serial, tcp, udp = "/dev/ttyUSB0", "tcp://127.0.0.1:9000", "udp://127.0.0.1:9000"
     slow = {"timeout_s": 2.0, "port": serial}
     block = yaml.safe_load(rig_text("modbus"))["gauges"]["g1"]
@@ -58,7 +60,7 @@ def cells() -> dict[str, dict[str, Any]]:
 
 
 def rig_file(cell: dict[str, Any]) -> str:
-    """The rig file of a cell."""
+    """Return the rig file of a cell."""
     data = yaml.safe_load(rig_text())
     other = {"channel": 2} if cell.get("shared") else {"port": "/dev/ttyUSB1"}
     data["gauges"] = {"g1": {**cell["gauge"], "offset_mm": 25}, "g2": {**cell["gauge"], **other, "offset_mm": -25}}
@@ -67,7 +69,7 @@ def rig_file(cell: dict[str, Any]) -> str:
 
 
 def record(name: str) -> None:
-    """Capture a cell: readings over bad cables, and a head that is off for a while."""
+    """Capture a cell with noisy cables and a gauge head that is temporarily off."""
     text = rig_file(cells()[name])
     folder, device = CORPUS / name, gauges.device
     bad = mock.patch.object(gauges, "device", lambda *given: BadCable(device(*given)))
@@ -97,7 +99,7 @@ def _more(bench: Bench) -> None:
 
 
 class BadCable:
-    """An instrument of whose sendings every 41st has a bit turned."""
+    """An instrument with a flipped bit in every 41st transmission."""
 
     def __init__(self, device: Device) -> None:
         self._device = device
@@ -125,7 +127,7 @@ class BadCable:
 
 
 def told(capture: Capture, rig: Rig) -> Iterator[Piece]:
-    """From time zero, on the ports of the rig file."""
+    """Yield the pieces of a capture from time zero, with the port names of the rig file."""
     begin_ns = capture.pieces[0].at_ns
     ports = {stream.name: stream.port for stream in streams_of(rig)}
     for piece in capture.pieces:
@@ -134,7 +136,7 @@ def told(capture: Capture, rig: Rig) -> Iterator[Piece]:
 
 
 def heard(rig: Rig, capture: Capture) -> dict[str, dict[str, Any]]:
-    """By stream what the drivers make of a capture, at its own times: counts, first and last sample."""
+    """Return the result of decoding a capture by stream: counts, first sample and last sample."""
     return {stream.name: _told(_items(stream.host, capture.of(stream.name))) for stream in streams_of(rig)}
 
 

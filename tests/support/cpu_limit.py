@@ -1,8 +1,8 @@
-"""A test fails by the processor time that it takes, so that none fails because the computer has other work.
+"""Limit the processor time of each test, so that no test fails because the computer is busy.
 
-A plugin of pytest, which `tests/conftest.py` loads. The marker `cpu_limit(SECONDS)` gives a test another limit than
-`CPU_LIMIT_S`; one that watches real time has a time limit instead. A test that waits for ever takes no processor time:
-the time limit of `pyproject.toml` ends it.
+This pytest plugin is loaded by `tests/conftest.py`. The marker `cpu_limit(SECONDS)` replaces the default `CPU_LIMIT_S`;
+tests that depend on real time have a time limit instead. A blocked test uses no processor time and is ended by the time
+limit of `pyproject.toml`.
 """
 
 from __future__ import annotations
@@ -16,24 +16,27 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 import pytest
 
 CPU_LIMIT_S = 60.0
-"""Some four times what the longest test without a marker takes on a busy computer, whose cores share their caches."""
+"""About four times the processor time of the longest unmarked test on a busy computer with shared caches."""
 
 
 class OverCpuLimitError(BaseException):
-    """The test has taken more processor time than it may; no Exception, of which hypothesis would look for a smaller
-    example."""
+    """A test has exceeded its processor time. It is not an Exception, because hypothesis would search for a smaller
+    example.
+    """
 
 
 def cpu_s() -> float:
-    """The processor time of this process and of the children that it has waited for."""
+    """Return the processor time of this process and of its finished children."""
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + children.ru_utime + children.ru_stime
 
 
 @contextmanager
 def cpu_limit(limit_s: float) -> Generator[None, None, None]:
-    """Raise OverCpuLimitError as soon as this process, or at the end as this process with its children, has taken more
-    processor time than `limit_s`. Only for the main thread."""
+    """Raise OverCpuLimitError when the processor time exceeds `limit_s`. Only for the main thread.
+
+    The time of this process is checked continuously, and at the end also that of its children.
+    """
 
     def over(*_: object) -> None:
         raise OverCpuLimitError(f"took more than {limit_s:g} s of processor time")
@@ -51,7 +54,7 @@ def cpu_limit(limit_s: float) -> Generator[None, None, None]:
 
 
 def _limited(item: pytest.Item) -> AbstractContextManager[None]:
-    """What limits each phase of a test."""
+    """Return the context that limits one phase of a test."""
     if item.get_closest_marker("real_time"):
         return nullcontext()
     marker = item.get_closest_marker("cpu_limit")
@@ -60,13 +63,13 @@ def _limited(item: pytest.Item) -> AbstractContextManager[None]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_setup(item: pytest.Item) -> Generator[None, None, None]:
-    """Limit what the fixtures of a test take."""
+    """Limit the fixtures of a test."""
     with _limited(item):
         return (yield)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
-    """Limit what the test itself takes."""
+    """Limit the test function."""
     with _limited(item):
         return (yield)

@@ -1,4 +1,4 @@
-"""A yaw lap in simulated time, read by gauges that have a cycle of their own, and stored as rigd stores it."""
+"""A yaw lap in simulated time, read by gauges with an internal cycle and stored like a recording of rigd."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ HARSH = Unsteady(ppm=500.0, jitter=0.05, missed=0.005)
 
 
 def lap_rig(cycle_ms: float, mode: str = "polled") -> tuple[Rig, str]:
-    """The UR10e with two Sylvac cables of such a cycle."""
+    """Return the rig of a UR10e with two Sylvac cables of this cycle time, and its text."""
     data = yaml.safe_load(load("ur10e")[1])
     for name, offset_mm in (("g1", 25), ("g2", -25)):
         data["gauges"][name] = {
@@ -40,12 +40,12 @@ def lap_rig(cycle_ms: float, mode: str = "polled") -> tuple[Rig, str]:
 
 
 def drive(rig: Rig) -> Trace:
-    """The lap, noise-free."""
+    """Simulate the lap without noise."""
     return trace(rig, "acw")
 
 
 def record(runs: Path, rig: Rig, rig_text: str, driven: Trace, wires: dict[str, Wire], seed: int) -> Path:
-    """A run of it. rig_text: what the run says of the rig; wires: of g1, g2 and the robot."""
+    """Record a run of the lap. rig_text: text stored in the run; wires: lines of g1, g2 and the robot."""
     until_ns = round((driven.t_s[-1] + 2 * _BEGIN_S) * S)
     noise = np.random.default_rng(seed)
     columns = {stream.name: stream.columns for stream in streams_of(rig)}
@@ -60,7 +60,7 @@ def record(runs: Path, rig: Rig, rig_text: str, driven: Trace, wires: dict[str, 
         streams=columns,
     )
 
-    # Contiguous columns: np.interp copies others at each of the many thousand instants.
+    # np.interp copies non-contiguous columns at each of the many thousand times.
     joints_deg, gauges_mm = np.degrees(driven.q).T.copy(), driven.g_mm.T.copy()
 
     def joints(now_ns: int) -> list[float]:

@@ -1,4 +1,4 @@
-"""A Dask scheduler and workers of this machine, each a process of its own, one thread each."""
+"""A Dask scheduler and single-threaded workers on this computer, each as a process."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LOOPBACK = ("--host", "127.0.0.1", "--no-dashboard")
 
 @dataclass(frozen=True)
 class Cluster:
-    """address: of the scheduler; workers: their processes."""
+    """A running cluster. address: of the scheduler; workers: their processes."""
 
     address: str
     workers: tuple[subprocess.Popen[bytes], ...]
@@ -25,7 +25,7 @@ class Cluster:
 
 @contextmanager
 def cluster(directory: Path, workers: int = 2) -> Iterator[Cluster]:
-    """A cluster whose files lie in a directory; a worker that dies is not started again."""
+    """Start a cluster with its files in a directory. Workers that die are not restarted."""
     file = directory / "scheduler.json"
     with ExitStack() as ends:
         _started(ends, "dask_scheduler", "--port", "0", "--scheduler-file", str(file))

@@ -1,4 +1,4 @@
-"""Simulated run directories of a robot whose axis 3 has a play, at days of one's choice."""
+"""Simulated run directories of a robot with backlash of axis 3, at given dates."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BEGAN = datetime(2026, 5, 1, 9, tzinfo=UTC)
 
 
 def dated_run(directory: Path, day: int, play_deg: float, direction: Direction = "acw") -> Path:
-    """A yaw run so many days after BEGAN; its day is the seed of its noise."""
+    """Write a yaw run recorded `day` days after BEGAN; the day is also the noise seed."""
     rig, text = load("ur10e")
     run = simulated_run(rig, text, "yaw", direction, day, [Backlash(axis=3, width_deg=play_deg)])
     path = save_run(run, directory / f"{day:03d}-{direction}")

@@ -1,4 +1,4 @@
-"""Runs simulated in memory, and what the engine's parts are made from: for tests of the diagnosis."""
+"""Runs simulated in memory, and intermediate results of the engine, for tests of the diagnosis."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ from tests.support.made_once import made_once
 Array = NDArray[np.float64]
 RIG, TEXT = load("paper-fanuc")
 LIMITS = RIG.limits
-# Without limits: figures that nobody looks at would take a quarter of each diagnosis.
+# Limits are omitted: computing unused figures would take a quarter of the time of each diagnosis.
 RIG = load_hidden("paper-fanuc").apply_to(RIG).model_copy(update={"effects": (), "limits": Limits()})
 WAYS: tuple[Direction, ...] = ("cw", "acw")
 
 
 @cache
 def table_of(test: TestName, direction: Direction | None, seed: int | None, effects: tuple[Effect, ...] = ()) -> Table:
-    """One simulated run of the paper's robot; seed None for no noise."""
+    """Simulate a run of the robot of the paper; seed None disables the noise."""
     return simulate(RIG, test, direction, seed, effects)
 
 
 def measured(table: Table, test: TestName, name: str, rig: Rig = RIG) -> Measured:
-    """A table as if it had been read from a run directory."""
+    """Return a table as a run read from a directory."""
     direction = table.direction if isinstance(table, CircleTable) else None
     told: dict[str, Any] = {"name": name, "test": test, "direction": direction, "rig_text": TEXT}
     manifest = Manifest.model_construct(**told)
@@ -59,7 +59,7 @@ def measured(table: Table, test: TestName, name: str, rig: Rig = RIG) -> Measure
 
 
 def poses(seed: int, *off: JointOffset) -> Measured:
-    """Random poses as a tracker in a frame of its own sees them, 40 µm of noise."""
+    """Simulate random poses measured by a tracker with an unknown frame and 40 µm noise."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(-1.0, 1.0, (150, 6))
     true = q.copy()
@@ -77,7 +77,7 @@ def circles(
     tests: Sequence[TestName] = ("yaw",),
     ways: Sequence[Direction] = WAYS,
 ) -> list[Measured]:
-    """Repeated circles, each run with a seed of its own."""
+    """Simulate repeated circles, each run with a different seed."""
     return [
         measured(table_of(test, way, 1000 * seed + 100 * k + 10 * j + i, effects), test, f"{test}-{way}-{i}")
         for k, test in enumerate(tests)
@@ -87,8 +87,10 @@ def circles(
 
 
 def remounted_circles(effect: Effect, *more: Effect, seed: int = 1) -> tuple[list[Measured], Array]:
-    """A yaw circle each way of an arm so far off by one effect that its ball was set up anew where its tool goes, and
-    how far (3,) mm that is away; with more effects that move no circle."""
+    """Simulate a yaw circle in each direction after the ball was moved to the tool position changed by a large effect.
+
+    Returns the runs and the displacement (3,) mm of the ball. The additional effects do not move the circle.
+    """
     table = table_of("yaw", "cw", None)
     scenes = [moved(model, path_of(model, table)) for model in (model_of(RIG, ()), model_of(RIG, (effect,)))]
     shift: Array = np.mean(scenes[1].T[:, :3, 3] - scenes[0].T[:, :3, 3], axis=0)
@@ -101,7 +103,7 @@ def remounted_circles(effect: Effect, *more: Effect, seed: int = 1) -> tuple[lis
 
 
 def response(run: Measured, frequency_hz: float, amplitude_mm: float, phase: float) -> Measured:
-    """A circle whose link swings, from a phase in rad of its own."""
+    """Simulate a circle with a vibrating link; phase in rad."""
     table = run.table
     assert isinstance(table, CircleTable)
     wave = amplitude_mm * np.sin(2 * np.pi * frequency_hz * table.t_s + phase)
@@ -114,19 +116,19 @@ def found_in(
     held_out: Sequence[Measured] = (),
     unseen: Sequence[Measured] = (),
 ) -> Diagnosis:
-    """The diagnosis of runs."""
+    """Diagnose runs."""
     return diagnose(rig, runs, held_out, unseen, lambda doing: None)
 
 
 @made_once
 def plan_of_circles() -> CapabilityOfTests:
-    """What a yaw and a roll circle of the paper's robot can tell of all effects."""
+    """Return the capability of a yaw and a roll circle of the robot of the paper for all effects."""
     return plan(RIG, ("yaw", "roll"))
 
 
 @made_once
 def plan_without_further_tests() -> CapabilityOfTests:
-    """The same of a yaw circle, without a look at what other tests would tell, which is most of a plan's time."""
+    """Return the capability of a yaw circle only, without comparing further tests, which takes most of the time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("analysis.diagnosis.plan.detectability.possible_tests", lambda *_, **__: ([], []))
         return plan(RIG, ("yaw",))
@@ -136,7 +138,7 @@ ZERO = JointOffset(axis=3, offset_deg=0.05)
 GEAR = TransmissionError(axis=4, order=8, amplitude_deg=0.03, phase_deg=40)
 PLAY = Backlash(axis=5, width_deg=0.03)
 DEMO = (PLAY, GEAR, ZERO)
-"""What the demo hides."""
+"""Hidden effects of the demo."""
 assert RIG.tests.circle
 _X, _Y, _Z = RIG.tests.circle.centre_mm
 _CIRCLE = RIG.tests.circle.model_copy(update={"centre_mm": (_X + 60, _Y, _Z - 60)})
@@ -144,7 +146,7 @@ ELSEWHERE = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle
 
 
 def there(effects: tuple[Effect, ...], count: int = 1) -> list[Measured]:
-    """Laps each way at another place."""
+    """Simulate laps in each direction at a different place."""
     return [
         measured(simulate(ELSEWHERE, "yaw", way, 77 + 10 * i + k, effects), "yaw", f"else-{way}-{i}", ELSEWHERE)
         for k, way in enumerate(WAYS)
@@ -154,17 +156,17 @@ def there(effects: tuple[Effect, ...], count: int = 1) -> list[Measured]:
 
 @made_once
 def demo() -> Diagnosis:
-    """Two laps each way of the demo's cell, judged at another place."""
+    """Diagnose two laps in each direction of the demo cell, validated at a different place."""
     return found_in(circles(DEMO), unseen=there(DEMO))
 
 
 def seen(runs: Sequence[Measured]) -> list[ObservedRun]:
-    """Runs as the engine sees them."""
+    """Convert runs to the input of the engine."""
     return [observe_run(model_of(RIG), run.table, str(run.path)) for run in runs]
 
 
 def planted() -> SetUp:
-    """What simulated circles of the paper's robot are driven about: the ball eccentric, gauges at zero."""
+    """Return the true set-up of simulated circles of the robot of the paper: eccentric ball, gauge zeros at 0."""
     setup = nominal_setup(RIG, table_of("yaw", "cw", 0))
     assert RIG.tests.circle
     return replace(setup, ball=setup.ball + np.array(RIG.tests.circle.eccentricity_mm))
@@ -172,7 +174,7 @@ def planted() -> SetUp:
 
 @cache
 def healthy() -> Linearisation:
-    """Two yaw circles each way of a healthy robot, about the set-up fitted to them."""
+    """Return the linearisation of two yaw circles in each direction of a healthy robot, at the fitted set-up."""
     runs = seen(circles(seed=90))
     setups, _ = fit_run_setups(runs)
     return linearise(blocks_of(runs, setups), setups)
@@ -180,19 +182,21 @@ def healthy() -> Linearisation:
 
 @cache
 def healthy_columns() -> Columns:
-    """The columns of every candidate on these circles."""
+    """Return the columns of all candidates on the healthy circles."""
     return columns_for(healthy(), candidates_for(healthy()))
 
 
 def holding(linear: Linearisation, y: Array) -> Linearisation:
-    """The same with another residual (N,) in standard deviations."""
+    """Return the linearisation with a different residual (N,) in standard deviations."""
     parts = [y[rows] * block.sd_mm for rows, block in zip(linear.rows, linear.blocks, strict=True)]
     blocks = [replace(block, y_mm=part) for block, part in zip(linear.blocks, parts, strict=True)]
     return linearise(blocks, linear.setups)
 
 
 def shown_by(linear: Linearisation, effects: Sequence[Effect]) -> Array:
-    """What effects, on the simulator and all together, add to the residual (N,) in standard deviations."""
+    """Return the change (N,) of the residual, in standard deviations, caused by all these effects together in the
+    simulator.
+    """
     return np.concatenate(
         [block.white(added) for block, added in zip(linear.blocks, linear.responses(effects), strict=True)]
     )
@@ -204,14 +208,14 @@ def white(linear: Linearisation, seed: int) -> Array:
 
 
 def columns_of(X: Array, band: NDArray[np.int64], forms: Sequence[Form] = ()) -> Columns:
-    """Columns (N, p) given as numbers: those of forms first, then those of set-ups."""
+    """Return columns (N, p) with given values: first those of forms, then those of set-ups."""
     ends = sum(len(form.columns) for form in forms)
     nothing = np.zeros(X.shape[1])
     return Columns(X, tuple(forms), slice(ends, X.shape[1]), band, nothing, nothing, nothing)
 
 
 def no_background(linear: Linearisation, more: Array | None = None) -> Background:
-    """Noise and set-ups alone, with `more` (N, p) columns of standard deviation 1."""
+    """Return a background of noise and set-ups only, with `more` (N, p) additional columns of standard deviation 1."""
     other = np.empty((len(linear.y), 0)) if more is None else more
     X = np.concatenate([linear.U, other], axis=1)
     variance = np.concatenate([np.full(linear.U.shape[1], 100.0), np.ones(other.shape[1])])

@@ -1,4 +1,4 @@
-"""Rig files drawn by a seed from sound ones, each with one part left out or written in another unit."""
+"""Random invalid rig files: valid files with one part removed or given in a wrong unit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Place = tuple[Key, ...]
 
 @dataclass(frozen=True)
 class DrawnFile:
-    """A rig file with one mistake. place: what was changed; how: `missing`, `in metres` or `in radians`."""
+    """A rig file with one mistake. place: path of the changed key; how: `missing`, `in metres` or `in radians`."""
 
     text: str
     place: Place
@@ -28,12 +28,12 @@ class DrawnFile:
 
     @property
     def title(self) -> str:
-        """The mistake in words."""
+        """Return a description of the mistake."""
         return f"{'.'.join(map(str, self.place))} {self.how}"
 
 
 def sound() -> list[dict[str, Any]]:
-    """Return sound rig files: the shipped cells with a cube and sockets, and an arm of five axes with sockets."""
+    """Return valid rig files: the shipped cells with a cube and sockets, and an arm of five axes with sockets."""
     files = []
     for path in shipped().values():
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -49,7 +49,7 @@ def _touch() -> dict[str, Any]:
 
 
 def drawn(seed: int) -> DrawnFile:
-    """Return the file of a seed: every place of a sound file is as likely, and each way in which it can be wrong."""
+    """Return the file for a seed. All keys of a valid file and all possible mistakes are equally likely."""
     rng = random.Random(seed)
     data = copy.deepcopy(rng.choice(sound()))
     place = rng.choice(sorted(_places(data), key=str))
@@ -70,7 +70,7 @@ def drawn(seed: int) -> DrawnFile:
 
 
 def _places(data: Any, place: Place = ()) -> Iterator[Place]:
-    """Yield the place of every key."""
+    """Yield the path of every key."""
     pairs = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
     for key, value in pairs:
         if isinstance(data, dict):

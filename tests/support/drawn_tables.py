@@ -1,8 +1,8 @@
-"""Tables of poses drawn by a seed as exporters write them, some sound, some not what they claim; each with its truth.
+"""Random pose tables in the formats of real exporters, correct or with a known defect, each with its true values.
 
-Written from the outside: manuals of makers, exporters of trackers, of ROS and of spreadsheets. Arms are multiplied out
-apart from the product, wrong as healthy arms are, seen from anywhere by a tracker with noise. Every kind of trouble is
-laid over every exporter, so that what settles one file does not settle the next.
+The formats follow the manuals of makers and the exporters of trackers, ROS and spreadsheets. The arms use independent
+kinematics and typical errors of healthy arms, and are measured from a random place by a noisy tracker. Every defect is
+combined with every exporter.
 """
 
 from __future__ import annotations
@@ -34,13 +34,14 @@ ARMS = (
 )  # fmt: skip
 _UR = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 _LAST_DIGIT_MM, _LAST_DIGIT_RAD = 0.011, 2e-5
-"""What the digits of a file may take from a place and an angle."""
+"""Largest rounding of a position and an angle by the digits of a file."""
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """A table and what is true of it. files: content by name; says: what a person has to read if it is imported, as a
-    regular expression, empty where nothing is wrong; sound: whether a right import exists."""
+    """A table and its true content. files: content by name; says: regular expression for the message required when
+    it is imported, empty if nothing is wrong; sound: True if a correct import exists.
+    """
 
     arm: str
     exporter: str
@@ -55,7 +56,9 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Judged:
-    """What an import made of a table; wrong: what is wrong in silence, in words, else empty; lines: what it printed."""
+    """Result of importing a table. wrong: description of an unreported error, otherwise empty; lines: printed
+    output.
+    """
 
     outcome: Outcome
     wrong: str
@@ -64,7 +67,7 @@ class Judged:
 
 @dataclass
 class _Table:
-    """What stands in the table before it is written: each may be spoilt."""
+    """Content of a table before it is written. Every field may be corrupted."""
 
     arm: str
     q: Array
@@ -75,11 +78,11 @@ class _Table:
     sound: bool = True
     more: dict[str, Sequence[object]] = field(default_factory=dict)
     bad: str = "nan"
-    """How a joint or place that is nan is written."""
+    """Text for missing joint angles or positions."""
 
 
 def constants(arm: str) -> Constants:
-    """The constants of an arm of the library, read from its file and multiplied out apart from the product."""
+    """Return the constants of a library arm for the independent kinematics."""
     robot = yaml.safe_load(f"name: arm\n{load_arm(arm).text}")["robot"]
     keys = ("a_mm", "alpha_deg", "d_mm", "offset_deg")
     a, alpha, d, offset = (np.array([float(axis.get(key, 0.0)) for axis in robot["axes"]]) for key in keys)
@@ -88,7 +91,7 @@ def constants(arm: str) -> Constants:
 
 
 def _postures(arm: str, count: int, rng: np.random.Generator) -> Array:
-    """Joints (count, 6) rad over the middle part of their limits."""
+    """Return random joint angles (count, 6) rad in the middle part of their limits."""
     axes = yaml.safe_load(f"name: arm\n{load_arm(arm).text}")["robot"]["axes"]
     low, high = np.radians([np.clip(axis["limits_deg"], -150, 150) for axis in axes]).T
     share = rng.uniform(0.25, 0.9)
@@ -104,8 +107,7 @@ def _seen(arm: str, rng: np.random.Generator, q: Array) -> Poses:
     return Poses(q, base.apply(place) + rng.uniform(-3000, 3000, 3), base * tilt * Rotation.from_matrix(R) * tool)
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Troubles: what is not as it seems. Each changes what is written, and says what has to be read if it is imported.
+# -- Defects. Each changes the content and states the message that an import must print. --
 
 
 def _sound(t: _Table, rng: np.random.Generator) -> None:
@@ -116,7 +118,7 @@ _TURNED = "wrists a turn elsewhere"
 
 
 def _other_turns(t: _Table, rng: np.random.Generator) -> None:
-    """Wrists that stand a turn elsewhere in some rows."""
+    """Shift wrist joints by full turns in some rows."""
     t.q = t.q + 2 * np.pi * rng.integers(-1, 2, t.q.shape) * np.array([0, 0, 0, 1, 0, 1])
 
 
@@ -144,7 +146,7 @@ def _zero_elsewhere(t: _Table, rng: np.random.Generator) -> None:
 
 
 def _coupled(t: _Table, rng: np.random.Generator) -> None:
-    """Joint 3 counted from the horizontal where the rig file counts it from axis 2, or the other way round."""
+    """Change the reference of joint 3 between the horizontal and axis 2, opposite to the rig file."""
     t.q = t.q.copy()
     t.q[:, 2] += rng.choice([-1, 1]) * t.q[:, 1]
     t.sound = False
@@ -174,7 +176,7 @@ def _sent_again(t: _Table, rng: np.random.Generator) -> None:
 
 
 def _not_at_rest(t: _Table, rng: np.random.Generator) -> None:
-    """The instrument was read while the tool still came to rest: the last rows lag behind."""
+    """Read the instrument before the tool has come to rest: the last rows lag behind."""
     count = int(rng.choice([2, 4, 6]))
     lag = rng.uniform(0.02, 0.2, count)[:, None]
     t.xyz_mm = t.xyz_mm.copy()
@@ -183,7 +185,9 @@ def _not_at_rest(t: _Table, rng: np.random.Generator) -> None:
 
 
 def _computed(t: _Table, rng: np.random.Generator) -> None:
-    """The controller's places: its own calibrated constants, the flange or a tool, in its base or a frame."""
+    """Replace the measured positions by those computed by the controller, for flange or tool, in the base or another
+    frame.
+    """
     own = none()
     own.offset[1:5] = np.radians(rng.normal(0, 0.05, 4))
     own.a[2:4], own.d[3:] = rng.normal(0, 0.5, 2), rng.normal(0, 0.3, 3)
@@ -199,7 +203,7 @@ def _computed(t: _Table, rng: np.random.Generator) -> None:
 
 
 def _two_reflectors(t: _Table, rng: np.random.Generator) -> None:
-    """Half of the rows are of another reflector of the same tool: as blocks, or in turn."""
+    """Use a second reflector on the same tool for half of the rows, in blocks or alternating."""
     second = np.arange(len(t.q)) % 2 == 1 if rng.random() < 0.5 else np.arange(len(t.q)) >= len(t.q) // 2
     place = rng.normal(size=3)
     place *= rng.uniform(20, 150) / np.linalg.norm(place)
@@ -210,7 +214,7 @@ def _two_reflectors(t: _Table, rng: np.random.Generator) -> None:
 
 
 def _moved(t: _Table, rng: np.random.Generator) -> None:
-    """The tracker was kicked after the first part."""
+    """Move the tracker after the first part."""
     later = np.arange(len(t.q)) >= int(len(t.q) * rng.uniform(0.4, 0.85))
     turn = Rotation.from_rotvec(rng.normal(0, np.radians(0.3), 3))
     t.xyz_mm = np.where(later[:, None], turn.apply(t.xyz_mm) + rng.normal(0, 8, 3), t.xyz_mm)
@@ -223,7 +227,7 @@ def _another_arm(t: _Table, rng: np.random.Generator) -> None:
 
 
 def _bad_cells(t: _Table, rng: np.random.Generator) -> None:
-    """A joint or a place that is no number; in a column that nothing reads it would be no trouble."""
+    """Insert invalid numbers in columns that the import uses."""
     t.q, t.xyz_mm = t.q.copy(), t.xyz_mm.copy()
     values = t.q if rng.random() < 0.5 else t.xyz_mm
     values[len(values) // 2, rng.integers(values.shape[1])] = np.nan
@@ -238,18 +242,17 @@ TROUBLES: dict[str, tuple[Callable[[_Table, np.random.Generator], None], float]]
     "the controller's places": (_computed, 3), "two reflectors": (_two_reflectors, 2), "a tracker moved": (_moved, 1),
     "another arm": (_another_arm, 1), "bad cells": (_bad_cells, 1),
 }  # fmt: skip
-"""By name: what it does to a table, and how often it is drawn."""
+"""Defects by name: the function that applies it, and its relative frequency."""
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Exporters: how such a table is written.
+# -- Exporters: formats of the written table. --
 
 _Files = tuple[dict[str, bytes], tuple[str, ...]]
 _TO = {"mm": 1.0, "m": 1e-3, "cm": 0.1, "in": 1 / 25.4}
 
 
 def _numbers(t: _Table, rng: np.random.Generator) -> tuple[Array, Array, str, str]:
-    """Joints and places in a unit that the file may or may not state."""
+    """Return joint angles and positions in a random unit, which the file may or may not state."""
     angle, length = str(rng.choice(["deg", "deg", "rad"])), str(rng.choice(["mm", "mm", "mm", "m", "m", "cm", "in"]))
     return (np.degrees(t.q) if angle == "deg" else t.q), t.xyz_mm * _TO[length], angle, length
 
@@ -257,7 +260,7 @@ def _numbers(t: _Table, rng: np.random.Generator) -> tuple[Array, Array, str, st
 def _written(
     header: Sequence[str], columns: Sequence[Array], t: _Table, rng: np.random.Generator, sep: str = ""
 ) -> bytes:
-    """A text file: separator, decimals, line ends and encoding as such files have them."""
+    """Format a text file with random separator, decimals, line ends and encoding."""
     sep = sep or str(rng.choice([",", ";", "\t"]))
     cells: list[list[object]] = [[t.bad if np.isnan(value) else value for value in row] for row in rows(*columns)]
     names = list(header)
@@ -270,7 +273,7 @@ def _written(
 
 
 def _spreadsheet(t: _Table, rng: np.random.Generator) -> _Files:
-    """A person's columns, as people call them."""
+    """Write the columns of a hand-made spreadsheet, with informal names."""
     q, xyz, angle, length = _numbers(t, rng)
     styles = ("J{}", "q{}", "joint_{}", "Joint {}", "theta{}", "A{}", "axis{}", "j{}_act", "Achse {}", "JT{}", "Q[{}]")
     joints = str(rng.choice(styles))
@@ -284,14 +287,14 @@ def _spreadsheet(t: _Table, rng: np.random.Generator) -> _Files:
 
 
 def _pandas(t: _Table, rng: np.random.Generator) -> _Files:
-    """DataFrame.to_csv: a column without a name in front."""
+    """Write the format of DataFrame.to_csv, with an unnamed first column."""
     q, xyz, _, _ = _numbers(t, rng)
     header = ["", *(f"q_{k}" for k in range(6)), "x", "y", "z"]
     return {"frame.csv": _written(header, [np.arange(len(q))[:, None], q, xyz], t, rng, ",")}, ()
 
 
 def _headless(t: _Table, rng: np.random.Generator) -> _Files:
-    """MATLAB's writematrix and numpy's savetxt."""
+    """Write a file without header, as MATLAB's writematrix and numpy's savetxt do."""
     q, xyz, _, _ = _numbers(t, rng)
     pose = [xyz, t.turn.as_euler("xyz", degrees=True)] if rng.random() < 0.4 else [xyz]
     columns = [q, *pose] if rng.random() < 0.6 else [*pose, q]
@@ -331,7 +334,7 @@ def _abb(t: _Table, rng: np.random.Generator) -> _Files:
 
 
 def _by_name(t: _Table) -> tuple[list[str], list[int]]:
-    """Joints as a driver of ROS calls them, and their order in the alphabet."""
+    """Return the joint names of a ROS driver, and the alphabetical order of the joints."""
     called = list(_UR) if t.arm.startswith("ur") else [f"joint_{k}" for k in range(1, 7)]
     return called, sorted(range(6), key=lambda k: called[k])
 
@@ -355,7 +358,7 @@ def _rostopic(t: _Table, rng: np.random.Generator) -> _Files:
 
 
 def _rtde(t: _Table, rng: np.random.Generator) -> _Files:
-    """A recorder of RTDE: targets, currents, the controller's own pose, and a tracker's place beside them."""
+    """Write an RTDE recording: targets, currents and the controller's pose, with the position of the tracker added."""
     header = ["timestamp", *(f"target_q_{k}" for k in range(6)), *(f"actual_q_{k}" for k in range(6))]
     header += [f"actual_current_{k}" for k in range(6)] + [f"actual_TCP_pose_{k}" for k in range(6)]
     R, p = flange(constants(t.arm), none(), np.nan_to_num(t.q))
@@ -367,7 +370,9 @@ def _rtde(t: _Table, rng: np.random.Generator) -> _Files:
 
 
 def _analyzer(t: _Table, rng: np.random.Generator) -> _Files:
-    """A report of an analyzer of trackers: remarks, names of points, uncertainties; joints in a file beside it."""
+    """Write a report of tracker software with remarks, point names and uncertainties; the joints are in a second
+    file.
+    """
     header = ["Collection", "Group", "Point", "X [mm]", "Y [mm]", "Z [mm]", "Ux [mm]", "Uy [mm]", "Uz [mm]"]
     points = {"Point": [f"p{k}" for k in range(len(t.q))], "Group": ["Main"] * len(t.q), "Collection": ["A"] * len(t.q)}
     written = replace(t, more={**t.more, **points})
@@ -378,7 +383,7 @@ def _analyzer(t: _Table, rng: np.random.Generator) -> _Files:
 
 
 def _decimal_comma_workbook(t: _Table, rng: np.random.Generator) -> _Files:
-    """Excel: cells of text with decimal commas, or numbers; above them perhaps a title."""
+    """Write a workbook with numbers or with text cells containing decimal commas, optionally below a title."""
     import openpyxl  # noqa: PLC0415 - slow to import
 
     q, xyz, angle, length = _numbers(t, rng)
@@ -396,7 +401,7 @@ def _decimal_comma_workbook(t: _Table, rng: np.random.Generator) -> _Files:
 
 
 def _motion_capture(t: _Table, rng: np.random.Generator) -> _Files:
-    """A motion capture's export of one rigid body, its lines of names, joined with joints by row."""
+    """Write a motion capture export of one rigid body with its header lines, joined with the joints by row."""
     head = "Format Version,1.23,Take Name,Take 1,Export Frame Rate,240\n,,RigidBody,RigidBody,RigidBody\n"
     header = ["Frame", "Time", *(f"Rotation {axis}" for axis in "XYZW"), *(f"Position {axis}" for axis in "XYZ")]
     columns = [np.arange(len(t.q))[:, None], np.arange(len(t.q))[:, None] / 240, t.turn.as_quat(), t.xyz_mm]
@@ -406,7 +411,7 @@ def _motion_capture(t: _Table, rng: np.random.Generator) -> _Files:
 
 
 def _commanded_too(t: _Table, rng: np.random.Generator) -> _Files:
-    """What was commanded beside what was measured, of joints and places."""
+    """Write commanded and measured values of joints and positions side by side."""
     header = [*(f"q{k}_cmd" for k in range(1, 7)), *(f"q{k}_act" for k in range(1, 7))]
     header += ["x_nom", "y_nom", "z_nom", "x_act", "y_act", "z_act"]
     nominal = t.xyz_mm + rng.normal(0, 0.7, t.xyz_mm.shape)
@@ -422,12 +427,11 @@ EXPORTERS: dict[str, Callable[[_Table, np.random.Generator], _Files]] = {
 }  # fmt: skip
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Draw, and judge.
+# -- Generation and evaluation. --
 
 
 def drawn(seed: int) -> Drawn:
-    """A table by its seed; every fifteenth is a path."""
+    """Return the table for a seed; every fifteenth is a path."""
     rng = np.random.default_rng([54, seed])
     if seed % 15 == 14:
         return _path(rng)
@@ -444,7 +448,7 @@ def drawn(seed: int) -> Drawn:
 
 
 def _path(rng: np.random.Generator) -> Drawn:
-    """A circle of a tracker at 1 kHz: with a spike, with a beam that stood still, or sound."""
+    """Return a circle of a tracker at 1 kHz: with an outlier, with a repeated position, or correct."""
     t_s = np.arange(8000) / 1000
     angle = 2 * np.pi * 0.25 * t_s
     xyz = 150 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]) @ Rotation.random(rng=rng).as_matrix()
@@ -466,7 +470,7 @@ def _path(rng: np.random.Generator) -> Drawn:
 
 
 def judged(drawn: Drawn, folder: Path) -> Judged:
-    """Import a table into a folder of its own, with nobody to answer, and hold it against the truth."""
+    """Import a table in a new directory without a user to answer questions, and compare the result with the truth."""
     tests = "tests: {iso9283: {}}\n" * (drawn.test == "path")
     (folder / "arm.yaml").write_text(f"name: arm\n{load_arm(drawn.arm).text}{tests}", encoding="utf-8")
     for name, content in drawn.files.items():
@@ -486,7 +490,9 @@ def _command(drawn: Drawn) -> list[str]:
 
 
 def _asked(drawn: Drawn, folder: Path) -> Outcome:
-    """Whether the likeliest answer to a question reads the joints as they were, where there is a right one."""
+    """Return whether the most likely answer to a question of the import gives the true joints, if a correct answer
+    exists.
+    """
     if drawn.sound and ran(*_command(drawn), "-o", "assumed", "--yes", cwd=folder).returncode == 0:
         table = load_run(folder / "assumed").table
         if isinstance(table, PoseTable) and _turned(table.q, drawn.truth.q) > _LAST_DIGIT_RAD:
@@ -495,16 +501,16 @@ def _asked(drawn: Drawn, folder: Path) -> Outcome:
 
 
 def _turned(q: Array, q_true: Array) -> float:
-    """How far angles (n, 6) rad are from others, modulo a turn."""
+    """Return the largest difference between angles (n, 6) rad, modulo a full turn."""
     return float(np.abs((q - q_true + np.pi) % (2 * np.pi) - np.pi).max())
 
 
 def _wrong(drawn: Drawn, run: Path, doubts: str) -> str:
-    """What of an imported run is not so, and not said, in words."""
+    """Return a description of the unreported errors in an imported run."""
     table = load_run(run).table
     if drawn.says:
         return "" if re.search(drawn.says, doubts) else f"says nothing of {drawn.trouble}"
-    if drawn.trouble == _TURNED:  # the joints are those of the arm modulo a turn, and the rows are named
+    if drawn.trouble == _TURNED:  # the joints equal those of the arm modulo a turn, and the rows are named
         if "whole turn" not in doubts:
             return f"says nothing of {drawn.trouble}"
         doubts = "\n".join(line for line in doubts.splitlines() if "whole turn" not in line)

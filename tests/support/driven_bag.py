@@ -1,5 +1,6 @@
-"""Bags of ROS 2 that the rosbags library writes: an arm of another generator drives from stop to stop, a driver
-publishes its joints, and a tracker, or a camera on the tool, what it sees."""
+"""ROS 2 bags written by the rosbags library: an independently simulated arm moves between stops, a driver publishes
+its joints, and a tracker, or a camera on the tool, publishes its measurements.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ POSE, POINT, TRANSFORM, TF = (
 
 @dataclass(frozen=True)
 class Driven:
-    """What was driven: the angles (n, 6) rad of the stops and the true places (n, 3) m of what was seen."""
+    """True content of a bag: joint angles (n, 6) rad at the stops, and positions (n, 3) m of the measured object."""
 
     q: Array
     place_m: Array
@@ -43,7 +44,7 @@ def header(at_s: float, frame: str) -> object:
 
 
 def message(kind: str, at_s: float, place: Array, turn: Rotation) -> object:
-    """A message that places something, from an instrument's frame."""
+    """Return a message with a pose in the frame of the instrument."""
     new = {name.rpartition("/")[2]: one for name, one in STORE.types.items() if name.startswith("geometry_msgs/")}
     quaternion = new["Quaternion"](*turn.as_quat())
     if kind == POSE:
@@ -62,8 +63,11 @@ def drive(
     path: Path, rng: np.random.Generator, *, kind: str = POSE, storage: StoragePlugin = StoragePlugin.MCAP,
     stops: int = 20, on_tool: bool = False, clock_off_s: float = 0.0, blind: tuple[int, ...] = (), stamped: bool = True,
 ) -> Driven:  # fmt: skip
-    """Write a bag. on_tool: the instrument is a camera on the flange that sees a board in the cell; clock_off_s: its
-    stamps are late by so much; blind: stops at which it saw nothing; stamped: whether joints have stamps."""
+    """Write a bag and return its true content.
+
+    on_tool: the instrument is a camera on the flange that measures a board in the cell. clock_off_s: delay of its
+    timestamps. blind: stops without a measurement. stamped: whether joint messages have timestamps.
+    """
     arm = soft_arm.wrong(soft_arm.nominal("ur10"), rng)
     q = np.radians(rng.uniform((-90, -120, -110, -120, -80, -150), (90, -40, 110, 120, 80, 150), (stops, 6)))
     tool = Rotation.from_euler("xyz", [0.3, -0.2, 1.0])
@@ -73,7 +77,7 @@ def drive(
     T = arm.frames(joints)[:, -1]
     flange = Rotation.from_matrix(T[:, :3, :3])
     ball = arm.tool_mm(joints, np.array([30.0, -20.0, 90.0]))
-    if on_tool:  # where a board stands as the camera sees it, which itself stands on the flange
+    if on_tool:  # pose of the board relative to the camera, which is mounted on the flange
         camera = flange * tool
         board, turned = np.array([900.0, 200.0, 100.0]), Rotation.from_euler("z", 0.4)
         place, turn = camera.inv().apply(board - ball), camera.inv() * turned
@@ -88,8 +92,10 @@ def drive_points(
     path: Path, rng: np.random.Generator, names: list[str], q: Array, place_mm: Array, topic: str = "/seen",
     beside: tuple[str, list[str]] | None = None,
 ) -> Driven:  # fmt: skip
-    """Write a bag of an arm with these joints that stops at angles q (n, axes) rad with a ball at place_mm (n, 3);
-    beside: the topic and the joints of another arm, which stands."""
+    """Write a bag of an arm that stops at angles q (n, axes) rad with the ball at place_mm (n, 3).
+
+    beside: topic and joint names of a second arm, which does not move.
+    """
     t_s, leg, share = _ways(len(q))
     sight = Sight(
         POINT, _between(place_mm / 1e3, leg, share), Rotation.identity(len(t_s)), 0.0, frozenset(), topic, beside
@@ -100,8 +106,10 @@ def drive_points(
 
 @dataclass(frozen=True)
 class Sight:
-    """What an instrument publishes: places (n, 3) m and turns at all times, its clock late by clock_off_s; blind: stops
-    at which it sees nothing."""
+    """Measurements of an instrument: positions (n, 3) m and rotations at all times, clock delayed by clock_off_s.
+
+    blind: stops without a measurement.
+    """
 
     kind: str
     place_m: Array
@@ -113,7 +121,7 @@ class Sight:
 
 
 def _ways(stops: int) -> tuple[Array, Array, Array]:
-    """Times (n,) s, the stop that was last (n,), and the share (n, 1) of the way to the next."""
+    """Return times (n,) s, index of the last stop, and share (n, 1) of the motion to the next stop."""
     t_s = np.arange(0, stops * (STOP_S + MOVE_S), 0.01)
     leg, since = np.divmod(t_s, STOP_S + MOVE_S)
     share = np.clip((since - STOP_S) / MOVE_S, 0, 1)

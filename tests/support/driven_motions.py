@@ -1,7 +1,8 @@
-"""Motions of robots around circles whose truth is known, drawn from outside: nothing here is of the product.
+"""Independently simulated robot motions around circles with known centres. Nothing here is imported from rig.
 
-Kinematics are products of scipy's rotations, joint angles come from a Newton of their own, and noise is of kinds that
-the product's model does not have. Arms are the shipped ones with other lengths. Each motion has its own rig file.
+The kinematics multiply scipy rotations, the inverse kinematics is a separate Newton iteration, and the noise has
+properties that the model of rig lacks. The arms are the shipped arms with changed lengths. Each motion has its own rig
+file.
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ Kind = Literal["arc", "lap", "stands"]
 
 @dataclass(frozen=True)
 class Motion:
-    """rig_text and what the robot reported: t_s (n,), q (n, 6) rad; the true centre (3,) mm, normal (3,) and radius."""
+    """A motion with its rig file: reported times t_s (n,) and angles q (n, 6) rad; true centre (3,) mm, normal (3,)
+    and radius.
+    """
 
     rig_text: str
     t_s: Array
@@ -42,7 +45,7 @@ class Motion:
 
 
 class Chain:
-    """Forward kinematics of a rig file's arm by rotations multiplied out."""
+    """Forward kinematics of the arm in a rig file, as a product of rotations."""
 
     def __init__(self, robot: dict) -> None:
         self.axes = robot["axes"]
@@ -50,7 +53,7 @@ class Chain:
         self.tool = robot["tool"]
 
     def tool_at(self, q: Array) -> tuple[Array, Array]:
-        """Rotation (n, 3, 3) and place (n, 3) mm of the tool at reported angles q (n, 6) rad."""
+        """Return rotation (n, 3, 3) and position (n, 3) mm of the tool at reported angles q (n, 6) rad."""
         theta = q @ self.coupling.T
         turn, place = Rotation.from_matrix(np.tile(np.eye(3), (len(q), 1, 1))), np.zeros((len(q), 3))
         for k, axis in enumerate(self.axes):
@@ -65,7 +68,9 @@ class Chain:
         return turn.as_matrix(), place
 
     def angles_at(self, turn: Array, place: Array, q: Array) -> Array | None:
-        """Angles (6,) rad near q (6,) with the tool at a turn (3, 3) and place (3,) mm; None where Newton fails."""
+        """Return the angles (6,) rad near q for a tool pose: rotation (3, 3), position (3,) mm. None if Newton does
+        not converge.
+        """
         for _ in range(20):
             tried = np.concatenate([q[None], q + 1e-6 * np.eye(6)])
             R, p = self.tool_at(tried)
@@ -79,7 +84,9 @@ class Chain:
 
 
 def drawn(seed: int, kind: Kind) -> Motion:
-    """A motion by its number: an arc of 40° to 300°, one to two laps in one go or with ways back, or stands."""
+    """Return the motion for a seed: an arc of 40° to 300°, one or two laps, continuous or with returns, or a series
+    of stops.
+    """
     for again in range(100):
         rng = np.random.default_rng((seed, again, ("arc", "lap", "stands").index(kind)))
         motion = _drawn(rng, kind)
@@ -123,7 +130,9 @@ def _drawn(rng: np.random.Generator, kind: Kind) -> Motion | None:
 def _followed(
     chain: Chain, q: Array, centre: Array, normal: Array, towards: Array, radius: float, phi: Array
 ) -> Array | None:
-    """Angles (k, 6) rad along a circle with the tool held to its centre; None where a joint would race."""
+    """Return angles (k, 6) rad along a circle with the tool pointing at its centre; None if a joint would be too
+    fast.
+    """
     found = []
     for angle in phi:
         spin = Rotation.from_rotvec(angle * normal).as_matrix()
@@ -139,7 +148,9 @@ def _followed(
 
 
 def _path(rng: np.random.Generator, kind: Kind, arc: float, radius: float) -> tuple[Array, Array]:
-    """Times (n,) s and circle angles (n,) rad: from rest to rest, once, or twice with a way back between."""
+    """Return times (n,) s and circle angles (n,) rad of one lap from rest to rest, or of two laps with a return
+    between them.
+    """
     rate_hz = float(rng.choice([50.0, 125.0, 500.0]))
     speed = float(np.exp(rng.uniform(np.log(10), np.log(100)))) / radius
     ramp_s = 0.3
@@ -161,7 +172,7 @@ def _path(rng: np.random.Generator, kind: Kind, arc: float, radius: float) -> tu
 
 
 def _jogged(rng: np.random.Generator, exact: CubicSpline, t_s: Array, direction: str) -> tuple[Array, Array] | None:
-    """Times and angles of a jog to 4 to 9 points around the circle: joints run straight between them, and stand."""
+    """Return times and angles of a manual motion to 4 to 9 points around the circle, with joint moves and stops."""
     rate_hz = 1 / float(np.median(np.diff(t_s)))
     count = int(rng.integers(4, 10))
     places = np.sort((np.arange(count) + rng.uniform(-0.2, 0.2, count)) * 2 * np.pi / count) % (2 * np.pi)
@@ -176,7 +187,9 @@ def _jogged(rng: np.random.Generator, exact: CubicSpline, t_s: Array, direction:
 
 
 def noise(rng: np.random.Generator, t_s: Array) -> Array:
-    """What the reported angles (n, 6) rad have too much: white, slow of one of four kinds, and the encoder's steps."""
+    """Return the error of the reported angles (n, 6) rad: white noise, one of four kinds of slow noise, and encoder
+    steps.
+    """
     white = rng.uniform(0.1, 1.0, 6) * np.radians(np.exp(rng.uniform(np.log(2e-4), np.log(2e-3))))
     slow = rng.uniform(0.1, 1.0, 6) * np.radians(np.exp(rng.uniform(np.log(2e-4), np.log(5e-3))))
     step = np.radians(float(rng.choice([0.0, 1e-4, 1e-3])))

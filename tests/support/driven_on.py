@@ -1,9 +1,10 @@
-"""Circles as robots drive that go on from where they stand: cw from the start of acw, so that a joint which winds by a
-turn a lap stands turns apart between the ways; two laps on end; joints that begin a turn elsewhere. And poses of a tool
-with several reflectors.
+"""Circles that start where the robot stands, and poses of a tool with several reflectors.
 
-Written from docs/method.md and a rig file, over the arm of `tests.worlds.arms.independent_arm`; nothing here is of the
-product.
+The cw lap starts at the end of the acw lap, so a joint that turns by a full turn per lap differs by full turns between
+the directions. Also included: two continuous laps, and joints that start shifted by full turns.
+
+Written from docs/method.md and a rig file, with the arm of `tests.worlds.arms.independent_arm`. Nothing is imported
+from rig.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ ROBOTS = ("paper-fanuc", "ur10e")
 RATE_HZ = 25.0
 LEAD_DEG = 12.0
 _NODES = 240
-"""Nodes a turn of the path that is solved and then followed by a spline."""
+"""Path nodes per turn solved by inverse kinematics and then interpolated by a spline."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """A lap as it is driven. sense: 1 acw, -1 cw; turns (6,): whole turns by which the joints begin elsewhere."""
+    """A lap to be driven. sense: 1 for acw, -1 for cw; turns (6,): full turns by which the joints start shifted."""
 
     test: str
     sense: int
@@ -40,7 +41,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class Driven:
-    """What is recorded: t_s (n,), q (n, 6) rad as reported, g_mm (n, 2)."""
+    """Recorded data: t_s (n,), reported q (n, 6) rad, g_mm (n, 2)."""
 
     t_s: Array
     q: Array
@@ -51,7 +52,7 @@ class Driven:
 class _Circle:
     centre: Array
     axes: Array
-    """Columns: zero direction, its left, normal."""
+    """Columns: direction of angle zero, direction to its left, normal."""
     radius: float
     speed: float
     start: float
@@ -59,7 +60,7 @@ class _Circle:
     tool: tuple[Array, Array]
 
     def place(self, phi: float) -> tuple[Array, Array]:
-        """Rotation (3, 3) and place (3,) of the tool at an angle."""
+        """Return rotation (3, 3) and position (3,) of the tool at a circle angle."""
         u, v, n = self.axes.T
         r = u * np.cos(phi) + v * np.sin(phi)
         return np.stack([n, np.cross(-r, n), -r], axis=1), self.centre + self.radius * r
@@ -88,7 +89,7 @@ def _tool(arm: Constants, wrong: Wrong, circle: _Circle, q: Array) -> tuple[Arra
 
 
 def _solved(arm: Constants, circle: _Circle, phi: float, q: Array) -> Array:
-    """The joints (6,) that put the tool at an angle of the circle, by Newton's steps from joints nearby."""
+    """Solve the joints (6,) for a circle angle by Newton's method, starting from nearby joints."""
     R, p = circle.place(phi)
     for _ in range(30):
         M, x = _tool(arm, none(), circle, np.vstack([q, q + 1e-6 * np.eye(6)]))
@@ -102,7 +103,7 @@ def _solved(arm: Constants, circle: _Circle, phi: float, q: Array) -> Array:
 
 @cache
 def _track(name: str, sense: int, laps: int) -> CubicSpline:
-    """Joints over the angle that is driven, from before the start to beyond the end of the laps."""
+    """Return the joints over the circle angle as a spline, from the lead-in to the lead-out of the laps."""
     arm, circle = independent_arm.constants_of(name), _circle(name)
     step = 2 * np.pi / _NODES
     before = int(np.ceil(np.radians(LEAD_DEG) / step)) + 2
@@ -116,7 +117,7 @@ def _track(name: str, sense: int, laps: int) -> CubicSpline:
 
 
 def winds(name: str) -> Array:
-    """By how many turns (6,) each joint winds on in a lap acw."""
+    """Return the full turns (6,) of each joint per acw lap."""
     track = _track(name, 1, 1)
     return np.round((track(2 * np.pi) - track(0)) / (2 * np.pi))
 
@@ -125,7 +126,9 @@ def drive(
     name: str, one: Drive, wrong: Wrong, rng: np.random.Generator, *, play_rad: Array | None = None,
     ball_mm: Array | None = None, white_mm: float = 0.001,
 ) -> Driven:  # fmt: skip
-    """Drive and record it: play_rad (6,): the play of each joint; ball_mm (3,): the ball beside the centre."""
+    """Drive and record a lap. play_rad (6,): backlash of each joint; ball_mm (3,): offset of the ball from the
+    centre.
+    """
     arm, circle = independent_arm.constants_of(name), _circle(name)
     lead = np.radians(LEAD_DEG)
     step = circle.speed / circle.radius / RATE_HZ
@@ -144,7 +147,7 @@ def drive(
 
 
 def _lagging(joint: Array, width: float) -> Array:
-    """What is driven through a play lags by half of it, once it has been crossed."""
+    """Return joint angles lagging by half the backlash after it has been crossed."""
     side, driven = joint[0] - np.sign(joint[1] - joint[0]) * width / 2, np.empty_like(joint)
     for k, motor in enumerate(joint):
         side = min(max(side, motor - width / 2), motor + width / 2)
@@ -153,5 +156,5 @@ def _lagging(joint: Array, width: float) -> Array:
 
 
 def remounted(cell: independent_arm.Cell, q: Array, targets_mm: Array, rng: np.random.Generator) -> list[Seen]:
-    """The same poses seen by one tracker with its reflector at each of some places (k, 3) of the tool."""
+    """Measure the same poses by one tracker with its reflector at each of several places (k, 3) of the tool."""
     return [replace(cell, tool_mm=place).seen(q, rng) for place in targets_mm]

@@ -1,4 +1,4 @@
-"""A configuration of every driver, in every mode that changes what is on the wire."""
+"""Configurations of all drivers, in every mode with different traffic on the wire."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ BAUMER = {
 
 
 def gauge(interface: str, **changes: object) -> Any:
-    """A gauge of any interface, on a serial port."""
+    """Return a gauge of any interface on a serial port."""
     return _GAUGE.validate_python(
         {"interface": interface, "port": SERIAL, "offset_mm": 25} | NEEDED[interface] | changes
     )
@@ -66,7 +66,7 @@ NEEDED: dict[str, dict[str, object]] = {
     "micro_epsilon_ild1420": {"range_mm": 10},
     "solartron_orbit": LINE | {"parameter": 2, "status_parameter": 3},
 }
-"""What a rig file must say of each beside its port and place."""
+"""Settings required by each interface in addition to port and position."""
 
 
 def sylvac(**changes: object) -> SylvacOptoRS:
@@ -80,7 +80,8 @@ def keyence(**changes: object) -> KeyenceDLRS1A:
 
 
 def modbus(**changes: object) -> ModbusMap:
-    return ModbusMap.model_validate(BAUMER | {"rate_hz": 1e10} | changes)  # asks at once, in simulated time
+    # sends the request immediately, in simulated time
+    return ModbusMap.model_validate(BAUMER | {"rate_hz": 1e10} | changes)
 
 
 def rtde(**changes: object) -> URRTDE:
@@ -105,7 +106,7 @@ def j519(**changes: object) -> FANUCStreamMotion:
 
 
 def joints(**changes: object) -> ModbusJoints:
-    """Six float32 from register 100 on, program state in 112."""
+    """Return a register map with six float32 joints from register 100 and the program state in register 112."""
     fields = {
         "interface": "modbus_joints",
         "port": TCP,
@@ -127,9 +128,9 @@ def joint_states(**changes: object) -> ROS2JointStates:
 
 
 OPC_UA = find_spec("asyncua") is not None
-"""Whether the package of the extra `opcua` is here."""
+"""Whether the optional package `asyncua` is installed."""
 WITHOUT_PACKAGE = set[str]() if OPC_UA else {"opc_ua_robotics"}
-"""Interfaces that cannot be tried here."""
+"""Interfaces that cannot be tested in this environment."""
 
 
 def opc_ua(**changes: object) -> OPCUARobotics:

@@ -1,7 +1,7 @@
-"""Which processor time each test and each fixture took, kept from run to run: `scripts/dev durations` prints it.
+"""Processor time of each test and fixture, stored between test runs. `scripts/dev durations` prints it.
 
-A plugin of pytest, which `tests/conftest.py` loads. A session leaves a file in `.pytest_cache/d/durations`; of a test
-the newest counts, so a run of one file replaces what was kept of that file alone.
+This pytest plugin is loaded by `tests/conftest.py`. Each session writes a file in `.pytest_cache/d/durations`. The
+newest time of each test counts, so a run of one test file updates only that file.
 """
 
 from __future__ import annotations
@@ -20,28 +20,30 @@ from tests.support.cpu_limit import cpu_s
 ROOT = Path(__file__).parents[2]
 KEPT = ROOT / ".pytest_cache" / "d" / "durations"
 MOST_FILES = 40
-"""Sessions that are kept: some twenty runs of `scripts/test`, which are two each."""
+"""Number of stored sessions, about twenty runs of `scripts/test` with two sessions each."""
 LEAST_S = 0.01
-"""A fixture that takes less is not listed."""
+"""Fixtures faster than this are not listed."""
 
 
 @dataclass
 class Durations:
-    """Processor time in seconds of tests, and of fixtures by the test that asked first; which tests are a night's."""
+    """Processor time in seconds of tests, and of fixtures by the first test that requested them; and the nightly
+    tests.
+    """
 
     tests: dict[str, float] = field(default_factory=dict)
     fixtures: dict[str, dict[str, float]] = field(default_factory=dict)
     nightly: set[str] = field(default_factory=set)
 
     def by_file(self) -> dict[str, float]:
-        """The sum over the tests of each file."""
+        """Return the total time of each test file."""
         files: defaultdict[str, float] = defaultdict(float)
         for test, seconds in self.tests.items():
             files[file_of(test)] += seconds
         return dict(files)
 
     def by_fixture(self) -> dict[str, list[float]]:
-        """What each making of a fixture took."""
+        """Return the times of all set-ups of each fixture."""
         made: defaultdict[str, list[float]] = defaultdict(list)
         for fixtures in self.fixtures.values():
             for name, seconds in fixtures.items():
@@ -50,12 +52,12 @@ class Durations:
 
 
 def file_of(test: str) -> str:
-    """The file of a test, by its node id."""
+    """Return the file of a test node id."""
     return test.partition("::")[0]
 
 
 def durations(kept: Path = KEPT, root: Path = ROOT) -> Durations:
-    """Return what the sessions of a folder took, the newest of each test whose file is still there."""
+    """Read the durations stored in a directory: the newest of each test whose file still exists."""
     found = Durations()
     for path in sorted(kept.glob("*.json")):
         session = json.loads(path.read_text(encoding="utf-8"))
@@ -67,9 +69,9 @@ def durations(kept: Path = KEPT, root: Path = ROOT) -> Durations:
 
 
 class Watch:
-    """Hooks that measure in the process of a test, and keep what all processes measured in the one that reports.
+    """Pytest hooks that measure in the process of a test and store all times in the reporting process.
 
-    What a phase took is an attribute of its report, which pytest-xdist hands over as it is.
+    The time of a phase is an attribute of its report, which pytest-xdist transfers.
     """
 
     def __init__(self) -> None:
@@ -79,7 +81,7 @@ class Watch:
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef[object]) -> Generator[None, object, object]:
-        """Measure what a fixture takes, with those that it asks for."""
+        """Measure a fixture, including the fixtures it requests."""
         began_s = cpu_s()
         try:
             return (yield)
@@ -109,7 +111,7 @@ class Watch:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(self, item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-        """Write into the report of a phase what it took."""
+        """Add the processor time of a phase to its report."""
         report = yield
         report.processor_s, self._took_s = round(self._took_s, 4), 0.0  # type: ignore[attr-defined]
         report.fixtures_s, self._fixtures = self._fixtures, {}  # type: ignore[attr-defined]
@@ -117,14 +119,14 @@ class Watch:
         return report
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Add up the phases of a test, and its tries."""
+        """Add up the phases and repetitions of a test."""
         seconds, fixtures, _ = self._tests.get(report.nodeid, (0.0, {}, False))
         seconds += getattr(report, "processor_s", 0.0)
         fixtures = fixtures | getattr(report, "fixtures_s", {})
         self._tests[report.nodeid] = seconds, fixtures, getattr(report, "is_nightly", False)
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        """Keep what was measured, in the process that reports."""
+        """Store all times, in the reporting process."""
         config = session.config
         if not self._tests or hasattr(config, "workerinput") or not hasattr(config, "cache"):
             return
@@ -135,5 +137,5 @@ class Watch:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Watch each session."""
+    """Register the hooks for each session."""
     config.pluginmanager.register(Watch(), "durations-watch")

@@ -1,4 +1,4 @@
-"""What every effect has to do, from the rig file to the correction; run as a program, for the effects that it names."""
+"""Requirements of every effect, from the rig file to the correction. As a program it checks the named effects."""
 
 from __future__ import annotations
 
@@ -34,30 +34,32 @@ from rigs.schema.scene import STAGES
 from tests.support.diagnosis_cells import RIG, TEXT, WAYS, plan_without_further_tests
 
 TIMES = 20.0
-"""Healthy sizes of a fault: real ones have some 5 to 100."""
+"""Size of a fault in healthy sizes: real faults have about 5 to 100."""
 
 
 def word_for(name: str) -> str:
-    """How a person asks for one effect of a name; on axis 2, which every test moves, where any axis would do."""
+    """Return the command-line word for an effect, on axis 2 (moved by every test) if the effect has an axis."""
     place = VOCABULARY[name].PLACE
     where = "2" if place is AT_AXIS else place.example.partition(" ")[0]
     return f"{name}:{where}" if where else name
 
 
 def fault(name: str) -> Effect:
-    """The effect of a name at the size of a fault."""
+    """Return an effect of this name with the size of a fault."""
     sound = healthy(parse_effects(word_for(name))[0])
     most = bounds(sound, size_field(sound))[1] / size_of(sound)
     return scaled(sound, min(TIMES, 0.8 * most))
 
 
 def size_of(effect: Effect) -> float:
-    """What scales an effect, in its own unit."""
+    """Return the size parameter of an effect in its own unit."""
     return float(getattr(effect, size_field(effect)))
 
 
 def in_a_rig_file(name: str) -> None:
-    """It is written, with where it came from, and read again; a wrong key in it is told with the nearest right one."""
+    """Check that the effect survives writing to and reading from a rig file, and that a misspelt key is reported
+    with the nearest correct key.
+    """
     found = EffectProvenance(
         date=dt.date(2026, 1, 2), runs=("yaw-1",), sd={size_field(fault(name)): 0.1}, gap_um=(3.0, 1.0)
     )
@@ -73,7 +75,7 @@ def in_a_rig_file(name: str) -> None:
 
 
 def declared(name: str) -> None:
-    """File, tag, stage and place hold together; its identity is a value that leaves out what is fitted."""
+    """Check that file, name, stage and seat are consistent, and that the identity excludes fitted parameters."""
     effect = fault(name)
     assert type(effect).__module__.rpartition(".")[2] == effect.effect == name
     assert effect.STAGE in STAGES and effect.healthy > 0
@@ -85,14 +87,14 @@ def declared(name: str) -> None:
 
 @cache
 def tables_of(name: str) -> tuple[CircleTable, ...]:
-    """Two circles each way with a fault of a name."""
+    """Simulate two circles in each direction with a fault of this effect."""
     planted = (fault(name),)
     made = [simulate(RIG, "yaw", way, 10 * k + half, planted) for half in (0, 5) for k, way in enumerate(WAYS, 1)]
     return tuple(table for table in made if isinstance(table, CircleTable))
 
 
 def simulated(name: str) -> None:
-    """It shows in the readings, and a size of zero does not."""
+    """Check that the effect changes the readings and that size zero does not."""
     nothing, whole, none = (
         simulate(RIG, "yaw", "cw", None, effects).g_mm  # type: ignore[union-attr]
         for effects in ((), (fault(name),), (scaled(fault(name), 0.0),))
@@ -102,8 +104,11 @@ def simulated(name: str) -> None:
 
 
 def calibrated(name: str) -> None:
-    """A person asks for it by its place, and what was planted comes out; of a growth, whose time constant is no more
-    known than its end by laps of a minute, and of a lag, in which runs scatter alike, within twice its u."""
+    """Check that a calibration of the named effect returns the simulated size.
+
+    The tolerance is twice u for a growth, whose time constant is uncertain from laps of a minute, and for a lag, which
+    also varies between runs.
+    """
     runs = [observe_run(model_of(RIG), table, table.direction) for table in tables_of(name)]
     refined = fit_given(runs, given_effects(word_for(name)), lambda _: None).fit
     (found,) = refined.effects
@@ -112,13 +117,13 @@ def calibrated(name: str) -> None:
 
 
 def near(found: Effect, planted: Effect, unsure: float) -> None:
-    """A fitted size beside the planted one, within 15 % and what is not known of it."""
+    """Check that a fitted size agrees with the true size within 15 % plus its uncertainty."""
     off = abs(size_of(found) - size_of(planted))
     assert off < unsure + 0.15 * size_of(planted), (found, planted, unsure)
 
 
 def in_a_plan(name: str) -> None:
-    """It stands in a plan, unless it is looked for in the time of each run."""
+    """Check that plans contain the effect, unless it is searched in the time of each run."""
     planned = plan_without_further_tests()
     names = {sight.effect.effect for sight in planned.detectabilities}
     assert (name in names) != (VOCABULARY[name].swinging(5.0, 0.01) is not None)
@@ -126,7 +131,7 @@ def in_a_plan(name: str) -> None:
 
 
 def diagnosed(name: str) -> None:
-    """It is a candidate, its shapes are fitted with it, and the answer has words for it."""
+    """Check that the effect is a candidate, its shapes are fitted with it, and reports can describe it."""
     runs = [observe_run(model_of(RIG), table, table.direction) for table in tables_of(name)]
     setups, _ = fit_run_setups(runs)
     linear = linearise(blocks_of(runs, setups), setups)
@@ -149,7 +154,9 @@ def diagnosed(name: str) -> None:
 
 
 def corrected(name: str) -> None:
-    """It is corrected by one way, or the reason is told; a constant is one of the rig file."""
+    """Check that a correction is possible or the reason is given, and that a correctable constant exists in the rig
+    file.
+    """
     found = EffectProvenance(date=dt.date(2026, 1, 2), runs=("yaw-1",), sd={size_field(fault(name)): 1e-9})
     effect = fault(name).model_copy(update={"found": found})
     rig = RIG.model_copy(update={"effects": (effect,)})

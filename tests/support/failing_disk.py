@@ -1,4 +1,4 @@
-"""A disk on which calls of the system fail, and the streams that tests of the recorder write to it."""
+"""A disk with failing system calls, and the streams that recorder tests write to it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ COLUMNS = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": ("q1_deg",)}
 
 @contextmanager
 def failing(number: int, *calls: str) -> Iterator[None]:
-    """A disk on which these calls of the system fail."""
+    """Make these system calls fail with an error number."""
 
     class Broken:
         def __getattr__(self, name: str) -> Any:

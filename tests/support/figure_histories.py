@@ -1,9 +1,9 @@
-"""Histories of figures of a robot, made apart from what looks for changes in them.
+"""Histories of robot figures, generated independently of the change detection.
 
-A robot is visited over months: a visit mounts ball and gauges once and drives its tests. What scatters, and how, is
-drawn for each robot from the table of real cells: scatter from run to run with heavy tails and of the kind that ranges
-have (never below zero), a share of each mounting that all its runs have in common, the temperature of the day, of the
-week and of the season, a gauge's zero that drifts while it warms up, coarse gauges, wild runs alone and in pairs.
+A robot is visited over months. Each visit mounts ball and gauges once and performs all tests. The scatter of each robot
+is drawn from a table of real cells. It includes heavy-tailed, non-negative scatter between runs; a contribution common
+to all runs of a mounting; daily, weekly and seasonal temperature; warm-up drift of a gauge zero; coarse resolution; and
+single or paired outliers.
 """
 
 from __future__ import annotations
@@ -34,22 +34,23 @@ _BEGAN = datetime(2026, 1, 5, 8, tzinfo=UTC)
 
 @dataclass(frozen=True)
 class Growth:
-    """The play of axis 2 grows from visit `begin`, in so many visits (1: at once), by all of AFTER − BEFORE."""
+    """Growth of the backlash of axis 2 by AFTER − BEFORE, from visit `begin` over a number of visits (1: at once)."""
 
     begin: int
     visits: int
 
     def of(self, visit: Array) -> Array:
-        """Play (n,) in degrees above BEFORE_DEG at visits (n,)."""
+        """Return the backlash (n,) in degrees above BEFORE_DEG at visits (n,)."""
         grown: Array = (AFTER_DEG - BEFORE_DEG) * np.clip((visit - self.begin + 1) / self.visits, 0.0, 1.0)
         return grown
 
 
 @dataclass(frozen=True)
 class World:
-    """What a robot's figures scatter by, all relative to the scatter of a run: a mounting, the season, the weather
-    (an autoregression over days), the warm-up of a visit, the step of the readings; tails: degrees of freedom of the
-    scatter; wild: share of wild runs; season_days: length of a season."""
+    """Sources of scatter of a robot's figures, relative to the scatter of a run: mounting, season, weather (an
+    autoregression over days), warm-up within a visit, and resolution. tails: degrees of freedom of the scatter;
+    wild: share of outlier runs; season_days: length of a season.
+    """
 
     mounting: float
     season: float
@@ -62,7 +63,7 @@ class World:
 
 
 def drawn_world(rng: np.random.Generator) -> World:
-    """A cell's own."""
+    """Return random scatter properties of a cell."""
     return World(
         mounting=float(rng.uniform(0.0, 1.0)),
         season=float(rng.uniform(0.0, 1.0)),
@@ -77,8 +78,9 @@ def drawn_world(rng: np.random.Generator) -> World:
 def drawn_history(
     seed: int, visits: int, tests: Sequence[tuple[str, str]] = CIRCLES, growth: Growth | None = None, **world: float
 ) -> list[RunRecord]:
-    """The runs of a robot in order of time, each visit with one run of each test. world: fields of `World` that are not
-    drawn."""
+    """Return the runs of a robot in order of time, with one run of each test per visit. world: fields of `World`
+    with fixed values.
+    """
     rng = np.random.default_rng((seed, visits, len(tests)))
     cell = replace(drawn_world(rng), **world)
     days = np.cumsum(rng.exponential(2.0, visits))
@@ -101,12 +103,12 @@ def drawn_history(
 
 
 def collected(runs: Sequence[RunRecord], limits: Limits | None = None) -> Collected:
-    """Runs as they come from a directory, and the limits in their rig file."""
+    """Return runs as read from a directory, with the limits of their rig file."""
     return Collected("ur10e", tuple(runs), (), (), limits or Limits())
 
 
 def _weather(days: Array, rng: np.random.Generator) -> Array:
-    """A temperature (n,) that forgets itself in some days, of standard deviation 1."""
+    """Return a temperature (n,) with a correlation time of some days and standard deviation 1."""
     kept = np.exp(-np.diff(days, prepend=-1e9) / rng.uniform(2.0, 10.0))
     level, found = 0.0, []
     for share in kept:
@@ -124,7 +126,7 @@ def _figure(
     grown: Array,
     rng: np.random.Generator,
 ) -> tuple[Array, float]:
-    """A figure over the visits (n,), and the u that each run states for it."""
+    """Return a figure over the visits (n,), and its standard uncertainty in each run."""
     visits = len(grown)
     size = math.exp(rng.uniform(*np.log(limits)))
     share = math.exp(rng.uniform(math.log(0.01), math.log(0.1)))  # 1 to 10 % of a band
@@ -140,7 +142,7 @@ def _figure(
     if "play" in name:
         values = (BEFORE_DEG + grown if name == GROWING else size) + scatter * runs
     else:
-        # What grows also widens the bands a little, as it does on a robot.
+        # As on a real robot, growing backlash also widens the bands slightly.
         values = size * np.exp(share * np.clip(runs, -20, 20)) + 0.5 * grown * (name == "band_deg")
     if cell.step:
         values = np.round(values / (cell.step * scatter)) * cell.step * scatter

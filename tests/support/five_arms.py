@@ -1,15 +1,15 @@
-"""Five arms to hold kinematics against: the shipped two, and a FANUC, an ABB and a KUKA from published parameters.
+"""Five arms for checking kinematics: the two shipped arms, and a FANUC, an ABB and a KUKA with published parameters.
 
-The parameters are those of M. Brandstötter, A. Angerer and M. Hofbaur, An Analytical Solution of the Inverse
-Kinematics Problem of Industrial Serial Manipulators with an Ortho-parallel Basis and a Spherical Wrist
-(2014), as published for py-opw-kinematics' own solver and its forerunners:
+The parameters are those of M. Brandstötter, A. Angerer and M. Hofbaur, An Analytical Solution of the Inverse Kinematics
+Problem of Industrial Serial Manipulators with an Ortho-parallel Basis and a Spherical Wrist (2014), as published for
+the solver of py-opw-kinematics and its predecessors:
 
-- FANUC M-16iB/20: ros-industrial/fanuc, fanuc_m16ib_support/config/opw_parameters_m16ib20.yaml (a test file
-  of rs-opw-kinematics too); its J3 counts from the horizontal, so axis 3 turns by J2 + J3;
+- FANUC M-16iB/20: ros-industrial/fanuc, fanuc_m16ib_support/config/opw_parameters_m16ib20.yaml (also a test file
+of rs-opw-kinematics); its J3 is relative to the horizontal, so axis 3 turns by J2 + J3;
 - ABB IRB 2400/10 and KUKA KR 6 R700 sixx: Jmeyer1292/opw_kinematics, opw_parameters_examples.h, and
-  rs-opw-kinematics, src/parameters_robots.rs.
+rs-opw-kinematics, src/parameters_robots.rs.
 
-In their terms, joint i turns by sign · u - offset, all joints upright at zero.
+In this notation joint i turns by sign · u - offset, and the arm is upright at zero.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ HERE = Pose()
 
 @dataclass(frozen=True)
 class Opw:
-    """Parameters in mm and degrees, and the coupling that makes the u of the peer from the controller's q."""
+    """Parameters in mm and degrees, and the coupling from the controller's q to the u of the reference solver."""
 
     a1: float
     a2: float
@@ -53,7 +53,7 @@ class Opw:
     tool: Pose = HERE
 
     def arm(self) -> Arm:
-        """In modified Denavit-Hartenberg terms."""
+        """Return the arm in modified Denavit-Hartenberg parameters."""
         signs = np.array(self.signs, dtype=float)
         return Arm(
             a=np.array([0, self.a1, self.c2, -self.a2, 0, 0], dtype=float),
@@ -69,14 +69,14 @@ class Opw:
         )
 
     def upright(self, angles: Array) -> Array:
-        """q (n, 6) rad at which the joints turn by angles (n, 6) rad from upright."""
+        """Return the joint angles q (n, 6) rad for rotations (n, 6) rad from the upright posture."""
         u = (angles + np.radians(self.offsets)) * self.signs
         return u @ np.linalg.inv(self.coupling).T
 
 
 @dataclass(frozen=True)
 class PeerArm:
-    """py-opw-kinematics behind the arm's own joint angles, base and tool."""
+    """py-opw-kinematics with the joint angles, base and tool of the arm."""
 
     opw: Opw
 
@@ -87,23 +87,25 @@ class PeerArm:
         return Peer(KinematicModel(o.a1, o.a2, o.b, o.c1, o.c2, o.c3, o.c4, o.offsets, flips))  # type: ignore[arg-type]
 
     def forward(self, q: Array) -> Array:
-        """T_world_tool (n, 4, 4)."""
+        """Return T_world_tool (n, 4, 4)."""
         flange = self._robot.batch_forward(self._u(q)).as_matrix()
         return transform(self.opw.base) @ flange @ transform(self.opw.tool)
 
     def jacobian(self, q: Array) -> Array:
-        """The geometric Jacobian (n, 6, 6) of the tool in the world, from the peer's joint frames."""
+        """Return the geometric Jacobian (n, 6, 6) of the tool in the world, from the joint frames of the reference
+        solver.
+        """
         frames = self._robot.batch_joint_poses(self._u(q)).as_matrix().reshape(len(q), 6, 4, 4)
         frames = transform(self.opw.base) @ frames
         tool = (frames[:, 5] @ transform(self.opw.tool))[:, :3, 3]
-        about = [2, 1, 1, 2, 1, 2]  # joints 1, 4 and 6 turn about z of their frame, 2, 3 and 5 about y
+        about = [2, 1, 1, 2, 1, 2]  # joints 1, 4 and 6 turn about the z axis of their frame; 2, 3 and 5 about y
         axes = np.stack([frames[:, joint, :3, about[joint]] for joint in range(6)], axis=1)
         axes = axes * np.array(self.opw.signs, dtype=float)[:, None]
         linear = np.cross(axes, tool[:, None] - frames[:, :, :3, 3])
         return np.einsum("nik,ij->nkj", np.concatenate([linear, axes], axis=2), self.opw.coupling)
 
     def inverse(self, poses: Array) -> Array:
-        """All the branches (n, 8, 6) rad that the peer finds, nan where it finds none."""
+        """Return all branches (n, 8, 6) rad found by the reference solver, nan for missing branches."""
         flange = np.linalg.inv(transform(self.opw.base)) @ poses @ np.linalg.inv(transform(self.opw.tool))
         u = np.radians(self._robot.reach(RigidTransform.from_matrix(flange)).joints)
         return u @ np.linalg.inv(self.opw.coupling).T
@@ -153,7 +155,7 @@ ARMS: dict[str, Arm] = {
 
 
 def calibrated(arm: Arm, seed: int) -> Arm:
-    """The arm as a calibration leaves it: 0.5 mm and 0.05° (1 sigma) off in every constant."""
+    """Return the arm with random errors of every constant, as after a calibration: 0.5 mm and 0.05° (1 sigma)."""
     rng = np.random.default_rng(seed)
     return replace(
         arm,
@@ -166,13 +168,15 @@ def calibrated(arm: Arm, seed: int) -> Arm:
 
 
 def apart(arm: Arm, q: Array, p: Array) -> Array:
-    """Largest difference (…) rad between joint angles q and p (…, 6), whole turns of the axes left out."""
+    """Return the largest difference (…) rad between joint angles q and p (…, 6), ignoring full turns."""
     difference = (q - p) @ arm.coupling.T
     return np.abs(difference - 2 * np.pi * np.rint(difference / (2 * np.pi))).max(axis=-1)
 
 
 def pose_apart(T: Array, target: Array) -> tuple[float, float]:
-    """Largest differences between poses (n, 4, 4): mm, and rad as the chord of the rotation matrices."""
+    """Return the largest differences between poses (n, 4, 4): position in mm, rotation in rad as the chord of the
+    matrices.
+    """
     off = T - target
     return (
         float(np.linalg.norm(off[:, :3, 3], axis=1).max(initial=0.0)),

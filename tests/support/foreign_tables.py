@@ -1,7 +1,7 @@
-"""Tables of poses as instruments, controllers and public data sets write them: measured ones, and some in their format.
+"""Pose tables of instruments, controllers and public data sets: measured files, and simulated files in such formats.
 
-The places are those of an arm that is multiplied out apart from the product, wrong as healthy arms are, behind a frame
-and a tool that nobody knows, with the noise of a tracker. Each file says what it is and what an import has to do.
+Simulated positions come from independent kinematics with errors of a healthy arm, an unknown frame and tool, and
+tracker noise. Each file has a description and the expected result of an import.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ robot:
 
 @dataclass(frozen=True)
 class Poses:
-    """What a tracker saw: q (n, 6) rad, xyz_mm (n, 3), turn (n,) in its frame."""
+    """Poses measured by a tracker: q (n, 6) rad, xyz_mm (n, 3), rotations (n,) in its frame."""
 
     q: Array
     xyz_mm: Array
@@ -50,14 +50,16 @@ class Poses:
 
     @property
     def quat(self) -> Array:
-        """(n, 4), x, y, z, w."""
+        """Rotations as quaternions (n, 4), x, y, z, w."""
         return np.asarray(self.turn.as_quat())
 
 
 @dataclass(frozen=True)
 class Foreign:
-    """A table, or the files of one. files: content by name, or where a measured one lies; truth: None for a measured
-    one; words: what it is; options: of the command beside its files; asks: keys of the map that are asked for."""
+    """A table of one or more files. files: content by name, or the path of a measured file; truth: None for measured
+    files; words: description; options: of the command, in addition to the files; asks: keys of the map left to
+    the user.
+    """
 
     name: str
     words: str
@@ -71,11 +73,11 @@ class Foreign:
 
     @property
     def is_here(self) -> bool:
-        """Whether its files are on this computer."""
+        """Whether the files exist on this computer."""
         return all(not isinstance(one, Path) or one.is_file() for one in self.files.values())
 
     def written(self, folder: Path) -> list[Path]:
-        """Its files, those in a format written into a folder."""
+        """Return the paths of the files, after writing simulated files into a directory."""
         paths = []
         for name, content in self.files.items():
             paths.append(content if isinstance(content, Path) else folder / name)
@@ -86,7 +88,7 @@ class Foreign:
 
 @dataclass(frozen=True)
 class Tried:
-    """What an import did with a table: the outcome, what it said, and whether what it made of it is wrong."""
+    """Result of importing a table: outcome, output, and whether the imported data are wrong."""
 
     outcome: Outcome
     said: str
@@ -95,7 +97,7 @@ class Tried:
 
 
 def tried(foreign: Foreign, folder: Path) -> Tried:
-    """Import a table into a folder of its own, with nobody to answer."""
+    """Import a table in a new directory without a user to answer questions."""
     (folder / "ur5.yaml").write_text(UR5)
     rig = folder / "ur5.yaml" if foreign.rig == "ur5" else foreign.rig
     files = foreign.written(folder)
@@ -112,7 +114,7 @@ def tried(foreign: Foreign, folder: Path) -> Tried:
 
 
 def _wrong(truth: Poses | None, table: Table) -> str:
-    """What was read wrongly, beyond the digits of the file, in words; nothing where no truth is known."""
+    """Describe import errors beyond the rounding of the file; empty if the truth is unknown."""
     if truth is None or not isinstance(table, PoseTable):
         return ""
     found = []
@@ -127,12 +129,14 @@ def _wrong(truth: Poses | None, table: Table) -> str:
 
 @cache
 def poses() -> Poses:
-    """Poses of an arm in the middle of its joints, enough to tell every reading apart."""
+    """Return poses of an arm in the middle of its joint ranges, enough to distinguish all interpretations."""
     return seen("ur10e", np.random.default_rng(5), _POSES, (60, 30, 30, 60, 50, 90))
 
 
 def drawn(seed: int) -> tuple[str, Poses]:
-    """A rig, and few or many poses of its arm in a small or large part of its joints, some of which hardly turn."""
+    """Return a rig, and a random number of poses in a random part of the joint ranges, with some joints nearly
+    constant.
+    """
     rng = np.random.default_rng(seed)
     rig, count = str(rng.choice(["ur10e", "paper-fanuc"])), int(rng.choice([12, 15, 25, 60]))
     half_deg = rng.choice([0.02, 0.05, 0.1, 0.3, 1.0]) * np.array([60.0, 30, 30, 60, 50, 90])
@@ -140,7 +144,7 @@ def drawn(seed: int) -> tuple[str, Poses]:
 
 
 def seen(rig: str, rng: np.random.Generator, count: int, half_deg: tuple[float, ...]) -> Poses:
-    """Poses of an arm as a tracker behind an unknown frame sees them."""
+    """Simulate poses of an arm measured by a tracker with an unknown frame."""
     q = postures(rig, count, rng, half_deg)
     R, p = flange(constants_of(rig), healthy(rng), q)
     base, tool = Rotation.random(rng=rng), Rotation.random(rng=rng)
@@ -152,7 +156,7 @@ def seen(rig: str, rng: np.random.Generator, count: int, half_deg: tuple[float, 
 
 
 def text(rows: Sequence[Sequence[object]], header: Sequence[str] = (), sep: str = ",", comma: bool = False) -> bytes:
-    """Rows as a text file; comma: decimals have commas."""
+    """Format rows as a text file; comma: use decimal commas."""
     lines = [sep.join(header)] if header else []
     for row in rows:
         cells = [f"{one:.6f}" if isinstance(one, float) else str(one) for one in row]
@@ -161,12 +165,12 @@ def text(rows: Sequence[Sequence[object]], header: Sequence[str] = (), sep: str 
 
 
 def rows(*columns: Array) -> list[list[float]]:
-    """Columns (n, k) side by side as rows of plain floats."""
+    """Return columns (n, k) side by side as rows of floats."""
     return np.column_stack(columns).tolist()
 
 
 def workbook(header: Sequence[str], values: Array) -> bytes:
-    """A workbook of one sheet."""
+    """Return a workbook with one sheet."""
     import openpyxl  # noqa: PLC0415 - slow to import
 
     book = openpyxl.Workbook()
@@ -228,7 +232,7 @@ def _timed_joints(p: Poses) -> bytes:
 
 
 def _camera(p: Poses) -> bytes:
-    """What a camera on the tool sees: the pose of a board in the camera."""
+    """Write the pose of a board measured by a camera on the tool."""
     turn = p.turn.inv()
     header = [*(f"joint{k}" for k in range(6)), "tvec_x", "tvec_y", "tvec_z", "rvec_x", "rvec_y", "rvec_z"]
     return text(rows(p.q, -turn.apply(p.xyz_mm) / 1e3, turn.as_rotvec()), header)
@@ -254,7 +258,7 @@ def _inches(p: Poses) -> bytes:
 
 
 def _nist(p: Poses) -> bytes:
-    """The columns of NIST's degradation measurement of a UR5: what the robot says of itself."""
+    """Write the columns of NIST's degradation measurement of a UR5, reported by the robot itself."""
     header = [f"ROBOT_ACTUAL_JOINT_POSITIONS (J{k})" for k in range(1, 7)]
     header += [f"ROBOT_ACTUAL_JOINT_VELOCITIES (J{k})" for k in range(1, 7)]
     header += [f"ROBOT_CARTESIAN_COORD_TOOL ({axis})" for axis in ("x", "y", "z", "rx", "ry", "rz")]
@@ -262,13 +266,13 @@ def _nist(p: Poses) -> bytes:
 
 
 def _pairs(p: Poses) -> bytes:
-    """Hand-eye pairs without joints: poses of the flange beside those of a camera."""
+    """Write hand-eye pairs without joints: poses of the flange and of a camera."""
     header = [f"{who}_{what}" for who in ("robot", "optical") for what in ("x", "y", "z", "qx", "qy", "qz", "qw")]
     return text(rows(p.xyz_mm / 1e3, p.quat, p.xyz_mm / 1e3, p.quat), header)
 
 
 def _three_targets(p: Poses) -> bytes:
-    """Three reflectors a pose and nine columns of joints, without a header."""
+    """Write three reflectors per pose and nine joint columns, without a header."""
     there = [p.xyz_mm + p.turn.apply(np.array(place)) for place in ((0, 0, 0), (100.0, 0, 0), (0, 100.0, 0))]
     return text(rows(*there, np.zeros((len(p.q), 6)), np.degrees(p.q)), sep=" ")
 
@@ -295,11 +299,11 @@ def _ipa(p: Poses) -> bytes:
 
 
 _ALPHABET = [2, 1, 0, 3, 4, 5]
-"""The joints of a Universal Robots arm in the order of the alphabet, as drivers publish them."""
+"""Joints of a Universal Robots arm in alphabetical order, as published by drivers."""
 
 
 def _plotjuggler(p: Poses) -> bytes:
-    """PlotJuggler's export: a column of each field, joints by name."""
+    """Write a PlotJuggler export: a column per field, joints by name."""
     names = [_UR[k] for k in _ALPHABET]
     kinds = ("position", "velocity", "effort")
     header = [f"/joint_states/{name}/{kind}" for kind in kinds for name in names]
@@ -309,7 +313,7 @@ def _plotjuggler(p: Poses) -> bytes:
 
 
 def _rostopic(p: Poses, named: bool = True) -> bytes:
-    """`rostopic echo -p` of a JointState, a tracker's places beside it."""
+    """Write the output of `rostopic echo -p` for a JointState, with tracker positions added."""
     names = [f"field.name{k}" for k in range(6)] if named else []
     header = ["%time", *names, *(f"field.position{k}" for k in range(6)), "x", "y", "z"]
     order = [_UR[k] for k in _ALPHABET] if named else []
@@ -321,7 +325,7 @@ def _rostopic(p: Poses, named: bool = True) -> bytes:
 
 
 def _last_column(p: Poses) -> bytes:
-    """21 columns: currents, temperatures, and joint 6 the last."""
+    """Write 21 columns with currents and temperatures, joint 6 last."""
     rng = np.random.default_rng(2)
     header = ["Nr", "Temp1", "Temp2", "X", "Y", "Z", "A", "B", "C", *(f"I{k}" for k in range(1, 7))]
     turns = p.turn.as_euler("ZYX", degrees=True)
@@ -345,7 +349,7 @@ def _backwards(p: Poses) -> bytes:
 
 
 def _comma_cells(p: Poses) -> bytes:
-    """A workbook whose cells are text with decimal commas."""
+    """Write a workbook with text cells that contain decimal commas."""
     import openpyxl  # noqa: PLC0415 - an extra
 
     book = openpyxl.Workbook()
@@ -358,7 +362,7 @@ def _comma_cells(p: Poses) -> bytes:
 
 
 def _computed(p: Poses, rig: str) -> bytes:
-    """Places of the flange that the controller computed by its own constants."""
+    """Write flange positions computed by the controller from its own constants."""
     own = none()
     own.offset[1:4], own.a[2] = np.radians([0.05, -0.08, 0.03]), 0.8
     _, places = flange(constants_of(rig), own, p.q)
@@ -366,7 +370,7 @@ def _computed(p: Poses, rig: str) -> bytes:
 
 
 def foreign_tables() -> list[Foreign]:
-    """Every table: the measured ones, then those in the format of one."""
+    """Return all tables: measured ones first, then simulated ones."""
     return [*_measured(), *in_format(poses())]
 
 
@@ -388,7 +392,7 @@ def _measured() -> list[Foreign]:
 
 
 def in_format(p: Poses, rig: str = "ur10e") -> list[Foreign]:
-    """Poses in every format."""
+    """Write poses in every format."""
 
     def one(
         name: str,

@@ -1,4 +1,4 @@
-"""Calibrated models made by hand, and rig files that name them."""
+"""Handmade calibrated models, and rig files that refer to them."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ SMALL: tuple[tuple[Effect, float], ...] = (
     (TransmissionError(axis=2, order=2, amplitude_deg=0.005, phase_deg=90), 0.9),
     (Backlash(axis=4, width_deg=0.01, transit=1.0), -0.3),
 )
-"""Small terms: each an effect, and how many times of it an arm shows."""
+"""Small terms: effects, each with its multiple for the arm."""
 
 
 def calibrated_model(small: Sequence[tuple[Effect, float]] = SMALL, **changed: Any) -> CalibratedModel:
-    """A calibrated model of a named play and small terms, of which single ones are not certain."""
+    """Return a calibrated model with a named backlash and small terms that are individually not certain."""
     terms = (Term(effect=NAMED, times=1.0, named=True), *(Term(effect=one, times=times) for one, times in small))
     parameters = [CovarianceParameter(term=0, field="width_deg")]
     parameters += [CovarianceParameter(term=k, field=TIMES) for k in range(1, len(terms))]
@@ -56,7 +56,7 @@ def calibrated_model(small: Sequence[tuple[Effect, float]] = SMALL, **changed: A
 
 
 def written(directory: Path, model: CalibratedModel | None = None, name: str = "cell") -> tuple[Path, Path]:
-    """A rig file and the calibration that it names, as a diagnosis leaves both."""
+    """Write a rig file and its calibration, as a diagnosis does."""
     directory.mkdir(parents=True, exist_ok=True)
     beside, rig_file = write_extended(
         load("paper-fanuc")[1], (NAMED,), directory / f"{name}.yaml", model or calibrated_model()

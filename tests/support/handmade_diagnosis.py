@@ -1,4 +1,4 @@
-"""Diagnoses made by hand, of every condition, for tests of what is shown of them."""
+"""Handmade diagnoses of every condition, for tests of reports."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ FAR = replace(
     rivals=(),
     twins=(LinkGeometry(axis=5, field="a"),),
 )
-"""A zero beyond the bound of a rig file."""
+"""A joint zero beyond the bound of a rig file."""
 SMALL = replace(ZERO, worth_um=0.9, posterior=0.999, rivals=(), doubt="usual", times_usual=0.4)
 PLACES = (
     ResidualPlace("yaw", "cw", "angle", 231.4, 243.0, 1, "reversal", 14.21, 22.4),
@@ -73,7 +73,7 @@ _TURNS = ((105.2, 1), (237.0, 1), (20.0, 2), (24.0, 3), (31.0, 5), (200.0, 4), (
 
 
 def curve(test: Any, direction: Any, seed: int) -> Curve:
-    """A step between two reversals before, noise after."""
+    """Return a residual curve: a step between two reversals before the model is extended, noise after."""
     rng = np.random.default_rng(seed)
     noise = rng.normal(0, 0.5, (len(_PHI), 2))
     step = np.where((_PHI > 105) & (_PHI < 237), 7.0, -7.0)
@@ -81,7 +81,7 @@ def curve(test: Any, direction: Any, seed: int) -> Curve:
 
 
 def sphere() -> Map:
-    """Three readings at each of 37 targets."""
+    """Return residuals with three readings at each of 37 targets."""
     polar = np.repeat([0.0, *[30.0] * 12, *[60.0] * 12, *[90.0] * 12], 3)
     azimuth = np.repeat([0.0, *np.tile(np.arange(0, 360, 30), 3)], 3)
     noise = np.random.default_rng(3).normal(0, 2.0, len(polar))
@@ -90,14 +90,16 @@ def sphere() -> Map:
 
 
 def poses() -> Map:
-    """Distances left at 200 rows, which have no place on a hemisphere."""
+    """Return residuals of 200 rows of poses, which have no place on a hemisphere."""
     left = np.abs(np.random.default_rng(5).normal(0, 400.0, 200))
     nowhere = np.full(200, np.nan)
     return Map("pose", np.arange(1.0, 201.0), nowhere, nowhere, 2 * left, left)
 
 
 def budget(effects: Sequence[Named]) -> tuple[BudgetPart, ...]:
-    """A part for each effect, nine tenths of the error or equal shares of them, then the rest of it."""
+    """Return budget parts for the effects, which share nine tenths of the error equally, and for the remaining
+    error.
+    """
     each = 0.9 / max(len(effects), 1)
     found = [
         BudgetPart(
@@ -151,7 +153,7 @@ ACTS: dict[Condition, tuple[Act, ...]] = {
 
 
 def diagnosis(condition: Condition = "named", **changed: Any) -> Diagnosis:
-    """A diagnosis of a condition, with everything that it can have unless `changed`."""
+    """Return a diagnosis with a condition and all optional parts, with fields replaced by `changed`."""
     known: dict[Condition, tuple[Named, ...]] = {
         "named": (PLAY,), "ambiguous": (ZERO,), "out_of_range": (FAR,), "outside_library": (PLAY, ZERO)
     }  # fmt: skip

@@ -1,4 +1,4 @@
-"""What stands for a hostile daemon and a hostile journal in the walk over every command."""
+"""Emulated hostile daemon and hostile journal, for tests of every command."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 @contextmanager
 def hostile_peer(path: Path, evil: str) -> Iterator[None]:
-    """A socket whose every answer holds a text wherever one may be."""
+    """Serve a socket whose answers contain a text in every possible position."""
     stream = {
         "port": evil,
         "connected": True,
@@ -49,7 +49,7 @@ def hostile_peer(path: Path, evil: str) -> Iterator[None]:
 
 @contextmanager
 def serving(path: Path, answer: Callable[[socket.socket], None]) -> Iterator[None]:
-    """A socket like that of a daemon, at which `answer` serves one connection after another."""
+    """Serve a socket like that of a daemon; `answer` handles one connection after another."""
     path.parent.mkdir(exist_ok=True, mode=0o700)
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(path))
@@ -73,7 +73,7 @@ def serving(path: Path, answer: Callable[[socket.socket], None]) -> Iterator[Non
 
 
 def hostile_journal(folder: Path, evil: str) -> Path:
-    """A directory with a `journalctl` whose entries hold a text."""
+    """Create a directory with a program `journalctl` whose entries contain a text."""
     programs = folder / "bin"
     programs.mkdir()
     entry = {

@@ -1,4 +1,4 @@
-"""A page of docs/how-to followed to the letter in a copy of the tree: its `cp`, its diffs, its commands."""
+"""Follow a page of docs/how-to literally in a copy of the repository: its `cp` commands, diffs and other commands."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ FOLDERS = ("rigs", "daq", "analysis", "scripts", "docs", "tests")
 FILES = ("pyproject.toml", "README.md", "CONTRIBUTING.md")
 BIN = Path(sys.executable).parent
 PATIENCE_S = 550.0
-"""For what waits for ever: other work on the computer may take nearly all of it."""
+"""Time limit for blocked commands, generous because other programs may use most of the computer."""
 
 
 def blocks(page: str, language: str) -> list[str]:
-    """The code blocks of a page in one language."""
+    """Return the code blocks of a page in a language."""
     text = (HOW_TO / page).read_text(encoding="utf-8")
     return re.findall(rf"^```{language}\n(.*?)^```", text, re.S | re.M)
 
 
 def run(tree: Path, *command: str, timeout_s: float = PATIENCE_S) -> subprocess.CompletedProcess[str]:
-    """Run a command of the environment on the code of a tree."""
+    """Run a command of the environment with the code of a tree."""
     env = os.environ | {"PYTHONPATH": str(tree), "XDG_RUNTIME_DIR": str(tree), "PATH": f"{BIN}:{os.environ['PATH']}"}
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=tree, env=env, timeout=timeout_s)
 
 
 def output(tree: Path, *command: str, timeout_s: float = PATIENCE_S) -> str:
-    """The output of such a command. Fails where the command does."""
+    """Run a command and return its output. Fails if the command fails."""
     done = run(tree, *command, timeout_s=timeout_s)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
@@ -43,7 +43,7 @@ def output(tree: Path, *command: str, timeout_s: float = PATIENCE_S) -> str:
 
 @contextmanager
 def checked_types() -> Generator[Path, None, None]:
-    """What mypy keeps of this tree, once it has ended: `scripts/test` runs it beside the tests, and holds this lock."""
+    """Lock the mypy cache of this tree and yield it. `scripts/test` holds the lock while it runs mypy."""
     lock = ROOT / ".pytest_cache" / "mypy.lock"
     lock.parent.mkdir(exist_ok=True)
     with lock.open("w") as file:
@@ -52,7 +52,7 @@ def checked_types() -> Generator[Path, None, None]:
 
 
 def followed(page: str, tree: Path) -> list[str]:
-    """Copy this tree to another place, with the example of a page added as the page says; the files it changes."""
+    """Copy the repository and apply the example of a page to the copy. Return the changed files."""
     for name in FOLDERS:
         shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__", "corpus"))
     for name in FILES:
@@ -74,7 +74,7 @@ def followed(page: str, tree: Path) -> list[str]:
 
 
 def edited(text: str, lines: list[str]) -> str:
-    """Text with the lines of a diff in it: each + goes below the line before it, each - is removed."""
+    """Return text with a diff applied: each + line is inserted after the preceding line, each - line is removed."""
     at = 0
     for line in lines:
         mark, wanted = line[:1], line[1:] + "\n"
@@ -108,7 +108,7 @@ def reinstalled(tree: Path) -> None:
 
 
 def checked(tree: Path, files: list[str]) -> None:
-    """Check the style and the types of the Python files that a page adds or changes."""
+    """Check style and types of the Python files that a page adds or changes."""
     python = [name for name in files if name.endswith(".py")]
     output(tree, "ruff", "check", "--no-cache", *python)
     output(tree, "ruff", "format", "--no-cache", "--check", *python)
@@ -116,7 +116,7 @@ def checked(tree: Path, files: list[str]) -> None:
 
 
 def commands(page: str, program: str) -> str:
-    """The one block of a page that uses a program, without the line that puts the environment on the path."""
+    """Return the single code block of a page that uses a program, without the line that changes PATH."""
     (block,) = (
         block for block in blocks(page, "sh") if f"{program} " in block and not block.startswith(("cp ", "scripts"))
     )

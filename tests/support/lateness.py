@@ -1,6 +1,6 @@
-"""Instruments that answer at random across the time-out, and whose each answer tells which request it is of.
+"""Instruments with random answer delays around the time-out. Each reading identifies the request it answers.
 
-In simulated time for thousands of requests, and over a real pty through the daemon's own reader for some.
+Thousands of requests run in simulated time, and some over a real pty through the reader of the daemon.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from tests.support.simulated_conversation import S, simulate
 
 TIMEOUT_S = 0.05
 SLOWEST = 1.9
-"""The slowest answer, in time-outs; up to twice the time-out none may slip through."""
+"""Longest answer delay in multiples of the time-out. Up to 2, no late answer may be credited to another request."""
 STEP_MM = 0.02
-"""What every display can show, in its coarsest unit."""
+"""A step that every display can show in its coarsest unit."""
 
 
 @dataclass(frozen=True)
 class Late:
-    """What came of so many requests; `shifted`: answers credited to a request that they are not of."""
+    """Result of a series of requests. `shifted`: number of answers credited to the wrong request."""
 
     requests: int
     samples: int
@@ -47,7 +47,7 @@ class Late:
 
 
 class Numbered:
-    """An instrument whose n-th reading is n steps, and that remembers when it took it."""
+    """An instrument whose n-th reading is n steps. It stores the time of each reading."""
 
     def __init__(self, heads: int = 1) -> None:
         self.taken_ns: list[int] = []
@@ -58,19 +58,19 @@ class Numbered:
         return [(len(self.taken_ns) - 1) * STEP_MM] * self._heads
 
     def took_ns(self, sample: Sample) -> int:
-        """When the reading of a sample was taken."""
+        """Return the time at which the reading of a sample was taken."""
         return self.taken_ns[round(sample.values[0] / STEP_MM)]
 
 
 def polled() -> dict[str, Gauge]:
-    """One gauge of each kind that is asked for its readings, in mm; by its name in `drivers`."""
+    """Return a gauge of each polled kind, in mm, by the name of its interface."""
     kinds = {name: gauges[0] for name, gauges, _ in GAUGES if len(gauges) == 1 and gauges[0].units == "mm"}
     quick = {name: type(gauge).model_validate({**dict(gauge), "timeout_s": TIMEOUT_S}) for name, gauge in kinds.items()}
     return {name: gauge for name, gauge in quick.items() if isinstance(daq.gauges.host([gauge]), Polled)}
 
 
 def simulated(gauge: Gauge, requests: int, seed: int, slowest: float = SLOWEST) -> Late:
-    """So many requests and some more in simulated time, where a reading is taken just when it is asked for."""
+    """Run at least `requests` requests in simulated time. Readings are taken at the time of the request."""
     instrument, dice = Numbered(), random.Random(seed)
     slowest_ns = round(slowest * TIMEOUT_S * S)
     device = daq.gauges.device([gauge], instrument.read)
@@ -82,7 +82,9 @@ def simulated(gauge: Gauge, requests: int, seed: int, slowest: float = SLOWEST) 
 
 
 def wired(gauge: Gauge, requests: int, seed: int) -> Late:
-    """So many requests over a pty through the daemon's reader: a reading must be taken within its own exchange."""
+    """Run requests over a pty through the reader of the daemon. Each reading must be taken between its request and
+    its answer.
+    """
     instrument, dice, stop = Numbered(), random.Random(seed), Event()
     line = PtyLine.open(gauge.line)
     device = _Dawdling(daq.gauges.device([gauge], instrument.read), dice)
@@ -108,7 +110,7 @@ def wired(gauge: Gauge, requests: int, seed: int) -> Late:
 
 
 class _Dawdling:
-    """A device that keeps each answer to itself for a random time, one after the other as an instrument would."""
+    """A device that delays each answer by a random time. Answers keep their order."""
 
     def __init__(self, device: Device, dice: random.Random) -> None:
         self._device, self._dice = device, dice

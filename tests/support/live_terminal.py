@@ -1,4 +1,4 @@
-"""A program in a terminal of any size: what it shows, what is typed, and what a change of size leaves behind."""
+"""A program in an emulated terminal of any size: screen content, typed keys, and the effect of resizing."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from pathlib import Path
 import pyte
 
 PATIENCE_S = 90.0
-"""Longest time until a screen shows something. Chosen: a scan of a bus took more than 40 s on a computer that stood
-still for seconds."""
+"""Time limit for the screen to show a text. Chosen: a bus scan took more than 40 s on a computer that stalled for
+seconds.
+"""
 
 
 class Terminal:
-    """A pty with an emulated screen; use it in a `with` statement."""
+    """A pty with an emulated screen, used in a `with` statement."""
 
     def __init__(self, command: Sequence[str | Path], width: int, height: int, env: Mapping[str, str]) -> None:
         self.master, self._slave = os.openpty()
@@ -49,7 +50,7 @@ class Terminal:
         os.close(self._slave)
 
     def resize(self, width: int, height: int) -> None:
-        """Change the size, as a window does: what is outside is cut off, the rest stays until it is drawn over."""
+        """Resize the window: content outside is cut off, the rest stays until it is overwritten."""
         self.screen.resize(height, width)
         fcntl.ioctl(self.master, termios.TIOCSWINSZ, struct.pack("HHHH", height, width, 0, 0))
 
@@ -58,18 +59,18 @@ class Terminal:
         os.write(self.master, text.encode())
 
     def read(self, seconds: float) -> None:
-        """Take what comes within a time."""
+        """Read the output that arrives within a time."""
         if select.select([self.master], [], [], seconds)[0]:
             data = os.read(self.master, 1 << 16)
             self.received += data
             self._stream.feed(data)
 
     def text(self) -> str:
-        """What is on the screen."""
+        """Return the text on the screen."""
         return "\n".join(self.screen.display)
 
     def until(self, shown: Callable[[str], bool], why: str = "") -> str:
-        """Wait until the screen shows something; return its text."""
+        """Wait until the text of the screen fulfils a condition, and return the text."""
         end_s = time.monotonic() + PATIENCE_S
         while not shown(self.text()):
             assert time.monotonic() < end_s, f"{why}\n{self.text()}"
@@ -77,7 +78,7 @@ class Terminal:
         return self.text()
 
     def ended(self) -> int:
-        """Wait for the program to end; return its exit code. stderr stays unread."""
+        """Wait for the program to end and return its exit code. stderr is not read."""
         end_s = time.monotonic() + PATIENCE_S
         while self.process.poll() is None:
             assert time.monotonic() < end_s, self.text()
@@ -85,5 +86,5 @@ class Terminal:
         return self.process.returncode
 
     def is_as_before(self) -> bool:
-        """Whether the terminal's settings are those it had before the program ran."""
+        """Return whether the terminal settings are the same as before the program ran."""
         return termios.tcgetattr(self._slave) == self.before

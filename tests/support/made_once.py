@@ -1,12 +1,12 @@
-"""What many tests look at and none changes, made once for all processes of the tests and kept on disk between runs.
+"""Values used by many tests and changed by none, computed once for all test processes and cached on disk.
 
     @made_once
     def plan_of(tests: tuple[TestName, ...]) -> Plan:
         return plan(RIG, tests)
 
-The first process that calls `plan_of(("yaw",))` makes it, any other that asks meanwhile waits, and all later ones read
-it. It is never stale: a change of the product, of the locked packages, of Python, of `tests/support` or of the file of
-the function makes it again.
+The first process that calls `plan_of(("yaw",))` computes the value. Other processes wait for it, and all later calls
+read the cache. A change of the product, the locked packages, Python, `tests/support` or the file of the function
+invalidates the cache.
 """
 
 from __future__ import annotations
@@ -28,15 +28,16 @@ ROOT = Path(__file__).parents[2]
 KEPT = ROOT / ".pytest_cache" / "made_once"
 SOURCES = ("analysis", "daq", "rigs", "tests/support", "tests/worlds", "tests/trials")
 UNUSED_S = 7 * 24 * 3600.0
-"""How long a set is kept that no run of the tests has used."""
+"""Age after which an unused cache is deleted, in s."""
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
 def made_once(make: Callable[P, T]) -> Callable[P, T]:
-    """Return what `make` returns for the same arguments, a value that can be pickled, from the first call on the disk.
+    """Decorate a function so that its return value, which must support pickling, is cached on disk for each set of
+    arguments.
 
-    The value is shared by all tests of a process: none may change it.
+    All tests of a process share the value and must not change it.
     """
 
     @wraps(make)
@@ -51,14 +52,14 @@ def made_once(make: Callable[P, T]) -> Callable[P, T]:
 
 
 def _file(make: Callable[..., object], arguments: object) -> Path:
-    """Where the value of a function for its arguments is kept."""
+    """Return the cache file for a function and its arguments."""
     asked = hashlib.sha256(Path(make.__code__.co_filename).read_bytes() + pickle.dumps(arguments)).hexdigest()
     return _folder() / f"{make.__module__}.{make.__qualname__}-{asked[:16]}"
 
 
 @cache
 def _folder() -> Path:
-    """The folder of what the files of today make; those that no run has used for long are removed."""
+    """Return the cache directory for the current sources, and delete caches that have been unused for long."""
     folder = KEPT / source_hash(ROOT)
     folder.mkdir(parents=True, exist_ok=True)
     os.utime(folder)
@@ -69,7 +70,9 @@ def _folder() -> Path:
 
 
 def source_hash(root: Path) -> str:
-    """The hash of what makes a value in the tree at `root`: names and contents of its sources, and Python."""
+    """Return a hash of everything that determines a cached value: names and contents of the sources at `root`, and
+    Python.
+    """
     found = hashlib.sha256(sys.version.encode())
     files = [path for name in SOURCES for path in (root / name).rglob("*") if path.is_file()]
     for path in sorted([*(root / "scripts").glob("*.lock"), *files]):
@@ -81,7 +84,7 @@ def source_hash(root: Path) -> str:
 
 @contextmanager
 def _locked(file: Path) -> Generator[None, None, None]:
-    """Hold the lock of what is to be made; it ends with the process that holds it."""
+    """Hold the lock of a cache file. It is released when the process ends."""
     with _beside(file, "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield

@@ -1,9 +1,9 @@
-"""Controllers of five makers with an arm whose faults they do not know: nothing here is of the product.
+"""Emulated controllers of five makers, with an arm whose errors they do not know. Nothing here is imported from rig.
 
-A controller turns the counts of its encoders into joint angles by parameters of its own, and joint angles into a pose
-by its model of the arm. It drives to a pose by its own model; where the tool really stands follows from the true arm
-at the true joint angles. Kinematics are those of `independent_arm` (Craig) and, for Universal Robots, the classic
-Denavit-Hartenberg product that the maker publishes.
+A controller converts encoder counts into joint angles with its own parameters, and joint angles into a pose with its
+own model of the arm. It moves to a pose according to this model. The true tool position follows from the true arm at
+the true joint angles. The kinematics are those of `independent_arm` (Craig) and, for Universal Robots, the classic
+Denavit-Hartenberg product published by the maker.
 """
 
 from __future__ import annotations
@@ -18,15 +18,16 @@ from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 Forward = Callable[[Array], tuple[Array, Array]]
-"""Joint angles (6,) rad to the rotation (3, 3) and place (3,) mm of the flange."""
+"""Function from joint angles (6,) rad to rotation (3, 3) and position (3,) in mm of the flange."""
 
 
 @dataclass(frozen=True)
 class Mastered:
-    """A controller that counts: an axis reads (count - zero) / per_deg, in degrees, beside the reading at its zero.
+    """A controller with mastering counts: an axis reads (count - zero) / per_deg in degrees, plus the angle at its
+    zero.
 
-    zero, per_deg (6,): counts, and counts per degree with the sign of the motor; at_zero (6,) degrees that an axis
-    reads there: KUKA's $MAMES at the notch. true_zero (6,): the count at which the arm really has that angle.
+    zero, per_deg (6,): counts, and counts per degree with the sign of the motor. at_zero (6,): angle at the zero in
+    degrees, $MAMES of KUKA at the notch. true_zero (6,): count at which the arm really has this angle.
     """
 
     model: Forward
@@ -44,21 +45,21 @@ class Mastered:
         return (reading_deg - self.at_zero) * self.per_deg + self.zero
 
     def stands(self, reading_deg: Array) -> tuple[Array, Array]:
-        """Where the flange really is with the joints reading so many degrees."""
+        """Return the true pose of the flange for joint readings in degrees."""
         link_deg = (self.counts_at(reading_deg) - self.true_zero) / self.per_deg + self.true_at_zero
         return self.true(np.radians(link_deg))
 
     def sent_to(self, R: Array, p: Array, near_deg: Array) -> tuple[Array, Array]:
-        """Where the flange really is when the controller believes it to be at a pose."""
+        """Return the true pose of the flange when the controller believes to have reached a pose."""
         return self.stands(np.degrees(solved(self.model, R, p, np.radians(near_deg))))
 
 
 @dataclass(frozen=True)
 class UniversalRobots:
-    """A controller that reads its joints absolutely and adds the deltas of calibration.conf to its constants.
+    """A controller with absolute encoders that adds the deltas of calibration.conf to its constants.
 
-    a, d in metres, alpha in rad, each (6,), nominal; delta: by name of the file (6,), those that the controller has and
-    those of the real arm.
+    a, d in metres, alpha in rad, each (6,), nominal. delta (6,): deltas of the controller and of the real arm, by their
+    names in the file.
     """
 
     a: Array
@@ -68,7 +69,7 @@ class UniversalRobots:
     real: Mapping[str, Array]
 
     def flange(self, q: Array, delta: Mapping[str, Array]) -> tuple[Array, Array]:
-        """Rotation and place in mm by the classic product: about z, along z, along x, about x."""
+        """Return rotation and position in mm by the classic product: about z, along z, along x, about x."""
         R, p = np.eye(3), np.zeros(3)
         for k in range(6):
             theta, alpha = q[k] + delta["delta_theta"][k], self.alpha[k] + delta["delta_alpha"][k]
@@ -86,7 +87,7 @@ class UniversalRobots:
         return self.stands(np.degrees(q))
 
     def with_added(self, name: str, index: int, value: float) -> UniversalRobots:
-        """The controller with a value of calibration.conf, counted from 1, raised."""
+        """Return the controller with a value added to an entry of calibration.conf; index from 1."""
         changed = self.delta[name].copy()
         changed[index - 1] += value
         return replace(self, delta={**self.delta, name: changed})
@@ -96,7 +97,7 @@ NO_DELTA: dict[str, Array] = {f"delta_{name}": np.zeros(6) for name in ("theta",
 
 
 def solved(model: Forward, R: Array, p: Array, near: Array) -> Array:
-    """The joint angles (6,) rad at which a model of the arm has a pose, from angles near them."""
+    """Solve the joint angles (6,) rad for a pose in a model of the arm, starting from nearby angles."""
 
     def away(q: Array) -> Array:
         at_R, at_p = model(q)

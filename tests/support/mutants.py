@@ -1,4 +1,4 @@
-"""Mutants of the three packages: small changes of their code, drawn by a seed, that a test ought to notice."""
+"""Mutants of the three packages: small random code changes that a test should detect."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SIGNS: dict[type[ast.AST], str] = {
 
 @dataclass(frozen=True)
 class Mutant:
-    """A change of one place of a file: characters from `begin` on, `before`, become `after`."""
+    """A change in a file: the characters `before`, starting at position `begin`, become `after`."""
 
     path: str
     line: int
@@ -37,27 +37,31 @@ class Mutant:
         return f"{self.path}:{self.line}: {self.kind}: {before} -> {after or 'nothing'}"
 
     def applied(self, text: str) -> str:
-        """The text of the file with the change. Raises ValueError where the file has something else there."""
+        """Return the text of the file with the change. Raises ValueError if the file has different text at this
+        position.
+        """
         end = self.begin + len(self.before)
         if text[self.begin : end] != self.before:
             raise ValueError(f"{self.path} has another text at line {self.line} than it had when the mutant was drawn")
         return text[: self.begin] + self.after + text[end:]
 
     def to_dict(self) -> dict[str, str | int]:
-        """In plain types."""
+        """Return the fields as plain types."""
         return asdict(self)
 
 
 def drawn(root: Path, count: int, seed: int) -> list[Mutant]:
-    """Draw mutants, each file as likely as it has places, no place twice."""
+    """Draw mutants. The probability of a file is proportional to its number of possible changes; no place is changed
+    twice.
+    """
     files = [file for name in PACKAGES for file in sorted((root / name).rglob("*.py"))]
     every = [one for file in files for one in mutants_of(file.read_text(encoding="utf-8"), str(file.relative_to(root)))]
-    random.Random(seed).shuffle(every)  # the first of many are those that few would be
+    random.Random(seed).shuffle(every)  # take the first of many mutants, as for files with few
     return every[:count]
 
 
 def mutants_of(text: str, path: str) -> list[Mutant]:
-    """Every mutant of the code of a file: of what functions compute, and of the constants that it names."""
+    """Return all mutants of a file: changes of computations in functions and of named constants."""
     source, tree = _Source(text, path), ast.parse(text)
     found = []
     for node in _code(tree):
@@ -66,7 +70,7 @@ def mutants_of(text: str, path: str) -> list[Mutant]:
 
 
 def _code(node: ast.AST) -> Iterator[ast.AST]:
-    """The nodes that compute: no annotation, no text, no decorator, no raised message."""
+    """Yield the nodes that compute something: no annotations, texts, decorators or error messages."""
     yield node
     for name, value in ast.iter_fields(node):
         if name in ("annotation", "returns", "decorator_list") or isinstance(node, ast.Raise | ast.JoinedStr):
@@ -77,7 +81,7 @@ def _code(node: ast.AST) -> Iterator[ast.AST]:
 
 
 class _Source:
-    """The text of a file, in which nodes have their places."""
+    """The text of a file with the character positions of its nodes."""
 
     def __init__(self, text: str, path: str) -> None:
         self.text, self.path = text, path
@@ -100,7 +104,7 @@ class _Source:
         return Mutant(self.path, node.lineno, begin, self.text[begin:end], after, kind)
 
     def sign(self, left: ast.expr, right: ast.expr, before: str, after: str, kind: str) -> Iterator[Mutant]:
-        """The mutant of a sign that stands between two nodes, where nothing else but brackets does."""
+        """Yield the mutant of an operator between two nodes, if only brackets surround it."""
         begin = self.end(left)
         between = self.text[begin : self.begin(right)]
         pattern = r"\s+".join(map(re.escape, before.split()))
@@ -111,7 +115,7 @@ class _Source:
 
 
 def _mutants(source: _Source, node: ast.AST) -> Iterator[Mutant]:
-    """The mutants of one node."""
+    """Yield the mutants of a node."""
     if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in _COMPARED:
         sign = type(node.ops[0])
         yield from source.sign(node.left, node.comparators[0], _SIGNS[sign], _COMPARED[sign], "comparison flipped")
@@ -147,14 +151,15 @@ def _is_of_types(node: ast.expr) -> bool:
 
 
 def files_for(root: Path, path: str) -> list[str]:
-    """The files of tests that a mutant of a module goes through, those that name it first: its own, those that import
-    it, the others of its folder's tests, those that import anything of its folder."""
+    """Return the test files for a mutant of a module, most specific first: the module's own tests, tests that import
+    it, other tests of the folder, and tests that import anything from the folder.
+    """
     module = path.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
     package, name = module.rpartition(".")[::2]
     texts = {str(file.relative_to(root)): file.read_text(encoding="utf-8") for file in _tests(root)}
     imports = re.compile(rf"{re.escape(module)}\b|from {re.escape(package)} import [^\n]*\b{re.escape(name)}\b")
     folder = f"tests/{path.rpartition('/')[0]}/"
-    own = package.rpartition(".")[2] if name == "evaluate" else name  # of a test: its folder has the name
+    own = package.rpartition(".")[2] if name == "evaluate" else name  # of a test that is named after its folder
     ranks: Sequence[list[str]] = (
         [test for test in texts if test.endswith(f"/test_{own}.py")],
         [test for test, text in texts.items() if imports.search(text)],

@@ -1,7 +1,7 @@
-"""Which tests, and which cases of a test, each commit has; the others are for `scripts/dev nightly`.
+"""Selection of tests and test cases that run for each commit; the others run in `scripts/dev nightly`.
 
-Cases of one test are chosen beside it by `cases`. Tests that are a night's because others of the same capability cost
-less stand in the table `tests/night.toml`, each with what stays.
+`cases` selects cases of a parametrised test in its own file. The table `tests/night.toml` lists nightly tests whose
+capability is also covered by cheaper tests, and names those.
 """
 
 from __future__ import annotations
@@ -18,12 +18,15 @@ import pytest
 TABLE = Path(__file__).parents[1] / "night.toml"
 
 NIGHT_IS_OVER = "the night is over"
-"""Why a test of `scripts/dev nightly` is skipped after its last hour."""
+"""Skip reason for tests of `scripts/dev nightly` after the end of the night."""
 
 
 def cases(every: Iterable[Any], in_each_commit: Collection[Any] | Callable[[Any], bool]) -> list[Any]:
-    """Return parameters for `pytest.mark.parametrize`, a tuple being a case of several: those that are not among the
-    chosen ones are marked `nightly`."""
+    """Return parameters for `pytest.mark.parametrize`, with the mark `nightly` on all cases not selected for each
+    commit.
+
+    A tuple is a case with several parameters.
+    """
     chosen = in_each_commit if callable(in_each_commit) else in_each_commit.__contains__
     return [
         pytest.param(*(one if isinstance(one, tuple) else (one,)), marks=() if chosen(one) else pytest.mark.nightly)
@@ -32,23 +35,25 @@ def cases(every: Iterable[Any], in_each_commit: Collection[Any] | Callable[[Any]
 
 
 def examples(of_commit: int, of_night: int) -> pytest.MarkDecorator:
-    """Give a property how many `examples` it is tried on: so many in each commit, and the more at night."""
+    """Set the number of hypothesis examples of a property: `of_commit` for each commit, `of_night` at night."""
     return pytest.mark.parametrize("examples", cases((of_commit, of_night), {of_commit}))
 
 
 @cache
 def moved() -> tuple[dict[str, Any], ...]:
-    """The entries of the table: the file or folder `of` tests, their names, cases to `keep` and what `stays`."""
+    """Return the entries of the table: file or folder `of` tests, their names, cases to `keep`, and the tests that
+    `stay`.
+    """
     return tuple(tomllib.loads(TABLE.read_text(encoding="utf-8"))["moved"])
 
 
 def is_moved(nodeid: str) -> bool:
-    """Whether the table moves a test to the night."""
+    """Return whether the table makes a test nightly."""
     return any(nodeid.startswith(entry["of"]) and _names(entry, nodeid) for entry in moved())
 
 
 def unmatched(nodeids: Collection[str]) -> Iterator[str]:
-    """The names of the table that no test has, and the cases to keep that no test of its entry has."""
+    """Yield the names and cases in the table that match no existing test."""
     for entry in moved():
         there = [nodeid.partition("::")[2] for nodeid in nodeids if nodeid.startswith(entry["of"])]
         yield from (name for name in entry["tests"] if not any(_is_of(test, name) for test in there))
@@ -63,7 +68,7 @@ def _names(entry: dict[str, Any], nodeid: str) -> bool:
 
 
 def _case(test: str) -> str:
-    """The part of a test's name in brackets."""
+    """Return the part of a test name in brackets."""
     return test.partition("[")[2].removesuffix("]")
 
 

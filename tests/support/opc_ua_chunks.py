@@ -1,4 +1,4 @@
-"""What an OPC UA server sends, chunk by chunk, and what it is sent; the samples and faults that come of it."""
+"""Traffic of an OPC UA server chunk by chunk, and the resulting samples and faults."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def _fault(status: int) -> Any:
 _GIVEN = ua.OpenSecureChannelResponse()
 _GIVEN.Parameters.SecurityToken = ua.ChannelSecurityToken(1, 1, NO_STAMP, 3_600_000)
 OPENED = _packed(ACKNOWLEDGE, ua.Acknowledge()) + _packed(OPEN, _GIVEN, 1)
-"""The answers to a greeting and to the request for a channel."""
+"""Answers to the hello message and to the request for a channel."""
 REFUSED = _packed(MESSAGE, _fault(ua.StatusCodes.BadTooManySessions), 2)
 UNREADABLE = _packed(MESSAGE, ua.ReadResponse(), 2)
 ENDED = _packed(ERROR, ua.ErrorMessage(ua.StatusCode(ua.StatusCodes.BadTcpEndpointUrlInvalid), "no such path"))
 
 
 def requests_in(sent: bytes) -> list[tuple[int, bytes]]:
-    """All requests that a client sent in their order: number and content."""
+    """Return all requests sent by a client in order: request number and content."""
     own, found = Channel(), list[tuple[int, bytes]]()
     while sent:
         size = int.from_bytes(sent[4:8], "little")

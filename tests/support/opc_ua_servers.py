@@ -1,4 +1,4 @@
-"""A robot in a server of the asyncua library: its sessions, subscriptions and address space are not ours."""
+"""A robot in an OPC UA server of the asyncua library, with independent sessions, subscriptions and address space."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DEGREE, RADIAN, MILLIMETRE = (17476, "°"), (4405297, "rad"), (5066068, "mm")
 
 
 class LibraryRobot:
-    """The nodes of a robot. positions: of q1 … q6; condition: by browse name."""
+    """Nodes of the robot. positions: of q1 … q6; condition: by browse name."""
 
     def __init__(self, server: Any, port: int) -> None:
         self.server = server
@@ -26,7 +26,7 @@ class LibraryRobot:
         self.condition: dict[str, Any] = {}
 
     def built(self, unit: tuple[int, str] | None, names: Sequence[str]) -> LibraryRobot:
-        """Build the address space: all names but those of OPC UA itself in one namespace."""
+        """Build the address space. All names except those of OPC UA itself are in one namespace."""
         self._space = self.server.register_namespace("http://opcfoundation.org/UA/Robotics/")
         system = self._object(self._object(self.server.nodes.objects, "DeviceSet"), "System")
         robot = self._object(self._object(system, "MotionDevices"), "Robot")
@@ -52,7 +52,7 @@ class LibraryRobot:
         return self
 
     def drive(self, angles: Sequence[float], at: datetime | None, status: int = 0) -> None:
-        """Write all positions, stamped with one instant."""
+        """Write all positions with the same timestamp."""
         for node, angle in zip(self.positions, angles, strict=True):
             node.write_value(ua.DataValue(ua.Variant(float(angle)), ua.StatusCode(status), SourceTimestamp=at))
 
@@ -72,7 +72,7 @@ class LibraryRobot:
 def library_robot(
     unit: tuple[int, str] | None = DEGREE, names: Sequence[str] = tuple(f"Axis_{axis}" for axis in range(1, 7))
 ) -> Iterator[LibraryRobot]:
-    """A server on loopback, with a robot or, without names, with none."""
+    """Run a server on the loopback interface, with a robot, or without one if `names` is empty."""
     logging.getLogger("asyncua").setLevel(logging.CRITICAL)
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
@@ -90,7 +90,7 @@ def library_robot(
 
 
 async def _end_what_is_left() -> None:
-    """End the tasks of sessions and subscriptions that the server leaves running when it stops."""
+    """Cancel the tasks of sessions and subscriptions that the server leaves running after a stop."""
     left = asyncio.all_tasks() - {asyncio.current_task()}
     for task in left:
         task.cancel()
@@ -98,5 +98,5 @@ async def _end_what_is_left() -> None:
 
 
 def now() -> datetime:
-    """The time of this computer, as a controller would stamp with it."""
+    """Return the time of this computer, used as the controller's timestamp."""
     return datetime.now(UTC)

@@ -1,10 +1,10 @@
-"""One small case whose posterior two programs can state: the engine, and any sampler that is given a log density.
+"""A small calibration case whose posterior can be computed by the engine and by any sampler of a log density.
 
-A tracker saw poses of a UR10 with noise of known size. Named are a play of axis 2 and a wave of axis 1 over its angle;
-beside them the case has a zero and a length, with a healthy arm's prior, and the place of instrument and target. The
-engine states a normal distribution about its fit; the log density calls the forward model for every value instead.
-Play and wave are those of the page: what a real one departs from it by are columns of the engine's own, which no other
-program could know.
+A tracker measured poses of a UR10 with known noise. The named effects are backlash of axis 2 and a wave of axis 1.
+Further unknowns are a joint zero and a link length with priors of a healthy arm, and the placement of tracker and
+target. The engine states a normal distribution around its fit; the log density evaluates the complete forward model.
+Backlash and wave have the ideal form. Deviations from it are additional columns of the engine that no other program
+knows.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ from rigs.load import load
 from rigs.schema.effect import PHASE, Departures, healthy, name_of, scaled
 
 NOISE_MM = 0.03
-"""Standard deviation of each coordinate, told to both."""
+"""Standard deviation of each coordinate, known to both programs."""
 
 
 class Play(Backlash):
-    """A play without departures."""
+    """Backlash with the ideal form only."""
 
     def departures(self) -> Departures:
-        """None."""
+        """Return no departures."""
         return Departures()
 
 
 class Wave(TransmissionError):
-    """A wave without departures."""
+    """Gear wave with the ideal form only."""
 
     def departures(self) -> Departures:
-        """None."""
+        """Return no departures."""
         return Departures()
 
 
@@ -58,33 +58,34 @@ BEGUN = (
     Play(axis=2, width_deg=0.05, transit=0.2, preload=0.1),
     Wave(axis=1, order=3.0, amplitude_deg=0.02, phase_deg=20.0),
 )
-"""Where the engine's fit begins."""
+"""Initial values of the engine's fit."""
 BESIDE = (healthy(JointOffset(axis=4)), healthy(LinkGeometry(axis=3, field="a")))
 TIMES = (0.8, -1.3)
-"""What the arm has of them, in healthy sizes."""
+"""True sizes of the arm in healthy sizes."""
 STATIONS, STEPS, STEP_DEG = 36, 6, 0.06
-"""Postures, and the small steps of axis 2 after each with their standard deviation: they show how it crosses its play.
+"""Number of postures, number of small steps of axis 2 after each, and their standard deviation. The steps reveal how
+the axis crosses its backlash.
 """
 _TURNS = 3
 _PLACED_MM = 1000.0
-"""Prior standard deviation of each term of a placement, as in the engine."""
+"""Prior standard deviation of each placement term, as in the engine."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """Measured poses (n), and a set-up near which the placement is."""
+    """Measured poses (n), and a set-up close to the true placement."""
 
     run: ObservedRun
     begun: dict[str, SetUp]
 
     def predicted(self, effects: Sequence[Effect], setup: SetUp) -> Array:
-        """Return the places (n, 3) mm that the forward model gives."""
+        """Return the positions (n, 3) mm predicted by the forward model."""
         model = replace(self.run.model, effects=tuple(effects))
         return predict(model, self.run.table, self.run.path, setup)[:, [3, 7, 11]]
 
 
 def case(seed: int) -> Case:
-    """Simulate the poses, with noise of a seed."""
+    """Simulate the poses with the noise of a seed."""
     rng = np.random.default_rng(seed)
     low, high = np.radians([-150, -120, -120, -150, -150, -170]), np.radians([150, -30, 120, 150, 150, 170])
     q = np.repeat(rng.uniform(low, high, (STATIONS, 6)), 1 + STEPS, axis=0)
@@ -103,8 +104,9 @@ def case(seed: int) -> Case:
 
 @dataclass(frozen=True)
 class Stated:
-    """What the engine states of a case, about one linearisation: the fit, and its posterior beside it: of each size in
-    healthy sizes, and of each of the nine terms of the placement in mm."""
+    """Result of the engine for a case at a linearisation: the fit, and the posterior of each size, in healthy sizes,
+    and of the nine placement terms in mm.
+    """
 
     case: Case
     linear: Linearisation
@@ -113,41 +115,43 @@ class Stated:
 
     @cached_property
     def names(self) -> list[str]:
-        """What each value is."""
+        """Names of the values."""
         effects = self.refined.effects
         fitted = [f"{name_of(effects[one.effect])} {one.field}" for one in self.refined.unknowns]
         return [*fitted, *(name_of(one) for one in BESIDE), *(f"placement {k + 1}" for k in range(9))]
 
     @property
     def mean(self) -> Array:
-        """The mean (d,) of every value, with the last step of the fit."""
+        """Return the mean (d,) of all values, including the last step of the fit."""
         fitted = self.refined.values
         return np.concatenate([fitted + self.posterior.term_means[: len(fitted)], self.posterior.mean])
 
     @property
     def u(self) -> Array:
-        """The standard uncertainty (d,) of every value."""
+        """Return the standard uncertainties (d,) of all values."""
         return np.sqrt(np.concatenate([np.diag(self.refined.covariance), self.posterior.variance]))
 
     @property
     def left(self) -> Array:
-        """The step (d,), in standard uncertainties, that the fit did not take, because it gained too little."""
+        """Return the remaining step (d,), in standard uncertainties, that the fit rejected because the gain was too
+        small.
+        """
         return (
             np.concatenate([self.posterior.term_means[: len(self.refined.values)], np.zeros(len(BESIDE) + 9)]) / self.u
         )
 
     @cached_property
     def covariance(self) -> Array:
-        """The covariance (d, d) of all values."""
+        """Return the covariance (d, d) of all values."""
         return self.posterior.joint_covariance(len(BESIDE) + 9, len(self.refined.values))
 
     @cached_property
     def limits(self) -> Array:
-        """The least and the largest value (2, d)."""
+        """Return the lower and upper limits (2, d)."""
         return np.array([*map(self._limits_of, self.refined.unknowns), *[(-np.inf, np.inf)] * (len(BESIDE) + 9)]).T
 
     def _limits_of(self, unknown: UnknownParameter) -> tuple[float, float]:
-        """Return the bounds of one parameter in the vocabulary, and of a size also those of a fit."""
+        """Return the bounds of a parameter in the vocabulary; for a size also those of a fit."""
         effect, field = self.refined.effects[unknown.effect], unknown.field
         if field == PHASE:
             return -np.inf, np.inf
@@ -155,7 +159,7 @@ class Stated:
 
     @cached_property
     def _prior(self) -> tuple[Array, Array]:
-        """The mean and the standard deviation (d,) of every value before anything is measured."""
+        """Return mean and standard deviation (d,) of the prior of all values."""
         unknowns = self.refined.unknowns
         mean = [one.expected for one in unknowns] + [0.0] * (len(BESIDE) + 9)
         sd = [one.spread for one in unknowns] + [1.0] * len(BESIDE) + [_PLACED_MM] * 9
@@ -179,7 +183,7 @@ class Stated:
 
 
 def stated(one: Case) -> Stated:
-    """Return what the engine states, fitted in turns about the placement and effects of the one before."""
+    """Return the result of the engine, relinearised repeatedly at the previous placement and effects."""
     setups, known, effects = one.begun, (), BEGUN
     for _ in range(_TURNS):
         blocks = [replace(b, sd_mm=np.full(len(b.sd_mm), NOISE_MM)) for b in blocks_of([one.run], setups, known)]
@@ -194,7 +198,7 @@ def stated(one: Case) -> Stated:
 
 
 def _columns(linear: Linearisation) -> Columns:
-    """Return the columns (N, p) of what the case has beside the named effects, and of the placement."""
+    """Return the columns (N, p) of all unknowns except the named effects: other effects and placement."""
     forms = forms_of([Candidate(name_of(one), (one,)) for one in BESIDE])
     share = healthy_shares(forms)
     return Columns(

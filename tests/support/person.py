@@ -1,4 +1,4 @@
-"""Somebody at a terminal who answers questions, and whose keys are counted."""
+"""An emulated user at a terminal who answers questions. The pressed keys are counted."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from tests.support.live_terminal import Terminal
 
 
 class Person:
-    """The person, and the keys pressed so far, Enter among them."""
+    """The user, and all keys pressed so far, including Enter."""
 
     def __init__(self, terminal: Terminal) -> None:
         self.terminal = terminal

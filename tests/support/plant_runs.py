@@ -1,9 +1,9 @@
-"""Run directories of many robots, as many as one likes at some 20 ms each: small runs that share a few simulated ones.
+"""Run directories of many robots, created in about 20 ms each from a few simulated runs.
 
-The readings of a test depend nearly linearly on small plays, so a test is simulated once without play and once with the
-play of each axis; a run is their mix by the plays of its robot on that day, with scatter of the robot from run to run
-and noise of the gauges. What is written goes through the product's own store. Each run depends on the seed, its robot
-and its number alone, so that a plant can be made larger later.
+Readings depend almost linearly on small backlashes. Each test is therefore simulated once without backlash and once
+with backlash of each axis. A run is a combination of these according to the backlashes of its robot on that day, with
+scatter between runs and gauge noise. The files are written by the product's own store. Each run depends only on the
+seed, its robot and its number, so a plant can be extended later.
 """
 
 from __future__ import annotations
@@ -30,22 +30,23 @@ from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 BEGAN = datetime(2025, 12, 1, 6, tzinfo=UTC)
 CELL = "ur10e"
 _AXES = 5
-"""Axes with a play: the sixth hardly turns in the hemisphere's tests."""
+"""Number of axes with backlash. Axis 6 hardly turns in the tests of the hemisphere."""
 _STEP_DEG = 0.02
-"""The play that is simulated, about as large as those that are mixed."""
+"""Simulated backlash, similar to the combined values."""
 _ROWS = 240
-"""Rows that are kept of a circle: enough for its figures, and a tenth of what a cell records."""
+"""Number of rows kept of a circle: sufficient for its figures, and a tenth of a real recording."""
 _LIMITS = """limits:
   data_sheet_rp_mm: 0.05
   repeatability: {reversal_mean_mm: {watch: 0.20, fail: 0.26}, rp_mean_mm: {watch: 0.04, fail: 0.06}}
 """
-"""In place of the shipped ones: limits that a robot of healthy plays keeps, and one whose play has grown does not."""
+"""Limits that replace the shipped ones. A robot with normal backlash conforms; one with grown backlash fails."""
 
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot of a plant: the plays of its axes (5,), and which one grows by how much from which day on; scatter of a
-    play from run to run and of the gauges' readings."""
+    """A robot of a plant: backlashes (5,) of its axes; axis, amount and first day of a growth; scatter of a backlash
+    between runs, and noise of the gauges.
+    """
 
     name: str
     plays_deg: Array
@@ -56,7 +57,7 @@ class Robot:
     noise_mm: float
 
     def plays_on(self, day: float) -> Array:
-        """The plays (5,) in degrees so many days after the plant began."""
+        """Return the backlashes (5,) in degrees on a day after the start of the plant."""
         grown = np.zeros(_AXES)
         grown[self.axis] = self.grown_deg * (day >= self.grows_on_day)
         return self.plays_deg + grown
@@ -64,7 +65,7 @@ class Robot:
 
 @dataclass(frozen=True)
 class _Simulated:
-    """A test without play, and what a degree of play of each axis adds to its readings (5, n, gauges)."""
+    """A test without backlash, and the change of its readings (5, n, gauges) per degree of backlash of each axis."""
 
     table: pa.Table
     g_mm: Array
@@ -72,12 +73,12 @@ class _Simulated:
 
 
 def robot_of(number: int, seed: int, days: float) -> Robot:
-    """Robot `number` of a plant that is measured for so many days; the play of every third robot grows."""
+    """Return robot `number` of a plant measured for `days`. The backlash of every third robot grows."""
     rng = np.random.default_rng((seed, number))
     return Robot(
         name=f"robot-{number:03d}",
         plays_deg=rng.uniform(0.002, 0.008, _AXES),
-        axis=int(rng.integers(1, 3)),  # shoulder or elbow, which carry most
+        axis=int(rng.integers(1, 3)),  # shoulder or elbow, which carry the largest load
         grown_deg=float(rng.uniform(0.01, 0.03)) if number % 3 == 0 else 0.0,
         grows_on_day=float(rng.uniform(0.3, 0.8)) * days,
         scatter_deg=float(rng.uniform(0.0003, 0.001)),
@@ -86,7 +87,7 @@ def robot_of(number: int, seed: int, days: float) -> Robot:
 
 
 def known_robot(number: int, days: float, grown_deg: float) -> Robot:
-    """A robot with plays of 0.003° in all axes, the third of which grows by so much after half of the days."""
+    """Return a robot with backlashes of 0.003° in all axes. The third grows by `grown_deg` after half of the days."""
     drawn = robot_of(number, 0, days)
     plays_deg = np.full(_AXES, 0.003)
     return replace(drawn, plays_deg=plays_deg, axis=2, grown_deg=grown_deg, grows_on_day=days / 2)
@@ -99,7 +100,7 @@ def write_visits(
     tests: Sequence[str] = ("repeatability",),
     seed: int = 0,
 ) -> Iterator[Path]:
-    """The runs of a robot, one of each test on each of these days after BEGAN; gives their paths."""
+    """Write the runs of a robot, one of each test on each of these days after BEGAN, and yield their paths."""
     _, text = load(CELL)
     unlimited = re.sub(r"^limits:\n(  .*\n)+", "", text, flags=re.M)
     own = unlimited.replace(f"name: {CELL}", f"name: {robot.name}", 1) + _LIMITS
@@ -133,7 +134,7 @@ def _write(directory: Path, robot: Robot, day: float, title: str, rig_text: str,
         source=f"simulated, seed {seed}",
         source_sha256=hashlib.sha256(repr(robot).encode()).hexdigest(),
     )
-    # The store stamps what it opens with the present time; this run was measured on its day.
+    # The store writes the current time; replace it by the day of the measurement.
     dated = run.manifest.model_copy(update={"started": when.isoformat(timespec="milliseconds")})
     write_table_run(replace(run, manifest=dated), path)
     return path

@@ -1,4 +1,4 @@
-"""Poses that a tracker measured, as a run in memory."""
+"""Poses measured by a tracker, as a run in memory."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from tests.worlds.arms.independent_arm import Array
 
 
 def pose_run(rig_name: str, q: Array, xyz_mm: Array, name: str = "poses", placement: str = "door") -> Measured:
-    """A run of a shipped rig of poses q (n, 6) rad and places xyz_mm (n, 3), measured from a placement."""
+    """Return a run of a shipped rig with joint angles q (n, 6) rad and positions xyz_mm (n, 3), measured at a
+    placement.
+    """
     run = table_run(
         Path(name),
         columns_of(PoseTable(q, xyz_mm, None)),

@@ -1,4 +1,4 @@
-"""Joint angles to try an arm at: random, on and beside every singularity, and at the joint limits."""
+"""Joint angles for testing an arm: random, at and near every singularity, and at the joint limits."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from tests.support.five_arms import ARMS, OPW, Array
 
 RANDOM = 10_000
 BESIDE = np.array([0.0, 1e-15, 1e-13, 1e-11, 1e-9, 1e-7, 1e-5, 1e-3])
-"""rad from a singularity."""
+"""Distances from a singularity in rad."""
 
 
 def random_angles(seed: int, n: int = RANDOM) -> Array:
-    """(n, 6) rad, every axis all round."""
+    """Return random angles (n, 6) rad over the full turn of every axis."""
     return np.random.default_rng(seed).uniform(-np.pi, np.pi, (n, 6))
 
 
 def at_limits(name: str, n: int = 500) -> Array:
-    """Each axis on a limit, a hair inside, or anywhere between (n, 6) rad."""
+    """Return angles (n, 6) rad with each axis at a limit, slightly inside, or anywhere in between."""
     rng = np.random.default_rng(7)
     low, high = ARMS[name].limits.T
     share = rng.choice([0.0, 1e-12, 1e-6, 0.5, 1 - 1e-6, 1.0], (n, 6))
@@ -27,7 +27,7 @@ def at_limits(name: str, n: int = 500) -> Array:
 
 
 def singular(name: str, n: int = 500) -> dict[str, Array]:
-    """Random angles (n, 6) rad brought to the arm's singularities, or as far beside them as BESIDE says."""
+    """Return random angles (n, 6) rad moved to each singularity of the arm, or to the distances BESIDE from it."""
     return _ur_singular(n) if name == "ur10e" else _opw_singular(name, n)
 
 
@@ -40,7 +40,7 @@ def _opw_singular(name: str, n: int) -> dict[str, Array]:
     straight = -np.arctan2(opw.a2, opw.c3)
     upright["stretched"][:, 2] = straight + beside
     upright["folded"][:, 2] = straight + np.pi + beside
-    # The wrist centre on axis 1: a1 + Re[(c2 + forearm e^(i t3)) e^(i (t2 - 90°))] = 0, the elbow nearly straight.
+    # Wrist centre on axis 1: a1 + Re[(c2 + forearm e^(i t3)) e^(i (t2 - 90°))] = 0, with the elbow nearly straight.
     upright["shoulder"][:, 2] = straight + upright["shoulder"][:, 2] / 2
     arm = opw.c2 + np.hypot(opw.a2, opw.c3) * np.exp(1j * (upright["shoulder"][:, 2] - straight))
     upright["shoulder"][:, 1] = np.arcsin(-opw.a1 / np.abs(arm)) - np.angle(arm) + beside
@@ -61,10 +61,10 @@ def _ur_singular(n: int) -> dict[str, Array]:
 
 
 def everywhere(name: str) -> Array:
-    """All of the above in one stack."""
+    """Return all of these angles as one stack."""
     return np.concatenate([random_angles(11), at_limits(name), *singular(name).values()])
 
 
 def rows(found: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """The row of each solution of a stack found (n, k)."""
+    """Return the row of each solution of a stack found (n, k)."""
     return np.nonzero(found)[0]

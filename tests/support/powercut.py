@@ -1,10 +1,9 @@
-"""A disk that forgets: every change that the store makes, in order, and what a power cut may leave of them.
+"""A disk that loses unsynced data: all changes made by the store in order, and the possible states after a power cut.
 
-`watched` puts itself in the place of `os` in `daq.store.durable`, the only module of the store that
-changes files, and logs. `survivors` then makes one of the states that a file system may be in after a
-cut, with no more than POSIX promises: bytes and names that were synced are there; of the others any
-subset, in sectors, in any order, with zeros or rubbish in between and any size; a name that was made,
-changed or deleted may have been so or not, whatever became of its neighbours.
+`watched` replaces `os` in `daq.store.durable`, the only module of the store that changes files, by a logging version.
+`survivors` then creates a possible state of the file system after a cut, with only the guarantees of POSIX. Synced
+bytes and names are present. Any subset of other bytes may be present, in sectors, in any order, with zeros or rubbish
+between them, and the file may have any size. Each unsynced change of a name may be lost independently of the others.
 """
 
 from __future__ import annotations
@@ -23,14 +22,14 @@ from typing import Any
 from daq.store import durable
 
 ROOT = 0
-"""The node of the directory that is watched. Nodes are files and directories by number, whatever their names."""
+"""Node of the watched directory. Nodes are files and directories by number, independent of their names."""
 BLOCK = 4096
 _KEPT = (0.0, 0.1, 0.5, 0.9, 1.0)
 
 
 @dataclass(frozen=True)
 class Link:
-    """A new file or directory under a name."""
+    """Creation of a file or directory under a name."""
 
     directory: int
     name: str
@@ -61,7 +60,7 @@ class Write:
 
 @dataclass(frozen=True)
 class Cut:
-    """A file is made this long."""
+    """Truncation of a file to a length."""
 
     node: int
     size: int
@@ -69,14 +68,14 @@ class Cut:
 
 @dataclass(frozen=True)
 class Sync:
-    """A file's bytes or a directory's names were synced."""
+    """Sync of the bytes of a file or the names of a directory."""
 
     node: int
 
 
 @dataclass(frozen=True)
 class Mark:
-    """Here the store said something, which a test wants to hold it to."""
+    """A statement of the store at this point, to be checked by a test."""
 
     said: Any
 
@@ -86,14 +85,14 @@ Change = Link | Rename | Unlink | Write | Cut | Sync | Mark
 
 @dataclass
 class IoWorker:
-    """names: directory → its entries; data: file → its bytes."""
+    """State of a disk. names: directory → its entries; data: file → its bytes."""
 
     names: dict[int, dict[str, int]] = field(default_factory=lambda: {ROOT: {}})
     data: dict[int, bytearray] = field(default_factory=dict)
 
     @classmethod
     def read(cls, root: Path) -> IoWorker:
-        """What a directory holds now."""
+        """Return the current content of a directory."""
         disk = cls()
         places = {root: ROOT}
         for number, path in enumerate(sorted(root.rglob("*")), start=1):
@@ -105,19 +104,19 @@ class IoWorker:
         return disk
 
     def copy(self) -> IoWorker:
-        """Another with the same."""
+        """Return a copy."""
         names = {node: dict(entries) for node, entries in self.names.items()}
         return IoWorker(names, {node: bytearray(data) for node, data in self.data.items()})
 
     def make(self, link: Link) -> None:
-        """A new node, which has no name yet."""
+        """Add a new node that has no name yet."""
         if link.is_directory:
             self.names[link.node] = {}
         else:
             self.data[link.node] = bytearray()
 
     def put(self, root: Path, directory: int = ROOT) -> None:
-        """Make it so below root."""
+        """Write this state below root."""
         root.mkdir(parents=True, exist_ok=True)
         for name, node in self.names[directory].items():
             if node in self.names:
@@ -126,7 +125,7 @@ class IoWorker:
                 (root / name).write_bytes(self.data[node])
 
     def tree(self, directory: int = ROOT) -> dict[str, Any]:
-        """Names and bytes, to compare."""
+        """Return names and bytes for comparison."""
         return {
             name: self.tree(node) if node in self.names else bytes(self.data[node])
             for name, node in self.names[directory].items()
@@ -134,7 +133,9 @@ class IoWorker:
 
 
 class Watched:
-    """`os` with a log of what is changed below root, on a disk of some capacity in bytes; before: what was there."""
+    """Replacement of `os` that logs all changes below root, on a disk with a capacity in bytes; before: initial
+    content.
+    """
 
     def __init__(self, root: Path, capacity: int = 1 << 40) -> None:
         self.before = IoWorker.read(root)
@@ -157,15 +158,15 @@ class Watched:
 
     @property
     def used(self) -> int:
-        """Bytes taken, in whole blocks."""
+        """Return the used bytes in complete blocks."""
         return sum(self._blocks.values()) * BLOCK
 
     def mark(self, said: Any) -> None:
-        """Note what the store said."""
+        """Log a statement of the store."""
         self.log.append(Mark(said))
 
     def limit(self, bytes_: int) -> None:
-        """From now on a quota, which statvfs does not show."""
+        """Set a quota that is not visible in statvfs."""
         self.capacity, self.statvfs = bytes_, os.statvfs  # type: ignore[method-assign]
 
     def statvfs(self, path: Path) -> SimpleNamespace:
@@ -195,7 +196,7 @@ class Watched:
         self._next += 1
 
     def pwrite(self, fd: int, data: memoryview, offset: int) -> int:
-        """Takes what there is room for, as a disk does, and refuses where there is none."""
+        """Write as many bytes as fit, like a real disk, and fail if there is no space."""
         node = self._open[fd]
         end = (self._blocks[node] + self.capacity // BLOCK - self.used // BLOCK) * BLOCK
         if end <= offset:
@@ -212,7 +213,7 @@ class Watched:
         self.log.append(Cut(self._open[fd], size))
 
     def fsync(self, fd: int) -> None:
-        """Not passed on: what the disk forgets is decided here, and no real one need be waited for."""
+        """Log the sync without syncing the real disk, because the loss is simulated here."""
         self.log.append(Sync(self._open[fd]))
 
     def replace(self, old: Path, new: Path) -> None:
@@ -234,7 +235,7 @@ def _blocks(size: int) -> int:
 
 @contextmanager
 def watched(root: Path, capacity: int = 1 << 40) -> Iterator[Watched]:
-    """Log what the store changes below root meanwhile."""
+    """Log all changes of the store below root within the context."""
     watch = Watched(root, capacity)
     durable.os = watch  # type: ignore[assignment]
     try:
@@ -244,7 +245,7 @@ def watched(root: Path, capacity: int = 1 << 40) -> Iterator[Watched]:
 
 
 def survivors(before: IoWorker, log: list[Change], random: Random | None) -> IoWorker:
-    """A state after a power cut that followed these changes; without chance, the one where nothing is lost."""
+    """Return a state after a power cut that follows these changes; with random=None, the state without any loss."""
     synced = {change.node: index for index, change in enumerate(log) if isinstance(change, Sync)}
     keep_names, keep_bytes = (random.choice(_KEPT), random.choice(_KEPT)) if random else (1.0, 1.0)
     disk, pending = before.copy(), dict[int, list[Write | Cut]]()
@@ -268,7 +269,7 @@ def survivors(before: IoWorker, log: list[Change], random: Random | None) -> IoW
 
 
 def _name(names: dict[str, int], change: Link | Rename | Unlink, torn: bool) -> None:
-    """torn: a rename of which only the new name came to the disk."""
+    """Apply a change of a name. torn: a rename of which only the new name reached the disk."""
     if isinstance(change, Link):
         names[change.name] = change.node
     elif isinstance(change, Unlink):
@@ -289,7 +290,9 @@ def _write(data: bytearray, change: Write | Cut) -> None:
 
 
 def _scatter(data: bytearray, changes: list[Write | Cut], keep: float, random: Random) -> None:
-    """Some sectors of some changes, in some order; what of a file was never synced may be rubbish or any size."""
+    """Apply some sectors of some changes in random order. Parts never synced may contain rubbish, and the size may
+    be arbitrary.
+    """
     safe, sector = len(data), random.choice((512, 4096))
     for change in random.sample(changes, len(changes)) if random.random() < 0.5 else changes:
         pieces = [change] if isinstance(change, Cut) else list(_sectors(change, sector))

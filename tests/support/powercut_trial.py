@@ -1,9 +1,9 @@
-"""Recordings cut off by a power cut at any change: what was promised is there and right, and nothing else is wrong.
+"""Recordings interrupted by a power cut after any change: all promised rows must be present and correct.
 
-A recording by the real `RunWriter` rolls chunks, syncs now and then and ends; each time it says that
-rows are safe, the log is marked. One state: the log is cut anywhere, a possible disk made of it,
-recovered (one time in three with a second cut in the recovery, one time in six after one that found
-no room), and held to the last mark.
+The real `RunWriter` records with new chunks, occasional syncs and an end. Whenever it reports rows as safe, the log
+gets a mark. For each trial the log is cut at a random position, a possible disk state is created and recovered, and the
+result is compared with the last mark. One third of the recoveries are interrupted by a second cut, and one sixth first
+fail because the disk is full.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ENDED = "ended"
 
 @dataclass(frozen=True)
 class Recording:
-    """The changes of a recording, and the disk as it was before; full: a quota ended it."""
+    """Changes of a recording and the initial disk. full: a quota ended the recording."""
 
     before: IoWorker
     log: list[Change]
@@ -33,7 +33,7 @@ class Recording:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one state. kind: not begun, brought back, ended. beyond: rows kept that were not promised."""
+    """Result of a trial. kind: not begun, recovered or ended. beyond: rows present in addition to the promised ones."""
 
     kind: str
     cut_twice: bool
@@ -42,9 +42,9 @@ class Outcome:
 
 
 def recording(root: Path, seed: int, rounds: int = 12) -> Recording:
-    """Record below root; a mark says {stream: rows} after each sync, and `ENDED` at the end.
+    """Record below root. A mark {stream: rows} follows each sync, and `ENDED` the end.
 
-    One in three meets a quota, of which statvfs tells nothing.
+    Every third recording reaches a quota that statvfs does not show.
     """
     random = Random(seed)
     full = False
@@ -92,7 +92,9 @@ def _append(writer: RunWriter, random: Random) -> None:
 
 
 def _meanwhile(writer: RunWriter, work: DiskOperation, random: Random) -> None:
-    """Work of which a part is done when more is written, as by the daemon while another thread waits for the disk."""
+    """Do part of the disk work while more rows are written, as in the daemon while another thread waits for the
+    disk.
+    """
     split, error = random.randint(0, len(work.steps)), None
     try:
         DiskOperation(work.steps[:split]).wait()
@@ -109,7 +111,7 @@ def _rows(writer: RunWriter) -> dict[str, int]:
 
 
 def trial(recorded: Recording, scratch: Path, seed: int) -> Outcome:
-    """One state, made below scratch. Raises AssertionError for what must not be."""
+    """Create and check one state below scratch. Raises AssertionError for a violation."""
     random = Random(seed)
     log = recorded.log[: random.randint(0, len(recorded.log) * 11 // 10)]
     root = scratch / "first"
@@ -135,7 +137,7 @@ def trial(recorded: Recording, scratch: Path, seed: int) -> Outcome:
 
 
 def _not_begun(root: Path) -> Outcome:
-    """Before the first promise there may be anything from nothing to a whole run: told, or right."""
+    """Check a state before the first promise: anything from nothing to a complete run, either reported or correct."""
     for path in (root / "cell" / "runs").glob("*"):
         try:
             recover(path)
@@ -149,7 +151,7 @@ def _not_begun(root: Path) -> Outcome:
 def _cut_again(path: Path, root: Path, random: Random) -> Path:
     with watched(path.parent) as watch:
         recover(path)
-    cut = random.randint(0, len(watch.log))  # all of it: then it was done
+    cut = random.randint(0, len(watch.log))  # all changes are present, so the run is complete
     survivors(watch.before, watch.log[:cut], random).put(root)
     if cut == len(watch.log):
         assert recover(root / path.name).nothing_to_do, "recover had said that it was done"
@@ -157,17 +159,17 @@ def _cut_again(path: Path, root: Path, random: Random) -> Path:
 
 
 def _starve(path: Path, random: Random) -> None:
-    """A recovery for which there is hardly any room."""
+    """Recover with almost no free disk space."""
     with watched(path.parent) as watch, suppress(CellError):
         watch.limit(watch.used + random.randint(0, 6) * BLOCK)
         recover(path)
 
 
 def held_to(path: Path, promised: dict[str, int], *, may_miss: bool) -> tuple[int, int]:
-    """Rows promised, and rows beyond them; every row that is there is the one that was recorded.
+    """Return the number of promised rows and of additional rows, after comparing every row with the recorded one.
 
-    may_miss: the end of a run that the disk ended counts rows that were handed to the system and never synced; those
-    that a power cut then took are reported as missing.
+    may_miss: a run ended by a full disk counts rows that were written but never synced; rows lost by the power cut are
+    then reported as missing.
     """
     verdict = judge(path)
     assert not verdict.problems, verdict.problems[0]

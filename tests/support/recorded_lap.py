@@ -1,4 +1,4 @@
-"""A recorded yaw lap whose stamps hold what real ones do: late answers, odd stamps, stalls."""
+"""A recorded yaw lap with the defects of real timestamps: late answers, wrong stamps and stalls."""
 
 from __future__ import annotations
 
@@ -16,15 +16,17 @@ from rigs.load import load, load_hidden
 from rigs.schema.vocabulary import Direction
 
 WRONG = (100, 400)
-"""Rows whose stamp of the robot's own clock is odd."""
+"""Rows with a wrong timestamp of the robot's clock."""
 
 
 def recorded(
     runs: Path, stalls: Collection[int] = (), *, label: Direction = "acw", part: float = 1.0, stands_s: float = 0.0
 ) -> Path:
-    """A yaw lap by Baumer gauges over TCP that answer within 1 ms, once take 3 and once 20; two stamps of the robot are
-    odd. Stalls: readings of g1 taken 100 ms after they were asked for, at the end of that time. The recording of a lap
-    driven acw is labelled `label`, ends after a `part` of it, and then the robot stands for `stands_s`."""
+    """Record a yaw lap by Baumer gauges over TCP that answer within 1 ms, once after 3 ms and once after 20 ms.
+
+    Two timestamps of the robot are wrong. stalls: readings of g1 that are taken 100 ms after the request. The lap is
+    driven acw, labelled `label`, and ends after a share `part`; then the robot stands still for `stands_s`.
+    """
     rig, text = load("ur10e")
     table = simulate(load_hidden("ur10e").apply_to(rig), "yaw", "acw", 1)
     assert isinstance(table, CircleTable)

@@ -1,4 +1,6 @@
-"""Stores of files on this computer, each a process of its own: an S3 server (moto) and an SFTP server (asyncssh)."""
+"""Remote file stores on this computer, each in a separate process: an S3 server (moto) and an SFTP server
+(asyncssh).
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ _MOTO = "import sys; from moto.server import main; main(['-H', '127.0.0.1', '-p'
 
 @dataclass(frozen=True)
 class Store:
-    """A store: the URL of its top, the environment by which rig finds it, and its process if it has one."""
+    """A store: its top-level URL, the environment variables required by rig, and its process, if any."""
 
     url: str
     environment: dict[str, str]
@@ -28,7 +30,7 @@ class Store:
 
 @contextmanager
 def s3_store(directory: Path) -> Iterator[Store]:
-    """An S3 server with a bucket of the files below a directory."""
+    """Run an S3 server with a bucket that contains the files below a directory."""
     import boto3  # noqa: PLC0415 - a test that has none is skipped
 
     port = _free_port()
@@ -58,7 +60,7 @@ def s3_store(directory: Path) -> Iterator[Store]:
 
 @contextmanager
 def sftp_store(directory: Path, keys: Path) -> Iterator[Store]:
-    """An SFTP server whose top is a directory; keys: where those of server and client are written."""
+    """Run an SFTP server for a directory. keys: directory for the keys of server and client."""
     keys.mkdir(exist_ok=True)
     command = [sys.executable, "-m", "tests.support.sftp_server", str(directory), str(keys)]
     root = str(Path(__file__).parents[2])

@@ -1,4 +1,4 @@
-"""What each gauge is asked and may answer, as its manual writes it, and what must become of it."""
+"""Requests and possible replies of each gauge according to its manual, with the expected values or faults."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ GARBLED, DEVICE_ERROR, MISSING = FaultKind.GARBLED, FaultKind.DEVICE_ERROR, Faul
 
 @dataclass(frozen=True)
 class Told:
-    """A fault of this kind with these words in it."""
+    """An expected fault: its kind, and words in its message."""
 
     kind: FaultKind
     words: tuple[str, ...]
@@ -38,16 +38,16 @@ NONSENSE = Told(GARBLED, ("is not a reading; check the line settings",))
 
 @dataclass(frozen=True)
 class Asked:
-    """A gauge, what it is asked, and each reply with its values in mm or what is told."""
+    """A gauge, its request, and each reply with the expected values in mm or the expected fault."""
 
     gauges: tuple[Any, ...]
     request: bytes
     replies: dict[bytes, tuple[float, ...] | float | Told]
     before: tuple[bytes, bytes] | None = None
-    """What it is asked first, and answers."""
+    """An earlier request and its reply."""
 
     def begun(self) -> Script:
-        """Return the conversation, in which the request has just been sent."""
+        """Return the conversation just after the request has been sent."""
         script = Script(daq.gauges.host(self.gauges))
         script.wake()
         if self.before:

@@ -1,7 +1,7 @@
-"""Cables pulled and put back under a recording, each link many times at moments of its own.
+"""Cables pulled out and reconnected during a recording, each link many times at random times.
 
-Every reading tells the time at which it was taken, so that in the recorded run each can be held against its stamps:
-one that came before it was asked for, or that waited in a buffer for the cable to come back, is seen.
+Each reading encodes the time at which it was taken. A reading taken before its request, or buffered until the cable was
+reconnected, is therefore detected in the recorded run.
 """
 
 from __future__ import annotations
@@ -25,15 +25,17 @@ from rigs.schema.condition import CONDITION
 from tests.support.bench import PATIENCE_S, Bench, rig_text
 
 STEP_NS = 1_000_000
-"""What the readings resolve: 1 ms, shown as 0.0001 mm or 0.0001°."""
+"""Resolution of the readings: 1 ms, shown as 0.0001 mm or 0.0001°."""
 STEP = 1e-4
 STEPS_APART = 1000
 OUT_S = 0.6
-"""The longest that a cable is out; in between it is in for as long."""
+"""Longest disconnection. The connected intervals are equally long."""
 
 
 class Clockwork:
-    """Instruments that show the time since it was made: g1 above zero, g2 below, each joint by its own start."""
+    """Instruments that show the time since their creation: g1 positive, g2 negative, each joint with a different
+    start value.
+    """
 
     def __init__(self) -> None:
         self.start_ns = time.monotonic_ns()
@@ -48,14 +50,16 @@ class Clockwork:
         return (now_ns - self.start_ns) // STEP_NS
 
     def taken_ns(self, column: str, values: Any) -> Any:
-        """When readings of a column were taken, rounded down to STEP_NS."""
+        """Return the times at which readings of a column were taken, rounded down to STEP_NS."""
         steps = np.round(values / STEP) * (-1 if column == "g2_mm" else 1)
         axis = int(column[1]) - 1 if column.startswith("q") else 0
         return self.start_ns + (steps - axis * STEPS_APART).astype(np.int64) * STEP_NS
 
 
 def rig_of(kind: str) -> str:
-    """Rigs that have every kind of link between them: `serial` (polled and continuous) and `modbus` (TCP and RTU)."""
+    """Return a rig that together with the other covers every kind of link: `serial` (polled and continuous) or
+    `modbus` (TCP and RTU).
+    """
     data = yaml.safe_load(rig_text("polled" if kind == "serial" else "modbus"))
     if kind == "serial":
         data["gauges"]["g2"]["mode"] = "continuous"
@@ -69,7 +73,7 @@ def rig_of(kind: str) -> str:
 
 @dataclass
 class Replugged:
-    """What a campaign on one rig found; `back_s`: stream → from each replugging to the next reading."""
+    """Result of a campaign on a rig. `back_s`: times from each reconnection to the next reading, by stream."""
 
     back_s: dict[str, list[float]] = field(default_factory=dict)
     lost: dict[str, int] = field(default_factory=dict)
@@ -79,7 +83,7 @@ class Replugged:
 
 
 def replug(folder: Path, kind: str, cycles: int, seed: int) -> Replugged:
-    """A recording in which each link of the rig is pulled and put back `cycles` times."""
+    """Record while each link of the rig is disconnected and reconnected `cycles` times."""
     found, motion = Replugged(), Clockwork()
     with Bench(folder, rig_of(kind), motion) as bench:
         bench.start()
@@ -87,7 +91,7 @@ def replug(folder: Path, kind: str, cycles: int, seed: int) -> Replugged:
         said.start()
         streams = list(bench.all_reading()["streams"])
         path = bench.record()
-        bench.until(lambda state: min(state["synced"].values()) > 0)  # the disk's thread begins with its first work
+        bench.until(lambda state: min(state["synced"].values()) > 0)  # the disk thread starts with its first work
         before = _held(bench)
         hands = [_Hand(bench, name, cycles, random.Random(f"{seed} {name}")) for name in streams]
         for hand in hands:
@@ -117,7 +121,9 @@ def replug(folder: Path, kind: str, cycles: int, seed: int) -> Replugged:
 
 
 class _Hand(threading.Thread):
-    """Pulls one cable and puts it back once it has been missed, and again once the stream has come back."""
+    """Thread that disconnects a cable, reconnects it when the loss has been reported, and repeats when the stream is
+    back.
+    """
 
     def __init__(self, bench: Bench, stream: str, cycles: int, dice: random.Random) -> None:
         super().__init__(name=f"hand {stream}")
@@ -156,7 +162,7 @@ class _Hand(threading.Thread):
 
 
 def wrong(run: Run, stream: str, motion: Clockwork) -> list[str]:
-    """What is wrong with the readings of a stream, a line for each kind of wrong."""
+    """Return a line for each kind of error in the readings of a stream."""
     rows = run.streams[stream]
     columns = run.manifest.streams[stream]
     taken = motion.taken_ns(columns[0], rows[columns[0]])
@@ -171,13 +177,15 @@ def wrong(run: Run, stream: str, motion: Clockwork) -> list[str]:
         "are out of order": np.diff(taken, prepend=taken[:1]) < 0,
         "are older than the link they came by": taken < since - STEP_NS,
     }
-    for other in (column for column in columns[1:] if column not in CONDITION):  # which the clockwork does not show
+    for other in (column for column in columns[1:] if column not in CONDITION):  # not encoded in the readings
         tests[f"have another {other}"] = motion.taken_ns(other, rows[other]) != taken
     return [f"{stream}: {np.count_nonzero(bad)} readings {told}" for told, bad in tests.items() if bad.any()]
 
 
 def _held(bench: Bench) -> str:
-    """What the daemon holds, without the run's own files, once the clients that were served have gone."""
+    """Return the open resources of the daemon, excluding files of the run, after the served clients have
+    disconnected.
+    """
     assert bench.daemon is not None
     time.sleep(0.5)
     process, descriptors = Path(f"/proc/{bench.daemon.pid}"), 0
@@ -188,13 +196,13 @@ def _held(bench: Bench) -> str:
 
 
 def swallow(bench: Bench) -> None:
-    """A daemon whose log nobody reads would stop at a full pipe."""
+    """Read and discard the log of the daemon, which would block on a full pipe."""
     assert bench.daemon is not None and bench.daemon.stderr is not None
     bench.daemon.stderr.read()
 
 
 def report(kind: str, cycles: int, found: Replugged) -> str:
-    """The table of one rig."""
+    """Format the table of a rig."""
     lines = []
     for name, back_s in found.back_s.items():
         p50, worst = (float(np.quantile(back_s, q)) if back_s else float("nan") for q in (0.5, 1.0))

@@ -1,11 +1,11 @@
-"""What other people publish of the arms of the library, computed in their own terms.
+"""Independent published data of the library arms, evaluated in their own notation.
 
-Only `differences` knows the library:
+Only `differences` uses the library:
 
-- `Chain`: the joints of a URDF, numbers as in its file (metres, radians).
-- `catalogue`: modified Denavit-Hartenberg rows, senses and linked joints of robotkinematicscatalogue 1.1.2.
-- `classic`: classic Denavit-Hartenberg rows: the maker's way of writing a UR, and FANUC's with its lengths as
-  underautomation/Fanuc.NET lists them.
+- `Chain`: joints of a URDF with the numbers of the file (metres, radians).
+- `catalogue`: modified Denavit-Hartenberg rows, senses and coupled joints of robotkinematicscatalogue 1.1.2.
+- `classic`: classic Denavit-Hartenberg rows: the notation of Universal Robots, and of FANUC with the lengths listed in
+underautomation/Fanuc.NET.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ from rigs.schema.robot import Robot
 Array = NDArray[np.float64]
 Numbers = tuple[float, ...]
 Source = Callable[[Array], Array]
-"""Poses (n, 4, 4) of the flange in the base frame, in mm, at the controller's joint angles (n, axes) rad."""
+"""Function from joint angles (n, axes) rad of the controller to poses (n, 4, 4) of the flange in the base frame, in
+mm.
+"""
 
 O = (0.0, 0.0, 0.0)  # noqa: E741 - origin
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
@@ -43,8 +45,9 @@ def _frame(xyz: Sequence[float], rpy: Sequence[float]) -> Array:
 
 @dataclass(frozen=True)
 class Chain:
-    """joints: xyz (m), rpy (rad) and axis of each; tool: xyz and rpy; base_m: height of the library's base above the
-    link where the chain begins; j3_counts_j2: the URDF's third joint is the controller's J2 + J3."""
+    """Joints of a URDF: xyz (m), rpy (rad) and axis of each. tool: xyz and rpy. base_m: height of the library's base
+    above the first link. j3_counts_j2: the third joint of the URDF is J2 + J3 of the controller.
+    """
 
     joints: tuple[tuple[Numbers, Numbers, Numbers], ...]
     tool: tuple[Numbers, Numbers] = (O, O)
@@ -63,7 +66,7 @@ class Chain:
         return T @ _frame(*self.tool)
 
     def urdf(self, limit: str = '<limit lower="-3" upper="2.5" velocity="3.5" effort="0"/>') -> str:
-        """The chain as a file, from the link `base_link` to `tool0`."""
+        """Return the chain as a URDF file, from the link `base_link` to `tool0`."""
         links = ["base_link", *(f"link_{one}" for one in range(1, len(self.joints) + 1)), "tool0"]
         parts = [f'<link name="{name}"/>' for name in links]
         for one, (xyz, rpy, axis) in enumerate(self.joints):
@@ -91,20 +94,20 @@ def _upright(
     base_m: float = 0.0,
     j3_counts_j2: bool = False,
 ) -> Chain:
-    """A chain whose frames all stand as the base's at zero."""
+    """Return a chain whose frames are all parallel to the base at zero."""
     joints = tuple((xyz, O, axis) for xyz, axis in zip(places, axes, strict=True))
     return Chain(joints, tool, base_m, j3_counts_j2)
 
 
 def _fanuc(j1: float, j2: float, j3: float, j4: float, j5: float, j6: float) -> Chain:
-    """ros-industrial/fanuc: the places of the joints along z, x, z, z, x, x."""
+    """Return a chain of ros-industrial/fanuc: positions of the joints along z, x, z, z, x, x."""
     places = [(0, 0, j1), (j2, 0, 0), (0, 0, j3), (0, 0, j4), (j5, 0, 0), (j6, 0, 0)]
     axes = [Z, Y, _minus(Y), _minus(X), _minus(Y), _minus(X)]
     return _upright(places, axes, (O, (pi, -pi / 2, 0)), base_m=j1, j3_counts_j2=True)
 
 
 def _yaskawa(j1: float, j2: float, j3: float, j4: tuple[float, float], tool: float) -> Chain:
-    """ros-industrial/motoman: places along z, x, z, (x, z), and the tool along x."""
+    """Return a chain of ros-industrial/motoman: positions along z, x, z, (x, z), and the tool along x."""
     places = [(0, 0, j1), (j2, 0, 0), (0, 0, j3), (j4[0], 0, j4[1]), O, O]
     axes = [Z, Y, _minus(Y), _minus(X), _minus(Y), _minus(X)]
     return _upright(places, axes, ((tool, 0, 0), (3.1415926, -1.570796, 0)), base_m=j1)
@@ -115,13 +118,13 @@ def _abb(places: Sequence[Numbers]) -> Chain:
 
 
 def _kuka(*places: Numbers) -> Chain:
-    """ros-industrial/kuka_experimental."""
+    """Return a chain of ros-industrial/kuka_experimental."""
     axes = [_minus(Z), Y, Y, _minus(X), Y, _minus(X)]
     return _upright(places, axes, (O, (0, pi / 2, 0)))
 
 
 def _kawasaki(j3: float, j5: float) -> Chain:
-    """Kawasaki-Robotics/khi_robot."""
+    """Return a chain of Kawasaki-Robotics/khi_robot."""
     turn, back = (0, -pi / 2, 0), (0, pi / 2, 0)
     down = _minus(Z)
     joints = (
@@ -136,7 +139,9 @@ def _kawasaki(j3: float, j5: float) -> Chain:
 
 
 def _ur(d1: float, a2: float, a3: float, d4: float, d5: float, d6: float) -> Chain:
-    """ros-industrial/universal_robot, default_kinematics.yaml, whose right angles have nine decimals."""
+    """Return a chain of ros-industrial/universal_robot, default_kinematics.yaml, with right angles given to nine
+    decimals.
+    """
     right, slip = 1.570796327, 2.05103e-10
     joints = (
         ((0, 0, d1), O, Z),
@@ -185,7 +190,9 @@ _DOOSAN = Chain(
 
 
 def catalogue(rows: Sequence[Numbers], senses: Numbers = (), j3_counts_j2: bool = False) -> Source:
-    """rows: alpha (degrees), a, d (mm), theta (degrees) of each joint; a third joint that counts J2 turns it back."""
+    """Return the source for rows of alpha (degrees), a, d (mm), theta (degrees). A third joint relative to J2 is
+    converted.
+    """
 
     def poses(q: Array) -> Array:
         turns = q * (senses or (1,) * q.shape[1])
@@ -201,7 +208,7 @@ def catalogue(rows: Sequence[Numbers], senses: Numbers = (), j3_counts_j2: bool 
 
 
 def classic(rows: Sequence[Numbers], j3_counts_j2: bool = False) -> Source:
-    """rows: theta (degrees), d, a (mm), alpha (degrees) of each joint: RotZ TransZ TransX RotX."""
+    """Return the source for rows of theta (degrees), d, a (mm), alpha (degrees): RotZ TransZ TransX RotX."""
 
     def poses(q: Array) -> Array:
         turns = q.copy()
@@ -217,7 +224,7 @@ def classic(rows: Sequence[Numbers], j3_counts_j2: bool = False) -> Source:
 
 
 def _turns(axis: str, angle: Array | float) -> Array:
-    """Turns (n, 4, 4) about an axis."""
+    """Return rotations (n, 4, 4) about an axis."""
     angles = np.atleast_1d(np.asarray(angle, dtype=float))
     T = np.broadcast_to(np.eye(4), (len(angles), 4, 4)).copy()
     T[:, :3, :3] = Rotation.from_euler(axis, angles[:, None]).as_matrix()
@@ -225,7 +232,7 @@ def _turns(axis: str, angle: Array | float) -> Array:
 
 
 def _rows(a: Numbers, d: Numbers, theta: Numbers) -> list[Numbers]:
-    """Rows of the catalogue for a spherical wrist, as all of these arms have."""
+    """Return catalogue rows for an arm with a spherical wrist."""
     return list(zip((0, -90, 0, -90, 90, -90), a, d, theta, strict=True))
 
 
@@ -250,7 +257,7 @@ def _catalogue_kawasaki(a2: float, d4: float) -> Source:
 
 
 def _classic_fanuc(d4: float, d5: float, d6: float, a1: float, a2: float, a3: float) -> Source:
-    """underautomation/Fanuc.NET lists the lengths; the angles are those of FANUC's own classic rows."""
+    """Return a FANUC arm with lengths of underautomation/Fanuc.NET and the angles of FANUC's own classic rows."""
     rows = [(0, 0, a1, -90), (-90, 0, a2, 180), (0, 0, a3, -90), (0, d4, 0, 90), (0, d5, 0, -90), (0, d6, 0, 180)]
     return classic(rows, j3_counts_j2=True)
 
@@ -304,7 +311,7 @@ _SO_101 = Chain(
 
 
 def quaternions(bodies: Sequence[tuple[Numbers, Numbers]]) -> Source:
-    """Bodies of MuJoCo, each with its place (m) and quaternion (w, x, y, z), whose joint turns about their z."""
+    """Return the source for MuJoCo bodies with position (m) and quaternion (w, x, y, z), whose joints turn about z."""
 
     def poses(q: Array) -> Array:
         T = np.broadcast_to(np.eye(4), (len(q), 4, 4))
@@ -327,8 +334,11 @@ _SO_101_BODIES = [
 
 
 def screws(rows: Sequence[Numbers], home: Numbers) -> Source:
-    """Screw axes (turn, then moment, m) in the base and the place (m) of the tool at home, turned so that its z points
-    as the base's x (K. M. Lynch, F. C. Park, Modern Robotics, 2017)."""
+    """Return the source for screw axes (rotation, then moment, m) in the base and the home position (m) of the tool.
+
+    The tool is rotated so that its z axis points along the x axis of the base (K. M. Lynch, F. C. Park, Modern
+    Robotics, 2017).
+    """
 
     def poses(q: Array) -> Array:
         T = np.broadcast_to(np.eye(4), (len(q), 4, 4))
@@ -349,7 +359,7 @@ _WIDOWX_PITCH, _WIDOWX_ROLL = (0, 1, 0, -0.36065, 0, 0.29975), (1, 0, 0, 0, 0.36
 _WIDOWX_TOOL = ((0, 0, 0), (0, pi / 2, 0))
 _WIDOWX_SHOULDER = [(0, 0, 0.072), (0, 0, 0.03865), (0.04975, 0, 0.25)]
 _WIDOWX_HOME = (0.36475, 0, 0.36065)
-"""The module's tool is 93.575 mm further along: between the fingers."""
+"""The tool of that module is 93.575 mm further out, between the fingers."""
 _XARM_6 = Chain(
     (
         ((0, 0, 0.267), O, Z),
@@ -401,7 +411,7 @@ _GEN3_GUIDE = [
     (0, 0, 0, 180), (0, -284.8, 0, 90), (180, -11.8, 0, 90), (180, -420.8, 0, 90), (180, -12.8, 0, 90),
     (180, -314.3, 0, 90), (180, 0, 0, 90), (180, -167.4, 0, 180),
 ]  # fmt: skip
-"""The table of the user guide, whose first row is the base and turns with no joint."""
+"""Table of the user guide. Its first row is the base, which turns with no joint."""
 
 
 def _gen3_guide(q: Array) -> Array:
@@ -548,11 +558,13 @@ SOURCES: dict[str, dict[str, Source]] = {
         "second": _catalogue_yaskawa(40, 445, 40, 440, 80),
     },
 }
-"""By the name of an arm, and by the key of its `sources` that says where the numbers are from."""
+"""Sources by the name of the arm and the key of its `sources` for these numbers."""
 
 
 def differences(robot: Robot, source: Source, number: int) -> tuple[float, float]:
-    """How far a robot's flange and a source's are apart at most, mm and rad, on random postures within its limits."""
+    """Return the largest flange differences between a robot and a source, in mm and rad, on random postures within
+    the limits.
+    """
     low, high = np.radians([axis.limits_deg for axis in robot.axes]).T
     q = np.random.default_rng(16).uniform(low, high, (number, len(low)))
     ours, theirs = forward(arm_of(robot), q), source(q)

@@ -1,4 +1,4 @@
-"""A session without a cell: its programs are simulated at once, and what it infers is told beforehand."""
+"""A session without hardware: its programs are simulated immediately, and the diagnoses are prepared in advance."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ CORRECTED = {"effects": [{"effect": "joint_offset", "axis": 3, "offset_deg": 0.0
 
 
 class Killed(BaseException):
-    """The process is gone."""
+    """Emulated death of the process."""
 
 
 def cell_file(directory: Path) -> Path:
-    """The rig file of a cell whose laps are short."""
+    """Write the rig file of a cell with short laps."""
     data = data_of(load("paper-fanuc")[1])
     data["tests"]["circle"] |= {"laps": 1, "speed_mm_s": 100.0}
     path = directory / "cell.yaml"
@@ -66,7 +66,7 @@ def cell_file(directory: Path) -> Path:
 
 @made_once
 def _model_files() -> dict[str, bytes]:
-    """The rig file and the calibration that a diagnosis writes."""
+    """Return the rig file and the calibration written by a diagnosis."""
     import tempfile  # noqa: PLC0415
 
     with tempfile.TemporaryDirectory() as scratch:
@@ -86,8 +86,11 @@ def _model_files() -> dict[str, bytes]:
 
 
 def _of_few_terms(model: CalibratedModel) -> CalibratedModel:
-    """A model with its names and six of its other terms alone: of each parameter the correction asks what it does to
-    every pose, which is most of a session's time, and one of all terms is a night's."""
+    """Return the model with its named terms and only six others.
+
+    A correction evaluates the effect of each parameter on every pose, which takes most of the time of a session. A
+    model with all terms is a nightly test.
+    """
     chosen = [k for k, term in enumerate(model.terms) if term.named]
     chosen += [k for k in range(len(model.terms)) if k not in chosen][:6]
     rows = [row for row, one in enumerate(model.parameters) if one.term in chosen]
@@ -102,7 +105,7 @@ def _of_few_terms(model: CalibratedModel) -> CalibratedModel:
 
 @dataclass
 class Told:
-    """An inference that is done at once."""
+    """A diagnosis that finishes immediately."""
 
     answer: Answer
     is_done: bool = True
@@ -113,7 +116,7 @@ class Told:
 
 @dataclass
 class Oracle:
-    """Answers in turn, the last one for ever; each writes the files of a diagnosis."""
+    """Returns prepared diagnoses in turn and repeats the last one. Each writes the files of a diagnosis."""
 
     answers: list[Answer] = field(default_factory=lambda: [NAMED])
     asked: list[tuple[int, int]] = field(default_factory=list)
@@ -130,7 +133,7 @@ class Oracle:
 
 
 class Simulated:
-    """Drives each step at once: a run of the stage's rig file is simulated. whys: why a drive is vain, by number."""
+    """Simulates a run of the rig file of each step. whys: failure reasons by the number of the drive."""
 
     def __init__(self, directory: Path, whys: Mapping[int, str] | None = None) -> None:
         self.directory, self.whys = directory, dict(whys or {})
@@ -139,7 +142,7 @@ class Simulated:
         self.entered: list[Path] = []
         self.can_enter = True
         self.instead: dict[int, str] = {}
-        """Programs that are started in place of the one that is asked for, by number."""
+        """Programs started by mistake instead of the requested one, by number."""
         self._programs: Mapping[str, SessionProgram] = {}
 
     def set_up(self, stage: Stage, programs: Mapping[str, SessionProgram]) -> None:
@@ -166,7 +169,7 @@ class Simulated:
         pass
 
     def _run_of(self, program: SessionProgram) -> Path:
-        """A simulated run of a program: each of its repeats is made once, with noise of its own."""
+        """Return a simulated run of a program. Each repetition is created once, with different noise."""
         is_corrected = program.name.endswith(FIXED) or bool(self.entered)
         repeat = len(list((self.directory / "runs").glob(f"*_{program.name}*")))
         kept = self.directory.parent / ("corrected" if is_corrected else "nominal") / str(repeat) / program.name
@@ -186,7 +189,7 @@ def _named(run: analysis.Measured, name: str) -> analysis.Measured:
 
 
 class Screen:
-    """Keeps what is said."""
+    """Collects the messages to the user."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -199,7 +202,7 @@ class Screen:
 
 
 class MortalPlace(SessionDirectory):
-    """A place whose process is killed at its next write: before it or after it, in turn."""
+    """A session directory whose process dies at the next write, alternately before and after it."""
 
     def __init__(self, directory: Path, *, before: bool) -> None:
         super().__init__(directory)
@@ -218,7 +221,7 @@ def _planned(text: str, aim: str, minutes: float) -> tuple[tuple[Stage, ...], tu
 
 
 def begun(cell: Path, directory: Path, minutes: float = 3.2, **asked: object) -> Session:
-    """A session at its beginning, kept in its directory."""
+    """Return a new session saved in its directory."""
     rig, text = load(cell)
     wanted = {"aim": "faults", "maker": "kuka", **asked}
     stages, steps = _planned(text, str(wanted["aim"]), minutes)
@@ -244,7 +247,7 @@ def gone_on(
     place: SessionDirectory | None = None,
     screen: Screen | None = None,
 ) -> Session:
-    """The session gone on with, to its end or to its death."""
+    """Continue a session to its end or its next death, and return it."""
     with place or SessionDirectory(directory) as held:
         session = held.read()
         assert session is not None

@@ -1,6 +1,6 @@
-"""An SFTP server of this computer for one key, as a program: DIRECTORY to serve, and where the keys are written.
+"""SFTP server program for a single key. Arguments: directory to serve, and directory for the keys.
 
-It writes the key of a client and a file of known hosts, then prints its port.
+It writes a client key and a file of known hosts, then prints its port.
 """
 
 from __future__ import annotations

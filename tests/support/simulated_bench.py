@@ -1,8 +1,7 @@
-"""A cell on the bench in simulated time: what `Bench` does with a daemon in a process, with one in this process.
+"""An emulated cell in simulated time: like `Bench`, but with the daemon in this process.
 
-Nothing but the ports, the command line and the processes is left out: readers, recorder, store and the emulated
-instruments are the same. A lap passes in the time that it takes to compute, and no other work on the computer is seen
-in it.
+Only ports, command line and processes are omitted. Readers, recorder, store and emulated instruments are the real ones.
+A lap takes only its computing time, and other load on the computer has no effect.
 """
 
 from __future__ import annotations
@@ -25,11 +24,11 @@ from tests.support.bench import ByHand, Watched, rig_text
 from tests.support.command_line import ran
 
 _AFTERWARDS_S = 0.2
-"""So much longer is recorded than the robot drives."""
+"""Additional recording time after the robot has stopped."""
 
 
 class SimulatedBench(Watched):
-    """Cell and daemon in one directory, in simulated time as long as it is entered.
+    """Cell and daemon in one directory, in simulated time within the context.
 
     devices, paced: see `SimulatedCell`. options: of the `Daemon`.
     """
@@ -72,7 +71,7 @@ class SimulatedBench(Watched):
         return self
 
     def end(self) -> None:
-        """Stop the daemon, if it still runs, as a service is stopped; fails where a thread has died of an error."""
+        """Stop a running daemon as a service manager does. Fails if a thread has died of an error."""
         if hasattr(self, "daemon"):
             self.daemon.close("complete", "the test is over")
             del self.daemon
@@ -82,7 +81,7 @@ class SimulatedBench(Watched):
         return self.daemon.answer({"command": "status"})
 
     def run(self, *command: str | Path) -> CompletedProcess[str]:
-        """A command of `rig` to its end, which may ask the daemon for what it knows: no time passes meanwhile."""
+        """Run a `rig` command to completion. It may query the daemon; simulated time does not advance."""
         return ran(*command, cwd=self.folder, XDG_RUNTIME_DIR=str(self.folder))
 
     def record(self, name: str = "run", direction: str | None = "acw", test: str = "yaw") -> Path:
@@ -90,10 +89,10 @@ class SimulatedBench(Watched):
         return Path(self.daemon.answer(asked)["run"])
 
     def stop(self) -> dict[str, dict[str, int]]:
-        """End the recording; what was counted, by stream."""
+        """End the recording and return the counts by stream."""
         counters: dict[str, dict[str, int]] = self.daemon.answer({"command": "record_stop"})["counters"]
         return counters
 
     def drive(self, robot: EmulatedRobot, program: str) -> None:
-        """Let the robot drive a program to its end."""
+        """Let the robot execute a program to its end."""
         clock.sleep(robot.start(program) + _AFTERWARDS_S)

@@ -1,4 +1,4 @@
-"""Running conversations without a link: scripted pairs, and two sides joined in simulated time."""
+"""Conversations without a link: with a scripted partner, or with both sides joined in simulated time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ S = 1_000_000_000
 
 
 class Script:
-    """One conversation driven by hand; keeps what it sent and told."""
+    """A conversation with a scripted partner. Stores sent bytes and reported items."""
 
     def __init__(self, conversation: Conversation, now_ns: int = 0) -> None:
         self.conversation = conversation
@@ -32,19 +32,19 @@ class Script:
         return self._keep(self.conversation.received(data, self.now_ns))
 
     def wake(self) -> ConversationStep:
-        """Let time pass until it wants to be woken."""
+        """Advance the time to the next requested wake-up."""
         assert self.step.wake_ns is not None
         self.now_ns = max(self.now_ns, self.step.wake_ns)
         return self._keep(self.conversation.tick(self.now_ns))
 
     def taken(self) -> list[Item]:
-        """The items since this was last asked."""
+        """Return the items since the previous call."""
         items, self.items = self.items, []
         return items
 
 
 def asked(conversation: Conversation) -> Script:
-    """A polled conversation whose first request has just been sent."""
+    """Return a polled conversation just after its first request."""
     script = Script(conversation)
     script.wake()
     script.sent = b""
@@ -60,7 +60,10 @@ def simulate(
     character_ns: int = 0,
     delay_ns: Callable[[], int] = lambda: 0,
 ) -> list[Item]:
-    """Join both sides: the host's bytes arrive at once, the device's paced and each answer delayed; in order."""
+    """Join both sides in simulated time and return the items in order.
+
+    Bytes from the host arrive immediately. Bytes from the device are paced, and each answer is delayed.
+    """
     items: list[Item] = []
     arrivals: deque[tuple[int, bytes]] = deque()
     wakes: list[tuple[int, int, Conversation]] = []
@@ -105,7 +108,7 @@ def simulate(
 
 
 def held(thing: object, depth: int = 5) -> int:
-    """How much a conversation keeps: the lengths of all its buffers."""
+    """Return the total length of all buffers of a conversation."""
     total = len(thing) if isinstance(thing, bytearray | list | dict | deque) else 0
     for value in vars(thing).values() if hasattr(thing, "__dict__") and depth else ():
         total += held(value, depth - 1)

@@ -1,4 +1,4 @@
-"""Simulated circle runs on the disk, and views that have watched them."""
+"""Simulated circle runs on disk, and live views that have followed them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from rigs.schema.vocabulary import Direction
 
 
 def lap_run(directory: Path, rig: str = "ur10e", direction: Direction = "acw", seed: int | None = None) -> Path:
-    """The run directory of a simulated yaw run, with the effects of the shipped cell; without noise by default."""
+    """Write a simulated yaw run with the effects of the shipped cell; by default without noise."""
     run = simulate(rig, "yaw", direction, seed=seed, effects=rig)
     return save_run(run, directory / run.path)
 
 
 def watched(run: PlayedRun, until_s: float = 1e9, view: LiveView | None = None) -> LiveView:
-    """The view of a run that was played in steps of a tenth of a second up to a time."""
+    """Return a live view that has followed a replayed run up to a time, in steps of a tenth of a second."""
     view = view or run.begun()
     while run.at_s < until_s and not run.ended:
         run, update = run.after(0.1)
@@ -26,5 +26,5 @@ def watched(run: PlayedRun, until_s: float = 1e9, view: LiveView | None = None) 
 
 
 def watched_lap(path: Path, until_s: float = 1e9) -> LiveView:
-    """The view of a run on the disk, watched up to a time."""
+    """Return a live view that has followed a run on disk up to a time."""
     return watched(played_run(path, 1.0), until_s)

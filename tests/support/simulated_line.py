@@ -1,7 +1,7 @@
-"""A half-duplex serial line in simulated time: both directions at its pace, and units that need the silent interval.
+"""A half-duplex serial line in simulated time, with its baud rate and units that require the silent interval.
 
-Written from the Modbus serial line specification: a unit knows the begin of a frame by the silence before it, so a
-request that follows the last frame on the line too closely is not one.
+Written from the Modbus serial line specification: a unit detects the start of a frame by the preceding silence. A
+request too soon after the previous frame is therefore ignored.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ TURNAROUND_NS = 2_000_000
 
 @dataclass
 class SimulatedLine:
-    """character_ns: of the line. silence_ns: before a request. other: what another master sends, at its times in ns."""
+    """A serial line. character_ns: duration of a character; silence_ns: required before a request; other: frames of
+    another master, with their times in ns.
+    """
 
     character_ns: int
     silence_ns: int = 0
@@ -24,10 +26,10 @@ class SimulatedLine:
     echo: bool = False
     other: list[tuple[int, bytes]] = field(default_factory=list)
     unheard: int = 0
-    """Requests that came too soon after a frame."""
+    """Number of requests too soon after a frame."""
 
     def run(self, host: Conversation, device: Device, until_ns: int) -> list[Item]:
-        """What the host makes of the device until then."""
+        """Run the line and return the items that the host decodes."""
         items: list[Item] = []
         coming: list[tuple[int, bytes]] = sorted(self.other)
         ended_ns = -self.silence_ns

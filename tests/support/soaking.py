@@ -1,7 +1,7 @@
-"""Recording for a long time while memory, descriptors and threads are watched.
+"""Long recordings with monitoring of memory, descriptors and threads.
 
-In real time it is the real daemon on an emulated cell. Accelerated it is the daemon's buffers, recorder and store in
-this process, given the items of so many hours in minutes.
+In real time, the real daemon records an emulated cell. Accelerated, the buffers, recorder and store of the daemon
+process the data of many hours within minutes.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from tests.support.bench import Bench, rig_text
 from tests.support.replugging import Clockwork, swallow
 
 GROWTH_MB = 8.0
-"""Between the second third and the last; less is the allocator's breath."""
+"""Allowed memory growth from the second third to the last. Smaller changes come from the allocator."""
 RATES_HZ = {"g1": 50.0, "g2": 50.0, "robot": 500.0}
 COLUMNS = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": JOINTS}
 SLICE_S = 0.1
@@ -36,7 +36,7 @@ SLICE_S = 0.1
 
 @dataclass(frozen=True)
 class Held:
-    """What a process holds at a time: minutes recorded, megabytes, descriptors, threads and samples so far."""
+    """Resources of a process at a time: recorded minutes, megabytes, descriptors, threads and samples so far."""
 
     minutes: float
     rss_mb: float
@@ -46,7 +46,7 @@ class Held:
 
 
 def held(pid: int, minutes: float, samples: int) -> Held:
-    """As of now."""
+    """Return the current resources."""
     process = Path(f"/proc/{pid}")
     rss_mb = int((process / "statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
     return Held(
@@ -55,7 +55,9 @@ def held(pid: int, minutes: float, samples: int) -> Held:
 
 
 def in_real_time(folder: Path, minutes: float, every_s: float) -> Iterator[Held]:
-    """The real daemon on two gauges at 4800 baud and a robot at 500 Hz; raises AssertionError for a run gone wrong."""
+    """Record with the real daemon: two gauges at 4800 baud and a robot at 500 Hz. Raises AssertionError for a faulty
+    run.
+    """
     with Bench(folder, rig_text("sylvac").replace("57600", "4800"), Clockwork()) as bench:
         bench.start()
         threading.Thread(target=swallow, args=(bench,), daemon=True).start()
@@ -73,7 +75,7 @@ def in_real_time(folder: Path, minutes: float, every_s: float) -> Iterator[Held]
 
 
 def accelerated(folder: Path, minutes: float, times: float, every_s: float) -> Iterator[Held]:
-    """The same in so many times real time, with a fault a second of each stream, without links and readers."""
+    """Record at `times` the real speed, with a fault per second in each stream, without links and readers."""
     buffers = {name: StreamBuffer(name, columns) for name, columns in COLUMNS.items()}
     recorder = Recorder(buffers, lambda label, _: _create(folder, label), lambda: None)
     recorder.start()
@@ -112,9 +114,9 @@ def _deliver(buffers: dict[str, StreamBuffer], paces: dict[str, SteadyRate], unt
 
 
 def wrong(rows: list[Held]) -> list[str]:
-    """What grew from the second third to the last, a line each.
+    """Return a line for each resource that grew from the second third to the last.
 
-    The first third is warming up: each stream closes its first chunks, and the allocator takes room for that.
+    The first third is the warm-up: each stream closes its first chunks, and the allocator reserves memory for that.
     """
     third = max(1, len(rows) // 3)
     first, last = rows[-2 * third : -third], rows[-third:]

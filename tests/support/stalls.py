@@ -1,8 +1,7 @@
-"""How long a byte is held up on its way through a pty: whether a lap with a hole is the computer's fault.
+"""Measure delays of bytes in a pty, to decide whether the computer caused a gap in a lap.
 
-A kernel passes such bytes on by threads of its own, and where other programs want all of a computer they starve for up
-to seconds. The bytes are sent from the process of the test, in which the emulated instruments live, so what holds those
-up is measured too.
+A kernel forwards such bytes in its own threads, which may starve for seconds under heavy load. The bytes are sent by
+the process of the test, which also runs the emulated instruments, so stalls of the process are measured too.
 """
 
 from __future__ import annotations
@@ -15,11 +14,11 @@ import tty
 
 _PACE_S = 0.002
 _LONGEST_S = 10.0
-"""A byte that takes longer is not waited for: far more than any test takes for a stall."""
+"""Longest wait for a byte, far more than any test accepts as a stall."""
 
 
 class Stalls(threading.Thread):
-    """Sends bytes through a pty as long as it is entered; worst_s: the longest that one took, or came too late."""
+    """Thread that sends bytes through a pty within the context. worst_s: longest delay of a byte or of its sending."""
 
     def __init__(self) -> None:
         super().__init__(daemon=True)
@@ -40,7 +39,7 @@ class Stalls(threading.Thread):
         due = time.monotonic() + _PACE_S
         over = False
         while not over:
-            over = self._over.wait(_PACE_S)  # and once more at the end: a stall may have been the last that happened
+            over = self._over.wait(_PACE_S)  # and once more at the end, in case of a final stall
             os.write(master, b"x")
             if select.select([slave], [], [], _LONGEST_S)[0]:
                 os.read(slave, 1)

@@ -1,8 +1,9 @@
-"""The cells whose stamps are held against the truth: each kind of line, adapter and clock, in simulated time.
+"""Cells whose timestamps are compared with the true times: each kind of line, adapter and clock, in simulated time.
 
-An instrument is no ideal one: its baud is 0.3 % slow, it begins to answer anywhere in 3 ms and latched anywhere
-before, its clock runs 20 ppm fast; the host wakes 0.1 ms late on average, and never early. A cycle of its own is off by
-up to 500 ppm and swings, each tick comes up to 5 % of a cycle early or late, one in 200 is left out.
+The instruments are imperfect: the baud rate is 0.3 % low, answers start within 3 ms, the latching time before that is
+random, and the clock runs 20 ppm fast. The host wakes up 0.1 ms late on average and never early. The frequency of an
+internal cycle differs by up to 500 ppm and varies, each tick is up to 5 % of a cycle early or late, and one in 200 is
+missing.
 """
 
 from __future__ import annotations
@@ -51,8 +52,9 @@ RTDE = URRTDE(interface="ur_rtde", port="tcp://127.0.0.1:30004")
 
 @dataclass(frozen=True)
 class Errors:
-    """How far stamps are from the truth, (n,) ms: aligned, and by the arrival alone; u (n,) ms: what is said of the
-    aligned ones."""
+    """Errors of timestamps (n,) in ms: after alignment, and by arrival time only. u (n,) ms: stated uncertainty
+    after alignment.
+    """
 
     aligned: Array
     arrival: Array
@@ -60,12 +62,12 @@ class Errors:
 
     @property
     def within_2u(self) -> float:
-        """Share of the aligned that lie within two of their standard uncertainties."""
+        """Return the share of aligned timestamps within two standard uncertainties."""
         return float(np.mean(np.abs(self.aligned) <= 2 * self.u))
 
 
 def errors_of(stamped: Stamped, found: Instants) -> Errors:
-    """A reading is there when its last byte is: that is the time it has without any alignment."""
+    """Return the errors. Without alignment, a reading has the arrival time of its last byte."""
     arrival = stamped.columns["last_byte_ns"] - stamped.truth_ns
     u = 1e3 * np.hypot(found.u_s, found.own_u_s)
     return Errors((found.ns - stamped.truth_ns) / 1e6, arrival / 1e6, np.broadcast_to(u, len(arrival)))
@@ -73,10 +75,10 @@ def errors_of(stamped: Stamped, found: Instants) -> Errors:
 
 @dataclass(frozen=True)
 class Timed:
-    """A gauge whose emulated timing is one thing, and what the rig file says of it another.
+    """A gauge whose emulated timing may differ from its rig file.
 
-    timing: what it does; stated: what the rig file says, the same where it is None. unsteady: its cycle; answer_ms: how
-    long it may take to answer, latched_ms: and to latch; as of all others where that is None.
+    timing: real timing; stated: timing in the rig file, equal if None. unsteady: variation of the cycle. answer_ms,
+    latched_ms: longest delay of answer and latching, typical if None.
     """
 
     gauge: str
@@ -88,7 +90,7 @@ class Timed:
     latched_ms: float | None = None
 
     def errors(self, seconds: float, seed: int = 1) -> Errors:
-        """Read for so long."""
+        """Read for a time and return the errors."""
         gauge = GAUGES[self.gauge].model_copy(update={"timing": self.timing})
         rng = np.random.default_rng(seed)
         wire = serial(rng, gauge.line.character_ns, self.latency_ms, self.answer_ms, latched_ms=self.latched_ms)
@@ -98,7 +100,7 @@ class Timed:
 
 
 def gauge_errors(name: str, latency_ms: float, seconds: float, seed: int = 1) -> Errors:
-    """One of the gauges behind an adapter, read for so long."""
+    """Read a gauge behind an adapter for a time and return the errors."""
     gauge = GAUGES[name]
     wire = serial(np.random.default_rng(seed), gauge.line.character_ns, latency_ms)
     stamped = gauge_run(gauge, wire, seconds, ppm=20.0)
@@ -106,13 +108,13 @@ def gauge_errors(name: str, latency_ms: float, seconds: float, seed: int = 1) ->
 
 
 def robot_errors(seconds: float, seed: int = 1) -> Errors:
-    """RTDE over a network with jitter, from a controller whose clock drifts."""
+    """Read RTDE from a controller with a drifting clock over a network with jitter, and return the errors."""
     stamped = robot_run(RTDE, network(np.random.default_rng(seed), JITTER_MS), seconds, DRIFT_PPM)
     return errors_of(stamped, robot_instants(stamped.columns))
 
 
 def own_cycle(cycle_ms: float, filter_ms: float = 0.0) -> Timing:
-    """The last of a cycle of its own, or the mean of the last few."""
+    """Return the timing of the latest reading of an internal cycle, or of the mean of the last few."""
     return Timing(latch="own_cycle", cycle_ms=cycle_ms, filter_ms=filter_ms)
 
 

@@ -1,4 +1,4 @@
-"""Instruments that count what they latched, and when: the truth that aligned times are held against."""
+"""Instruments that number their readings and store the latching times, the truth for aligned timestamps."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ US, MS, S = 1_000, 1_000_000, 1_000_000_000
 
 @dataclass
 class Latched:
-    """What an instrument read, and when: a reading is a number of its own, so a recorded value tells its true time.
+    """Readings of an instrument and their times. Each reading is unique, so a recorded value identifies its true time.
 
-    moves: by how many steps of the resolution readings differ, but for the first, which are those of a gauge at rest.
+    moves: step between readings in units of the resolution. The first readings differ by one unit, as of a gauge at
+    rest.
     """
 
     step: float
@@ -41,7 +42,7 @@ class Latched:
         return [self._number(len(self.at_ns)) * self.step] * self.width
 
     def truth_ns(self, values: Array) -> Array:
-        """When the readings (n,) were latched, (n,) ns; of a mean of several, the middle one."""
+        """Return the latching times (n,) ns of readings (n,); for a mean of several, the middle time."""
         numbers = [self._number(count) for count in range(1, len(self.at_ns) + 1)]
         place = np.searchsorted(numbers, np.round(values / self.step).astype(int))
         return np.asarray(self.at_ns, dtype=np.int64)[place]
@@ -52,7 +53,7 @@ class Latched:
 
 @dataclass(frozen=True)
 class Stamped:
-    """Columns as a run stores them, and the true times (n,) ns."""
+    """Columns as stored in a run, and the true times (n,) ns."""
 
     columns: dict[str, Array]
     truth_ns: Array
@@ -61,7 +62,7 @@ class Stamped:
 def gauge_run(
     gauge: Gauge, wire: Wire, seconds: float, ppm: float = 0.0, unsteady: Unsteady = STEADY, seed: int = 1
 ) -> Stamped:
-    """A gauge read for so long in simulated time; ppm: its own clock's; unsteady: its own cycle."""
+    """Read a gauge in simulated time. ppm: error of the gauge clock; unsteady: variation of the internal cycle."""
     moves = MOVES if gauge.timing.latch == "own_cycle" else 1
     latched, chance = Latched(GAUGE_STEP_MM, 1, moves), random.Random(seed)
     shown = timed_read(latched, gauge.timing, unsteady, chance)
@@ -71,7 +72,7 @@ def gauge_run(
 
 
 def robot_run(robot: Feedback, wire: Wire, seconds: float, ppm: float) -> Stamped:
-    """A controller listened to for so long in simulated time; ppm: its own clock's."""
+    """Receive from a controller in simulated time. ppm: error of the controller clock."""
     latched = Latched(JOINT_STEP_DEG, 6)
     device = OwnClock(lambda read: feedback.device(robot, read), latched, ppm)
     return _stamped(run(feedback.host(robot), device, wire, round(seconds * S)), latched)
@@ -93,8 +94,11 @@ def serial(
     slow: float = 1.003,
     latched_ms: float | None = None,
 ) -> Wire:
-    """A serial line as it may be: the instrument's baud off by 0.3 %, its answer begun within `answer_ms`, the reading
-    latched anywhere before, or within `latched_ms`; the host late by some 0.1 ms."""
+    """Return a realistic serial line.
+
+    The baud rate of the instrument is 0.3 % low, the answer starts within `answer_ms`, the reading is latched at a
+    random time before or within `latched_ms`, and the host is about 0.1 ms late.
+    """
     thinking: list[float] = []
 
     def latch_ns() -> int:
@@ -111,5 +115,5 @@ def serial(
 
 
 def network(rng: np.random.Generator, jitter_ms: float) -> Wire:
-    """A network whose packets are late by so much on average; 0.2 ms at least."""
+    """Return a network with an average packet delay of `jitter_ms`, at least 0.2 ms."""
     return Wire(late_ns=lambda: round(200_000 + float(rng.exponential(jitter_ms * 1e6))))

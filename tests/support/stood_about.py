@@ -1,4 +1,6 @@
-"""A recorded run of a robot that stood at places about a ball, held by a link whose gauge was read or was off."""
+"""A recorded run of a robot at rest at places around a ball, connected by a link with a working or a disconnected
+gauge.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +16,12 @@ from rigs.load import load
 from rigs.rig import Rig
 
 CENTRE = np.array([-799.0, -201.5, 2.0])
-"""Where the ball is; the rig file has it elsewhere."""
+"""True position of the ball, different from the rig file."""
 HZ = 50.0
 
 
 def recorded_stands(runs: Path, *, gauge: bool) -> tuple[Run, Rig]:
-    """A run of 13 stands on the hemisphere of the shipped UR10e, and the rig."""
+    """Record 13 standstills on the hemisphere of the shipped UR10e; return the run and the rig."""
     rig, text = load("ur10e")
     q = radial_program(rig).q[:111:8]
     t_s, path = stops(q, dwell_s=1.2)

@@ -1,4 +1,4 @@
-"""What the store's tests share: samples with every odd value, and a small run being recorded."""
+"""Helpers of the store tests: samples with extreme values, and a small run being recorded."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ODD = (0.1, -0.0, math.nan, ODD_NAN, math.inf, 5e-324)
 
 
 def samples(count: int, width: int = 1, first: int = 0) -> list[Sample]:
-    """Samples whose every field depends on their number."""
+    """Return samples whose fields all depend on their number."""
     return [
         Sample(
             values=tuple(ODD[(i + k) % len(ODD)] + i * (k + 1) for k in range(width)),
@@ -56,7 +56,7 @@ def start(runs: Path, chunk_rows: int = 1000, rig_text: str = RIG_TEXT) -> RunWr
 
 
 def record(runs: Path, batches: int = 3, chunk_rows: int = 1000) -> RunWriter:
-    """A run of some synced batches of 4 samples and a fault each, still open."""
+    """Return an open run with some synced batches of 4 samples and a fault each."""
     writer = start(runs, chunk_rows)
     for i in range(batches):
         writer.append("g1", samples(4, 1, 4 * i))
@@ -67,21 +67,21 @@ def record(runs: Path, batches: int = 3, chunk_rows: int = 1000) -> RunWriter:
 
 
 def sync(writer: RunWriter) -> None:
-    """Sync, and close every chunk that is due."""
+    """Sync, and close all chunks that are due."""
     writer.sync()
     while writer.roll():
         pass
 
 
 def finished(runs: Path, batches: int = 5, chunk_rows: int = 8) -> Path:
-    """A complete run of several chunks."""
+    """Return a complete run with several chunks."""
     writer = record(runs, batches, chunk_rows)
     writer.close("complete", "told to stop", {"g1": {"samples": 4 * batches, FaultKind.GARBLED: 15}})
     return writer.path
 
 
 def crash(writer: RunWriter) -> Path:
-    """What a kill leaves of a run: files as they are, and nobody holding the lock."""
+    """Return a run as left by a killed process: unfinished files and a released lock."""
     # private _writers, _ledger, _lock: given up as the system does it when a process is killed
     for stream_writer in writer._writers.values():
         stream_writer.release()
@@ -91,13 +91,13 @@ def crash(writer: RunWriter) -> Path:
 
 
 def ledger_records(run: Path) -> list[dict[str, Any]]:
-    """The records of a ledger as they stand there, without their checksums."""
+    """Return the records of a ledger without their checksums."""
     lines = (run / "ledger.jsonl").read_text().splitlines()
     return [{key: value for key, value in json.loads(line).items() if key != "sha256"} for line in lines]
 
 
 def put_ledger(run: Path, records: list[dict[str, Any]]) -> None:
-    """Write these records as a ledger whose chain holds: what somebody can do who knows the format."""
+    """Write records as a ledger with a valid chain, as an attacker with knowledge of the format could."""
     lines, last = [], ""
     for record in records:
         content = json.dumps(record)
@@ -107,14 +107,14 @@ def put_ledger(run: Path, records: list[dict[str, Any]]) -> None:
 
 
 def edit_manifest(run: Path, change: dict[str, Any]) -> None:
-    """Change the manifest, and make the ledger fit."""
+    """Change the manifest, and update the ledger accordingly."""
     path = run / "manifest.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
     put_ledger(run, [{"opening": hashlib.sha256(path.read_bytes()).hexdigest()}, *ledger_records(run)[1:]])
 
 
 def edit_chunk(run: Path, file: str, change: dict[str, Any]) -> None:
-    """Change the record of a chunk."""
+    """Change the ledger record of a chunk."""
     records = ledger_records(run)
     for record in records:
         if record.get("chunk", {}).get("file") == file:
@@ -123,7 +123,7 @@ def edit_chunk(run: Path, file: str, change: dict[str, Any]) -> None:
 
 
 def forget_chunk(run: Path, file: str) -> None:
-    """Delete a chunk and its record."""
+    """Delete a chunk and its ledger record."""
     (run / file).unlink()
     put_ledger(run, [record for record in ledger_records(run) if record.get("chunk", {}).get("file") != file])
 
@@ -133,7 +133,7 @@ def bits(values: object) -> bytes:
 
 
 def assert_rows(stored: dict[str, np.ndarray], expected: list[Sample], columns: tuple[str, ...]) -> None:
-    """The columns of one stream hold exactly these samples, bit for bit."""
+    """Check that the columns of a stream contain exactly these samples, bit for bit."""
     assert stored["sequence"].tolist() == list(range(len(expected)))
     for name in ("requested_ns", "first_byte_ns", "last_byte_ns", "size", "status"):
         assert stored[name].tolist() == [getattr(s, name) for s in expected]
@@ -143,6 +143,6 @@ def assert_rows(stored: dict[str, np.ndarray], expected: list[Sample], columns: 
 
 
 def assert_holds(run: Run, rows: int) -> None:
-    """The run holds exactly the first rows that `record` writes, bit for bit."""
+    """Check that the run contains exactly the first rows written by `record`, bit for bit."""
     for stream, columns in STREAMS.items():
         assert_rows(run.streams[stream], samples(rows, len(columns)), columns)

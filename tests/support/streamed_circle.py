@@ -1,5 +1,8 @@
-"""A circle of a worn arm, read by gauges that stream without a clock, with what real runs hold: a computer held up,
-wild readings, a cable pulled for a while, a controller whose clock shows nonsense or starts again."""
+"""A circle of a worn arm, read by streaming gauges without a clock, with realistic defects.
+
+The defects are a stalled computer, outliers, a temporarily disconnected cable, and a controller clock that shows wrong
+times or restarts.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +26,11 @@ STREAMS = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": tuple(f"q{axis}_deg" for
 
 @dataclass(frozen=True)
 class Trouble:
-    """wild_every: of so many readings of g1 one is off by 0.3 mm, and 40 in turn in the middle; pulled: from which
-    share of the run on to which g2 is silent; wrong, restarts: shares of the run at which a stamp of the robot's clock
-    is nonsense, and at which it starts again; held_up: shares at which the computer is held up for 0.15 s."""
+    """Defects of a run. wild_every: interval of outliers of 0.3 mm in g1, in addition to 40 consecutive ones in the
+    middle. pulled: share of the run after which g2 is silent. wrong, restarts: shares at which a timestamp of the
+    robot's clock is wrong, and at which the clock restarts. held_up: shares at which the computer stalls for 0.15
+    s.
+    """
 
     wild_every: int = 0
     pulled: tuple[float, float] = (2.0, 2.0)
@@ -37,7 +42,7 @@ class Trouble:
 def streamed_circle(
     runs: Path, rows: int, trouble: Trouble = Trouble(), *, driven: Direction = "cw", label: Direction = "cw"
 ) -> Path:
-    """The directory of a run with so many readings of each gauge, in chunks of 4000."""
+    """Write a run directory with `rows` readings of each gauge, in chunks of 4000."""
     rig, text = load("ur10e")
     table = simulate(load_hidden("ur10e").apply_to(rig), "yaw", driven, 3)
     assert isinstance(table, CircleTable)
@@ -70,7 +75,7 @@ def _samples(stream: str, table: CircleTable, rows: int, trouble: Trouble) -> Sa
     rng = np.random.default_rng(len(stream) + rows)
     rate = ROBOT_HZ if stream == "robot" else GAUGE_HZ
     number = np.arange(rows * rate // GAUGE_HZ)
-    taken_s, whole_s = number / rate + 0.3e-3 * (stream == "g2"), rows / GAUGE_HZ  # no reading of both at one time
+    taken_s, whole_s = number / rate + 0.3e-3 * (stream == "g2"), rows / GAUGE_HZ  # no common reading times
     at_s = table.t_s[0] + taken_s * np.ptp(table.t_s) / whole_s
     clock_s = np.full(len(number), np.nan)
     if stream == "robot":

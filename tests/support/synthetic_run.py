@@ -1,7 +1,7 @@
-"""A synthetic yaw run of so many rows: two streaming gauges at 4 kHz and RTDE at 500 Hz, one slow lap of the UR10e.
+"""A synthetic yaw run of any length: two streaming gauges at 4 kHz and RTDE at 500 Hz, a single slow lap of the UR10e.
 
-Written by the store chunk by chunk, as the daemon closes them. The gauges have no clock and speak through an adapter
-that hands their bytes over each millisecond; the controller's clock runs 30 ppm fast behind a late network.
+The store writes it chunk by chunk, like the daemon. The gauges have no clock, and their adapter delivers bytes every
+millisecond. The clock of the controller runs 30 ppm fast, and the network adds delays.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Columns = dict[str, np.ndarray]
 
 
 def main(runs: Path, rows: int) -> None:
-    """Writes the run and prints its directory."""
+    """Write the run and print its directory."""
     rig, text = load("ur10e")
     data = yaml.safe_load(text)
     for number, offset_mm in enumerate((25, -25), start=1):
@@ -67,7 +67,7 @@ def main(runs: Path, rows: int) -> None:
 
 
 def _batches(table: CircleTable, stream: str, count: int, rate: int) -> Iterator[Columns]:
-    """The stream's columns chunk by chunk, the lap of the table stretched over all rows."""
+    """Yield the columns of a stream chunk by chunk, with the lap of the table stretched over all rows."""
     rng = np.random.default_rng(len(stream) + count)
     for first in range(0, count, CHUNK_ROWS):
         number = np.arange(first, min(first + CHUNK_ROWS, count))

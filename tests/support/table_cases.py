@@ -1,4 +1,4 @@
-"""What the table tests share: good tables of all five kinds as text, on the shipped robot."""
+"""Helpers of the table tests: valid tables of all five kinds as text, for the shipped robot."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ RIG_FILE = "paper-fanuc"
 TESTS: tuple[TestName, ...] = ("yaw", "roll", "radial", "repeatability", "pose")
 JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
 EXTRA = ["plain", 'a "b", c', "größe µ", "3.10", "", " kept ", "two\nlines", "'=1+1", "\r", "7\ufeff"]
-"""Cells of an extra column, each hard in its own way."""
+"""Cells of an additional column, each difficult to parse in its own way."""
 Rows = dict[str, list[str]]
 
 
@@ -29,7 +29,9 @@ def rig() -> Rig:
 
 @cache
 def circle_values(test: TestName, direction: Direction) -> tuple[Array, Array, Array]:
-    """t_s (n,), q (n, 6) rad and g_mm (n, 2) of a lap without errors, the ball where the rig file puts it."""
+    """Return t_s (n,), q (n, 6) rad and g_mm (n, 2) of an error-free lap, with the ball at the place of the rig
+    file.
+    """
     circle = rig().tests.circle
     assert circle is not None
     phi = np.radians(np.arange(-10.0, 371.0, 2.0))
@@ -43,7 +45,9 @@ def circle_values(test: TestName, direction: Direction) -> tuple[Array, Array, A
 
 
 def rows_of(test: TestName, direction: Direction = "acw") -> Rows:
-    """A good table, columns of text by name, extra columns between the others and time where it can be."""
+    """Return a valid table as text columns by name, with additional columns between the others, and times if
+    possible.
+    """
     if test in ("yaw", "roll"):
         t_s, q, g_mm = circle_values(test, direction)
         table = {"t_s": texts(t_s), "direction": [direction] * len(t_s), **joints(q)}
@@ -61,7 +65,7 @@ def rows_of(test: TestName, direction: Direction = "acw") -> Rows:
 
 
 def _targets(test: TestName, n: int, rng: np.random.Generator) -> Rows:
-    """The first n readings of a radial program; of repeatability three at each of some of its targets."""
+    """Return the first n readings of a radial program; of a repeatability program three at each of some targets."""
     program = radial_program(rig())
     row = np.arange(n) if test == "radial" else 3 * (np.arange(n) // 3) + 1
     numbers, q, g_mm = [str(target) for target in program.target[row]], program.q[row], texts(rng.normal(0, 0.1, n))
@@ -104,7 +108,7 @@ def scaled(column: list[str], factor: float) -> list[str]:
 
 
 def csv_text(rows: Rows) -> str:
-    """The table as a careful person would write it; quotes everywhere, unlike the program under test."""
+    """Format a table as CSV with quotes everywhere, unlike the program under test."""
 
     def line(cells: list[str]) -> str:
         return ",".join('"' + cell.replace('"', '""') + '"' for cell in cells) + "\n"
@@ -113,5 +117,5 @@ def csv_text(rows: Rows) -> str:
 
 
 def plain(test: TestName, direction: Direction = "acw") -> Rows:
-    """A good table without extra columns."""
+    """Return a valid table without additional columns."""
     return {name: cells for name, cells in rows_of(test, direction).items() if name not in ("notes, if any", "7", "")}

@@ -1,4 +1,4 @@
-"""A protocol of fsspec for tests, `trial`: a directory of this computer whose store fails where a test wants it to."""
+"""The fsspec protocol `trial` for tests: a local directory with errors on demand."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
 DENIED, LOST, GROWN = ("denied", "lost+found"), "vanished", "grown"
-"""What paths contain that may not be read, over which the connection ends, and whose size is not as it was listed."""
+"""Parts of paths that cause errors: access denied, connection lost, and size different from the listing."""
 
 _TOP = "trial://here"
 
 
 class TrialStore(LocalFileSystem):
-    """Local files; a directory with a file `.names` is listed with the names in it besides."""
+    """Local files. The listing of a directory also contains the names in its file `.names`."""
 
     protocol = "trial"
     cachable = False
@@ -46,6 +46,6 @@ def _fail(path: str) -> None:
 
 
 def url_of(path: Path) -> str:
-    """The URL of a directory, after the protocol is made known to fsspec."""
+    """Register the protocol with fsspec and return the URL of a directory."""
     fsspec.register_implementation("trial", TrialStore, clobber=True)
     return f"{_TOP}{path}"

@@ -1,4 +1,4 @@
-"""Drawn cells of two arms, their touches, and what a fit makes of them against what the arms are."""
+"""Random cells with two arms, their touches, and the comparison of a fit with the true arms."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from rigs.rig import Rig
 from tests.worlds import two_arms as world
 
 FIXED_MM = (np.array([520.0, -180.0, 250.0]), np.array([380.0, 330.0, 420.0]))
-"""Two sockets that are fixed in the cell, for an arm alone."""
+"""Positions of two fixed sockets in the cell, for an arm measured on its own."""
 
 
 KNOWN_MM = float(np.linalg.norm(FIXED_MM[0] - FIXED_MM[1]))
 KNOWN = f"    distances: [{{between: [C, D], distance_mm: {KNOWN_MM:.4f}, u_mm: 0.02}}]"
-"""Their distance, as a rig file states it."""
+"""Their distance, as stated in a rig file."""
 
 
 def rig_of(kind: world.Kind, name: str, ball: tuple[float, float, float], more: str = "") -> Rig:
-    """Return the rig file of the data sheet of an arm."""
+    """Return the rig with the data-sheet constants of an arm."""
     return parse(rig_text(kind, name, ball, more), name)
 
 
 def rig_text(kind: world.Kind, name: str, ball: tuple[float, float, float], more: str = "") -> str:
-    """Return the text of the rig file of an arm, with further lines of its touch test."""
+    """Return the text of the rig file of an arm, with additional lines for the touch test."""
     lines = [f"name: {name}", "robot:", f"  name: {kind.name}", f"  build: {kind.build}", "  axes:"]
     constants = zip(kind.a, kind.alpha, kind.d, kind.limit, kind.mass, kind.centre, strict=True)
     for k, (a, alpha, d, limit, mass, centre) in enumerate(constants, start=1):
@@ -45,8 +45,9 @@ def rig_text(kind: world.Kind, name: str, ball: tuple[float, float, float], more
 
 @dataclass(frozen=True)
 class Deviations:
-    """A fit against the truth. z: deviation over u, by what it is of; error: of zeros in degrees and lengths in mm, and
-    of tool places in mm, by arm and quantity."""
+    """Errors of a fit. z: error divided by u, by quantity. error: errors of zeros in degrees, of lengths in mm and
+    of tool positions in mm, by arm and quantity.
+    """
 
     z: dict[str, list[float]]
     error: dict[str, float]
@@ -54,7 +55,7 @@ class Deviations:
 
 
 def touches_of_pair(cell: world.Cell, count: int, scatter_mm: float, rng: np.random.Generator) -> PairTable:
-    """Return touches in random postures of both arms."""
+    """Simulate touches in random postures of both arms."""
     q, p = world.touched(cell, *world.pair_postures(cell, count, rng), scatter_mm, rng)
     return PairTable(q, p, np.full(count, "A"), np.arange(1, count + 1))
 
@@ -62,7 +63,7 @@ def touches_of_pair(cell: world.Cell, count: int, scatter_mm: float, rng: np.ran
 def touches_alone(
     arm: world.TrueArm, other_axes: int, count: int, scatter_mm: float, rng: np.random.Generator
 ) -> PairTable:
-    """Return touches of two fixed sockets in random postures of one arm."""
+    """Simulate touches of two fixed sockets in random postures of one arm."""
     limit, rows, sockets = np.radians(arm.kind.limit), [], []
     for number, place in enumerate(FIXED_MM):
         wanted = (count + 1 - number) // 2
@@ -79,18 +80,18 @@ def touches_alone(
 
 
 def with_fixed(table: PairTable, fixed: PairTable) -> PairTable:
-    """Return touches of both arms together with those of fixed sockets."""
+    """Return touches of both arms combined with those of fixed sockets."""
     columns = [np.concatenate([getattr(part, name) for part in (table, fixed)]) for name in ("q", "p", "socket")]
     return PairTable(*columns, np.arange(1, len(columns[0]) + 1))
 
 
 def fitted(first: Rig, second: Rig, table: PairTable) -> FittedPair:
-    """Return the fit of a table."""
+    """Fit a table of touches."""
     return fit_pair(pair_of(first, second, table, "trial"))
 
 
 def deviations(cell: world.Cell, fit: FittedPair, rng: np.random.Generator, *, alone: bool = False) -> Deviations:
-    """Return the errors of a fit; for an arm fitted alone, only those of the first arm."""
+    """Return the errors of a fit; for an arm fitted on its own, only those of the first arm."""
     z: dict[str, list[float]] = {"zeros": [], "lengths": [], "twists": [], "base": []}
     error: dict[str, float] = {}
     sd, first = np.sqrt(np.diag(fit.posterior.cov)), 0
@@ -135,8 +136,10 @@ def _constants(arm: PairArm, true: world.TrueArm, mean: Array, sd: Array) -> dic
 
 
 def _place_error(arm: PairArm, true: world.TrueArm, times: Array, rng: np.random.Generator, count: int = 300) -> float:
-    """Return the rms error in mm of tool places in random postures, after the frame of the base and the place of the
-    ball are fitted, which no joint table shows."""
+    """Return the rms position error in mm of the tool in random postures.
+
+    The base frame and the ball position are fitted first, because joint tables do not contain them.
+    """
     limit = np.radians(true.kind.limit)
     q = rng.uniform(-limit, limit, size=(count, len(limit)))
     T = arm.poses(q, times)

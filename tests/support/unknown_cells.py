@@ -1,4 +1,4 @@
-"""Emulated cells of which nothing is written down: what `rig init` has to find out."""
+"""Emulated cells without a rig file, to be identified by `rig init`."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ GAUGES: dict[str, list[dict[str, Any]]] = {
     ],
     "tesa": [{"interface": "tesa_tt"}],
 }
-"""Gauges as a rig file would name them."""
+"""Gauges as in a rig file."""
 ROBOTS: dict[str, dict[str, Any]] = {
     "ur": {"interface": "ur_rtde", "port": "tcp://127.0.0.1:30004"},
     "fanuc": {"interface": "line_feed", "port": "tcp://127.0.0.1:59002"},
@@ -52,7 +52,7 @@ if OPC_UA:
 
 
 def cell_text(gauges: str, robot: str, speed_mm_s: float = 25) -> str:
-    """The rig file of such a cell, with the speed of its circle: what the cell is, and what rig init does not see."""
+    """Return the rig file of a cell with a circle speed, as ground truth for `rig init`."""
     data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
     data["name"] = "unknown"
     data["tests"]["circle"] |= {"laps": 1, "speed_mm_s": speed_mm_s}
@@ -65,7 +65,7 @@ def cell_text(gauges: str, robot: str, speed_mm_s: float = 25) -> str:
 
 
 def named_robot(kind: str) -> list[str]:
-    """The options that name a robot's interface where only its port shows it."""
+    """Return the options that name the interface of a robot that is identifiable only by its port."""
     return (
         ["--key", f"feedback.interface={ROBOTS[kind]['interface']}"]
         if kind in ("ur", "stream motion", "opc ua")
@@ -75,7 +75,7 @@ def named_robot(kind: str) -> list[str]:
 
 @dataclass
 class Pushed:
-    """Gauges that measure a motion and that a finger pushes as well, by so many mm."""
+    """Gauges that measure a motion and can also be pushed by a distance in mm."""
 
     motion: MotionSource
     by_mm: dict[str, float] = field(default_factory=dict)
@@ -89,7 +89,7 @@ class Pushed:
 
 @dataclass
 class UnknownCell:
-    """A cell that is switched on; the readings are set by hand. robot_kind: of `ROBOTS`."""
+    """A running cell whose readings are set by the test. robot_kind: key of `ROBOTS`."""
 
     cell: EmulatedInstruments
     robot_kind: str
@@ -97,17 +97,17 @@ class UnknownCell:
 
     @property
     def gauge_ports(self) -> list[str]:
-        """Its gauges' ports, each once."""
+        """Return the distinct ports of the gauges."""
         return list(dict.fromkeys(port for name, port in self.cell.ports.items() if name != "feedback"))
 
     @property
     def robot(self) -> str:
-        """Its robot's address."""
+        """Return the address of the robot."""
         return self.cell.ports["feedback"]
 
     @property
     def robot_is_named(self) -> list[str]:
-        """The options that name its interface, where it is known by its port, which an emulated one does not have."""
+        """Return the options that name the interface. An emulated robot does not have its standard port."""
         return named_robot(self.robot_kind)
 
 
@@ -115,7 +115,7 @@ class UnknownCell:
 def switched_on(
     gauges: str = "sylvac", robot: str = "ur", motion: MotionSource | None = None, *, streaming: bool = True
 ) -> Iterator[UnknownCell]:
-    """Such a cell, until it is left. streaming: whether its owner has set its laser sensors to send."""
+    """Run a cell within the context. streaming: whether laser sensors were configured to send continuously."""
     hand = ByHand()
     made = UnknownCell(emulated(parse(cell_text(gauges, robot), "unknown"), motion or hand), robot, hand)
     made.cell.start()
@@ -131,14 +131,14 @@ def switched_on(
 
 
 def _wait_until_bound(address: str) -> None:
-    """Wait until the controller has its port, which a search would take otherwise."""
+    """Wait until the controller has bound its port, which a search could otherwise occupy."""
     number = f":{int(address.rpartition(':')[2]):04X} "
     while number not in Path("/proc/net/udp").read_text():
         threading.Event().wait(0.01)
 
 
 def make_it_stream(port: str, command: bytes) -> None:
-    """Send a command to an instrument, as its owner did before, and wait until it begins to send."""
+    """Send a configuration command to an instrument and wait until it streams."""
     fd = os.open(port, os.O_RDWR | os.O_NOCTTY)
     os.write(fd, command)
     assert select.select([fd], [], [], PATIENCE_S)[0]

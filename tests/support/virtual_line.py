@@ -1,7 +1,7 @@
-"""Two sides of a protocol joined by a line in simulated time, character by character.
+"""Both sides of a protocol joined by a line in simulated time, character by character.
 
-What a real line does to stamps is all here: the request's wire time, the instrument that thinks before it answers, the
-answer's wire time, an adapter that holds bytes back, a network with jitter, a host that wakes late.
+All delays of real timestamps are included: transmission time of request and answer, processing time of the instrument,
+an adapter that buffers bytes, network jitter, and a host that wakes up late.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from daq.protocol.conversation import Conversation, ConversationStep, Device, It
 
 @dataclass(frozen=True)
 class Wire:
-    """character_ns: of one character, 0 over a network. latency_ms: of an FTDI's timer. latch_ns, answer_ns: from the
-    end of a request to the reading that answers it, and to its first character. late_ns: how much later than the
-    adapter or the controller sent it a piece is read; none overtakes another."""
+    """Delays of a line. character_ns: duration of a character, 0 for a network. latency_ms: timer of an FTDI
+    adapter. latch_ns, answer_ns: from the end of a request to the reading and to the first character of the
+    answer. late_ns: delay of the host after adapter or controller; the order is preserved.
+    """
 
     character_ns: int = 0
     latency_ms: float = 0.0
@@ -29,7 +30,7 @@ class Wire:
 
 
 def run(host: Conversation, device: Device, wire: Wire, until_ns: int) -> list[Item]:
-    """What the host makes of it until then."""
+    """Run both sides until a time and return the items decoded by the host."""
     return _Run(host, device, wire).to(until_ns)
 
 
@@ -55,7 +56,7 @@ class _Run:
         heapq.heappush(self._events, (at_ns, next(self._numbers), act))
 
     def _wake(self, side: str, at_ns: int, act: Callable[[int], None]) -> None:
-        """Unless something else happens to that side before."""
+        """Wake a side at a time unless another event for it comes first."""
         self._awaited[side] = number = next(self._numbers)
         self._at(at_ns, lambda now: act(now) if self._awaited[side] == number else None)
 

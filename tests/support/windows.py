@@ -1,4 +1,4 @@
-"""A window that is served from this process, and requests as browsers and as hostile peers make them."""
+"""A web window served by this process, and requests as sent by browsers and by hostile peers."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ from analysis.apps.window.watcher import Watcher
 from rigs.errors import CellError
 
 PATIENCE_S = 300.0
-"""How long a page may be awaited: its share of a busy computer may be a twentieth. Less than the time limit of a test,
-so that the last answer is shown."""
+"""Time limit for a page, for a share of a twentieth of a busy computer. It is shorter than the time limit of a test,
+so the last answer is shown.
+"""
 
 
 def no_daemon() -> Path:
@@ -36,7 +37,7 @@ def no_daemon() -> Path:
 
 
 class Playing:
-    """A recorded run as what is watched, from when it is first looked at."""
+    """Live source that replays a recorded run, starting with the first access."""
 
     def __init__(self, run: Path, speed: float) -> None:
         self._run, self._speed = run, speed
@@ -57,7 +58,7 @@ class Playing:
 
 @dataclass(frozen=True)
 class Answer:
-    """What came back."""
+    """Response to a request."""
 
     status: int
     headers: dict[str, str]
@@ -70,7 +71,7 @@ class Answer:
 
 @dataclass
 class Served:
-    """A window at a port of this computer."""
+    """A running window at a local port."""
 
     window: Window
     port: int
@@ -80,7 +81,7 @@ class Served:
         return f"http://127.0.0.1:{self.port}"
 
     def ask(self, path: str, method: str = "GET", body: str | bytes | None = None, **headers: str) -> Answer:
-        """One request; headers: by name, with _ for -."""
+        """Send a request. headers: by name, with _ for -."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)
         try:
             named = {name.replace("_", "-"): value for name, value in headers.items()}
@@ -92,11 +93,11 @@ class Served:
             connection.close()
 
     def post(self, path: str, body: str | bytes = "", **headers: str) -> Answer:
-        """A form that a page of the window itself sends."""
+        """Send a form as a page of the window does."""
         return self.ask(path, "POST", body, **{"Origin": self.address, **headers})
 
     def until(self, path: str, is_so: Callable[[Answer], object]) -> Answer:
-        """Ask again until the answer is so, as a page that is being made asks."""
+        """Repeat a request until the answer fulfils a condition, like a page that is being prepared."""
         end_s = time.monotonic() + PATIENCE_S
         while not is_so(answer := self.ask(path)):
             assert time.monotonic() < end_s, answer
@@ -104,7 +105,7 @@ class Served:
         return answer
 
     def raw(self, data: bytes = b"") -> socket.socket:
-        """A connection on which so much was sent."""
+        """Return a connection on which data have been sent."""
         sock = socket.create_connection(("127.0.0.1", self.port), timeout=PATIENCE_S)
         sock.sendall(data)
         return sock
@@ -121,8 +122,10 @@ def served(
     session: Path | None = None,
     port: int = 0,
 ) -> Iterator[Served]:
-    """A window of the runs in `folder/runs`. source: of what is watched, instead of a daemon. What it makes has the
-    priority of the tests that await it: below it, on a busy computer, it would get no time at all."""
+    """Serve a window for the runs in `folder/runs`. source: live source instead of a daemon.
+
+    Background work has the same priority as the tests; with a lower one it would starve on a busy computer.
+    """
     place = SessionDirectory(session) if session else None
     watcher = Watcher(find, place, source=source, begin=place.command("cell.yaml") if place else "")
     controls = WindowControls(watcher, place, "") if control else None
@@ -144,6 +147,6 @@ def served(
 
 
 def told(data: str, kind: str) -> list[str]:
-    """The data of each event of a kind in a stream."""
+    """Return the data of all events of a kind in an event stream."""
     events = (block.split("\n") for block in data.split("\n\n"))
     return [lines[1].removeprefix("data: ") for lines in events if lines[0] == f"event: {kind}" and len(lines) > 1]

@@ -1,4 +1,4 @@
-"""Run directories of simulated and of imported tables."""
+"""Run directories of simulated and imported tables."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def write_simulated(
     directory: Path,
     effects: Sequence[Effect] | None = None,
 ) -> Iterator[Path]:
-    """A run for each seed and direction; gives their paths."""
+    """Write a simulated run for each seed and direction, and return their paths."""
     for seed in seeds:
         for direction in directions:
             run = simulated_run(rig, rig_text, test, direction, seed, effects)
@@ -30,7 +30,7 @@ def write_simulated(
 
 
 def import_table(source: Path, run: Path, *, rig_file: str, **given: Any) -> list[str]:
-    """The run directory of a table file, as `rig import` makes it; its doubts."""
+    """Import a table file as a run directory like `rig import`, and return the doubts."""
     measured = read_table(source, rig_file, **given)
     save_run(measured, run)
     return list(measured.doubts)

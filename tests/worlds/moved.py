@@ -1,7 +1,7 @@
-"""A world in which one thing moved: arms, touches and tracker readings by kinematics of its own.
+"""Independent simulation of cells in which one part has moved: arms, touches and tracker readings.
 
-Nothing here is imported from rig. Frames are products of rotations and translations by Denavit and Hartenberg's
-modified convention, written from the textbook; an arm has errors of every constant, gear waves and links that sag.
+Nothing here is imported from rig. Frames are products of rotations and translations in the modified Denavit-Hartenberg
+convention, written from the textbook. An arm has errors of every constant, gear waves and sagging links.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Kind:
-    """A type of arm: nominal constants by axis, as data sheets give them, and where its tool sits, in mm."""
+    """A type of arm: nominal constants by axis from the data sheet, and the tool position in mm."""
 
     name: str
     a: tuple[float, ...]
@@ -40,8 +40,9 @@ SEVEN = Kind(
 
 @dataclass(frozen=True)
 class TrueArm:
-    """An arm as it was built. Arrays (axes,) in mm and rad; wave (axes, 2): sine and cosine of the angle; sag (axes,):
-    rad for a metre of horizontal reach."""
+    """True constants of an arm. Arrays (axes,) in mm and rad; wave (axes, 2): sine and cosine of the angle; sag
+    (axes,): rad per metre of horizontal reach.
+    """
 
     kind: Kind
     a: Array
@@ -54,11 +55,11 @@ class TrueArm:
     base: Array = field(default_factory=lambda: np.eye(4))
 
     def tips(self, q: Array) -> Array:
-        """Return the places (n, 3) mm of the ball on the tool at reported angles q (n, axes) rad."""
+        """Return the positions (n, 3) mm of the ball on the tool at reported angles q (n, axes) rad."""
         return self.tips_and_slopes(q)[0]
 
     def tips_and_slopes(self, q: Array) -> tuple[Array, Array]:
-        """Return the places (n, 3) mm of the ball and their slopes (n, 3, axes) mm/rad, those of the rigid arm."""
+        """Return the ball positions (n, 3) mm and their derivatives (n, 3, axes) mm/rad for the rigid arm."""
         reach = np.linalg.norm(self._rigid(q)[0][:, :2], axis=1) / 1000
         error = self.zero + self.wave[:, 0] * np.sin(q) + self.wave[:, 1] * np.cos(q)
         tips, slopes = self._rigid(q + error + self.sag * reach[:, None])
@@ -81,7 +82,7 @@ class TrueArm:
 
 
 def drawn_arm(kind: Kind, rng: np.random.Generator) -> TrueArm:
-    """Return an arm of a kind with the errors of an ordinary industrial arm."""
+    """Return an arm with random errors of an ordinary industrial arm."""
     axes = len(kind.a)
     deg = np.pi / 180
     return TrueArm(
@@ -103,15 +104,16 @@ def nominal_arm(kind: Kind) -> TrueArm:
 
 
 def _step(arm: TrueArm, q: Array, place: Array) -> Array:
-    """Return the damped step (n, axes) rad by which balls come to a place (3,) or places (n, 3) mm."""
+    """Return the damped step (n, axes) rad that moves the balls to a place (3,) or places (n, 3) mm."""
     tips, J = arm.tips_and_slopes(q)
     inner = J @ J.transpose(0, 2, 1) + np.eye(3)
     return np.asarray(np.einsum("nji,nj->ni", J, np.linalg.solve(inner, (place - tips)[..., None])[..., 0]))
 
 
 def postures(arm: TrueArm, place: Array, count: int, rng: np.random.Generator) -> Array:
-    """Return reported angles (count, axes) rad by which an arm's ball is at a place (3,) mm: Newton from random
-    postures, each as far from the others as chance has it."""
+    """Return random reported angles (count, axes) rad with the ball at a place (3,) mm, by Newton's method from
+    random postures.
+    """
     found: list[Array] = []
     low, high = np.radians(arm.kind.low_deg), np.radians(arm.kind.high_deg)
     while len(found) < count:
@@ -127,8 +129,9 @@ def postures(arm: TrueArm, place: Array, count: int, rng: np.random.Generator) -
 
 @dataclass(frozen=True)
 class Change:
-    """What moved: the base by a shift (3,) mm and a rotation vector (3,) rad about its own origin, the tool (3,) mm,
-    the zeros (axes,) rad, and sockets by name (3,) mm."""
+    """Movements: shift (3,) mm and rotation vector (3,) rad of the base about its own origin, shift of the tool (3,)
+    mm, changes of the zeros (axes,) rad, and shifts of sockets by name (3,) mm.
+    """
 
     base: Array
     turn: Array
@@ -138,7 +141,7 @@ class Change:
 
 
 def no_change(axes: int) -> Change:
-    """Return the change by which nothing moves."""
+    """Return a change without any movement."""
     return Change(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(axes), {})
 
 
@@ -148,7 +151,7 @@ def _direction(rng: np.random.Generator) -> Array:
 
 
 def drawn_change(cause: str, axes: int, rng: np.random.Generator) -> Change:
-    """Return a change by its cause: nothing, base, tool, socket, `zero 3`, or two of them with a plus between."""
+    """Return a random change for a cause: nothing, base, tool, socket, `zero 3`, or two of them joined by a plus."""
     change = no_change(axes)
     for one in cause.split("+"):
         what, _, axis = one.partition(" ")
@@ -179,14 +182,16 @@ def changed_arm(arm: TrueArm, change: Change) -> TrueArm:
 
 
 SOCKETS = {"A": np.array([600.0, -150.0, 250.0]), "B": np.array([420.0, 420.0, 400.0])}
-"""Two sockets in the working space, in mm."""
+"""Two sockets in the work area, in mm."""
 
 
 def touched(
     arm: TrueArm, q: Array, sockets: Sequence[str], change: Change, scatter_mm: float, rng: np.random.Generator
 ) -> Array:
-    """Return the angles (n, axes) rad that a robot reports with its ball in sockets, led by hand near angles q
-    (n, axes): those by which the ball is exactly there, with the scatter of the seat."""
+    """Return the reported angles (n, axes) rad with the ball in sockets, guided by hand near angles q (n, axes).
+
+    The ball is exactly in the socket, except for the seating scatter.
+    """
     goal = np.array([SOCKETS[name] + change.sockets.get(name, 0.0) for name in sockets])
     goal = goal + scatter_mm * rng.normal(size=goal.shape)
     q = q.copy()

@@ -1,8 +1,8 @@
-"""A world of two arms that hold a ball and a socket, by kinematics and statics of its own.
+"""Independent simulation of two arms that hold a ball and a socket: kinematics and statics.
 
-Nothing here is imported from rig. An arm is a chain of rotations and translations by Denavit and Hartenberg's modified
-convention. Its errors: zeros, link constants, gear waves, joints that yield to the weight of the links, and
-a stiffness that grows with the torque, which no fit knows.
+Nothing here is imported from rig. An arm is a chain of rotations and translations in the modified Denavit-Hartenberg
+convention. Its errors are zeros, link constants, gear waves, compliance under the weight of the links, and a stiffness
+that increases with the torque, which no fit models.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ _DEG = np.pi / 180
 
 @dataclass(frozen=True)
 class Kind:
-    """A type of arm: nominal constants by axis in mm and degrees, limits, and links: mass in kg and its centre in
-    mm."""
+    """A type of arm: nominal constants by axis in mm and degrees, limits, and links with mass in kg and centre in
+    mm.
+    """
 
     name: str
     a: tuple[float, ...]
@@ -71,8 +72,9 @@ FOUR = Kind(
 
 @dataclass(frozen=True)
 class TrueArm:
-    """An arm as it was built. Arrays (axes,) in mm, rad and rad/Nm; wave (axes, k, 2): sine and cosine of orders 1 … k;
-    point (3,) mm: ball or socket on the flange; stiffens: share by which an arm yields less at 100 Nm."""
+    """True constants of an arm. Arrays (axes,) in mm, rad and rad/Nm; wave (axes, k, 2): sine and cosine of orders 1
+    … k; point (3,) mm: ball or socket on the flange; stiffens: relative reduction of the compliance at 100 Nm.
+    """
 
     kind: Kind
     a: Array
@@ -100,7 +102,7 @@ class TrueArm:
         return np.stack(rotations, axis=1), np.stack(origins, axis=1)
 
     def true_angles(self, q: Array) -> Array:
-        """Return the angles (n, axes) rad of the joints for reported ones."""
+        """Return the true joint angles (n, axes) rad for reported ones."""
         orders = np.arange(1, self.wave.shape[1] + 1)
         turn = q[:, :, None] * orders
         waves = (self.wave[:, :, 0] * np.sin(turn) + self.wave[:, :, 1] * np.cos(turn)).sum(axis=2)
@@ -108,7 +110,7 @@ class TrueArm:
         return q + self.zero + waves + self.soft * torque / (1 + self.stiffens * np.abs(torque) / 100)
 
     def _torque(self, q: Array) -> Array:
-        """Return the torque (n, axes) Nm by which gravity pulls each joint: weight times lever about its axis."""
+        """Return the gravity torque (n, axes) Nm on each joint: weight times lever about its axis."""
         R, p = self.links(q)
         centres = p + np.einsum("nkij,kj->nki", R, np.array(self.kind.centre, dtype=float))
         force = -_G * np.array(self.kind.mass)[:, None] * self.up
@@ -120,8 +122,9 @@ class TrueArm:
         return torque
 
     def tip_and_slope(self, q: Array) -> tuple[Array, Array, Array]:
-        """Return the point (n, 3) mm in the base, the slope (n, 3, axes) mm/rad of a rigid arm, and the flange z axis
-        (n, 3)."""
+        """Return the point (n, 3) mm in the base, its derivative (n, 3, axes) mm/rad for a rigid arm, and the flange
+        z axis (n, 3).
+        """
         R, p = self.links(self.true_angles(q))
         tip = p[:, -1] + np.einsum("nij,nj->ni", R[:, -1], np.broadcast_to(self.point, (len(q), 3)))
         slope = np.cross(R[:, :, :, 2], tip[:, None] - p).transpose(0, 2, 1)
@@ -162,7 +165,7 @@ def nominal_arm(kind: Kind, point: Array, up: Array | None = None) -> TrueArm:
 
 
 def drawn_arm(kind: Kind, point: Array, rng: np.random.Generator, up: Array | None = None) -> TrueArm:
-    """Return an arm of a kind with drawn errors; those of axis 1 belong to its base."""
+    """Return an arm of a kind with random errors; those of axis 1 belong to its base."""
     n = kind.axes
     nominal = nominal_arm(kind, point, up)
     parallel = np.abs(np.sin(nominal.alpha)) < 1e-3
@@ -183,7 +186,9 @@ def drawn_arm(kind: Kind, point: Array, rng: np.random.Generator, up: Array | No
 
 @dataclass(frozen=True)
 class Cell:
-    """Two arms and the base of the second in that of the first (4, 4), as the arms themselves have their bases."""
+    """Two arms, and the transform (4, 4) from the base of the second to that of the first, with the true bases of
+    the arms.
+    """
 
     first: TrueArm
     second: TrueArm
@@ -191,17 +196,17 @@ class Cell:
 
     @property
     def known_base(self) -> Array:
-        """Return the transform (4, 4) between the frames of axis 1, which is what joints can show."""
+        """Return the transform (4, 4) between the frames of axis 1, the observable part."""
         return np.linalg.inv(self.first.base_frame()) @ self.base @ self.second.base_frame()
 
 
 def drawn_cell(first: Kind, second: Kind, rng: np.random.Generator, apart_mm: float | None = None) -> Cell:
-    """Draw two arms that face each other, the second base displaced from its nominal place."""
+    """Draw two arms that face each other, with the second base displaced from its nominal place."""
     apart = 0.75 * (_reach(first) + _reach(second)) / 1.3 if apart_mm is None else apart_mm
     base = np.eye(4)
     base[:3, :3] = _about("z", np.pi + 0.05 * rng.normal())[0] @ _about("x", 0.01 * rng.normal())[0]
     base[:3, 3] = [apart + 10 * rng.normal(), 20 * rng.normal(), 10 * rng.normal()]
-    up = base[2, :3]  # the vertical of the first base, seen by the second
+    up = base[2, :3]  # vertical of the first base in the frame of the second
     return Cell(
         drawn_arm(first, np.array([60.0, 20.0, 90.0]), rng), drawn_arm(second, np.array([-50.0, 30.0, 70.0]), rng, up),
         base,
@@ -213,7 +218,7 @@ def _reach(kind: Kind) -> float:
 
 
 def reached(arm: TrueArm, q: Array, goal: Array, rounds: int = 40) -> Array:
-    """Return angles (n, axes) rad near q by which the point of an arm is at goals (n, 3) mm in its base."""
+    """Return angles (n, axes) rad near q with the point of an arm at goals (n, 3) mm in its base."""
     q = q.copy()
     for _ in range(rounds):
         tip, J, _ = arm.tip_and_slope(q)
@@ -247,9 +252,11 @@ def pair_postures(cell: Cell, count: int, rng: np.random.Generator) -> tuple[Arr
 def touched(
     cell: Cell, q: Array, p: Array, scatter_mm: float, rng: np.random.Generator, socket_mm: Array | None = None
 ) -> tuple[Array, Array]:
-    """Return the reported angles of both arms with the ball in the socket, near postures q and p: the second arm is led
-    until the ball is seated, to a scatter. socket_mm (n, 3): the socket on the second flange, if it is not the only
-    one."""
+    """Return the reported angles of both arms with the ball in the socket, near postures q and p.
+
+    The second arm is guided until the ball is seated, with a scatter. socket_mm (n, 3): socket on the second flange, if
+    there are several.
+    """
     tip = cell.first.tip_and_slope(q)[0] + scatter_mm * rng.normal(size=(len(q), 3))
     goal = (tip - cell.base[:3, 3]) @ cell.base[:3, :3]
     arm = cell.second if socket_mm is None else replace(cell.second, point=socket_mm)

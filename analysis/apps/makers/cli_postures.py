@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from analysis.robot.kinematics.arm import Array
 
 _SAID = 20
-"""Most targets without a posture on the screen; the JSON lists all."""
+"""Maximum number of targets without a posture listed on the screen; the JSON lists all."""
 _LEAST_PART_MM = 2.0
 """Lower bound of the longest side of a part. Chosen: 2 m, given in metres."""
 

@@ -22,7 +22,7 @@ from rigs.errors import FileError
 from rigs.schema.vocabulary import MakerName
 
 _SPEED_RAD_S = float(np.radians(20.0))
-"""Fastest joint between targets, as in the programs of tests: slow enough to be stopped by hand."""
+"""Speed of the fastest joint between targets, as in the programs of tests: slow enough to be stopped by hand."""
 
 
 def write_postures(postures: Postures, read: TargetPath, directory: Path, maker: MakerName | None = None) -> list[Path]:

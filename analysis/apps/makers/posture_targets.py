@@ -16,16 +16,21 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 MOST_TARGETS = 20_000
-"""Limit of targets: each has dozens of postures, and ten thousand take a minute."""
+"""Maximum number of targets. Each has dozens of postures, and ten thousand targets take a minute."""
 _LARGEST_IN_M = 10.0
-"""Positions of which none exceeds this are in metres: a tool within 10 mm of the base origin reaches nothing."""
+"""Bound in mm: if no coordinate of a table exceeds it, the positions are taken to be in metres. No arm reaches a
+tool position that close to its base.
+"""
 _SLACK = 1e-6
-"""Tolerance of a limit in rad or m: rounding of a posture taught at the limit."""
+"""Tolerance of a joint limit in rad or m, for postures taught at the limit and rounded."""
 
 
 def read_targets(path: Path, rig: Rig) -> tuple[TargetPath, Array, Array | None]:
-    """Return the targets of a table, their poses (n, 4, 4) in the world, and their joint angles (n, axes) rad if the
-    table has them. Raises FileError for a table in other units, and like `read_path`."""
+    """Return the targets of a table, their poses and, if the table contains them, their joint angles.
+
+    The poses are (n, 4, 4) in the world, with positions in mm. The joint angles are (n, axes) in rad. Raises FileError
+    for targets in other units or beyond a joint limit, and the errors of `read_path`.
+    """
     read = read_path(path, len(rig.robot.axes), rail=rig.robot.rail is not None)
     if len(read.lines) > MOST_TARGETS:
         problem = f"has {len(read.lines)} targets, and at most {MOST_TARGETS} are compared"
@@ -39,7 +44,7 @@ def read_targets(path: Path, rig: Rig) -> tuple[TargetPath, Array, Array | None]
 
 
 def _check_units(read: TargetPath, where: str) -> None:
-    """Raise FileError for positions in metres, or angles in radians: all joints within one radian's turn."""
+    """Raise FileError if the positions appear to be in metres, or the joint angles in radians."""
     if not read.joints:
         places = np.abs(read.values[:, : len(PLACE)]).max()
         if 0 < places < _LARGEST_IN_M:
@@ -53,7 +58,7 @@ def _check_units(read: TargetPath, where: str) -> None:
 
 
 def _check_limits(read: TargetPath, q: Array, rig: Rig, where: str) -> None:
-    """Raise FileError for a posture beyond a joint limit, which no program has."""
+    """Raise FileError for joint angles beyond a limit."""
     limits = posture_limits(rig)
     beyond = np.argwhere((q < limits[:, 0] - _SLACK) | (q > limits[:, 1] + _SLACK))
     if len(beyond):
@@ -73,5 +78,5 @@ def target_errors(path: Path, read: TargetPath, postures: Postures) -> list[File
 
 
 def labels_of(read: TargetPath) -> list[str]:
-    """Return the name of each target: its line in the table."""
+    """Return the name of each target: the number of its line in the table."""
     return [f"line {line}" for line in read.lines]

@@ -1,1 +1,1 @@
-"""Two arms that measure each other: a ball on one flange, a socket on the other, two joint tables, one posterior."""
+"""Joint calibration of two arms that hold a ball and a socket, from their joint angles when the ball is seated."""

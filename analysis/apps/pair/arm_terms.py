@@ -22,7 +22,7 @@ _ORDERS = (1, 2, 3, 4, 5, 6)
 _CURVE = 2.0
 """Multiple of the usual amplitude for order 1: chosen, as strain-wave gears are accurate to about an arc minute."""
 _OF_THE_BALL = ("q_deg", "d_mm")
-"""Constants of the last axis that only move the ball."""
+"""Constants of the last axis that change only the position of the ball."""
 _STEP = 0.01
 """Step of a derivative, as a share of a prior standard deviation."""
 
@@ -44,12 +44,12 @@ class PairArm:
 
     @cached_property
     def model(self) -> Model:
-        """The model of the rig file."""
+        """Model of the rig file."""
         return model_of(self.rig)
 
     @property
     def axes(self) -> int:
-        """The number of axes."""
+        """Number of axes."""
         return self.model.arm.axes
 
     def poses(self, q: Array, times: Array) -> Array:
@@ -59,8 +59,11 @@ class PairArm:
         return moved(replace(self.model, effects=(*self.model.effects, *added)), visits(q)).T
 
     def slopes(self, q: Array, times: Array, point_mm: Array) -> Array:
-        """Return the change (n, 3, terms) mm in the world of a point (n, 3) mm of the tool for one prior standard
-        deviation of each term, about multiples (terms,)."""
+        """Return the change (n, 3, terms) mm in the world of a point (n, 3) mm on the tool, for one prior standard
+        deviation of each term.
+
+        times (terms,): multiples of the terms at which the derivatives are taken.
+        """
         begin = tool_points(self.poses(q, times), point_mm)
         columns = np.empty((len(q), 3, len(self.terms)))
         for k in range(len(self.terms)):
@@ -77,9 +80,10 @@ def tool_points(T: Array, point_mm: Array) -> Array:
 
 
 def arm_terms(rig: Rig) -> tuple[Term, ...]:
-    """Return the unknown terms of an arm: zeros and link constants, compliance, and curves of each joint.
+    """Return the unknown terms of an arm: zeros, link constants, compliance, and curves of each joint.
 
-    Constants that only move the base frame or the ball are left out: all of axis 1, the zero and d of the last axis.
+    Constants that change only the base frame or the ball position are omitted: all of axis 1, and zero and d of the
+    last axis.
     """
     axes, build = rig.robot.axes, rig.robot.design
     scope = Scope(False, (), tuple(axis.alpha_deg for axis in axes), (1.0,) * len(axes), False, rig.robot.payload_kg)
@@ -94,7 +98,9 @@ def arm_terms(rig: Rig) -> tuple[Term, ...]:
 
 
 def _group_of(form: Effect, rig: Rig) -> Group | None:
-    """Return the group of a form, None if touches of two arms do not show it or a fit would adjust its shape."""
+    """Return the group of a form; None if touches of two arms do not reveal it, or if its shape would have to be
+    fitted.
+    """
     if form.STAGE not in ("arm", "joint") or (form.STRETCHED and not is_sine(form)):
         return None
     if constant := form.compensation().constant:
@@ -112,7 +118,7 @@ def _order(form: Effect) -> float:
 
 
 def scale_shares(arm: PairArm) -> Array:
-    """Return the multiples (terms,) by which the lengths of an arm are one thousandth larger."""
+    """Return the multiples (terms,) of the terms that make all lengths of an arm in mm larger by one thousandth."""
     shares = np.zeros(len(arm.terms))
     for k, term in enumerate(arm.terms):
         constant = term.effect.compensation().constant

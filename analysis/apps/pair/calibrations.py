@@ -82,8 +82,9 @@ def _calibration(
 
 
 def placed_texts(fit: FittedPair, texts: tuple[str, str]) -> tuple[str, str]:
-    """Return the texts of both rig files with the places of ball and socket, and the base of the second arm in the
-    world of the first. Raises FileError if a text cannot be changed in place."""
+    """Return the texts of both rig files with the fitted positions of ball and socket, and with the fitted base of
+    the second arm in the world of the first. Raises FileError if a text cannot be changed in place.
+    """
     socket = fit.state.sockets_mm[fit.pair.table.socket[fit.pair.table.is_mounted][0]]
     T = fit.state.T_first_second @ fit.pair.second.model.arm.T_world_base
     base = Pose(xyz_mm=_rounded(T[:3, 3]), rpy_deg=_rounded(np.degrees(roll_pitch_yaw(T))))
@@ -92,7 +93,7 @@ def placed_texts(fit: FittedPair, texts: tuple[str, str]) -> tuple[str, str]:
 
 
 def _placed(text: str, rig: Rig, point_mm: Array, base: Pose | None) -> str:
-    """Return the text of a rig file with the ball or socket at a place, and another base."""
+    """Return the text of a rig file with a new position of ball or socket, and a new base."""
     changes: dict[Keys, Value] = {}
     expected = rig
     if rig.tests.touch is not None:

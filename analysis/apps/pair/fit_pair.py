@@ -1,5 +1,6 @@
-"""Fit of two arms to their touches: a start without a prior, linearisations about the posterior, and odd touches left
-out."""
+"""Fit two arms to their touches: initial fit without a prior, repeated linearisation at the posterior, and removal
+of outliers.
+"""
 
 from __future__ import annotations
 
@@ -20,21 +21,32 @@ from rigs.rig import Rig
 from rigs.schema.declared_tests import Touch
 
 _ROUNDS = 3
-"""Linearisations. Measured on two drawn cells: the mean of a third differs from that of a second by at most 0.001 u."""
+"""Number of linearisations. Measured on two simulated cells: the mean after three differs from that after two by at
+most 0.001 u.
+"""
 _LARGEST_GAP_MM = 50.0
-"""Rms gap of nominal arms with a fitted set-up that no pair of arms has: 0.5° at each joint of an arm with a reach of a
-metre is 20 mm."""
+"""Rms gap of nominal arms with a fitted set-up above which the table is refused. An error of 0.5° of each joint
+gives 20 mm for an arm with a reach of one metre.
+"""
 _ODD = 35.0
-"""Chi-square of three coordinates of an odd touch, given all others: a probability of 1e-7."""
+"""Chi-square of the three coordinates of a touch, given all others, above which it is an outlier: a probability of
+1e-7.
+"""
 _MOST_ODD_SHARE = 0.1
-"""Share of touches that may be odd."""
+"""Largest share of outliers."""
 
 
 @dataclass(frozen=True)
 class FittedPair:
-    """Result of a fit: the pair without odd touches, the last linearisation and posterior, the state of the mean, the
-    rows left out with the distance in mm by which each is off, and the rms coordinate of the gap in mm with nominal
-    arms."""
+    """Result of a fit.
+
+    pair: the touches without outliers.
+    gaps: the last linearisation.
+    posterior: the last posterior.
+    state: values of the unknowns at the posterior mean.
+    odd: excluded rows of the table, each with its distance in mm.
+    nominal_rms_mm: rms of a coordinate of the gap with nominal arms.
+    """
 
     pair: Pair
     gaps: LinearGaps
@@ -90,7 +102,7 @@ def _check_enough(pair: Pair) -> None:
 
 
 def _at_mean(gaps: LinearGaps, at_levels: PairPosterior) -> PairState:
-    """Return the state of a posterior mean: terms are absolute, the set-up is about the state."""
+    """Return the state at a posterior mean: its terms are absolute, its set-up is relative to the linearisation."""
     terms = int((gaps.group >= 0).sum())
     step = at_levels.mean.copy()
     step[:terms] -= np.concatenate(gaps.state.times)
@@ -98,14 +110,16 @@ def _at_mean(gaps: LinearGaps, at_levels: PairPosterior) -> PairState:
 
 
 def ball_of(rig: Rig) -> Array:
-    """Return the approximate place (3,) mm of the ball or socket in the tool frame of a rig file."""
+    """Return the approximate position (3,) mm of the ball or socket in the tool frame of a rig file."""
     default = Touch.model_fields["ball_mm"].default
     return np.array(rig.tests.touch.ball_mm if rig.tests.touch else default, dtype=float)
 
 
 def start(pair: Pair) -> tuple[PairState, float]:
-    """Return the set-up that fits nominal arms best, and the rms coordinate of the gap in mm. Raises FileError if it is
-    so large that the rows cannot be of these arms."""
+    """Return the set-up that fits nominal arms best, and the rms gap per coordinate in mm.
+
+    Raises FileError if the gap is too large for rows of these arms.
+    """
     zeros = (np.zeros(len(pair.first.terms)), np.zeros(len(pair.second.terms)))
     T_first, T_second = pair.first.poses(pair.table.q, zeros[0]), pair.second.poses(pair.q_second, zeros[1])
     ball, mounted = ball_of(pair.first.rig), pair.table.is_mounted
@@ -140,7 +154,7 @@ def start(pair: Pair) -> tuple[PairState, float]:
 
 
 _MEDIAN_OF_SQUARE = 0.455
-"""Median of the square of a standard normal number: odd touches do not enlarge the rms."""
+"""Median of the square of a standard normal variable; it makes the rms insensitive to outliers."""
 
 
 def _aligned(points: Array, targets: Array) -> Array:

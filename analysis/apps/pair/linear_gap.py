@@ -1,7 +1,7 @@
-"""The gap between ball and socket of each touch, and how it changes with every unknown of two arms.
+"""Gap between ball and socket of each touch, and its derivatives by all unknowns of two arms.
 
-Unknowns in order: multiples of the terms of the first and the second arm, the set-up: translation (3,) mm and rotation
-(3,) rad of the second world about the place of the work, the ball (3,) mm, and each socket (3,) mm.
+The unknowns in order: multiples of the terms of the first and the second arm; the set-up with translation (3,) mm and
+rotation (3,) rad of the second world about the centre of the work, the ball (3,) mm, and each socket (3,) mm.
 """
 
 from __future__ import annotations
@@ -20,13 +20,16 @@ from rigs.errors import FileError
 from rigs.schema.declared_tests import KnownSocketDistance
 
 SETUP = 9
-"""Set-up unknowns before those of the sockets."""
+"""Number of set-up unknowns before those of the sockets."""
 
 
 @dataclass(frozen=True)
 class PairState:
-    """Values of the unknowns: multiples of the terms of both arms, the second world in the first (4, 4), the ball (3,)
-    mm in the tool frame of the first arm, and sockets by name (3,) mm: on the second tool, or in the first world."""
+    """Values of all unknowns.
+
+    They are multiples of the terms of both arms, the second world in the first (4, 4), the ball (3,) mm in the tool
+    frame of the first arm, and sockets (3,) mm by name, on the second tool or in the first world.
+    """
 
     times: tuple[Array, Array]
     T_first_second: Array
@@ -34,7 +37,7 @@ class PairState:
     sockets_mm: dict[str, Array]
 
     def moved(self, step: Array, centre_mm: Array) -> PairState:
-        """Return the state after a step (unknowns,) of everything; a rotation is about a centre (3,) mm."""
+        """Return the state after a change (unknowns,) of all values; the rotation is about a centre (3,) mm."""
         counts = [len(times) for times in self.times]
         first, second, setup = np.split(step, np.cumsum(counts))
         R = Rotation.from_rotvec(setup[3:6]).as_matrix()
@@ -47,7 +50,7 @@ class PairState:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two arms, their touches, and known distances of sockets."""
+    """Two arms, their touches, and known distances between sockets."""
 
     first: PairArm
     second: PairArm
@@ -62,22 +65,22 @@ class Pair:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """The sockets in order."""
+        """Socket names in order."""
         return tuple(np.unique(self.table.socket).tolist())
 
     @cached_property
     def socket(self) -> Integers:
-        """The number of the socket (n,) of each touch."""
+        """Position (n,) of each touch's socket in `names`, as an index."""
         return np.searchsorted(np.array(self.names), self.table.socket)
 
     @cached_property
     def q_second(self) -> Array:
-        """Angles (n, axes) rad of the second arm, zero if the socket is fixed."""
+        """Angles (n, axes) rad of the second arm; zero if the socket is fixed."""
         return np.where(self.table.is_mounted[:, None], self.table.p, 0.0)
 
     @property
     def unknowns(self) -> int:
-        """The number of unknowns."""
+        """Number of unknowns."""
         return len(self.first.terms) + len(self.second.terms) + SETUP + 3 * len(self.names)
 
     def rows(self, keep: Mask) -> Pair:
@@ -85,7 +88,7 @@ class Pair:
         return replace(self, table=self.table.rows(keep))
 
     def gaps(self, state: PairState) -> tuple[Array, Array, Array]:
-        """Return the gap (n, 3) mm from ball to socket in the first world, and the places (n, 3) mm of both."""
+        """Return the gap (n, 3) mm from ball to socket in the first world, and the positions (n, 3) mm of both."""
         ball = tool_points(self.first.poses(self.table.q, state.times[0]), state.ball_mm)
         at, X = self.sockets_at(state), state.T_first_second
         carried = tool_points(self.second.poses(self.q_second, state.times[1]), at) @ X[:3, :3].T + X[:3, 3]
@@ -93,16 +96,21 @@ class Pair:
         return socket - ball, ball, socket
 
     def sockets_at(self, state: PairState) -> Array:
-        """Return the socket (n, 3) mm of each touch, on the second tool or in the first world."""
+        """Return the socket position (n, 3) mm of each touch, on the second tool or in the first world."""
         return np.stack([state.sockets_mm[name] for name in self.names])[self.socket]
 
 
 @dataclass(frozen=True)
 class LinearGaps:
-    """Gaps about a state. y (m,): observed value of each reading if all unknowns were as in the prior; columns (m,
-    k): change for each unknown; known_var (m,): variance in mm² of readings with a stated u, 0 for touches; near:
-    correlation (m, m) of the unexplained part of each arm; group (k,): index in `GROUPS` of a term, plus 3 for the
-    second arm, or -1 for the set-up; state, centre_mm: of the linearisation."""
+    """Gaps linearised at a state.
+
+    y (m,): value of each reading if all unknowns had their prior mean.
+    columns (m, k): derivative by each unknown.
+    known_var (m,): variance in mm² of readings with a stated u; 0 for touches.
+    near: correlation (m, m) of the unexplained part of each arm.
+    group (k,): index in `GROUPS` of a term, plus 3 for the second arm; -1 for the set-up.
+    state, centre_mm: state and centre of the linearisation.
+    """
 
     y: Array
     columns: Array
@@ -114,12 +122,12 @@ class LinearGaps:
 
     @property
     def touches(self) -> int:
-        """The number of touches, three readings each."""
+        """Number of touches, each with three readings."""
         return int((self.known_var == 0).sum()) // 3
 
 
 def linearise(pair: Pair, state: PairState) -> LinearGaps:
-    """Return the gaps of a pair linearised about a state."""
+    """Linearise the gaps of a pair at a state."""
     gap, ball, socket = pair.gaps(state)
     centre = ball.mean(axis=0)
     mounted = pair.table.is_mounted
@@ -130,7 +138,7 @@ def linearise(pair: Pair, state: PairState) -> LinearGaps:
     of_second = X @ pair.second.slopes(pair.q_second, state.times[1], pair.sockets_at(state)) * mounted[:, None, None]
     setup = np.zeros((len(gap), 3, SETUP + 3 * len(pair.names)))
     setup[:, :, :3] = np.eye(3) * mounted[:, None, None]
-    turns = np.cross(np.eye(3), (socket - centre)[:, None]).transpose(0, 2, 1)  # a small turn about each axis
+    turns = np.cross(np.eye(3), (socket - centre)[:, None]).transpose(0, 2, 1)  # a small rotation about each axis
     setup[:, :, 3:6] = turns * mounted[:, None, None]
     setup[:, :, 6:9] = -T_ball[:, :3, :3]
     of_socket = np.where(mounted[:, None, None], X @ T_socket[:, :3, :3], np.eye(3))
@@ -156,7 +164,9 @@ def _groups(pair: Pair, setups: int) -> Integers:
 
 
 def _known_distances(pair: Pair, state: PairState) -> tuple[Array, Array, Array]:
-    """Return known distances minus those of the state (d,) mm, their columns (d, unknowns) and variances (d,) mm²."""
+    """Return the known distances minus those of the state (d,) mm, their derivatives (d, unknowns) and variances
+    (d,) mm².
+    """
     fixed = set(pair.table.socket[~pair.table.is_mounted])
     deviations, columns, variances = [], [], []
     for stated in pair.distances:
@@ -180,12 +190,14 @@ def _known_distances(pair: Pair, state: PairState) -> tuple[Array, Array, Array]
 
 
 _NEAR_RAD = (0.6, 1.5)
-"""Lengths over which the unexplained part changes with the joints, as in `rig moved`."""
+"""Correlation lengths of the unexplained part in joint space, as in `rig moved`."""
 
 
 def _nearness(q: Array, has_part: Mask, others: int) -> Array:
-    """Return the correlation (m, m) of the unexplained part of an arm at angles q (n, axes) rad: coordinates are
-    independent; `others` readings at the end have none."""
+    """Return the correlation (m, m) of the unexplained part of an arm at angles q (n, axes) rad.
+
+    Coordinates are independent. The last `others` readings have no unexplained part.
+    """
     apart = (q[:, None] - q[None] + np.pi) % (2 * np.pi) - np.pi
     square = (apart**2).sum(axis=2)
     near = sum(np.exp(-0.5 * square / length**2) for length in _NEAR_RAD) / len(_NEAR_RAD)

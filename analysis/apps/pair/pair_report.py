@@ -23,7 +23,9 @@ _CERTAIN = 2.0
 
 
 def as_screen(result: PairResult) -> RenderableType:
-    """Return the first sentence, the transform of the bases, certain corrections, and what is not testable."""
+    """Return the result for the screen: summary, transform between the bases, certain corrections, and what is not
+    testable.
+    """
     good = result.left_mm < result.before_mm
     parts: list[RenderableType] = [
         Text(headline(result), style="bold green" if good else "bold yellow"), Text(), _base_table(result)
@@ -37,7 +39,7 @@ def as_screen(result: PairResult) -> RenderableType:
 
 
 def headline(result: PairResult) -> str:
-    """Return the change of the gap between ball and socket."""
+    """Return a sentence on how well each touch is predicted from the others, before and after the calibration."""
     first, second = result.names
     state = "are calibrated" if result.left_mm < result.before_mm else "are not calibrated by these touches"
     return (
@@ -47,7 +49,7 @@ def headline(result: PairResult) -> str:
 
 
 def footer(result: PairResult) -> str:
-    """Return the number of touches and the errors that remain."""
+    """Return a line with the number of touches, their scatter, and the unexplained error of each arm."""
     first, second = result.names
     unexplained = (
         f"unexplained {result.unexplained_mm[0]:.3f} mm ({first}), {result.unexplained_mm[1]:.3f} mm ({second})"
@@ -82,7 +84,7 @@ def _constants_table(constants: list[PairConstant]) -> RenderableType:
 
 
 def not_testable_lines(result: PairResult) -> Iterator[str]:
-    """Yield what the touches do not show, a line each."""
+    """Yield a line for each quantity that the touches do not determine."""
     for hidden in result.not_testable:
         whose = f"{hidden.arm}: " if hidden.arm else ""
         yield f"{whose}{hidden.name} – {hidden.reason}"
@@ -102,8 +104,10 @@ def as_plan(planned: PlannedTouches) -> RenderableType:
 
 
 def write(fit: FittedPair, result: PairResult, texts: tuple[str, str], table: Path, directory: Path) -> list[Path]:
-    """Write both calibrated rig files and the result as JSON; return their paths, the rig files last. Raises
-    FileError if one exists or a text cannot be changed in place."""
+    """Write both calibrated rig files and the result as JSON, and return their paths, those of the rig files last.
+
+    Raises FileError if a file already exists, or if a rig file's text cannot be changed in place.
+    """
     files = {"pair.json": holding((json.dumps(result.to_dict(), indent=2) + "\n").encode())}
     placed, calibrated = placed_texts(fit, texts), calibrations(fit, result, table)
     for arm, text, model in zip(fit.pair.arms, placed, calibrated, strict=True):

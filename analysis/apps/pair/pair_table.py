@@ -1,4 +1,4 @@
-"""Touches of two arms: the joint angles of both, and the socket that was touched."""
+"""Table of touches of two arms: joint angles of both, and the touched socket."""
 
 from __future__ import annotations
 
@@ -17,20 +17,22 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import MOST_AXES
 
 FEWEST = 12
-"""Fewest touches: their 36 gaps exceed the 12 numbers of transform, ball and socket by those of the largest
-constants."""
+"""Minimum number of touches: 36 gaps for the 12 numbers of transform, ball and socket, and the largest constants."""
 _LARGEST_DEG = 1000.0
 """Largest joint angle: no controller counts beyond three turns."""
 _FULL_TURN = 2 * np.pi
-"""Joints of an arm that all stay within a turn in radians are in radians: in degrees they would hardly have moved."""
+"""Angles within a full turn in radians are assumed to be in radians, because in degrees the joints would hardly have
+moved.
+"""
 _MOVED_RAD = float(np.radians(5.0))
-"""Range of its joints below which an arm stood still. Chosen: far above noise, far below any useful plan."""
+"""Largest joint range of an arm that did not move. Chosen: far above noise, far below any useful plan."""
 
 
 @dataclass(frozen=True)
 class PairTable:
-    """Touches: q (n, axes) rad of the first arm, p (n, axes) rad of the second, NaN if the socket is fixed in the cell;
-    socket (n,); row (n,) from 1."""
+    """Touches. q (n, axes) rad: first arm; p (n, axes) rad: second arm, NaN if the socket is fixed in the cell;
+    socket (n,): name; row (n,): row in the file, from 1.
+    """
 
     q: Array
     p: Array
@@ -39,7 +41,7 @@ class PairTable:
 
     @property
     def is_mounted(self) -> Mask:
-        """Whether each socket (n,) is on the second arm."""
+        """Return a mask (n,) of the touches with a socket on the second arm."""
         return np.asarray(~np.isnan(self.p).any(axis=1), dtype=bool)
 
     def rows(self, keep: Mask) -> PairTable:
@@ -79,13 +81,13 @@ def check_pair_table(table: PairTable, where: str, first: str, second: str) -> N
 
 
 def _is_still(joints: Array) -> bool:
-    """Return whether no joint (n, axes) turned, in rad or in degrees that are taken for rad."""
+    """Return whether no joint (n, axes) moved, in rad or in degrees misinterpreted as rad."""
     moved = joints[~np.isnan(joints).any(axis=1)]
     return not len(moved) or bool(np.ptp(moved, axis=0).max() < _MOVED_RAD)
 
 
 def _angles(raw: RawTable, names: tuple[str, ...], axes: int, arm: str, *, may_be_empty: bool) -> Array:
-    """Return the joint columns (n, axes) of an arm in degrees; NaN for empty rows, if these may be."""
+    """Return the joint columns (n, axes) of an arm in degrees; NaN for empty rows if these are permitted."""
     present = [name for name in names if name in raw.names]
     needed = names[:axes]
     if missing := [name for name in needed if name not in present]:

@@ -1,4 +1,4 @@
-"""Choice of postures for touches of two arms, and what they are expected to show."""
+"""Selection of postures for touches of two arms, and the expected result."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from analysis.runs.table_layout import SOCKET, joint_columns, second_joint_colum
 from rigs.rig import Rig
 
 _CANDIDATES = 500
-"""Postures of which the best are taken. Chosen: ten for each touch of a usual plan."""
+"""Number of candidate postures. Chosen: ten for each touch of a usual plan."""
 _READING_MM = 0.1
-"""Standard deviation of a coordinate of a touch in the choice: seat and what the model leaves."""
+"""Standard deviation of a coordinate of a touch assumed for the selection: seat and unmodelled error."""
 _SEED = 1
 
 
 @dataclass(frozen=True)
 class PlannedTouches:
-    """Touches in the order in which they were chosen, the most informative first, and the expected result."""
+    """Touches in the order of selection, most informative first, and the expected result."""
 
     table: PairTable
     expected: PairResult
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the plan as JSON has it."""
+        """Return the plan as plain types for JSON."""
         whole = self.expected.to_dict()
         touches = [
             {
@@ -55,7 +55,9 @@ class PlannedTouches:
         }  # fmt: skip
 
     def csv(self) -> str:
-        """Return the table of the postures; the joints that were read replace these after each touch."""
+        """Return the postures as a CSV table. After each touch, the operator replaces the planned joint angles by
+        the reported ones.
+        """
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow([SOCKET, *joint_columns(self.table.q.shape[1]), *second_joint_columns(self.table.p.shape[1])])
@@ -65,8 +67,9 @@ class PlannedTouches:
 
 
 def plan_touches(first: Rig, second: Rig, count: int, where: str) -> PlannedTouches:
-    """Choose touches of two arms whose bases stand in one world as the rig files say. Raises FileError if the arms
-    hardly reach each other."""
+    """Select touches of two arms whose rig files describe their bases in the same world. Raises FileError if the
+    arms can hardly reach each other.
+    """
     socket = second.tests.touch.sockets[0] if second.tests.touch else "A"
     empty = PairTable(np.empty((0, 0)), np.empty((0, 0)), np.empty(0, dtype=np.str_), np.empty(0, dtype=np.int64))
     pair = pair_of(first, second, empty, where)
@@ -79,7 +82,7 @@ def plan_touches(first: Rig, second: Rig, count: int, where: str) -> PlannedTouc
     state = PairState(zeros, np.eye(4), points[0], {socket: points[1]})
     candidates = Pair(pair.first, pair.second, table, (), where)
     chosen = _chosen(candidates, state, count)
-    keep = table.rows(np.array(chosen))  # in the order of choice
+    keep = table.rows(np.array(chosen))  # in order of selection
     planned = PairTable(keep.q, keep.p, keep.socket, np.arange(1, count + 1))
     final = Pair(pair.first, pair.second, planned, (), where)
     gaps = linearise(final, state)
@@ -87,11 +90,13 @@ def plan_touches(first: Rig, second: Rig, count: int, where: str) -> PlannedTouc
 
 
 def _chosen(pair: Pair, state: PairState, count: int) -> list[int]:
-    """Return the touches whose information about constants, gravity and set-up grows most, one after the other."""
+    """Return the indices of the touches that add most information about constants, gravity and set-up, one after the
+    other.
+    """
     gaps = linearise(pair, state)
     touches = gaps.columns.reshape(len(pair.table.q), 3, -1)
     is_curve = (gaps.group >= 0) & (gaps.group % 3 == 2)
-    curves = touches[:, :, is_curve]  # as noise of each touch
+    curves = touches[:, :, is_curve]  # treated as noise of each touch
     noise = curves @ curves.transpose(0, 2, 1) + _READING_MM**2 * np.eye(3)
     columns = np.linalg.solve(np.linalg.cholesky(noise), touches[:, :, ~is_curve])
     prior = np.ones(len(gaps.group))

@@ -1,4 +1,6 @@
-"""Posterior of all unknowns of a pair: levels of the groups from the evidence, averaged over their uncertainty."""
+"""Posterior of all unknowns of a pair, averaged over the uncertain levels of the groups, which are estimated from
+the evidence.
+"""
 
 from __future__ import annotations
 
@@ -14,19 +16,21 @@ from analysis.robot.kinematics.arm import Array
 LEVELS = 6
 """Levels of the groups: constants, gravity and curves of the first arm, then of the second."""
 _MEDIAN = np.log(np.array([1.0] * 6 + [0.03, 0.03, 0.05]))
-"""Prior medians: usual sizes of the effects; unexplained part of each arm in mm, 0.03 to 0.5 mm is what calibrated arms
-leave, and less with curves of six orders; scatter of a seated ball in mm."""
+"""Prior medians of the levels: usual sizes of the effects; unexplained part of each arm in mm (calibrated arms have
+0.03 to 0.5 mm, and less with curves of six orders); scatter of a seated ball in mm.
+"""
 _WIDTH = np.array([0.7] * 6 + [1.0, 1.0, 1.0])
-"""Prior standard deviations of their logarithms: arms of one build differ by a factor of two, seats and what no
-effect explains by three. Chosen."""
+"""Prior standard deviations of the logarithms: effects of arms of one build differ by a factor of two, seats and
+unexplained parts by a factor of three. Chosen.
+"""
 _BOUND = 4.0
-"""Bound of a search in these standard deviations."""
+"""Limit of a search in these standard deviations."""
 _WIDE_MM, _WIDE_RAD = 30.0, 0.03
-"""Prior standard deviations of the set-up about the state: wide, so that they decide nothing."""
+"""Prior standard deviations of the set-up, wide enough to have no influence."""
 _DRAWS, _SEED = 24, 20261127
-"""Draws of the levels from Laplace's approximation."""
+"""Number of draws of the levels from Laplace's approximation, and the seed."""
 _STEP = 1e-3
-"""Step of a derivative of the gradient over logarithms of levels."""
+"""Step for derivatives of the gradient by the logarithms of the levels."""
 
 
 @dataclass(frozen=True)
@@ -43,15 +47,20 @@ class Levels:
 
     @property
     def unexplained_mm(self) -> tuple[float, float]:
-        """Standard deviation of a coordinate of the unexplained part of each arm."""
+        """Standard deviation of a coordinate in mm of the unexplained part of each arm."""
         return float(np.exp(self.log[6])), float(np.exp(self.log[7]))
 
 
 @dataclass(frozen=True)
 class PairPosterior:
-    """Mean (k,) and covariance (k, k) of the unknowns, about the prior for terms and about the state for the set-up;
-    prior standard deviations (k,) of the terms at the fitted levels; odd (touches,): chi-square of each touch given
-    all others; left_mm (3 touches,): each coordinate of a gap minus its prediction from all other touches."""
+    """Posterior of the unknowns.
+
+    mean (k,), cov (k, k): relative to the prior for terms, and to the linearisation for the set-up.
+    prior_sd (k,): prior standard deviations of the terms at the fitted levels.
+    levels: fitted levels.
+    odd (touches,): chi-square of each touch given all others.
+    left_mm (3 touches,): each coordinate of a gap minus its prediction from all other touches.
+    """
 
     mean: Array
     cov: Array
@@ -63,8 +72,11 @@ class PairPosterior:
 
 @dataclass(frozen=True)
 class _Solved:
-    """Readings at given levels. inverse (m, m): of the covariance without the set-up; gain (s, m) and setup_cov (s, s):
-    generalised least squares of the set-up; without_setup (m, m): the inverse with the set-up projected out."""
+    """Readings at given levels.
+
+    inverse (m, m): inverse covariance without the set-up. gain (s, m), setup_cov (s, s): generalised least squares of
+    the set-up. without_setup (m, m): the inverse with the set-up projected out.
+    """
 
     inverse: Array
     gain: Array
@@ -75,15 +87,16 @@ class _Solved:
 
 @dataclass(frozen=True)
 class _Evidence:
-    """Negative log evidence of levels. by_level (9, m, m): covariance of the readings for each level at 1; setup (m,
-    s): columns of the set-up."""
+    """Negative log evidence as a function of the levels. by_level (9, m, m): covariance of the readings for each
+    level at 1. setup (m, s): derivatives by the set-up.
+    """
 
     gaps: LinearGaps
     by_level: tuple[Array, ...]
     setup: Array
 
     def solved(self, log: Array) -> _Solved:
-        """Return the readings at logarithms (9,) of levels, which are in mm or in prior standard deviations."""
+        """Return the readings at logarithms (9,) of the levels, which are in mm or in prior standard deviations."""
         cov = np.diag(self.gaps.known_var)
         for value, matrix in zip(log.tolist(), self.by_level, strict=True):
             cov = cov + np.exp(2 * value) * matrix
@@ -97,7 +110,7 @@ class _Evidence:
         return _Solved(inverse, gain, setup_cov, inverse - projected @ gain, determinants)
 
     def value_and_slope(self, log: Array) -> tuple[float, Array]:
-        """Return the negative log evidence with the prior of the levels, and its slope (9,)."""
+        """Return the negative log evidence including the prior of the levels, and its gradient (9,)."""
         solved = self.solved(log)
         weighted = solved.without_setup @ self.gaps.y
         away = (log - _MEDIAN) / _WIDTH
@@ -110,7 +123,7 @@ class _Evidence:
 
 
 def _evidence_of(gaps: LinearGaps) -> _Evidence:
-    """Return the evidence of gaps, with what does not depend on the levels."""
+    """Return the evidence of gaps, with all parts independent of the levels precomputed."""
     columns = [gaps.columns[:, gaps.group == number] for number in range(LEVELS)]
     scatter = np.diag((gaps.known_var == 0).astype(float))
     return _Evidence(
@@ -126,8 +139,9 @@ def setup_sds(gaps: LinearGaps) -> Array:
 
 
 def fitted_levels(gaps: LinearGaps, start: Array | None = None) -> Levels:
-    """Return the levels of the largest evidence, from a start (9,) of their logarithms, and their covariance by
-    Laplace's approximation."""
+    """Return the most likely levels, searched from initial logarithms (9,), and their covariance by Laplace's
+    approximation.
+    """
     evidence = _evidence_of(gaps)
     bounds = list(zip(_MEDIAN - _BOUND * _WIDTH, _MEDIAN + _BOUND * _WIDTH, strict=True))
     optimum = minimize(
@@ -150,7 +164,7 @@ def posterior(gaps: LinearGaps, levels: Levels) -> PairPosterior:
     rng = np.random.default_rng(_SEED)
     root = np.linalg.cholesky(levels.cov)
     half = root @ rng.standard_normal((len(levels.log), _DRAWS // 2))
-    draws = levels.log + np.concatenate([half, -half], axis=1).T  # antithetic: their mean is exact
+    draws = levels.log + np.concatenate([half, -half], axis=1).T  # antithetic draws: their mean is exact
     low, high = _MEDIAN - _BOUND * _WIDTH, _MEDIAN + _BOUND * _WIDTH
     moments = [_moments(evidence, np.clip(log, low, high)) for log in draws]
     means = np.stack([mean for mean, _ in moments])
@@ -161,7 +175,7 @@ def posterior(gaps: LinearGaps, levels: Levels) -> PairPosterior:
 
 
 def expected_posterior(gaps: LinearGaps) -> PairPosterior:
-    """Return the posterior that readings not yet taken are expected to have, at the prior medians of the levels."""
+    """Return the expected posterior of planned readings, at the prior medians of the levels."""
     levels = Levels(_MEDIAN, np.zeros((len(_MEDIAN),) * 2))
     _, cov = _moments(_evidence_of(gaps), levels.log)
     nothing = np.zeros(gaps.touches)
@@ -198,7 +212,8 @@ def _moments(evidence: _Evidence, log: Array) -> tuple[Array, Array]:
 
 def _left_out(gaps: LinearGaps, inverse: Array) -> tuple[Array, Array]:
     """Return the chi-square (touches,) of each touch given all others, and its gap minus the prediction. inverse (m,
-    m): of the readings, with the set-up projected out."""
+    m): inverse covariance of the readings with the set-up projected out.
+    """
     weighted = inverse @ gaps.y
     count = gaps.touches
     odd, left_mm = np.empty(count), np.empty((count, 3))

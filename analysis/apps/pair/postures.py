@@ -1,4 +1,4 @@
-"""Postures of two arms in which the ball of one can sit in the socket of the other."""
+"""Postures of two arms with the ball of one in the socket of the other."""
 
 from __future__ import annotations
 
@@ -11,19 +11,21 @@ from analysis.robot.kinematics.arm import Arm, Array, Mask, forward_and_jacobian
 from rigs.errors import FileError
 
 _FACING = float(np.cos(np.radians(60)))
-"""Cosine of the largest angle between the tool axes of both arms, ball towards socket: a socket that encloses less than
-half of its ball lets the stem tilt by 60°."""
+"""Cosine of the largest angle between the tool axes. A socket that encloses less than half of its ball lets the stem
+tilt by 60°.
+"""
 _CLEAR_MM = 150.0
-"""Least distance between the middle lines of both arms, apart from their last links. Chosen: links of arms with a reach
-of a metre are 60 to 150 mm thick, so a person has to watch the first run."""
+"""Minimum distance between the centre lines of both arms, except their last links. Chosen: links of arms with a
+reach of one metre are 60 to 150 mm thick, so an operator must watch the first run.
+"""
 _UPRIGHT = 0.5
-"""Cosine of the tilt of a base below which it hangs or stands on a wall, and the floor is elsewhere."""
+"""Cosine of the tilt below which a base is mounted on a ceiling or wall, so the floor is not below it."""
 _ROUNDS, _STEP_RAD, _DAMPING_MM = 30, 0.3, 1.0
 _SEATED_MM = 1e-3
 _TRIES, _BATCH = 60, 2000
-"""Batches of random postures, and postures in each."""
+"""Number of batches of random postures, and postures per batch."""
 _POINTS = 6
-"""Points on each link for the distance between arms."""
+"""Number of points on each link for computing the distance between arms."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +39,11 @@ class Postures:
 def common_postures(
     arms: tuple[Arm, Arm], points_mm: tuple[Array, Array], count: int, rng: np.random.Generator, where: str
 ) -> Postures:
-    """Return random postures of both arms with the ball (3,) mm of one in the socket (3,) mm of the other: within
-    limits, facing each other, clear of each other and of the floor. Raises FileError if there are hardly any."""
+    """Return random postures of both arms with the ball (3,) mm of one in the socket (3,) mm of the other.
+
+    They are within limits, face each other, and are clear of each other and of the floor. Raises FileError if hardly
+    any exist.
+    """
     first, second = arms
     qs, ps, reached = [], [], 0
     for _ in range(_TRIES):
@@ -71,7 +76,7 @@ def common_postures(
 
 
 def _within_a_turn(arm: Arm) -> tuple[Array, Array]:
-    """Return the limits (axes,) rad of the joints without further turns: these only wind up cables."""
+    """Return the limits (axes,) rad of the joints, reduced to one turn to avoid winding up cables."""
     low, high = arm.limits.T
     return np.maximum(low, np.minimum(-np.pi, high - 2 * np.pi)), np.minimum(high, np.maximum(np.pi, low + 2 * np.pi))
 
@@ -82,8 +87,9 @@ def _reach_mm(arm: Arm, point_mm: Array) -> float:
 
 
 def seated(arm: Arm, q: Array, point_mm: Array, goal: Array) -> Array:
-    """Return angles (n, axes) rad near q that bring a point (3,) mm of the tool to goals (n, 3) mm in the world, as
-    far as they can; damped least squares on the place alone."""
+    """Return angles (n, axes) rad near q that move a point (3,) mm of the tool as close as possible to goals (n, 3)
+    mm in the world, by damped least squares on the position.
+    """
     q = q.copy()
     for _ in range(_ROUNDS):
         T, J = forward_and_jacobian(arm, q)
@@ -96,15 +102,16 @@ def seated(arm: Arm, q: Array, point_mm: Array, goal: Array) -> Array:
 
 
 def is_clear(arms: tuple[Arm, Arm], q: Array, p: Array, ball: Array) -> Mask:
-    """Return whether both arms (n,) are apart from each other and, standing, above the lower base; ball (n, 3) mm in
-    the world."""
+    """Return a mask (n,) of the postures in which both arms are clear of each other and above the floor. ball (n,
+    3): mm in the world.
+    """
     lines = [_middle_lines(arm, angles) for arm, angles in zip(arms, (q, p), strict=True)]
     stand = all(arm.T_world_base[2, 2] > _UPRIGHT for arm in arms)
     floor = min(arm.T_world_base[2, 3] for arm in arms) if stand else -np.inf
     clear = ball[:, 2] > floor
     for line in lines:
         clear &= (line[:, :, 2] > floor - 1.0).all(axis=1)
-    ends = [_POINTS * 2] * 2  # the last two links hold ball and socket
+    ends = [_POINTS * 2] * 2  # the last two links carry ball and socket
     for line, other_line in ((lines[0], lines[1][:, : -ends[1]]), (lines[0][:, : -ends[0]], lines[1])):
         apart = np.linalg.norm(line[:, :, None] - other_line[:, None], axis=3)
         clear &= apart.min(axis=(1, 2), initial=np.inf) > _CLEAR_MM

@@ -1,4 +1,4 @@
-"""Result of a pair: constants of both arms, the transform between their bases, the scale, and what is not testable."""
+"""Result of a pair: constants of both arms, transform between their bases, scale, and untestable quantities."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ _RIG_DIGITS = 6
 
 @dataclass(frozen=True)
 class PairConstant:
-    """Correction of a constant: nominal + value ± u, in the unit of its key in the rig file. is_shown: whether the
-    touches measure it, or its u is mostly the prior."""
+    """Correction of a constant: nominal + value ± u, in the unit of its key in the rig file. is_shown: False if u is
+    mostly that of the prior.
+    """
 
     arm: str
     axis: int
@@ -37,14 +38,17 @@ class PairConstant:
 
     @property
     def unit(self) -> str:
-        """mm or °."""
+        """Unit: mm or °."""
         return "mm" if self.key.endswith("_mm") else "°"
 
 
 @dataclass(frozen=True)
 class BaseTransform:
-    """Base of the second arm in that of the first: place, fixed-axis roll, pitch and yaw, with standard uncertainties;
-    work_mm: middle of the touches in the first base, where the second arm's frame is known to u_work_mm."""
+    """Base of the second arm in that of the first: position, fixed-axis roll, pitch and yaw, with standard
+    uncertainties.
+
+    work_mm: centre of the touches in the first base. u_work_mm: standard uncertainty of the second arm's frame there.
+    """
 
     xyz_mm: Vector
     rpy_deg: Vector
@@ -68,7 +72,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class NotTestable:
-    """Something that these touches do not show, of an arm or of both (empty), with the reason."""
+    """A quantity that these touches do not determine, with the arm (empty for both) and the reason."""
 
     arm: str
     name: str
@@ -77,8 +81,11 @@ class NotTestable:
 
 @dataclass(frozen=True)
 class PairResult:
-    """Result of a pair. before_mm, left_mm: rms coordinate of the gap with nominal arms, and at touches predicted from
-    all others; odd: rows left out, with the distance in mm by which each is off."""
+    """Result of a pair.
+
+    before_mm, left_mm: rms of a coordinate of the gap with nominal arms, and at touches predicted from all others. odd:
+    excluded rows, each with its distance in mm.
+    """
 
     names: tuple[str, str]
     touches: int
@@ -97,7 +104,7 @@ class PairResult:
     doubts: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as JSON has it."""
+        """Return plain types for JSON."""
         base = self.base
         return {
             "first": self.names[0], "second": self.names[1], "touches": self.touches, "before_mm": self.before_mm,
@@ -147,7 +154,7 @@ def result_of(fit: FittedPair) -> PairResult:
 
 
 def result_of_plan(pair: Pair, gaps: LinearGaps, state: PairState, expected: PairPosterior) -> PairResult:
-    """Return the result that touches not yet taken are expected to have."""
+    """Return the expected result of planned touches."""
     return result_of(FittedPair(pair, gaps, expected, state, (), 0.0))
 
 
@@ -176,7 +183,8 @@ def _base(fit: FittedPair) -> BaseTransform:
     centre = fit.gaps.centre_mm
     origin = (fit.state.T_first_second @ second)[:3, 3] - centre
     R = inverse[:3, :3]
-    # The set-up turns about the middle of the work: its origin moves by the shift and by the turn times its distance.
+    # The set-up rotates about the centre of the work, so its origin moves by the shift and by the rotation times its
+    # distance.
     at_base = R @ np.concatenate([np.eye(3), -np.cross(np.eye(3), origin)], axis=1)
     u_base = at_base @ cov @ at_base.T
     along = T[:3, 3] / max(float(np.linalg.norm(T[:3, 3])), 1e-9)
@@ -189,7 +197,7 @@ def _base(fit: FittedPair) -> BaseTransform:
 
 
 def _scale(fit: FittedPair) -> Scale:
-    """Return the common scale: the mean of all lengths, weighted by their prior."""
+    """Return the common scale: the mean of all lengths, weighted by their priors."""
     shares = np.concatenate([scale_shares(arm) for arm in fit.pair.arms])
     count = len(shares)
     prior = fit.posterior.prior_sd[:count]
@@ -236,8 +244,9 @@ def _doubts(fit: FittedPair, left_mm: float) -> Iterator[str]:
 
 
 _STILL_RAD = float(np.radians(20.0))
-"""Range below which an axis hardly turned. Chosen: a third of a radian changes the lever of an error by a few
-percent."""
+"""Largest range of an axis that hardly moved. Chosen: a third of a radian changes the lever arm of an error by a few
+percent.
+"""
 
 
 def _vector(values: Array) -> Vector:

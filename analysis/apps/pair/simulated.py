@@ -1,4 +1,4 @@
-"""Touches as two arms with errors of usual size would report them, to try plan and fit without robots."""
+"""Simulated touches of two arms with typical errors, for trying plan and fit without robots."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from analysis.runs.noise.cell_noise import SEAT_MM
 from rigs.rig import Rig
 
 _BASE_MM, _BASE_RAD, _BALL_MM = 5.0, 0.003, 2.0
-"""Standard deviations of the second base from its rig file, and of ball and socket. Chosen: as placed by tape
-measure."""
+"""Standard deviations of the second base relative to its rig file, and of ball and socket. Chosen: as placed by tape
+measure.
+"""
 _ROUNDS = 8
 
 
 def simulated_touches(first: Rig, second: Rig, planned: PairTable, seed: int) -> tuple[PairTable, PairState]:
-    """Return the touches of two drawn arms near planned postures, with the drawn state."""
+    """Return the touches of two random arms near planned postures, and their true state."""
     rng = np.random.default_rng(seed)
     pair = pair_of(first, second, planned, "simulated touches")
     times = [rng.standard_normal(len(arm_terms(rig))) for rig in (first, second)]
@@ -45,11 +46,11 @@ def simulated_touches(first: Rig, second: Rig, planned: PairTable, seed: int) ->
 
 
 def _drawn_point(rig: Rig, rng: np.random.Generator) -> Array:
-    """Return a ball or socket (3,) mm near that of a rig file."""
+    """Return a random ball or socket position (3,) mm near that of a rig file."""
     return np.asarray(ball_of(rig) + _BALL_MM * rng.standard_normal(3))
 
 
 def base_of(first: Rig, second: Rig, state: PairState) -> Array:
-    """Return the place (3,) mm of the second base in the first, of a state."""
+    """Return the position (3,) mm of the second base in the first, for a state."""
     bases = [model_of(rig).arm.T_world_base for rig in (first, second)]
     return np.asarray((np.linalg.inv(bases[0]) @ state.T_first_second @ bases[1])[:3, 3])

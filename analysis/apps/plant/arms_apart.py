@@ -1,7 +1,7 @@
 """Comparison of two arms of the same model: the distance between their tools at equal joint angles.
 
-It shows whether a program can be moved from one arm to the other. The complete difference refers to the robot bases,
-the remaining difference to frame and tool taught for each arm.
+It shows whether a program can be moved from one arm to the other. The complete difference refers to the robot bases.
+The remaining difference applies if frame and tool are taught for each arm.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from rigs.rig import Rig
 from rigs.schema.robot import Pose
 
 _POSTURES = 200
-"""Chosen: the rms is then certain to 5 %."""
+"""Number of postures. Chosen: it determines an rms to 5 %."""
 _OTHER_MODEL_MM = 20.0
-"""Limit of the difference between arms of the same model in mm. Arms of a model, calibrated or not, agree within
-some mm.
+"""Smallest difference in mm that indicates a different model. Arms of the same model, calibrated or not, agree
+within some mm.
 """
 _CONSTANTS = (("zero_deg", "offset"), ("a_mm", "a"), ("d_mm", "d"), ("alpha_deg", "alpha"), ("beta_deg", "beta"))
 

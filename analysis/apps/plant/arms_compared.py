@@ -14,11 +14,11 @@ from analysis.report.plain_console import right
 from rigs.text import plain
 
 _SHOWN = 5e-5
-"""Threshold in degrees or mm for showing a difference between constants; it is below the last digit shown."""
+"""Smallest difference between two constants, in degrees or mm, that is shown; it is below the last digit shown."""
 
 
 def arms_apart_tables(apart: ArmsApart) -> RenderableType:
-    """Return the distance as a sentence and a table of the different constants and plays by axis."""
+    """Return a sentence with the distance of the tools, and a table of the constants and plays that differ, by axis."""
     seen = apart.to_dict()
     first, second = map(plain, apart.names)
     u = "" if seen["u_rms_mm"] is None else f", known to {seen['u_rms_mm']:.3f} mm (u)"

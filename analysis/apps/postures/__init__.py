@@ -1,1 +1,3 @@
-"""The better posture: expected errors of all postures that reach a target, their best sequence, and a map of places."""
+"""Selection of postures: expected errors of all postures that reach a target, the best sequence, and a map of part
+positions.
+"""

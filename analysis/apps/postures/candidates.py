@@ -1,7 +1,7 @@
-"""All postures that reach a target: within the joint limits and clear of singularities.
+"""All postures that reach a target, within the joint limits and clear of singularities.
 
-An arm of six axes has up to eight branches, each with the whole turns that stay near a reference posture. A seventh
-axis is sampled: Newton's method starts from postures spread over the limits. A rail is sampled by its position.
+An arm of six axes has up to eight branches, each with several full turns near a reference posture. A seventh axis is
+sampled: Newton's method starts from postures spread over the limits. A rail is sampled by its position.
 """
 
 from __future__ import annotations
@@ -22,24 +22,25 @@ from rigs.schema.vocabulary import DRIVEN_AXES
 LEAST_CONDITIONING = 0.01
 """Conditioning below which a posture counts as singular, as in the planning of poses (`pose_pool`)."""
 _TURN_RAD = np.radians(195.0)
-"""Distance of a joint from the reference posture up to which whole turns are kept. Chosen: half a turn, and 15° more so
-that a program can pass the half turn without winding back."""
+"""Distance of a joint from the reference posture up to which full turns are kept. Chosen: half a turn, plus 15° so
+that a program can pass the half turn without returning.
+"""
 _STARTS = 48
 """Start values of a redundant arm for each target. Chosen: about a quarter converge within the limits of a Franka."""
 _SAME_SELF_MOTION_RAD = np.radians(3.0)
-"""Distance below which two postures of a redundant arm are the same for a person."""
+"""Distance below which two postures of a redundant arm are practically equal."""
 _STANDS = 5
-"""Positions of a rail that are tried, evenly over its travel."""
+"""Number of rail positions that are tried, evenly over its travel."""
 NO_BRANCH = -1
-"""Branch of a posture whose arm has no known branches."""
+"""Branch of a posture if the arm has no known branches."""
 
 
 @dataclass(frozen=True)
 class Candidates:
     """Postures q (m, axes) rad, followed by the rail position in m, that reach targets (m,), sorted by target.
 
-    `branch` (m,): 4 · shoulder + 2 · elbow + wrist, or NO_BRANCH. `conditioning` (m,): 0 is singular. `reasons`: why a
-    target has no posture. Postures with the same `solution` (m,) differ by whole turns.
+    `branch` (m,): 4 · shoulder + 2 · elbow + wrist, or NO_BRANCH. `conditioning` (m,): 0 is singular. `reasons`: reason
+    for each target without a posture. Postures with the same `solution` (m,) differ by full turns.
     """
 
     q: Array
@@ -71,7 +72,7 @@ class Candidates:
 def find_candidates(arm: Arm, poses: Array, near: Array, rail_m: tuple[float, float] | None = None) -> Candidates:
     """Return the postures of an arm with six or more axes at tool poses (n, 4, 4) in the world.
 
-    near: reference posture (axes,) rad for whole turns. rail_m: travel of a rail in m; its position is a free choice.
+    near: reference posture (axes,) rad for full turns. rail_m: travel of a rail in m, whose position is free.
     """
     stands = [None] if rail_m is None or arm.rail is None else np.linspace(*rail_m, _STANDS).tolist()
     parts, solutions = [], 0
@@ -114,8 +115,11 @@ def _standing(arm: Arm, rail: Array, stand_m: float) -> Arm:
 
 
 def _branches(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Integers, Mask]:
-    """Return the postures (m, 6) rad of a six-axis arm, their targets (m,), the number (m,) of the solution of which
-    each is a turn, and a mask (n,) of poses in reach."""
+    """Return the postures (m, 6) rad of a six-axis arm, their targets (m,), solution numbers (m,) and a mask (n,) of
+    poses in reach.
+
+    Postures with the same solution number differ by full turns.
+    """
     solutions = inverse(arm, poses)
     target, slot = np.nonzero(solutions.found)
     q, row = within_limits(arm, solutions.q[target, slot])
@@ -139,7 +143,7 @@ def _redundant(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, In
     q, converged = newton(arm, poses[target], np.tile(starts, (len(poses), 1)))
     in_reach: Mask = np.zeros(len(poses), dtype=bool)
     in_reach[target[converged]] = True
-    q = low + np.mod(q - low, 2 * np.pi)  # the turn above the lower limit
+    q = low + np.mod(q - low, 2 * np.pi)  # the first turn above the lower limit
     inside = converged & (q <= high).all(axis=1)
     q = np.where(inside[:, None], q, np.nan).reshape(len(poses), len(starts), arm.axes)
     q, target = _thinned(q)
@@ -147,7 +151,7 @@ def _redundant(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, In
 
 
 def _thinned(q: Array) -> tuple[Array, Integers]:
-    """Return the postures (m, axes) of q (n, k, axes) that differ, without NaN, and their targets (m,)."""
+    """Return the distinct postures (m, axes) of q (n, k, axes), without NaN, and their targets (m,)."""
     kept: Mask = np.asarray(np.isfinite(q).all(axis=2))
     for slot in range(1, q.shape[1]):
         with np.errstate(invalid="ignore"):

@@ -1,7 +1,7 @@
-"""Expected position error of postures, with its uncertainty and the play of each joint by the side of approach.
+"""Expected position error of postures with its uncertainty, including the backlash of each joint by side of approach.
 
 The controller is assumed to use the nominal arm. Frame and tool are taught with the robot over its work, so a rigid
-motion of the arm and a shift of the tool are no error (`analysis.correction.work`).
+motion of the arm and a shift of the tool are no errors (`analysis.correction.work`).
 """
 
 from __future__ import annotations
@@ -38,27 +38,31 @@ from rigs.effects import Effect
 from rigs.rig import Rig
 
 Knowledge = Literal["calibrated", "effects", "typical"]
-"""Origin of the errors: a calibrated model, effects of the rig file alone, or the typical size of every effect."""
+"""Origin of the errors: a calibrated model, only effects of the rig file, or the typical size of every effect."""
 
 _SWING_RAD = np.radians(5.0)
-"""Distance over which a joint approaches from its side. Chosen: wider than the play of any arm."""
+"""Distance over which a joint approaches from the given side. Chosen: wider than the backlash of any arm."""
 _MOST_GROWTH = 4.0
-"""Growth of u outside the measured joint range: real arms missed by two to four u (docs/evidence/world.md)."""
+"""Growth of u outside the measured joint range: errors of real arms were two to four u there
+(docs/evidence/world.md).
+"""
 _GROWN_RAD = np.radians(30.0)
 """Distance outside the range at which the growth is complete. Chosen: a usual range of taught postures."""
 _ROWS = 1024
-"""Postures per block: 1500 terms at each need 75 MB. Smaller blocks take more calls of each term."""
+"""Postures per block: 1500 terms at each need 75 MB. Smaller blocks are slower."""
 _SAMPLE = 40
-"""Postures at which effects of time are evaluated; they hardly depend on the posture."""
+"""Number of postures at which time-dependent effects are evaluated; they hardly depend on the posture."""
 
 
 @dataclass(frozen=True)
 class PostureErrors:
     """Errors of m postures in mm.
 
-    error_mm (m, 3): expected displacement without play. u_mm (m,): its standard uncertainty. rising_mm, falling_mm
-    (m, axes, 3): displacement by the play of each joint that arrives with a rising or a falling angle. covered (m,):
-    whether the runs reach the posture, None if their range is unknown.
+    error_mm (m, 3): expected displacement excluding backlash.
+    u_mm (m,): standard uncertainty of the displacement.
+    rising_mm, falling_mm (m, axes, 3): displacement by the backlash of each joint for an approach with rising or
+    falling angle.
+    covered (m,): True if the posture is within the range of the runs; None if that range is unknown.
     """
 
     error_mm: Array
@@ -69,18 +73,18 @@ class PostureErrors:
 
     @cached_property
     def size_mm(self) -> Array:
-        """Expected error (m,) mm without play and uncertainty."""
+        """Expected error (m,) mm, excluding backlash and uncertainty."""
         return np.asarray(np.linalg.norm(self.error_mm + self._middle_mm, axis=1))
 
     @cached_property
     def play_mm(self) -> Array:
-        """Rms displacement (m,) mm by play if the sides of approach are unknown."""
+        """Rms displacement (m,) mm by backlash for unknown sides of approach."""
         half = (self.rising_mm - self.falling_mm) / 2
         return np.asarray(np.sqrt((half**2).sum(axis=(1, 2))))
 
     @cached_property
     def expected_mm(self) -> Array:
-        """Expected rms error (m,) mm, with uncertainty, and with play from unknown sides: the figure of the ranking."""
+        """Expected rms error (m,) mm including uncertainty and backlash from unknown sides, used for the ranking."""
         return self.from_sides(np.zeros(self.rising_mm.shape[:2]))
 
     @property
@@ -95,8 +99,9 @@ class PostureErrors:
         )  # fmt: skip
 
     def best_approach(self) -> tuple[Mask, Array]:
-        """Return for each posture the joints (m, axes) that should arrive with a rising angle, and the expected rms
-        error (m,) mm then. Joints without play count as rising."""
+        """Return for each posture the joints (m, axes) that should approach with a rising angle, and the resulting
+        expected rms error (m,) mm. Joints without backlash count as rising.
+        """
         axes = self.rising_mm.shape[1]
         playing = np.flatnonzero(np.abs(self.rising_mm - self.falling_mm).max(axis=(0, 2), initial=0.0) > 0)
         sides = np.ones((len(self.u_mm), axes))
@@ -110,8 +115,9 @@ class PostureErrors:
         return sides > 0, best
 
     def from_sides(self, side: Array) -> Array:
-        """Return the expected rms error (m,) mm if the joints (m, axes) arrive with a rising angle, 1, with a falling
-        one, -1, or from an unknown side, 0."""
+        """Return the expected rms error (m,) mm for sides of approach (m, axes): 1 for a rising angle, -1 for a
+        falling one, 0 if unknown.
+        """
         half = (self.rising_mm - self.falling_mm) / 2
         displaced = self.error_mm + self._middle_mm + (side[..., None] * half).sum(axis=1)
         unknown = ((side == 0)[..., None] * half**2).sum(axis=(1, 2))
@@ -132,8 +138,8 @@ def expected_errors(
 ) -> PostureErrors:
     """Return the errors of postures q (m, axes) rad, followed by a rail position in m.
 
-    taught (k, axes): postures at which frame and tool are taught, the work of the rig unless given. solution (m,):
-    postures with the same number differ by whole turns, and share the uncertainty of the model.
+    taught (k, axes): postures at which frame and tool are taught, by default the work area of the rig. solution (m,):
+    postures with the same number differ by full turns, and have the same uncertainty of the model.
     """
     knowledge = knowledge_of(rig)
     if knowledge == "typical":
@@ -167,14 +173,14 @@ def expected_errors(
 
 
 def _first_turns(solution: Integers | None, count: int) -> tuple[Integers, Integers]:
-    """Return the first posture (k,) of each solution, and the place (m,) of each of `count` postures among them."""
+    """Return the first posture (k,) of each solution, and the index (m,) among them for each of `count` postures."""
     numbers = np.arange(count) if solution is None else solution
     _, first, of_all = np.unique(numbers, return_index=True, return_inverse=True)
     return first, of_all
 
 
 def _model_square(uncertainty: PoseUncertainty, frame: TaughtFrame, taught: Array, q: Array, poses: Array) -> Array:
-    """Return the variance (m,) mm² of positions in a taught frame by the model, with its unexplained error."""
+    """Return the variance (m,) mm² of positions in a taught frame by the model, including its unexplained error."""
     square = np.full(len(q), uncertainty.unexplained_mm**2)
     if isinstance(uncertainty, CalibratedUncertainty):
         square += _rest_square(uncertainty.displacements_by_others, None, frame, taught, (q, poses))
@@ -184,19 +190,23 @@ def _model_square(uncertainty: PoseUncertainty, frame: TaughtFrame, taught: Arra
 
 
 def _bare_derivatives(uncertainty: CalibratedUncertainty, q: Array) -> Array:
-    """Return derivatives (p, n, 6) about the nominal arm: effects are small, and evaluating them takes most time."""
+    """Return derivatives (p, n, 6) at the nominal arm; effects are small, and evaluating them takes most of the
+    time.
+    """
     return uncertainty.pose_derivatives(model_of(uncertainty.rig, ()), q)
 
 
 def _rest_square(
     moves_at: Callable[[Array], Array], factor: Array | None, frame: TaughtFrame, taught: Array, at: tuple[Array, Array]
 ) -> Array:
-    """Return the sum (m,) mm² of squared displacements at postures and their poses, after removing those of the frame.
+    """Return the sum (m,) mm² of squared displacements at postures, after removing the part absorbed by the taught
+    frame.
 
-    moves_at: displacements (k, n, 6) at joint angles. factor (r, k): combines them, each one independent unless given.
+    moves_at: function that returns displacements (k, n, 6) at joint angles. factor (r, k): matrix that combines them;
+    independent if None.
     """
     q, poses = at
-    single = None if factor is None else factor.astype(np.float32)  # half the time, and u needs three digits
+    single = None if factor is None else factor.astype(np.float32)  # half the time; u needs only three digits
     motions, square = frame.motions(np.ascontiguousarray(moves_at(taught)[:, :, :3])), np.zeros(len(q))
     for rows in blocks(len(q), _ROWS):
         moves = frame.remove_motions(moves_at(q[rows])[:, :, :3], poses[rows], motions)
@@ -220,9 +230,11 @@ def _growth(uncertainty: PoseUncertainty, q: Array) -> Array:
 
 
 def _plays(rig: Rig, q: Array, *, typical: bool) -> tuple[Array, Array]:
-    """Return the displacements (m, axes, 3) mm by play of each joint arriving with a rising and a falling angle.
+    """Return the displacements (m, axes, 3) mm by the backlash of each joint approaching with a rising and a falling
+    angle.
 
-    Effects in joints that no target corrects are included; typical: play of joints without a known one.
+    Other joint effects that targets cannot correct are included. typical: use typical backlash for joints without a
+    known one.
     """
     effects = [effect for effect in rest_effects(rig, supports(rig)) if effect.STAGE == "joint"]
     motions = forward_and_jacobian(arm_of(rig.robot), q)[1][:, :3].transpose(0, 2, 1)
@@ -235,7 +247,7 @@ def _plays(rig: Rig, q: Array, *, typical: bool) -> tuple[Array, Array]:
 
 
 def _lag_rad(rig: Rig, effects: Sequence[Effect], q: Array, side: float) -> Array:
-    """Return the lag (m, axes) rad of the links after each joint came from one side, -1 below and 1 above."""
+    """Return the lag (m, axes) rad of the links after each joint arrived from a side, -1 below and 1 above."""
     model = model_of(rig, effects)
     axes = model.arm.axes
     if not effects or not len(q):
@@ -247,7 +259,7 @@ def _lag_rad(rig: Rig, effects: Sequence[Effect], q: Array, side: float) -> Arra
 
 
 def _time_square(rig: Rig, q: Array) -> Array:
-    """Return the variance (m,) mm² of uncorrectable effects outside the joints, as thermal growth."""
+    """Return the variance (m,) mm² of uncorrectable effects outside the joints, such as thermal growth."""
     effects = [effect for effect in rest_effects(rig, supports(rig)) if effect.STAGE != "joint"]
     if not effects or not len(q):
         return np.zeros(len(q))

@@ -1,4 +1,6 @@
-"""The picture of postures: errors of all postures by target, joints of the chosen ones, and the map of places."""
+"""The picture of `rig postures`: error of every posture by target, joint angles of the chosen postures, and the map
+of a part's places.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ _CHOSEN, _USUAL, _GREY = "#1f5fa8", "#d95f02", "#b0b0b0"
 
 
 def picture(postures: Postures) -> Figure:
-    """Return a sheet: title, errors by target, joints along the program, and the map if a part was given."""
+    """Return a sheet with a title, the errors by target, the joint angles along the program and, for a part, the
+    map.
+    """
     texts = texts_of("en")
     title = [gain_words(postures, texts), *limits(postures, texts)]
     parts: list[Part] = [(2.8, partial(_draw_errors, postures)), (2.6, partial(_draw_joints, postures))]
@@ -54,7 +58,7 @@ def _draw_errors(postures: Postures, sheet: SubFigure) -> None:
 
 
 def _top(postures: Postures) -> float:
-    """Return an upper end of the errors shown: single postures may be far outside the measured region."""
+    """Return the upper limit in mm of the error axis: single postures may be far outside the measured region."""
     shown = [postures.best.expected_mm, postures.usual.expected_mm, np.zeros(1)]
     high = np.percentile(postures.errors.expected_mm, 95) if len(postures.errors.expected_mm) else 1.0
     return 1.25 * max(float(np.concatenate(shown).max()), float(high), 1e-3)

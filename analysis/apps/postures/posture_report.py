@@ -18,12 +18,15 @@ from analysis.runs.table_layout import RAIL, joint_columns
 from rigs.schema.robot import Robot
 
 POSTURE_COLUMNS = ("expected_mm", "error_mm", "posture_u_mm", "measured_region")
-"""Columns of a posture in each table: expected rms error with uncertainty and play, predicted error without them, empty
-for a typical arm, standard uncertainty, and whether the runs reach the posture (yes, no or unknown)."""
+"""Columns of a posture in each table.
+
+These are: the expected rms error including uncertainty and play, the predicted error excluding both (empty for a
+typical arm), the standard uncertainty, and whether the runs reach the posture (yes, no or unknown).
+"""
 _MOST_ROWS = 20
-"""Targets that are listed on the screen; JSON and tables have all."""
+"""Maximum number of targets on the screen; JSON and tables contain all."""
 _SHOWN_PLAY = 0.2
-"""Share of the expected error from which play is mentioned: it then adds 2 % to the rms."""
+"""Share of the expected error from which play is mentioned. At this share, play increases the rms by 2 %."""
 
 
 def as_screen(postures: Postures, labels: Sequence[str], language: Language = "en") -> RenderableType:
@@ -42,7 +45,7 @@ def as_screen(postures: Postures, labels: Sequence[str], language: Language = "e
 
 
 def limits(postures: Postures, texts: Texts) -> list[str]:
-    """Return the unknowns about the errors, which are printed first."""
+    """Return sentences on what is not known about the errors; they are printed first."""
     lines = [texts("postures_verdict", why=postures.verdict)] if postures.verdict else []
     if postures.knowledge != "calibrated":
         lines.append(texts(f"postures_{postures.knowledge}"))
@@ -52,7 +55,7 @@ def limits(postures: Postures, texts: Texts) -> list[str]:
 
 
 def gain_words(postures: Postures, texts: Texts) -> str:
-    """Return the expected error of the chosen postures and of the usual ones."""
+    """Return a sentence comparing the expected error of the chosen postures with that of the usual ones."""
     if not len(postures.best.rows):
         return texts("postures_none")
     key = "postures_gain_given" if postures.is_given else "postures_gain_short"
@@ -61,14 +64,14 @@ def gain_words(postures: Postures, texts: Texts) -> str:
 
 
 def way_words(postures: Postures, texts: Texts) -> str:
-    """Return the changes of branch and the travel of the joints, chosen and usual."""
+    """Return a sentence comparing the chosen and the usual postures by branch changes and joint travel."""
     best, usual = postures.best, postures.usual
     travel, before = (f"{np.degrees(sequence.travel_rad):.0f}" for sequence in (best, usual))
     return texts("postures_way", changes=best.changes, before=usual.changes, travel=travel, travel_before=before)
 
 
 def map_words(postures: Postures, texts: Texts) -> str:
-    """Return the best place of a part, empty without a map."""
+    """Return a sentence on the best place for a part; empty if no map was computed."""
     work_map = postures.work_map
     if work_map is None:
         return ""
@@ -130,7 +133,7 @@ def _angles(postures: Postures, row: int) -> str:
 
 
 def chosen_csv(postures: Postures, kept: dict[str, list[str]]) -> str:
-    """Return the joint targets of the best sequence as CSV, after the columns `kept` of the table, by name."""
+    """Return the chosen sequence as CSV: the columns `kept` of the given table, by name, then the joint targets."""
     rows = postures.best.rows
     targets = postures.candidates.target[rows].tolist()
     head = [*kept, *_joint_names(postures.rig.robot), *POSTURE_COLUMNS]
@@ -178,7 +181,7 @@ def _error_cells(postures: Postures, row: int) -> list[str]:
 
 
 def _sides(rising: Array, plays: Array) -> str:
-    """Return the sides from which joints with play arrive best, as `J1+ J3-`: + with a rising angle."""
+    """Return the best approach direction of each joint with play, as `J1+ J3-`: + for an increasing angle."""
     return " ".join(f"J{axis + 1}{'+' if rising[axis] else '-'}" for axis in np.flatnonzero(plays).tolist())
 
 

@@ -1,4 +1,4 @@
-"""The postures of a program: all that reach each target, ranked, their best sequence, and the best place of a part."""
+"""Postures of a program: all that reach each target, ranked; their best sequence; and the best place of a part."""
 
 from __future__ import annotations
 
@@ -22,15 +22,17 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES
 
 _SAME_RAD = np.radians(0.5)
-"""Distance up to which a candidate is the posture that a table of joint angles asks for."""
+"""Largest difference between a candidate and the posture in a table of joint angles."""
 
 
 @dataclass(frozen=True)
 class Postures:
-    """Postures of targets with their errors, the sequence with the smallest errors, and the one with the shortest way.
+    """Postures of targets with their errors, the sequence with the smallest errors, and the one with the shortest
+    motion.
 
-    `usual` is the sequence of the table if it gives joint angles, otherwise the one with the shortest way; `is_given`
-    says which. `verdict`: why the calibration of the rig is not used, empty if it is or there is none.
+    `usual` is the sequence of the table if it contains joint angles, otherwise the one with the shortest motion;
+    `is_given` states which. `verdict` is the reason for not using the calibration of the rig; empty if it is used or
+    absent.
     """
 
     rig: Rig
@@ -59,12 +61,14 @@ class Postures:
 
     @cached_property
     def played(self) -> Mask:
-        """Joints (m, axes) whose side of approach is known to matter; none if play has only its typical size."""
+        """Mask (m, axes) of the joints with known backlash, whose side of approach matters; empty if only its
+        typical size is known.
+        """
         moves = np.abs(self.errors.rising_mm - self.errors.falling_mm).max(axis=2, initial=0.0)
         return np.asarray((moves > 0) & (self.knowledge == "calibrated"))
 
     def ranked(self, rows: slice) -> list[int]:
-        """Return the postures of a target, the smallest expected error first."""
+        """Return the postures of a target in order of increasing expected error."""
         order = np.argsort(self.errors.expected_mm[rows], kind="stable")
         return [rows.start + k for k in order.tolist()]
 
@@ -131,8 +135,8 @@ def choose_postures(
 ) -> Postures:
     """Return the postures of a rig's arm at tool poses (n, 4, 4) in the world, in the order of a program.
 
-    current: joint angles (n, axes) rad of the program so far, if it has them. change: price of a change of branch.
-    part_mm (3,): size of a part to place in the work area. Raises FileError for an arm of fewer than six axes.
+    current: joint angles (n, axes) rad of the existing program, if known. change: cost of a change of branch. part_mm
+    (3,): size of a part to be placed in the work area. Raises FileError for an arm of fewer than six axes.
     """
     arm = arm_of(rig.robot)
     if arm.axes < DRIVEN_AXES:
@@ -161,8 +165,9 @@ def choose_postures(
 
 
 def _reference(rig: Rig, current: Array | None) -> Array:
-    """Return the posture (axes,) rad near which whole turns are kept: the middle of the program so far, of the measured
-    range, or of the limits."""
+    """Return the reference posture (axes,) rad for full turns: the middle of the existing program, of the measured
+    range, or of the limits.
+    """
     arm = arm_of(rig.robot)
     if current is not None and len(current):
         return np.asarray((current.min(axis=0) + current.max(axis=0))[: arm.axes] / 2)
@@ -172,8 +177,9 @@ def _reference(rig: Rig, current: Array | None) -> Array:
 
 
 def _taught(rig: Rig, candidates: Candidates) -> Array:
-    """Return the postures at which frame and tool are taught: over the measured region, or, if nothing was measured, in
-    all postures of the targets, which prefers none of them."""
+    """Return the postures at which frame and tool are taught: over the measured range, or all postures of the
+    targets if nothing was measured.
+    """
     measured = pose_uncertainty(rig, supports(rig)).joints_rad
     if measured is not None or not len(candidates.q):
         return work_or_spread(rig, measured)
@@ -182,7 +188,9 @@ def _taught(rig: Rig, candidates: Candidates) -> Array:
 
 
 def _with_given(arm: Arm, poses: Array, candidates: Candidates, current: Array | None) -> Candidates:
-    """Return candidates with the postures of the program so far, which may be singular or not among the samples."""
+    """Return candidates including the postures of the existing program, which may be singular or absent from the
+    samples.
+    """
     if current is None:
         return candidates
     missing = np.array(
@@ -203,7 +211,7 @@ def _with_given(arm: Arm, poses: Array, candidates: Candidates, current: Array |
 
 
 def _rows_of(candidates: Candidates, current: Array) -> Integers:
-    """Return the rows of the postures that a program has."""
+    """Return the rows of the candidates used by the existing program."""
     rows = [_row_of(candidates, current[target], target) for target, _ in candidates.groups()]
     return np.array(rows, dtype=np.int64)
 

@@ -1,7 +1,7 @@
-"""The best sequence of postures along a program: small errors, few changes of branch, short joint travel.
+"""Best sequence of postures along a program: small errors, few changes of branch, short joint travel.
 
-Dynamic programming over the postures of each target. Within the program each joint arrives from the side of the
-posture before, so play counts with its sign.
+The method is dynamic programming over the postures of each target. Within a program each joint approaches from the
+previous posture, so the sign of its backlash is known.
 """
 
 from __future__ import annotations
@@ -16,21 +16,28 @@ from analysis.apps.postures.expected_error import PostureErrors
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 
 CHANGE = 0.5
-"""Price of a change of branch, in errors of a mean target. Chosen: a change pays if it halves the error of one target,
-or saves a twentieth at ten."""
+"""Cost of a change of branch, in errors of a mean target. Chosen: a change is worthwhile if it halves the error of
+one target, or reduces the error of ten targets by a twentieth.
+"""
 TRAVEL = 0.1
-"""Price of a radian of the joint that turns the most, in errors of a mean target. Chosen: half a turn costs a third."""
+"""Cost of a radian of the joint with the largest motion, in errors of a mean target. Chosen: half a turn costs a
+third.
+"""
 _SINGULAR = 1e3
-"""Price of a singular posture. Only the table of an existing program contains one; it is the last choice."""
+"""Cost of a singular posture, the last choice. Only the table of an existing program can contain one."""
 _STAYS_RAD = 1e-9
-"""Smallest motion that sets the side of approach of a joint."""
+"""Smallest motion that determines the side of approach of a joint."""
 
 
 @dataclass(frozen=True)
 class Sequence:
-    """A posture for each target in the order of the program: rows (t,) of the candidates, the expected error (t,) mm
-    with the side of approach that the program gives, the number of changes of branch, and the travel of the joint that
-    turns the most, rad, summed."""
+    """A posture for each target in program order.
+
+    rows (t,): rows of the candidates.
+    expected_mm (t,): expected error, with the side of approach given by the program.
+    changes: number of changes of branch.
+    travel_rad: sum over all moves of the largest joint motion.
+    """
 
     rows: Integers
     expected_mm: Array
@@ -46,9 +53,9 @@ class Sequence:
 def best_sequence(
     candidates: Candidates, errors: PostureErrors, *, change: float = CHANGE, travel: float = TRAVEL, error: float = 1.0
 ) -> Sequence:
-    """Return the sequence with the smallest sum of errors and prices, all in errors of a mean target.
+    """Return the sequence with the smallest sum of errors and costs, all in errors of a mean target.
 
-    error: price of an error; 0 gives the sequence that a person would take without knowing the errors.
+    error: weight of the errors; 0 gives the sequence that a user would choose without knowing them.
     """
     groups = [slice_ for _, slice_ in candidates.groups()]
     if not groups:
@@ -88,13 +95,17 @@ def _changed(before: Integers, after: Integers) -> Mask:
 
 
 def _approached(errors: PostureErrors, before: slice, rows: slice, away: Array) -> Array:
-    """Return the expected errors (k, l) mm of postures `rows` (l) after `before` (k); away (k, l, axes) rad."""
+    """Return the expected errors (k, l) mm of postures `rows` (l) after `before` (k), with joint motions `away` (k,
+    l, axes) rad.
+    """
     count = away.shape[0]
     repeated = np.tile(np.arange(rows.start, rows.stop), count)
     return _after(errors.of(repeated), away.reshape(-1, away.shape[2])).reshape(count, -1)
 
 
 def _after(errors: PostureErrors, away: Array) -> Array:
-    """Return the expected errors (m,) mm after motions (m, axes) rad; a joint that stays may be at either side."""
+    """Return the expected errors (m,) mm after motions (m, axes) rad; the side of a joint that does not move is
+    unknown.
+    """
     moved = away[:, : errors.rising_mm.shape[1]]
     return errors.from_sides(np.where(np.abs(moved) > _STAYS_RAD, np.sign(moved), 0.0))

@@ -1,4 +1,4 @@
-"""Typical errors of an arm that was not measured: the healthy size of every effect as an independent displacement."""
+"""Typical errors of an arm that was not measured: every effect at its healthy size, as an independent displacement."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from rigs.rig import Rig
 from rigs.schema.effect import healthy, scaled, size_fields
 
 _LEVEL = 1.0
-"""Size of the errors relative to a healthy arm: 1 gives a UR10 1.0 mm rms over its workspace. The measured nominal
-errors of one are 0.8 to 1.1 mm (docs/trials.md)."""
+"""Size of the errors relative to a healthy arm. For 1 the model of a UR10 has 1.0 mm rms over its work space;
+measured nominal errors of a UR10 are 0.8 to 1.1 mm (docs/trials.md).
+"""
 
 
 def typical_displacements(rig: Rig, q: Array) -> Array:
     """Return independent tool displacements (k, n, 3) mm at joint angles q (n, axes) rad.
 
-    Each displacement is one standard deviation of a typical effect. Play is left out: it depends on the approach.
+    Each is one standard deviation of a typical effect. Backlash is omitted, because it depends on the approach.
     """
     columns, sd_mm = pose_columns(rig.model_copy(update={"effects": ()}).with_calibration(None, None), q)
     variance = columns.variance(_LEVEL)
@@ -28,7 +29,7 @@ def typical_displacements(rig: Rig, q: Array) -> Array:
 
 
 def typical_plays(rig: Rig) -> list[Effect]:
-    """Return the play of every joint at the size that is usual for an arm of this build."""
+    """Return the backlash of every joint at the size typical for the build of the arm."""
     plays = [cls for cls in VOCABULARY.values() if cls.STAGE == "joint" and cls.STRAIGHT == 0]
     of_axes = [
         healthy(cls.model_validate({"axis": axis, size_fields(cls)[0]: 1.0}))

@@ -1,7 +1,7 @@
-"""A map of the work area: the expected error of a part at each place where it could stand.
+"""Map of the work area: the expected error of a part at each possible place.
 
-The nodes of a horizontal grid are reached with one orientation of the tool. A part covers several nodes and is worked
-on in one branch, so its error is the rms over its nodes in the best branch.
+The nodes of a horizontal grid are reached with a fixed orientation of the tool. A part covers several nodes and is
+processed in one branch, so its error is the rms over its nodes in the best branch.
 """
 
 from __future__ import annotations
@@ -21,8 +21,11 @@ _NODES = 21
 
 @dataclass(frozen=True)
 class WorkMap:
-    """Expected rms error (y, x) mm of a part centred at x_mm (x,) and y_mm (y,) of the world, NaN where it cannot be
-    worked on; z_mm: height of its middle; part_mm (3,): its size."""
+    """Expected rms error (y, x) mm of a part centred at x_mm (x,) and y_mm (y,) in the world, NaN if it cannot be
+    processed there.
+
+    z_mm: height of its centre. part_mm (3,): its size.
+    """
 
     x_mm: Array
     y_mm: Array
@@ -32,7 +35,7 @@ class WorkMap:
 
     @property
     def best_mm(self) -> tuple[float, float] | None:
-        """Return the centre x, y of the best place, None if the part fits nowhere."""
+        """Return the centre x, y of the best place; None if the part fits nowhere."""
         if not np.isfinite(self.expected_mm).any():
             return None
         row, column = np.unravel_index(int(np.nanargmin(self.expected_mm)), self.expected_mm.shape)
@@ -47,9 +50,9 @@ class WorkMap:
 
 
 def work_map(rig: Rig, part_mm: Array, pose: Array, near: Array, taught: Array | None = None) -> WorkMap:
-    """Return the map of a part (3,) mm, worked on with the orientation and at the height of a tool pose (4, 4).
+    """Return the map of a part (3,) mm processed with the orientation and at the height of a tool pose (4, 4).
 
-    near: reference posture (axes,) rad for whole turns; taught: postures at which frame and tool are taught.
+    near: reference posture (axes,) rad for full turns. taught: postures at which frame and tool are taught.
     """
     arm = arm_of(rig.robot)
     reach = reach_mm(arm)
@@ -83,7 +86,7 @@ def _node_errors(rig: Rig, xy: Array, z: float, pose: Array, near: Array, taught
 
 
 def _nearest_turns(candidates: Candidates, near: Array) -> Candidates:
-    """Return one posture of each solution, the turns nearest to a reference posture."""
+    """Return a single posture of each solution, with the turns nearest to a reference posture."""
     away = np.abs(candidates.q[:, : len(near)] - near).max(axis=1)
     order = np.lexsort((away, candidates.solution))
     _, first = np.unique(candidates.solution[order], return_index=True)
@@ -91,8 +94,9 @@ def _nearest_turns(candidates: Candidates, near: Array) -> Candidates:
 
 
 def _of_parts(square: Array, half_x: int, half_y: int) -> Array:
-    """Return the mean square (y, x) of parts that extend over half_x and half_y nodes on each side, in the best
-    branch, NaN where a node is out of reach. square (layer, y, x, branch)."""
+    """Return the mean square error (y, x) of parts that extend over half_x and half_y nodes to each side, in the
+    best branch. square: (layer, y, x, branch), NaN if a node is out of reach.
+    """
     mean = square.mean(axis=0)
     window = np.zeros(mean.shape)
     padded = np.pad(mean, ((half_y, half_y), (half_x, half_x), (0, 0)), constant_values=np.inf)

@@ -284,7 +284,7 @@ class Session(Part):
 
     @property
     def sides(self) -> tuple[Side, ...]:
-        """Errors of the robot at each place that was driven before the correction."""
+        """Errors of the robot at each place that was measured before the correction."""
         verified, correction = self.verified or VerifiedError(), self.correction
         at_place, elsewhere = (correction.same, correction.elsewhere) if correction else (None, None)
         sides = []
@@ -296,7 +296,7 @@ class Session(Part):
 
     @property
     def to_do(self) -> tuple[str, ...]:
-        """Recommended acts, the first first. After a verified correction, the correction itself is left out."""
+        """Recommended acts in order of priority. After a verified correction, the correction itself is omitted."""
         answer = self.answer
         if answer is None:
             return ()
@@ -314,8 +314,10 @@ class Session(Part):
 
     @property
     def summary(self) -> Summary | None:
-        """Headline and tiles of the last answer; the error of a corrected robot is that measured with the correction.
-        None without an answer."""
+        """Headline and tiles of the last answer; None if there is no answer.
+
+        For a corrected robot they show the error measured with the correction.
+        """
         if self.answer is None or (summary := self.answer.summary) is None:
             return None
         acts, verified = self.open_acts, self.verified

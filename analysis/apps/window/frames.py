@@ -187,7 +187,7 @@ def summary(session: Session) -> dict[str, Any]:
 
 
 def shown_summary(session: Session) -> dict[str, Any] | None:
-    """Return headline and tiles as plain values, None without an answer."""
+    """Return headline and tiles as plain values; None if there is no answer."""
     summary = session.summary
     return None if summary is None else asdict(summary) | {"error": _error(summary.error)}
 

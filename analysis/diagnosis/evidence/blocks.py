@@ -360,7 +360,7 @@ class SimulatedBlock:
 
     def late(self, effect: Effect) -> Array:
         """Return the change (N, c) of the whitened readings of a circle if the joint errors of an effect are delayed
-        by each of c healthy-sized stamp effects; zero at targets.
+        by each of c stamp effects of healthy size; zero at targets.
         """
         stamps = late_stamps()
         if not self.block.sampling:
@@ -420,7 +420,7 @@ class SimulatedBlock:
 
     @cached_property
     def _slopes_of_axes(self) -> Array:
-        """Derivatives (axes, m, k) by each joint, contiguous per joint."""
+        """Derivatives (axes, m, k) by each joint, in contiguous memory per joint."""
         return np.ascontiguousarray(np.moveaxis(self.slopes, 2, 0))
 
 

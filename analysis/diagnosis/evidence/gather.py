@@ -35,8 +35,9 @@ class Uses:
 class Evidence:
     """Prepared runs of a robot.
 
-    runs, judges, elsewhere: readings (m, k) mm used in the fit, held out, and of an unseen place. tolerance_um: largest
-    accepted rms error of the readings; None if the limits of the rig file decide. doubts: of the placements.
+    runs, judges, elsewhere: runs used in the fit, held out, and at an unseen place; readings (m, k) mm.
+    tolerance_um: largest accepted rms error of the readings; None if the limits of the rig file decide.
+    doubts: doubts about the placements.
     """
 
     rig: Rig
@@ -49,9 +50,11 @@ class Evidence:
 
 
 def gather(rig: Rig, uses: Uses, tolerance_um: float | None, progress: Callable[[str], None]) -> Evidence:
-    """Prepare the runs of a robot with the model of its rig. Without held-out runs, a fifth of the neighbourhoods of
-    poses in joint space is held out. Raises FileError for runs of a different robot, or not readable as the stated
-    test."""
+    """Prepare the runs of a robot with the model of its rig.
+
+    Without held-out runs, a fifth of the poses is held out, in groups of neighbouring postures. Raises FileError for
+    runs of a different robot, or not readable as the stated test.
+    """
     progress("reading the runs")
     (runs, judges, elsewhere), doubts = prepare_runs(rig, uses.used, uses.held_out, uses.unseen)
     if not judges:

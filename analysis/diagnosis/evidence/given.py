@@ -1,4 +1,4 @@
-"""Effects requested by the user: names with places, as NAME:PLACE,NAME:PLACE, or names only.
+"""Effects requested by the user, as NAME:PLACE,NAME:PLACE, or by name only.
 
 If the place is omitted, the name means all axes, or both gauges. Each effect defines the notation of its place.
 """

@@ -85,8 +85,8 @@ class ObservedRun:
 
     @property
     def on_lap(self) -> ObservedRun:
-        """The run of (m, k) mm used for stating errors: for a circle only the lap, because a standstill would count
-        the same place hundreds of times.
+        """Run used for stating errors of (m, k) mm: for a circle only the lap, because a standstill would count the
+        same place hundreds of times.
         """
         if self.sampling is None:
             return self

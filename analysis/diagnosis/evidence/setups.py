@@ -204,7 +204,7 @@ def _starting_pose_setups(
 
 
 def _at_target(setup: SetUp, runs: Sequence[ObservedRun]) -> SetUp:
-    """Return a set-up with the target located on the tool by the poses, of (m, 3) mm, and the instrument fixed.
+    """Return a set-up with the target on the tool fitted to the poses, of (m, 3) mm, and the instrument fixed.
     Positions are linear in the target.
     """
     bare = replace(setup, T_tool_target=np.eye(4))
@@ -216,15 +216,15 @@ def _at_target(setup: SetUp, runs: Sequence[ObservedRun]) -> SetUp:
 
 
 def _at(place: Array) -> Array:
-    """Return the frame (4, 4) at a place (3,) mm without rotation."""
+    """Return the frame (4, 4) at a position (3,) mm without rotation."""
     frame = np.eye(4)
     frame[:3, 3] = place
     return frame
 
 
 def at_instrument(setup: SetUp, runs: Sequence[ObservedRun]) -> SetUp:
-    """Return a set-up with the instrument at the place from which the poses, of (m, 3) mm, were measured: the best
-    rigid motion, with a fixed tool.
+    """Return a set-up with the instrument fitted to the poses, of (m, 3) mm: the best rigid motion, with a fixed
+    tool.
     """
     bare = replace(setup, T_instrument_world=np.eye(4))
     places = np.concatenate([predicted(run, bare) for run in runs])
@@ -331,10 +331,10 @@ FEWEST_PLACES = 3 * GROUPS
 
 
 def constants_apart(runs: Sequence[ObservedRun]) -> bool:
-    """Return whether the constants of an arm get separate prior widths with readings of (m, k) mm.
+    """Return whether the constants of an arm have separate prior widths, for readings of (m, k) mm.
 
-    This applies to touches, and to places too few to name constants that are larger than usual. For 30 poses of a UR10,
-    constants of usual size leave a tenth more.
+    This applies to touches, and to positions too few to identify constants that are larger than usual. Without separate
+    widths, 30 poses of a UR10 with constants of usual size leave a residual a tenth larger.
     """
     of_touches = all(facts_of(run.table.test).constants_apart for run in runs)
     of_poses = all(facts_of(run.table.test).of_places for run in runs)

@@ -39,7 +39,7 @@ class MarginalValues:
     absorbed: Array
 
     def products(self, right: MarginalValues) -> Array:
-        """Return values' C⁻¹ right, a matrix (k, l) for whitened values (N, k) and (N, l)."""
+        """Return the products (k, l) values' C⁻¹ right of whitened values (N, k) and (N, l)."""
         return self.weighted.T @ right.values - self.absorbed.T @ right.absorbed
 
 
@@ -209,7 +209,7 @@ class Background:
 
     @cached_property
     def spent(self) -> Array:
-        """Energy of each band (b,), in noise variances, hidden by the uncertainty of the coefficients, excluding
+        """Energy of each band (b,), in noise variances, that the uncertainty of the coefficients hides, excluding
         fitted terms.
         """
         return np.tensordot(self.columns.K, self.covariance, axes=2)
@@ -235,8 +235,8 @@ class Background:
 class Gains:
     """Gain of n forms relative to a healthy share, each fitted together with all other terms.
 
-    Log evidence (n,) as a `fault`, and as the only form of `healthy` size of the name. `sigma` (n,): significance of a
-    healthy size in sigmas. `size` (n,): size shown by the readings, in healthy sizes.
+    Log evidence (n,) as a `fault`, and as the only form of `healthy` size of the effect. `sigma` (n,): significance of
+    a healthy size in sigmas. `size` (n,): size shown by the readings, in healthy sizes.
     """
 
     fault: Array
@@ -320,7 +320,7 @@ class CoefficientPosterior:
 
     @cached_property
     def spent(self) -> Array:
-        """Energy of each band (b,), in noise variances, hidden by the uncertainty of all coefficients."""
+        """Energy of each band (b,), in noise variances, that the uncertainty of all coefficients hides."""
         return self.background.spent + np.bincount(self.background.columns.band, self._of_terms)
 
     def left_out(self, rows: Integers) -> tuple[Array, Array]:
@@ -341,7 +341,7 @@ class CoefficientPosterior:
 
     @cached_property
     def weighted_spent(self) -> Array:
-        """Weighted energy of each band (b,) hidden by the uncertainty of all coefficients."""
+        """Energy of each band (b,), weighted by the noise, that the uncertainty of all coefficients hides."""
         background, columns = self.background, self.background.columns
         spent: Array = columns.weighted_spent(background.weight, background.covariance)
         return spent + np.bincount(columns.band, background.weight * self._of_terms)

@@ -39,7 +39,7 @@ factors of about five, refined by the fit.
 
 @dataclass(frozen=True)
 class Candidate:
-    """A name in a given form.
+    """An effect in a given form.
 
     `effects`: effect of each column, at `size` of the healthy size, because the response to backlash is not
     proportional to the width. `shaped`: the effect in the other shapes tried by a search. `weight`: relative likelihood
@@ -143,7 +143,7 @@ def fault_sizes(level: float) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class Form(Candidate):
-    """A possible appearance of a name: a candidate with the indices of its `columns`."""
+    """A possible appearance of an effect: a candidate with the indices of its `columns`."""
 
     columns: tuple[int, ...]
 
@@ -160,7 +160,7 @@ class Columns:
     `X` (N, p) contains the columns of forms per healthy size, then of set-ups (`set_ups`) per mm, then of the scatter
     of joints, ball and stamps. `band` (N,): index of the band of each entry. `healthy` and `fixed` (p,): prior
     variances of the coefficients in a healthy arm, growing with the level and constant; `healthy_mean` (p,): their
-    means at level 1. `not_seen`: names invisible at any fault size. `constants_apart`: constants of the arm have
+    means at level 1. `not_seen`: effects invisible at any fault size. `constants_apart`: constants of the arm have
     separate widths, as for touches. `turned` (axes): turns of joints. `functions`: number of free functions, the last
     columns, for causes outside the library.
     """
@@ -184,7 +184,7 @@ class Columns:
 
     @cached_property
     def among(self) -> dict[str, float]:
-        """Number of forms per name, by weight."""
+        """Number of forms per effect, by weight."""
         among = dict.fromkeys((form.name for form in self.forms), 0.0)
         for form in self.forms:
             among[form.name] += form.weight
@@ -202,7 +202,7 @@ class Columns:
 
     @cached_property
     def likelihoods(self) -> Array:
-        """Likelihood of each form (n,) among the forms of the name in a healthy arm."""
+        """Likelihood of each form (n,) among the forms of the effect in a healthy arm."""
         return _likelihoods(self.forms)
 
     @cached_property
@@ -415,9 +415,9 @@ def forms_of(every: Sequence[Candidate]) -> tuple[Form, ...]:
 
 def healthy_shares(forms: Sequence[Form], present: Collection[str] = ()) -> Array:
     """Return the prior variance (p,) of form columns in a healthy arm, in healthy sizes squared, distributed over the
-    forms of each name.
+    forms of each effect.
 
-    present: names already in the model.
+    present: named effects already in the model.
     """
     whole = np.array([1 - _MEAN**2 if _is_magnitude(form, present) else 1.0 for form in forms])
     width = np.array([len(form.columns) for form in forms], dtype=np.int64)
@@ -463,7 +463,7 @@ def _is_ordered(orders: Array) -> bool:
 
 
 def _likelihoods(forms: Sequence[Form]) -> Array:
-    """Return the likelihood of each form (n,) among the forms of the name: by weight, except for gear orders.
+    """Return the likelihood of each form (n,) among the forms of the effect: by weight, except for gear orders.
 
     Orders are ratios of gear stages, so each octave is equally likely. With equal likelihood for every order of a joint
     with a large range, a healthy gear error of order 3 was expected at a third of the true size. A similar form error

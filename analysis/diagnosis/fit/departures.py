@@ -22,9 +22,9 @@ time, relative to the sampling interval. Chosen: the time is known to about a sa
 be on either side.
 """
 _LEAST = 1e-3
-"""Largest entry, in noise standard deviations, of a column that can be left out."""
+"""Columns with no entry above this value, in noise standard deviations, are omitted."""
 _NEGLIGIBLE = 0.01
-"""Largest standard deviation along a direction, relative to the noise, omitted by `fewest_columns`. Chosen: a
+"""Standard deviation along a direction, relative to the noise, below which `fewest_columns` omits it. Chosen: a
 ten-thousandth of the noise variance.
 """
 _PARTS = 16
@@ -139,13 +139,14 @@ def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s:
 
 
 def _that_change(columns: Array) -> Array:
-    """Return the columns (N, c) that change a reading."""
+    """Return only the columns (N, c) with an influence on the readings."""
     return columns[:, np.abs(columns).max(axis=0) > _LEAST]
 
 
 def _columns_by_block(linear: Linearisation, whole: Array, *, sampling: bool) -> Array:
-    """Return columns (N, c) separately for each circle, or if not sampling, for each block of targets, as (N, f):
-    zero elsewhere, omitting ineffective columns.
+    """Return columns (N, c) separately for each circle, or if not sampling for each block of targets, as (N, f).
+
+    Each is zero elsewhere; columns without influence are omitted.
     """
     columns = [np.empty((len(whole), 0))]
     for block, rows in zip(linear.blocks, linear.rows, strict=True):

@@ -1,4 +1,4 @@
-"""Causes outside the library as free functions in addition to the names, and the remaining names."""
+"""Causes outside the library as free functions in addition to the named effects, and the remaining named effects."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _LEFT = 1.5
 
 
 def beside_discrepancy(selection: Selection, state: SelectionState) -> tuple[Selection, SelectionState]:
-    """Add free functions for causes outside the library, and remove the names that no longer pay.
+    """Add free functions for causes outside the library, and remove the named effects that no longer pay.
 
-    Returns the new selection and state, or both unchanged if there is no sign of such causes. A name that imitates such
-    a cause leaves a residual, to which the next name is fitted. Names are therefore reassessed together with functions
-    of every angle, direction, time and place of the ball. The readings determine the amplitude.
+    Returns the new selection and state, or both unchanged if there is no sign of such causes. A named effect that
+    imitates such a cause leaves a residual, to which the next effect is fitted. Named effects are therefore reassessed
+    together with functions of every angle, direction, time and place of the ball. The readings determine the amplitude.
     """
     waves = [effect for effect in state.possible_faults(state.effects) if _is_wave_of_joint(effect)]
     is_suspect = bool(state.free_forms) or (state.strength > _LEFT).any() or len(waves) > 1
@@ -38,8 +38,8 @@ def beside_discrepancy(selection: Selection, state: SelectionState) -> tuple[Sel
 
 
 def with_likeliest_discrepancy(selection: Selection, state: SelectionState) -> SelectionState:
-    """Return the state with the likeliest amplitude of causes outside the library in addition to the names, 0 if no
-    amplitude pays the penalty.
+    """Return the state with the likeliest amplitude of causes outside the library in addition to the named effects,
+    0 if no amplitude pays the penalty.
     """
     functions = selection.columns.X[:, selection.columns.discrepancy]
     none = replace(state, discrepancy=0.0)
@@ -48,8 +48,8 @@ def with_likeliest_discrepancy(selection: Selection, state: SelectionState) -> S
 
 
 def without_imitators(selection: Selection, state: SelectionState) -> SelectionState:
-    """Remove the names that causes outside the library explain equally well: first all waves of joints together,
-    which approximate any function of angles, and then single names.
+    """Remove the named effects that causes outside the library explain equally well: first all waves of joints
+    together, which approximate any function of angles, and then single named effects.
     """
     waves = [k for k, effect in enumerate(state.effects) if _is_wave_of_joint(effect)]
     if len(waves) > 1:

@@ -1,4 +1,4 @@
-"""Prior odds of effects: the log evidence that an effect must gain before the selection names it."""
+"""Prior odds of effects: the log evidence that an effect must gain before the selection accepts it."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ class EffectPrices:
 
     @cached_property
     def fault_price(self) -> float:
-        """Prior log odds that a name is a fault of the arm."""
+        """Prior log odds that a named effect is a fault of the arm."""
         return float(np.log(_FAULTS / max(len(self.columns.among), 1)))
 
     @cached_property
     def log_choices(self) -> Array:
-        """Logarithm (n,), a pure number, of the inverse likelihood of each form among the forms of the name."""
+        """Logarithm (n,), a pure number, of the inverse likelihood of each form among the forms of the effect."""
         return np.asarray(-np.log(self.columns.likelihoods), dtype=float)
 
     @cached_property
     def shows_curves(self) -> bool:
-        """Whether the readings show curves of joints and no single waves of a healthy joint.
+        """True if the readings show curves of joints but no single waves of a healthy joint.
 
-        Poses see long pieces of the curve of a joint's error over the angle, and no wave of a healthy joint is
-        dominant. For a UR10, 22 waves picked singly took nine tenths of the time and left the same residual as no wave.
+        Poses cover long sections of the error of a joint over its angle, and no wave of a healthy joint is dominant.
+        For a UR10, 22 waves selected singly took nine tenths of the time and left the same residual as no wave.
         """
         return not any(block.sampling for block in self.linear.blocks)
 
@@ -63,8 +63,8 @@ class EffectPrices:
         return self.shows_curves and is_of_curve(effect)
 
     def nearest_form(self, effect: Effect) -> int | None:
-        """Return the index of the form of an effect's name, for waves the form of the nearest order; None if the
-        name has no form.
+        """Return the index of the form of an effect, for waves the form of the nearest order; None if the effect has
+        no form.
         """
         forms, order = self.columns.forms, order_of(effect)
         of_name = [k for k, form in enumerate(forms) if form.name == name_of(effect)]
@@ -72,7 +72,7 @@ class EffectPrices:
         return of_name[int(np.argmin(apart))] if of_name else None
 
     def choice_cost(self, effect: Effect) -> float:
-        """Return the log evidence that the choice of an effect among the forms of the name costs.
+        """Return the log evidence required for choosing an effect among several possible forms.
 
         Waves are as likely as in the background: by octaves. With all of 125 orders equally likely, order 2 paid 2.6
         more than that, and a ball's form replaced a gear error of the axis that drives the circle.
@@ -91,12 +91,14 @@ class EffectPrices:
         return odds - self.choice_cost(effect) - self.stated_penalty(effect)
 
     def usual_gain(self, effect: Effect, level: float) -> float:
-        """Return the log odds that an effect gains over the penalty in a comparison of names, since it may be usual."""
+        """Return the log odds that an effect gains over the penalty in a comparison of named effects, since it may
+        be usual.
+        """
         return float(self.usual_gains([effect], np.array([size_of(effect)]), level)[0])
 
     def usual_gains(self, effects: Sequence[Effect], size: Array, level: float) -> Array:
         """Return the log odds (n,) that effects with given sizes (n,), in healthy sizes, gain over their penalties in a
-        comparison of names, since they may be usual.
+        comparison of named effects, since they may be usual.
 
         Every arm has a usual amount of every effect. Neither a search that ignores it below a given gain nor an arm
         that shows less of most others is evidence against it.
@@ -117,8 +119,8 @@ class EffectPrices:
         return np.asarray(np.logaddexp(fault, healthy) - wide, dtype=float)
 
     def stated_penalty(self, effect: Effect) -> float:
-        """Return the log evidence that readings must provide for shapes of an effect that differ from the rig file:
-        if the link masses are unknown, a soft joint and a heavy load look the same.
+        """Return the log evidence that readings must provide for shapes of an effect that differ from the rig file.
+        With unknown link masses, a soft joint and a heavy load look the same.
         """
         free = effect.free(self.linear.payload_kg)
         off = [abs(getattr(effect, one.field) - one.expected) > _OFF_STATED * one.spread for one in free if one.stated]
@@ -139,8 +141,10 @@ class EffectPrices:
 
     @cached_property
     def thresholds(self) -> Array:
-        """Log evidence (n,) that a form must gain beyond the penalty: infinite if a set-up of poses or touches can
-        do the same, as the last length is a length of the tool; less along directions that are hardly visible.
+        """Log evidence (n,) that a form must gain in addition to the penalty.
+
+        It is infinite if a set-up of poses or touches has the same effect, as the last length is a length of the tool.
+        It is lower along directions that are hardly visible.
         """
         against = np.array([self.stated_penalty(form.effect) for form in self.columns.forms], dtype=float)
         if self.shows_curves:

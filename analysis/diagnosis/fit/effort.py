@@ -6,13 +6,16 @@ from dataclasses import dataclass
 
 _MOST_ROUNDS = 60
 """Largest number of rounds of all selections of a search. Chosen: cells with up to three faults took 10 to 30, and a
-cell with an unknown cause did not end; the residual then widens the uncertainties by the strength of the band.
+cell with an unknown cause did not converge. After the limit, the residual widens the uncertainties by the
+strength of the band.
 """
 
 
 @dataclass
 class Effort:
-    """Number of rounds of a search. It is limited, because an error that no name reduces would never end the search."""
+    """Number of rounds of a search. It is limited, because an error that no named effect reduces would never end the
+    search.
+    """
 
     rounds: int = 0
 

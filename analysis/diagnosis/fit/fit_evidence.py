@@ -13,8 +13,9 @@ from rigs.effects import Effect
 
 @dataclass(frozen=True)
 class Fit:
-    """Fitted effects. is_given: whether they were given instead of found by a search. out_of_range: the one parameter
-    that exceeds its range; None if there is none."""
+    """Fitted effects. is_given: True if they were given by the user instead of found by a search. out_of_range: the
+    parameter that exceeds its range; None if there is none.
+    """
 
     result: SearchResult
     out_of_range: OutOfRange | None = None
@@ -22,8 +23,9 @@ class Fit:
 
 
 def fit_evidence(evidence: Evidence, given: Sequence[Effect] | None, progress: Callable[[str], None]) -> Fit:
-    """Return the result of a search, or of the fit of `given` effects. If a search finds that one parameter is out of
-    range, the result is the fit of that one, without a limit."""
+    """Return the result of a search, or of the fit of `given` effects. If a search finds a parameter out of range,
+    only this parameter is fitted, without a limit.
+    """
     if given is not None:
         return Fit(fit_given(evidence.runs, given, progress), is_given=True)
     result = search(evidence.runs, progress)

@@ -40,7 +40,7 @@ _TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class OutOfRange:
-    """The parameter out of range, as an effect of the estimated size, and the `twins` that would explain the
+    """The parameter out of range, as an effect of the estimated size, and its `twins`, which would explain the
     readings equally well.
     """
 
@@ -54,10 +54,10 @@ class OutOfRange:
 
 
 def find_out_of_range(result: SearchResult, runs: Sequence[ObservedRun]) -> OutOfRange | None:
-    """Return the parameter that explains runs, of (m, k) mm, beyond the limit better than the effects of a search
-    within their limits.
+    """Return the parameter that, beyond its limit, explains runs of (m, k) mm better than all effects found within
+    their limits.
 
-    None if no size came near the limit, or no single parameter does.
+    None if no size came near its limit, or if no single parameter explains them better.
     """
     at_limit = [effect for effect in result.effects if ended_at_limit(effect)]
     if not at_limit and not any(map(_is_large_constant, result.effects)):

@@ -1,8 +1,8 @@
 """Refinement of named effects: sizes and shapes fitted on the simulator by Gauss-Newton, with the background.
 
-The residual of a right name with a wrong shape would support other names. The shape of each effect (the gradual
-crossing of a backlash, a third harmonic, the order of a gear, a decay) is therefore fitted together with the size,
-restricted to plausible values. Deviations of a real gear, ball or brake from the ideal effect (`departures`) are
+The residual of a right effect with a wrong shape would support other named effects. The shape of each effect (the
+gradual crossing of a backlash, a third harmonic, the order of a gear, a decay) is therefore fitted together with the
+size, restricted to plausible values. Deviations of a real gear, ball or brake from the ideal effect (`departures`) are
 included in proportion to the effect.
 """
 
@@ -231,12 +231,12 @@ class _Problem:
 
     @cached_property
     def expected(self) -> Array:
-        """The expected values (q,) of the unknowns."""
+        """Expected values (q,) of the unknowns."""
         return np.array([u.expected for u in self.unknowns])
 
     @cached_property
     def spread(self) -> Array:
-        """The prior standard deviations (q,) of the unknowns."""
+        """Prior standard deviations (q,) of the unknowns."""
         return np.array([u.spread for u in self.unknowns])
 
     @cached_property

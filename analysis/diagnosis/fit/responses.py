@@ -30,7 +30,7 @@ from rigs.schema.effect import PHASE, name_of
 
 _Kind = TypeVar("_Kind", bound=np.generic)
 _KEPT = 4
-"""Number of responses cached for each kind and name, at some 4 MB each with their products: about the number of
+"""Number of responses cached for each kind and effect, at some 4 MB each with their products: about the number of
 starting points of the fits of a round.
 """
 
@@ -499,8 +499,8 @@ def plain_rms_by_block(linear: Linearisation, change: Array) -> RmsByBlock:
 
 
 def limits_um(linear: Linearisation, own_um: Mapping[str, float] = MappingProxyType({})) -> Array:
-    """Return the changes (b,) µm from which a name is material: the scatter of a run, excluding `own_um`, the
-    contribution of the name in each set-up.
+    """Return the changes (b,) µm from which a named effect is material: the scatter of a run, excluding `own_um`, the
+    contribution of the effect in each set-up.
 
     Few repeats determine the scatter of a run within a fifth or worse, so the limit is computed from the mean square
     minus the standard uncertainty of the mean square. A single difference of two runs provides no uncertainty.

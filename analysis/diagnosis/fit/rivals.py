@@ -15,16 +15,16 @@ from analysis.robot.kinematics.arm import Array
 from rigs.schema.effect import label_of, name_of, size_of
 
 _NEAR = 6.0
-"""Log evidence behind a name within which rivals are fitted on the simulator. Beyond it, the odds are below 1 in
-400.
+"""Log evidence behind a named effect within which rivals are fitted on the simulator. Beyond it, the odds are below
+1 in 400.
 """
 _MISSED = 0.9
-"""Share of the evidence of a name, or of the linear form if that is less, above which the linear form of a rival is
-also fitted. Chosen: linear forms of similar effects miss the evidence of the fits by shares differing less than a
-tenth.
+"""Share of the evidence of a named effect, or of the linear form if that is less, above which the linear form of a
+rival is also fitted. Chosen: linear forms of similar effects miss the evidence of the fits by shares differing
+less than a tenth.
 """
 _SWAPS = 4
-"""Largest number of replacements of a name by a rival. Chosen: each costs a search."""
+"""Largest number of replacements of a named effect by a rival. Chosen: each costs a search."""
 _RIVALS = 4
 """Largest number of fitted rivals. Chosen: others have negligible odds."""
 _CAUTIOUS = 0.25
@@ -36,14 +36,14 @@ _NEARLY = 0.5
 fit hardly doubles a size.
 """
 _DOUBT = 5.0
-"""Log evidence behind a name within which a rival is also fitted together with the name, to check whether it
-explains a different part. Chosen: odds of 150 to 1.
+"""Log evidence behind a named effect within which a rival is also fitted together with it, to check whether the
+rival explains a different part. Chosen: odds of 150 to 1.
 """
 
 
 @dataclass(frozen=True)
 class RivalOdds:
-    """Odds of a name and of the rivals, best first, each as the state with the rival in place of the name.
+    """Odds of a named effect and of the rivals, best first, each as the state with the rival in place of the effect.
 
     `healthy_odds`: odds of a healthy arm showing the same.
     """
@@ -56,7 +56,7 @@ class RivalOdds:
 def compare_with_rivals(
     selection: Selection, state: SelectionState, limits: Array
 ) -> tuple[SelectionState, tuple[RivalOdds, ...]]:
-    """Compare each fault with its rivals, and return the state and the odds of each name. A rival with more evidence
+    """Compare each fault with its rivals, and return the state and the odds of each effect. A rival with more evidence
     replaces the fault, and the search continues from there.
 
     An effect of healthy size, or a fault only in this arm that changes readings by no more than the limits (b,) µm, is
@@ -88,8 +88,8 @@ def without_needless_names(selection: Selection, state: SelectionState, limits: 
     """Remove the faults that do not pay after all other terms are refitted. Faults that change readings by no more than
     the limits (b,) µm are not tried.
 
-    A name added before a large fault was fitted closely may have absorbed the residual of that fault, and then blocks
-    the part. The fault of largest worth is not tried: the others are judged together with it.
+    An effect added before a large fault was fitted closely may have absorbed the residual of that fault. The fault of
+    largest worth is not tried, because the others are compared in its presence.
     """
     state = selection.settled(state)
     tried: set[str] = set()
@@ -113,8 +113,8 @@ def _rms_of_effect(selection: Selection, state: SelectionState, place: int) -> R
 
 
 def cautious_odds(selection: Selection, state: SelectionState, place: int, *, faults_only: bool = False) -> RivalOdds:
-    """Return the odds of a name and of the rivals as `rival_odds`. For a quiet arm they are averaged with the odds at a
-    usual level.
+    """Return the odds of a named effect and of the rivals as `rival_odds`. For a quiet arm they are averaged with the
+    odds at a usual level.
 
     The level is estimated from the dominant part of the readings, mostly waves of gears. Constants that a set-up
     absorbs may be usual in the same arm, and with usual constants a rival may explain as much.
@@ -133,8 +133,8 @@ def cautious_odds(selection: Selection, state: SelectionState, place: int, *, fa
 
 
 def rival_odds(selection: Selection, state: SelectionState, place: int, *, faults_only: bool = False) -> RivalOdds:
-    """Return the odds of a name and of the rivals: effects that explain as much in place of the name and add nothing to
-    it.
+    """Return the odds of a named effect and of the rivals: effects that explain as much in place of the effect and add
+    nothing to it.
 
     faults_only: only rivals that would be faults.
     """

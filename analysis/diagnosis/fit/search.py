@@ -62,7 +62,7 @@ end as the first.
 
 @dataclass(frozen=True)
 class SearchResult:
-    """Result of a search: the selection among runs about set-ups and reference effects, the state, and each name
+    """Result of a search: the selection among runs about set-ups and reference effects, the state, and each effect
     with the rivals. N counts the whitened entries of all blocks.
     """
 
@@ -82,17 +82,17 @@ class SearchResult:
 
     @property
     def fit(self) -> Refined:
-        """The names as fitted, with their parameters and residual (N,)."""
+        """The named effects as fitted, with their parameters and residual (N,)."""
         return self.state.refined
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The names."""
+        """The named effects."""
         return self.state.effects
 
     @cached_property
     def posterior(self) -> CoefficientPosterior:
-        """The posterior of all coefficients other than the names."""
+        """The posterior of all coefficients other than the named effects."""
         return self.selection.posterior(self.state)
 
     @property
@@ -130,27 +130,27 @@ class SearchResult:
 
     @cached_property
     def contributions(self) -> list[Array]:
-        """Additional contribution of each name to the whitened readings, (N,) each."""
+        """Additional contribution of each effect to the whitened readings, (N,) each."""
         return self.linear.contributions(self.effects, self.fit.residual)
 
     @cached_property
     def initial_residual(self) -> Array:
-        """The whitened residual (N,) of the model without names, with set-ups fitted."""
+        """The whitened residual (N,) of the model without named effects, with set-ups fitted."""
         return self.linear.without_set_up(self.linear.residual(()))
 
     @cached_property
     def scatter_limits_um(self) -> Array:
-        """Changes (b,) µm from which a name is material compared with the scatter of a run."""
+        """Changes (b,) µm from which a named effect is material compared with the scatter of a run."""
         return limits_um(self.linear)
 
     @cached_property
     def moves(self) -> Array:
-        """The terms of the set-ups (s,) mm that fit the readings best with the names."""
+        """Terms of the set-ups (s,) mm that fit the readings best with the named effects."""
         return self.linear.moves_with(self.effects)
 
     @property
     def free_share(self) -> Array:
-        """Unnamed contribution of free forms and the discrepancy to the whitened readings (N,)."""
+        """Contribution (N,) of free forms and discrepancy to the whitened readings."""
         free, own = self.fit.free.columns, self.columns.discrepancy
         of_forms = free @ self.posterior.term_means[len(self.posterior.term_means) - free.shape[1] :]
         return np.asarray(of_forms + self.columns.X[:, own] @ self.posterior.mean[own], dtype=float)
@@ -158,7 +158,7 @@ class SearchResult:
     @cached_property
     def calibrated_posterior(self) -> CoefficientPosterior:
         """The posterior excluding free forms and discrepancy. No model contains them, and a part shared between them
-        and the background would remain in it: 92 µm, compared with 19 for the names only.
+        and the background would remain in it: 92 µm, compared with 19 for the named effects only.
         """
         if not self.state.free_forms and not self.state.discrepancy:
             return self.posterior
@@ -166,13 +166,13 @@ class SearchResult:
 
     @property
     def residual(self) -> Array:
-        """The whitened residual (N,) of the model with the names, with set-ups fitted."""
+        """Whitened residual (N,) of the model with the named effects, with set-ups fitted."""
         return self.linear.without_set_up(self.fit.residual)
 
 
 def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> SearchResult:
-    """Search for names in runs, about set-ups fitted together with the names. The readings of a run are (m, k) mm.
-    Names that change readings by no more than the scatter of a run have no rivals.
+    """Search for named effects in runs, about set-ups fitted together with the named effects. The readings of a run
+    are (m, k) mm. Named effects that change readings by no more than the scatter of a run have no rivals.
     """
     refitted: tuple[Effect, ...] = ()
     so_far: tuple[Effect, ...] = ()
@@ -279,12 +279,12 @@ _SURE_SIGMA = 5.0
 sigma once in a million diagnoses.
 """
 _LEAST_SHARE = 0.2
-"""Smallest share of the residual energy that must follow the direction of travel. Poses are visited in some order,
-and a small share always does: 8 % in a UR10 measured at rest (Landgraf et al. 2021).
+"""Smallest share of the residual energy that must follow the direction of travel. Because poses are visited in some
+order, a small share always does: 8 % for a UR10 measured at rest (Landgraf et al. 2021).
 """
 _ALIKE, _UNABSORBED = 0.5, 0.2
-"""Chosen: a contribution counts as an arrival error if at least 0.5 of the energy follows the direction of travel;
-and at least 0.2 of the energy must remain after the dependence on joint angle is removed.
+"""Limits of an arrival error. Chosen: at least 0.5 of the energy follows the direction of travel, and at least 0.2
+of the energy remains after the dependence on the joint angle is removed.
 """
 _STEPS = 19
 """Angles of a joint, equally spaced in poses, beyond which the link may be displaced. Chosen: 5 % each."""
@@ -375,8 +375,9 @@ def _step_share(linear: Linearisation, rows: Mask, free: Callable[[Array], Array
 
 
 def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) -> Array:
-    """Return the residual (N,) plus the contributions of names and of the healthy share with the shape of the
-    arrival errors A (N, axes), and the curves of joints."""
+    """Return the residual (N,) plus the contributions of named effects and of the healthy share with the shape of
+    the arrival errors A (N, axes), and the curves of joints.
+    """
     posterior = result.posterior
     columns = posterior.background.columns
     others = np.concatenate([columns.X[:, : columns.set_ups.start], columns.X[:, columns.set_ups.stop :]], axis=1)

@@ -90,7 +90,7 @@ class Selection(SelectionSteps):
 
     @property
     def _of_tracker(self) -> bool:
-        """Whether all readings are poses of a tracker."""
+        """True if all readings are poses of a tracker."""
         return all(facts_of(block.table.test).of_tracker for block in self.linear.blocks)
 
     def state_with(self, effects: Sequence[Effect], previous: SelectionState | None = None) -> SelectionState:
@@ -135,7 +135,7 @@ class Selection(SelectionSteps):
         return replace(state, curves=curves, strength=strength)
 
     def fitted_again(self, state: SelectionState, refitted: Sequence[Effect] = ()) -> SelectionState:
-        """Return the state with each fault refitted from the best form of the name, if that explains more, except the
+        """Return the state with each fault refitted from the best form of the effect, if that explains more, except the
         `refitted` faults.
 
         A shape found with other set-ups may be a local optimum: a spike of 0.18 s remained at 0.05 s, although most of
@@ -160,9 +160,9 @@ class Selection(SelectionSteps):
     def select(self, state: SelectionState, *, stops: bool = False) -> SelectionState:
         """Return the state with all effects that cover their penalty and no others.
 
-        If a free form explained more than the best name, the search accepting it is tried too, and the state with more
-        evidence is returned. If `stops` is set, the search ends at the first new fault that invalidates the columns,
-        unless a free form explained more before.
+        If a free form explained more than the best named effect, the search accepting it is tried too, and the state
+        with more evidence is returned. If `stops` is set, the search ends at the first new fault that invalidates the
+        columns, unless a free form explained more before.
         """
         named, with_free_form = self._stepwise(state, accept_free_forms=False, stops=stops)
         if with_free_form is None:

@@ -69,8 +69,8 @@ class SelectionState:
     of the background and `level_cap` the upper limit. `strength` (b,) is the ratio of the variance of the residual in
     each band to that of the noise, and `robust` (N,) the weights of the entries. `refused` contains the indices of
     forms that did not cover their penalty, `free_forms` the free forms in use and `replaced_forms` the descriptions of
-    those replaced by a name. `discrepancy` is the amplitude of causes outside the library, 0 if not used. `curves` is
-    the size of the curves of joints, None unless all readings are poses.
+    those replaced by a named effect. `discrepancy` is the amplitude of causes outside the library, 0 if not used.
+    `curves` is the size of the curves of joints, None unless all readings are poses.
     """
 
     refined: Refined
@@ -91,7 +91,7 @@ class SelectionState:
         return self.refined.effects
 
     def may_be_fault(self, place: int) -> bool:
-        """Whether an effect is a possible fault."""
+        """Return whether an effect is a possible fault."""
         return bool(self.possible_faults([self.refined.effects[place]]))
 
     def possible_faults(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
@@ -135,15 +135,15 @@ def is_duplicate(effects: Sequence[Effect]) -> bool:
 
 
 def series_among(effects: Sequence[Effect]) -> frozenset[str]:
-    """Return the names with too many waves for gears among several effects: the series of an error of a different
-    form.
+    """Return the named effects with too many waves for gears among several effects: the series of an error of a
+    different form.
     """
     waves = Counter(name_of(effect) for effect in effects if is_wave(effect) and effect.STAGE == "joint")
     return frozenset(name for name, count in waves.items() if count > _MOST_WAVES)
 
 
 _SHOULDER = 2
-"""The axis loaded by nearly the same moment as the base: the first axis perpendicular to gravity."""
+"""The second axis, which carries nearly the same moment as the base: the first axis perpendicular to gravity."""
 
 
 def _is_soft_shoulder(effect: Effect) -> bool:
@@ -151,7 +151,7 @@ def _is_soft_shoulder(effect: Effect) -> bool:
 
 
 def stands_softly(effects: Sequence[Effect]) -> bool:
-    """Return whether effects contain a compliant base and no compliance of the shoulder."""
+    """Return whether the effects include a compliant base but no compliance of the shoulder."""
     yields = any(e.part == "gravity" and e.STAGE == "tool" and not hasattr(e, "axis") for e in effects)
     return yields and not any(map(_is_soft_shoulder, effects))
 
@@ -171,8 +171,8 @@ _GRAMS = 4
 class Backgrounds:
     """Backgrounds of states about given columns, for an arm of a build.
 
-    States that differ only in the fitted sizes and shapes of the same names share a background. States that differ only
-    in names and level share the weighted products of the columns.
+    States that differ only in the fitted sizes and shapes of the same effects share a background. States that differ
+    only in named effects and level share the weighted products of the columns.
     """
 
     columns: Columns
@@ -200,12 +200,11 @@ class Backgrounds:
 
     @cached_property
     def _usual_load(self) -> Array:
-        """Ratio of each column (p,) of the shoulder's compliance to the healthy size in an arm of the build; 1 for all
-        others.
+        """Ratio (p,) of the usual to the healthy size for columns of the shoulder's compliance; 1 for all others.
 
-        The foundation of the arm rotates it like a soft axis 2, about a lower point. With a soft foundation that axis
-        may have the usual compliance: if as stiff as in a machine, it left the compliance to the base, at three times
-        the true value.
+        A compliant foundation rotates the arm like a compliant axis 2, about a lower point. Next to a compliant
+        foundation, axis 2 is therefore permitted the usual compliance of the build; otherwise its compliance was
+        attributed to the base, at three times the true value.
         """
         usual = np.ones(len(self.columns.healthy))
         for form in self.columns.forms:
@@ -243,8 +242,8 @@ estimate moves a third of the distance; twelve rounds lead from a healthy arm to
 _QUIETER = 1.4
 """Factor between levels that are compared by evidence. Chosen: a tenth of the width of the prior."""
 _QUIETEST = 0.03
-"""Level below which no quieter level is tried by evidence: the right names of cells with a single effect win from
-0.1 on, and below it a search continues to ever smaller names.
+"""Level below which no quieter level is tried by evidence: the right effects of cells with a single effect win from
+0.1 on, and below it a search continues to ever smaller named effects.
 """
 _SAME_STRENGTH = 0.01
 """Largest logarithm of the ratio of strengths treated as equal: half a percent of an uncertainty."""
@@ -283,11 +282,11 @@ class Hyperparameters:
         return price
 
     def level(self, state: SelectionState, posterior: CoefficientPosterior) -> float:
-        """Return the level of the background: the ratio of the mean square of each name's effects to the expectation in
-        an arm at level 1.
+        """Return the level of the background: the ratio of the mean square of the coefficients of each effect to the
+        expectation in an arm at level 1.
 
-        A name with any number of forms counts only once, because a gear shows only a few orders; a fault has little
-        weight. Expected but unobserved effects do not count.
+        A named effect with any number of forms counts only once, because a gear shows only a few orders; a fault has
+        little weight. Expected but unobserved effects do not count.
         """
         columns, background = self.columns, posterior.background
         leveled = (columns.healthy > 0) & (background.variance > 0)
@@ -387,7 +386,7 @@ class Hyperparameters:
         """Return the state with the likeliest level, at most the present level.
 
         Estimates from the posterior converge ever more slowly to a quiet level. At 2.5 times too high a level, wrong
-        names were confirmed against a right name that gained 100 more in log evidence at the right level.
+        named effects were confirmed against a right effect that gained 100 more in log evidence at the right level.
         """
         whole = evidence(state) - _against_level(state.level)
         while state.level / _QUIETER >= _QUIETEST and not state.free_forms:

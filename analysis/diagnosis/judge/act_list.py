@@ -55,7 +55,7 @@ class JudgedPlace:
     gap: Gap
 
     def removed(self, effects: Sequence[Effect], relative_u: float = 0.0) -> Act:
-        """Return the figures of an action that removes effects whose change has a relative uncertainty."""
+        """Return the figures of an action that removes these effects. The change has a relative uncertainty."""
         before = self.gap.before_um
         after = residual_um(self.there, self.used, effects)
         change = math.sqrt(max(abs(before**2 - after**2), 0.0))
@@ -236,7 +236,7 @@ def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, don
 
 
 def _of_the_place(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Against]:
-    """Return the objections common to all figures."""
+    """Return the objections common to all figures of the validation place."""
     against = [Against("not_judged_elsewhere")] if judged.place == "used" else []
     if diagnosis.runs_to_decide is not None:
         against.append(Against("few_runs", runs=diagnosis.runs_to_decide))
@@ -336,10 +336,10 @@ def _may_repeat(diagnosis: Diagnosis, scatter: tuple[int, ...]) -> bool:
 
 
 def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) -> bool:
-    """Return whether a measurement precedes all reducing actions.
+    """Return whether a measurement precedes all actions that reduce the error.
 
-    This is the case if correction is not allowed, if the runs are too few, or if rivals of the largest part leave the
-    repair open.
+    This is the case if correction is not allowed, if the runs are too few, or if the repair is undecided because of
+    rivals of the largest part.
     """
     if measurement.why in ("commanded", "visits_differ", "revisit"):
         return measurement.why != "revisit" or measurement.parts[:1] == (0,)  # scatter is the largest part

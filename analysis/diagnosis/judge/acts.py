@@ -55,7 +55,7 @@ an error that depends on the approach; the error belongs to the gauges; the arm 
 
 @dataclass(frozen=True)
 class Against:
-    """Objection to an action as a value."""
+    """Objection to an action."""
 
     why: Objection
     names: tuple[str, ...] = ()
@@ -152,7 +152,7 @@ def acts_with(acts: Sequence[Act], model: str, again: tuple[str, ...] = ()) -> t
 
 
 def is_done(kind: str, why: str, *, way: str | None, elsewhere: bool) -> bool:
-    """Return whether an action of this kind and reason is done.
+    """Return whether an action of this kind and reason has already been performed.
 
     way: active correction, `entries` or `programs`, None if inactive. Entered values include zeros, so re-mastering
     would correct twice. elsewhere: whether a different place has validated the model.

@@ -35,8 +35,9 @@ _MOST_MEMBERS = 3
 _DOUBTED_SIGMA = 2.0
 """Significance in sigmas below which the contribution of a part is unknown: it may be absent."""
 _INVISIBLE_UM = 1e-3
-"""Contribution of an effect of healthy size in µm below which these runs do not show it, so that a multiple of it means
-nothing: a play of a joint that comes to every place from the same side."""
+"""Contribution in µm of an effect of healthy size below which these runs do not show it, so that a multiple of it is
+meaningless, such as backlash of a joint that always approaches from the same side.
+"""
 _NO_FREEDOM = 1e-14
 """Ratio of mean squares below which a combination of set-up terms has no influence."""
 _BY_JOINT: tuple[PartKind, ...] = ("curve", "reversal")
@@ -283,7 +284,7 @@ class Budget:
 
     @cached_property
     def _not_shown(self) -> set[tuple[int, ...]]:
-        """Columns of forms not testable in these runs: invisible names, and waves of which a joint covered few
+        """Columns of forms not testable in these runs: invisible effects, and waves of which a joint covered few
         cycles, indistinguishable from a zero.
         """
         hidden = self.result.selection.not_testable(self.result.state, self.result.posterior)
@@ -291,7 +292,7 @@ class Budget:
         return {form.columns for form, wave, piece in of_curves if (wave and piece) or form.name in hidden}
 
     def _members(self, forms: Sequence[Form]) -> tuple[GroupMember, ...]:
-        """Return the possible members of a group, likeliest first: each name in the best form, with the odds of being
+        """Return the possible members of a group, likeliest first: each effect in the best form, with the odds of being
         dominant.
 
         The odds include the case of no dominant member.
@@ -366,7 +367,7 @@ class SizesBySetUp:
         return tuple(Share(*share) for share in zip(self.setups, self.value.tolist(), sds.tolist(), strict=True))
 
     def directions(self) -> int:
-        """Return the number of set-ups that each show the name independently, and at least 1."""
+        """Return the number of set-ups that each show the named effect independently, and at least 1."""
         return max(int(np.sum(self.value > SURE_SIGMA * np.sqrt(np.diag(self.covariance)))), 1)
 
     def birge_ratio(self) -> float:
@@ -409,11 +410,11 @@ def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
 
 
 def runs_apart(result: SearchResult, k: int) -> float:
-    """Return the relative standard uncertainty of effect k's size from single runs beyond noise and scatter; 0 if
-    explained by chance.
+    """Return the relative standard uncertainty of effect k's size from differences between single runs beyond noise and
+    scatter; 0 if chance explains them.
 
-    Noise is isotropic within a band, and scatter equal for all joints. A single joint wandering along the path is
-    neither, and resembles a lag or gear error of this joint.
+    Noise is equal for all entries of a band, and scatter equal for all joints. A single joint wandering along the path
+    has neither property, and resembles a lag or gear error of this joint.
     """
     linear, beside, change = result.linear, _beside_size(result, k), result.contributions[k]
     weight, scatter = beside.background.weight, np.concatenate([linear.Z, linear.stamps], axis=1)

@@ -43,11 +43,16 @@ class Disagreement:
 
 @dataclass(frozen=True)
 class Comparison(Tabular):
-    """Comparison of a run.
+    """Comparison of simulation and measurement of a run with gauges.
 
-    `result` and `simulated` are evaluated equally; the curves (n,) at x (n,) are in `unit`. `rows` (m,): compared rows
-    of the table, on a circle the rows of complete laps. `residuals_mm` (m, k): measured minus simulated readings of
-    each gauge, with rms `rms_um`. `correlation`: of the curves.
+    result: the evaluated measurement.
+    simulated: the simulation, evaluated in the same way.
+    x (n,): circle angle, target or place of the curves.
+    measured_curve, simulated_curve (n,): curves in `unit`.
+    rows (m,): compared rows of the table; on a circle the rows of complete laps.
+    residuals_mm (m, k): measured minus simulated readings of each gauge.
+    correlation: correlation of the curves.
+    rms_um: rms of the residuals in µm.
     """
 
     result: Result
@@ -63,14 +68,15 @@ class Comparison(Tabular):
 
     def to_table(self) -> pa.Table:
         """Return the curves side by side: phi_deg, target or place, then measured, simulated and difference in their
-        unit."""
+        unit.
+        """
         where = labels_of(self.result.measured.table.test).along
         curves = {"measured": self.measured_curve, "simulated": self.simulated_curve}
         curves["difference"] = self.measured_curve - self.simulated_curve
         return pa.table({where: self.x} | {f"{name}_{self.unit}": values for name, values in curves.items()})
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the figures as plain types; correlation None if undefined, as for an error-free model."""
+        """Return the figures as plain types. The correlation is None if undefined, as for an error-free model."""
         simulated = self.simulated.figures
         plain: dict[str, Any] = for_json(
             {
@@ -100,8 +106,13 @@ class PoseComparison:
 
 @dataclass(frozen=True)
 class Compared(Tabular):
-    """All runs, fitted set-ups, and doubts as text. `poses`: runs without gauges. `disagreement`: between model and
-    readings, None if not requested.
+    """Comparison of simulation and measurement of several runs.
+
+    runs: comparison of each run with gauges.
+    setups: fitted set-ups by name.
+    doubts: warnings as text.
+    poses: comparison of each run without gauges.
+    disagreement: places with large residuals; None if not requested.
     """
 
     runs: tuple[Comparison, ...]
@@ -111,7 +122,7 @@ class Compared(Tabular):
     disagreement: Disagreement | None = None
 
     def to_table(self) -> pa.Table:
-        """Return the figures of all runs, a row each: run, figure, measured, u (standard uncertainty), simulated."""
+        """Return a row for each run and figure: run, figure, measured, u (standard uncertainty), simulated."""
         objects = [comparison.to_dict() for comparison in self.runs]
         rows = [
             {"run": entry["run"], "figure": name, **figure}

@@ -1,4 +1,6 @@
-"""Fifth stage of a diagnosis: the calibrated model, its staircase, and the doubts."""
+"""Fifth stage of a diagnosis: the calibrated model, the residual as its parts are added step by step, and the
+doubts.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Doubts about a diagnosis: of the runs, of sizes at the limit of fits, and of the effects of the rig file."""
+"""Doubts about a diagnosis: doubts about the runs, about sizes at the limit of fits, and about effects of the rig
+file.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +63,7 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
 
 
 def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
-    """Return a message for each confirmed name whose size reached the limit of fits."""
+    """Return a message for each confirmed named effect whose size reached the limit of fits."""
     doubts = []
     for named in names:
         if named.stands and ended_at_limit(named.effect):

@@ -51,7 +51,9 @@ from rigs.schema.effect import name_of
 
 @dataclass(frozen=True)
 class Findings:
-    """Messages for the doubts: of poses read before the joints came to rest, and of sizes at the limit of fits."""
+    """Messages for the doubts: about poses read before the joints came to rest, and about sizes at the limit of
+    fits.
+    """
 
     early: tuple[str, ...]
     at_limits: tuple[str, ...]
@@ -59,8 +61,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class _Answer:
-    """Answer of a verdict, without the figures that it reports. named: including the names of runs that cannot show
-    effects."""
+    """Preliminary verdict without figures. named: includes the effects of runs that cannot show effects."""
 
     condition: Condition
     accuracy: Accuracy
@@ -104,9 +105,9 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Verdict
 def _named_in(
     evidence: Evidence, fit: Fit, validation: Validation, changes: Sequence[EffectChange]
 ) -> tuple[list[Named], tuple[str, ...]]:
-    """Return the effects of a search as names, confirmed ones first, and doubts about their sizes.
+    """Return the effects found by a search, confirmed ones first, and doubts about their sizes.
 
-    Readings are (m, k) mm. Unless the effects were given, a vibration of the link is a name too.
+    Readings are (m, k) mm. Unless the effects were given by the user, a vibration of the link is included.
     """
     result, fitted, train, given = fit.result, validation.fitted, validation.gaps.train, fit.is_given
     named = named_effects(result, fitted, held_out_gains(result, validation.judges), changes)
@@ -129,8 +130,10 @@ def _named_in(
 
 
 def _of_unknown_cause(answer: _Answer, fit: Fit, validation: Validation) -> _Answer:
-    """Return the answer with the subjects that the unexplained part of the readings (N,) follows. If it follows nothing
-    and no target was visited twice, it is scatter."""
+    """Return the verdict with the quantities on which the unexplained part of the readings (N,) depends.
+
+    If it depends on none and no target was visited twice, it is scatter.
+    """
     unexplained = unexplained_of(fit.result, validation.left_out, answer.remainder.um)
     if not unexplained.scatter_um or any(name.stands for name in answer.named):
         return replace(answer, unexplained=unexplained)
@@ -139,7 +142,7 @@ def _of_unknown_cause(answer: _Answer, fit: Fit, validation: Validation) -> _Ans
 
 
 def _verdict(answer: _Answer, evidence: Evidence, fit: Fit, validation: Validation) -> Verdict:
-    """Return the verdict of an answer, with the figures and pictures of the residuals (m, k)."""
+    """Return the complete verdict with the figures and plots of the residuals (m, k)."""
     result, gaps, named = fit.result, validation.gaps, answer.named
     linear, measure = result.linear, GapMeasure(result.linear)
     drawn = [linear.in_mm(measure.without_set_up(linear.residual(effects))) for effects in ((), result.effects)]
@@ -171,7 +174,7 @@ def _verdict(answer: _Answer, evidence: Evidence, fit: Fit, validation: Validati
 
 
 def _groups(named: Sequence[Named]) -> tuple[tuple[str, ...], ...]:
-    """Return the names that the runs cannot distinguish, each with its rivals."""
+    """Return the named effects that the runs cannot distinguish, each with its rivals."""
     return tuple(
         (name_of(name.effect), *(name_of(rival.effect) for rival in name.rivals))
         for name in named

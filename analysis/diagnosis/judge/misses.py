@@ -36,7 +36,7 @@ from analysis.robot.model.predict import SetUp
 
 @dataclass(frozen=True)
 class Misses:
-    """Entries (n,) of held-out places: neighbourhood, squared error in mm², noise part, and stated variance.
+    """Errors at held-out places, by entry (n,): neighbourhood, squared error in mm², noise part, and stated variance.
 
     Outliers have the reduced weight `robust` of the fit.
     """
@@ -56,8 +56,9 @@ class Misses:
 
 @dataclass(frozen=True)
 class LeftOut(Misses):
-    """Places used, each neighbourhood or placement held out in turn and predicted by the others: whitened rows (n,)
-    of the readings, and their errors in noise standard deviations.
+    """Places used, each neighbourhood or placement held out in turn and predicted by the others.
+
+    It contains the whitened rows (n,) of the readings and their errors in noise standard deviations.
     """
 
     rows: Integers
@@ -65,7 +66,7 @@ class LeftOut(Misses):
 
     @property
     def rms_um(self) -> float:
-        """Root mean square in µm of the distance by which places are missed."""
+        """Root mean square prediction error of positions, in µm."""
         return 1e3 * float(np.sqrt(3 * np.average(self.missed_mm2, weights=self.robust)))
 
 

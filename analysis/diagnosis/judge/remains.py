@@ -10,8 +10,8 @@ Subject = Literal["posture", "approach", "time", "temperature", "speed"]
 
 @dataclass(frozen=True)
 class ResidualCheck:
-    """A subject compared with the residual. `share`: explained part of the mean square at validation places, None if
-    these runs do not contain the subject.
+    """A quantity compared with the residual. `share`: explained part of the mean square at validation places; None
+    if these runs do not contain the quantity.
     """
 
     subject: Subject
@@ -20,8 +20,8 @@ class ResidualCheck:
 
 @dataclass(frozen=True)
 class ResidualSummary:
-    """Residual of each neighbourhood of places for a model fitted to all others, rms in µm of a distance; noise of a
-    reading; and subjects compared.
+    """Residual of each neighbourhood of positions for a model fitted to all others, as rms distance in µm; noise of
+    a reading; and the compared quantities.
     """
 
     um: float
@@ -33,14 +33,14 @@ What = Literal["angle", "load", "approach", "speed", "time", "place"]
 """Possible dependence of the unexplained part: angle of a joint, torque of gravity, approach side, speed; time;
 place of the target."""
 FOLLOWED = 0.2
-"""Share from which the unexplained part is said to follow a subject. Chosen: the best of twenty subjects explains up
-to a tenth of plain noise of 40 poses.
+"""Share from which the unexplained part is said to depend on a quantity. Chosen: the best of twenty quantities
+explains up to a tenth of plain noise of 40 poses.
 """
 
 
 @dataclass(frozen=True)
 class Followed:
-    """A dependence of the unexplained part: subject, joint (None for time and place), and share of the variance
+    """A dependence of the unexplained part: quantity, joint (None for time and place), and share of the variance
     explained at validation places.
     """
 
@@ -51,7 +51,8 @@ class Followed:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """Part explained by no name and no usual error, rms in µm, and the subjects that it `follows`, likeliest first.
+    """Part explained by no named effect and no usual error, rms in µm, and the quantities on which it depends
+    (`follows`), most likely first.
 
     `scatter_um`: scatter of a coordinate of poses if scatter explains the part and targets were visited only once;
     otherwise None. `visits_um`: rms distance between a visit of a target and the mean of its visits if it exceeds the

@@ -190,7 +190,9 @@ _SMOOTH = 60
 _SIGMA = 4.0
 """Sigmas above which a residual is reported: with 512 correlated values, noise alone rarely exceeds 4 sigma."""
 _GAP = GRID // 60
-"""Grid steps between two stretches that are reported together: 6 degrees, the resolution of the smoothed residual."""
+"""Largest gap in grid steps between two stretches that are reported together: 6 degrees, the resolution of the
+smoothed residual.
+"""
 _NEAR_DEG = 4.0
 """Distance from a reversal within which a stretch or jump is attributed to it. Chosen: backlash is crossed within
 some degrees.

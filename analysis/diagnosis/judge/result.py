@@ -34,11 +34,11 @@ Condition = Literal[
     "not_testable_here",
 ]  # fmt: skip
 """Condition of the arm: effects are named; effects are named, but a rival is possible; a single parameter exceeds
-the range that rig corrects, and is the only name; the cause is not in the library; the runs are too few; many
-usual errors that a calibration was shown to remove; nothing unusual; or the runs cannot show effects.
+the range that rig corrects, and is the only named effect; the cause is not in the library; the runs are too few;
+many usual errors that a calibration was shown to remove; nothing unusual; or the runs cannot show effects.
 """
 Rank = Literal["unusual", "usual", "undecided"]
-"""Whether an effect is larger than in healthy arms and elsewhere in this arm."""
+"""Whether an effect is larger than in healthy arms and than others in this arm."""
 
 
 @dataclass(frozen=True)
@@ -155,16 +155,18 @@ class Accuracy:
 # these tests cannot distinguish → actions → next test
 
 _DIFFERS, _DIFFERS_SIGMA = 0.5, 3.0
-"""Difference of the shares of two set-ups above which they contradict a name, and the minimum difference in standard
-uncertainties. Chosen: several times the differences of true faults in development cases, and odds of 400 to 1."""
+"""Difference of the shares of two set-ups above which they contradict a named effect, and the minimum difference in
+standard uncertainties. Chosen: several times the differences of true faults in development cases, and odds of 400
+to 1.
+"""
 ODDS = 20.0
-"""Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
+"""Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A named effect with a closer rival is ambiguous."""
 
 
 SURE_SIGMA = 3.0
 """Standard uncertainties from which an effect with no rival is certain. Chosen: odds of 400 to 1."""
 CERTAIN_ODDS = ODDS / (1 + ODDS)
-"""Share of the evidence from which a name has no rival."""
+"""Share of the evidence from which a named effect has no rival."""
 LARGE_SHARE = 1 / 3
 """Share of the error from which a part of any size is mentioned in the first sentence, and a group lists candidate
 effects.
@@ -176,7 +178,7 @@ plan."""
 
 @dataclass(frozen=True)
 class Share:
-    """Size of a name in a single set-up as a share of the fitted size, with standard uncertainty."""
+    """Size of a named effect in a single set-up as a share of the fitted size, with standard uncertainty."""
 
     setup: str
     value: float
@@ -185,8 +187,8 @@ class Share:
 
 @dataclass(frozen=True)
 class Rival:
-    """A rival effect that could replace a name, with the standard uncertainties of the parameters and the share of
-    the evidence.
+    """A rival effect that could replace a named effect, with the standard uncertainties of the parameters and the
+    share of the evidence.
     """
 
     effect: Effect
@@ -202,15 +204,23 @@ class Rival:
 
 @dataclass(frozen=True)
 class Named:
-    """An effect missing in the model, with fitted parameters, their standard uncertainties, the share of the evidence
-    among rivals, the gap on the runs used if only this effect is removed, and the remedy.
+    """An effect missing in the model, as found by a diagnosis.
 
-    `worth_um` is the rms change of the readings beyond the part that a set-up could absorb, `u_um` the standard
-    uncertainty, and `alone_um` the gap on the runs used if only this effect is added to the model. `times_usual` is the
-    ratio to a healthy arm, None if a healthy size is invisible. `doubt` is the reason for not confirming the effect,
-    None if confirmed. `held_out_gain` is the share of the energy of the gap removed on held-out runs, None if no
-    held-out run shows the effect beyond the scatter of a run. `shares` contains the size in each set-up, and `twins`
-    lists indistinguishable effects: only their sum is known.
+    effect: the effect with its fitted parameters.
+    sd: standard uncertainty of each parameter, in the unit of the parameter.
+    posterior: share of the evidence among this effect and its rivals.
+    rivals: other effects that may explain the readings instead.
+    gap_without_um: rms residual in µm on the runs used if only this effect is removed from the model.
+    remedy: recommended action.
+    worth_um: rms change of the readings in µm caused by the effect, excluding the part that a set-up could absorb.
+    held_out_gain: share of the squared residual that the effect removes on held-out runs; None if no held-out run shows
+    it.
+    doubt: reason why the effect is not confirmed as a fault; None if confirmed.
+    shares: size in each set-up.
+    u_um: standard uncertainty of `worth_um`.
+    times_usual: size relative to a healthy arm; None if a healthy size is invisible.
+    alone_um: rms residual in µm on the runs used if only this effect is added to the model.
+    twins: effects indistinguishable from this one, so only their sum is known.
     """
 
     effect: Effect
@@ -228,26 +238,30 @@ class Named:
     alone_um: float = math.nan
     twins: tuple[Effect, ...] = ()
     shown: bool = True
-    """Whether the cause was shown: a wave over fewer than two periods driven by the joint does not identify a gear."""
+    """False if the readings cannot identify the cause, such as a wave with fewer than two periods over the motion of
+    the joint.
+    """
     directions: int = 1
-    """Number of independent directions showing the effect: set-ups that each show the size, and runs not used in the
+    """Number of independent observations of the effect: set-ups that each show the size, and runs not used in the
     fit.
     """
 
     @property
     def stands(self) -> bool:
-        """Whether the effect is confirmed as a fault."""
+        """True if the effect is confirmed as a fault."""
         return self.doubt is None
 
     @property
     def is_term(self) -> bool:
-        """Whether the effect belongs to a series of waves of a joint that approximates an error of a different form."""
+        """True if the effect is one of several waves of a joint that together approximate an error of a different
+        form.
+        """
         return self.doubt == "series"
 
     @property
     def contradicted(self) -> bool:
-        """Whether the effect imitates a different cause: two set-ups show clearly different shares, or it belongs to
-        a series of waves.
+        """True if the effect imitates a different cause: its size differs clearly between two set-ups, or it is one
+        of a series of waves.
         """
         if self.is_term or not self.shares:
             return self.is_term
@@ -289,10 +303,13 @@ def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dic
 
 @dataclass(frozen=True)
 class Remainder:
-    """Remainder beyond the noise after the names and a healthy arm's share of every effect, including the
-    contribution of contradicted names: rms in µm, at most the gap; share of the energy of the gap; and a description of
-    the pattern. `healthy_um` is the rms of the healthy share. `at_new_places`: whether the remainder is the error at
-    places not used in the fit, because it is larger there.
+    """Residual beyond the noise that neither the named effects nor the usual errors of a healthy arm explain.
+
+    um: rms in µm, including the contribution of contradicted effects; at most the residual before the diagnosis.
+    share: share of the squared residual before the diagnosis.
+    words: description of the pattern.
+    healthy_um: rms of the usual errors of a healthy arm.
+    at_new_places: True if this is the error at places not used in the fit, because it is larger there.
     """
 
     um: float
@@ -304,7 +321,7 @@ class Remainder:
 
 @dataclass(frozen=True)
 class TestGap:
-    """Gap of a single test in µm: root mean square and largest residual, before and with the calibrated model."""
+    """Residual of a single test in µm: root mean square and maximum, before and with the calibrated model."""
 
     test: TestName
     before_um: float
@@ -326,11 +343,15 @@ is defined.
 
 @dataclass(frozen=True)
 class Gap:
-    """Root mean square in µm of the residual, before and after the effects are added to the model.
+    """Root mean square of the residual in µm, before and after the effects are added to the model.
 
-    Runs placed like a run used keep that set-up (`keeps_setup`); a separate set-up is fitted to each other run.
-    `noise_floor_um` is the rms of the noise and of the scatter between runs, partly absorbed by a fitted set-up.
-    `calibrated_um` is the rms with the calibrated model, which contains everything determined by the runs used.
+    runs: names of the runs.
+    before_um: rms with the initial model.
+    after_um: rms with the effects found.
+    noise_floor_um: rms of the noise and of the scatter between runs, partly absorbed by a fitted set-up.
+    calibrated_um: rms with the calibrated model, which contains everything that the runs used determine.
+    tests: residual of each kind of test.
+    keeps_setup: True if these runs have the set-up of a run used; otherwise a separate set-up is fitted to them.
     """
 
     runs: tuple[str, ...]
@@ -343,13 +364,14 @@ class Gap:
 
     @property
     def u_um(self) -> float:
-        """Standard uncertainty of each figure in µm, from the mean of all runs, each with the noise."""
+        """Standard uncertainty of each rms in µm, for the mean of all runs, each with the noise."""
         return self.noise_floor_um / math.sqrt(max(len(self.runs), 1))
 
     @property
     def left_u_um(self) -> float:
-        """Standard uncertainty in µm of the residual of a model: that of the gap, and half of the residual of the
-        calibrated model beyond the noise, which may differ next time."""
+        """Standard uncertainty in µm of the residual of a model. It combines `u_um` with half of the residual of the
+        calibrated model beyond the noise, because that part may differ in the next run.
+        """
         missed_um = math.sqrt(max(self.calibrated_um**2 - self.noise_floor_um**2, 0.0))
         return math.hypot(self.u_um, missed_um / math.sqrt(2 * _SHAPES))
 
@@ -368,7 +390,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class NextTest:
-    """The shortest test that distinguishes the rivals, and the sigma to expect."""
+    """The shortest test that distinguishes the rivals, and the expected separation in sigma."""
 
     test: str
     why: str
@@ -377,8 +399,9 @@ class NextTest:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """The part of a diagnosis that the gaps decide: condition, accuracy, error budget and named effects, before the
-    calibrated model, doubts and actions. `Diagnosis` explains the fields.
+    """Part of a diagnosis that follows from the residuals: condition, accuracy, error budget and named effects.
+
+    Calibrated model, doubts and actions are added in `Diagnosis`, which also explains the fields.
     """
 
     condition: Condition
@@ -404,17 +427,18 @@ class Verdict:
     given: bool = False
     shows_noise: bool = False
     unexplained: Unexplained | None = None
-    """The unexplained part, and the subjects it follows if it is large."""
+    """Unexplained part of the error; if it is large, with the quantities on which it depends."""
 
     @property
     def is_testable(self) -> bool:
-        """Whether the runs can show effects. If not, the residual of a calibration from these runs is unknown."""
+        """True if the runs can show effects. If not, the residual of a calibration from these runs is unknown."""
         return self.condition != "not_testable_here"
 
     @property
     def is_modelled(self) -> bool:
-        """Whether a calibrated model is written and reported: not if the runs cannot show effects, nor if a
-        parameter is out of range."""
+        """True if a calibrated model is written and reported: the runs can show effects, and no parameter is out of
+        range.
+        """
         return self.is_testable and self.condition != "out_of_range"
 
     @property
@@ -428,32 +452,51 @@ class Verdict:
 
     @property
     def standing(self) -> tuple[Named, ...]:
-        """The confirmed effects: the faults."""
+        """Effects confirmed as faults."""
         return tuple(name for name in self.effects if name.stands)
 
     @property
     def contradicted(self) -> tuple[Named, ...]:
-        """Effects that imitate a different cause."""
+        """Effects that imitate a different cause, and are therefore not written."""
         return tuple(name for name in self.effects if name.contradicted)
 
     @property
     def extended_rig(self) -> Rig:
-        """The initial rig with the confirmed effects added; of rivals the likeliest."""
+        """The initial rig with the confirmed effects added. If several effects are possible, the most likely one is
+        used.
+        """
         return self.rig.model_copy(update={"effects": (*self.rig.effects, *(name.effect for name in self.written))})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis(Verdict, Tabular):
-    """The complete result.
+    """The complete result of a diagnosis.
 
-    `rig` is the initial model and `runs` names the runs used. `effects` lists the effects supported by evidence, faults
-    first, ordered by worth. `budget` contains every part of the gap, largest first, and `runs_to_decide` the number of
-    runs of each kind that would decide an undecided condition. `calibrated` is the calibrated model, and `given` states
-    whether the effects were given to be fitted. `groups` lists named effects that these tests cannot distinguish, and
-    `not_testable` the names that are invisible here at any size. `repeated` states whether the noise is estimated from
-    repeats, `shows_noise` whether it is estimated from repeats or residuals; otherwise it is assumed. `level` is the
-    level of the healthy background, 1 in a typical healthy arm. `doubts` lists reasons for limited trust in the result.
-    `staircase` is the gap as parts of the budget are added to the model, None if no part is added.
+    condition: condition of the arm, such as `named` (a fault was found) or `nothing_unusual`.
+    accuracy: error of the arm now and after calibration.
+    budget: all parts of the residual, largest first.
+    runs_to_decide: number of runs of each kind that would decide an undecided condition.
+    rig: the initial model.
+    runs: names of the runs used.
+    where: places with large residuals.
+    effects: effects supported by evidence, faults first, then by size of their contribution.
+    remainder: unexplained part of the residual.
+    train, held_out, unseen: residual before and after, for the runs used, the runs held out, and runs at a different
+    place.
+    left: residual of the calibrated model by frequency band.
+    setups: fitted set-ups by name.
+    groups: effects that these tests cannot distinguish from each other.
+    not_testable: effects that are invisible in these runs at any size.
+    repeated: True if the noise is estimated from repeated runs.
+    shows_noise: True if the noise is estimated from repeats or residuals; otherwise it is assumed.
+    level: size of the usual small errors of this arm, 1 in a typical healthy arm.
+    curves, maps: residuals over the circle angle and at the targets.
+    given: True if the effects were given by the user, as in `calibrate`.
+    next_test: shortest test that would distinguish the remaining possibilities.
+    doubts: warnings about the result, as text.
+    seconds: computing time.
+    calibrated: the calibrated model.
+    staircase: residual as the parts of the budget are added to the model one after the other; None if no part is added.
     """
 
     next_test: NextTest | None
@@ -462,23 +505,25 @@ class Diagnosis(Verdict, Tabular):
     calibrated: CalibratedModel | None = None
     staircase: Staircase | None = None
     remains: ResidualSummary | None = None
-    """Residual of places after the calibrated model, and the subjects compared with it; None if no places were
-    measured.
+    """Residual of positions with the calibrated model, and the quantities compared with it; None if no positions
+    were measured.
     """
     only_commanded: bool = False
-    """Whether measured joint angles are missing in some run; a name may then be an angle that was not reached."""
+    """True if some run contains commanded instead of measured joint angles; an effect may then be an angle that was
+    not reached.
+    """
     acts: tuple[Act, ...] = ()
-    """Actions in order; every output prints this list."""
+    """Recommended actions in order; every report prints this list."""
     movements: tuple[Movement, ...] = ()
     """Movements between the runs or between rows of a run."""
 
     @property
     def next_act(self) -> Act | None:
-        """The next action; None if fits of given effects require none."""
+        """The first recommended action; None if the effects were given and need none."""
         return self.acts[0] if self.acts else None
 
     def to_table(self) -> pa.Table:
-        """Return the effects, a row for each parameter: name, parameter, value, sd, posterior, worth_um, stands."""
+        """Return a row for each parameter of each effect: name, parameter, value, sd, posterior, worth_um, stands."""
         rows = [
             effect | of_field | {"parameter": field}
             for effect in self.to_dict()["effects"]
@@ -487,9 +532,9 @@ class Diagnosis(Verdict, Tabular):
         return table_of_rows(("name", "parameter", "value", "sd", "posterior", "worth_um", "stands"), rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types with the keys of docs/diagnosis.md: the output of `rig diagnose --json`.
+        """Return plain types with the keys of docs/diagnosis.md, as printed by `rig diagnose --json`.
 
-        Angles are in degrees, gaps in µm, each parameter in the unit of the name. None means unknown.
+        Angles are in degrees, residuals in µm, each parameter in the unit of its name. None means unknown.
         """
         outside = {"held_out": self.held_out, "unseen_place": self.unseen}
         gaps = {"train": self.train.to_dict()} | {name: gap and gap.to_dict() for name, gap in outside.items()}
@@ -535,7 +580,7 @@ class Diagnosis(Verdict, Tabular):
 
 
 def likely_rivals(named: Named) -> list[Rival]:
-    """Return the rivals of a name that cannot be dismissed."""
+    """Return the rivals of a named effect that cannot be dismissed."""
     return [rival for rival in named.rivals if rival.posterior * ODDS >= named.posterior]
 
 
@@ -545,9 +590,10 @@ def fault_rivals(named: Named) -> list[Rival]:
 
 
 def is_open(part: BudgetPart, named: Named) -> bool:
-    """Return whether an effect with a large share of the error is open.
+    """Return whether the cause of a large share of the error is undecided.
 
-    It is open if it is no fault, or usual errors may show the same, and its odds are below those of a certain name.
+    This is the case if the effect is not a fault, or if usual errors may have the same result, and its odds are below
+    those of a certain effect.
     """
     return part.share > LARGE_SHARE and named.doubt in ("usual", "healthy_shows_it") and named.posterior < CERTAIN_ODDS
 
@@ -558,11 +604,11 @@ def is_certain_part(diagnosis: Diagnosis, part: BudgetPart) -> bool:
     """
     if part.index is None:
         return part.sigma >= CERTAIN_SIGMA
-    # If usual errors may show the same, the cause is open and the contribution certain.
+    # If usual errors may have the same result, the cause is undecided and the contribution certain.
     return diagnosis.effects[part.index].doubt in (None, "usual", "healthy_shows_it") and part.sigma >= SURE_SIGMA
 
 
 def is_sure(diagnosis: Diagnosis, part: BudgetPart) -> bool:
-    """Return whether a part is certain: an effect with no rivals, or a group of small terms."""
+    """Return whether a part is certain: an effect without rivals, or a group of small terms."""
     is_certain = part.index is None or diagnosis.effects[part.index].posterior >= CERTAIN_ODDS
     return is_certain and is_certain_part(diagnosis, part)

@@ -34,8 +34,8 @@ _HALF_WAVES = np.arange(1, 5)
 _FOLDS = 5
 """Number of parts of a circle's spectrum, each held out once."""
 _NOTHING = 0.06
-"""Share below which the residual follows no subject, and readings without repeats may be scatter. Source: plain
-noise of 30 to 50 poses, nine seeds, in which the largest share of any subject was 0.054.
+"""Share below which the residual depends on no quantity, and readings without repeats may be scatter. Source: plain
+noise of 30 to 50 poses with nine seeds, in which the largest share of any quantity was 0.054.
 """
 
 
@@ -76,8 +76,11 @@ def unusual_visits_um(result: SearchResult) -> float | None:
 
 
 def most_usual_visits_um(result: SearchResult) -> float:
-    """Return the largest such distance in µm of arms of the build: the data-sheet repeatability of industrial and light
-    arms, in each of three coordinates, and as many times more as such an arm has more backlash."""
+    """Return the largest such distance in µm for arms of this build.
+
+    For industrial and light arms it is the data-sheet repeatability in each of three coordinates. For other builds it
+    is larger in proportion to their usual backlash.
+    """
     return 1e3 * float(np.sqrt(3)) * TARGET_MM.high * play_of_joint(1, 1.0).usual_times(result.design)
 
 
@@ -90,7 +93,7 @@ def _folds(result: SearchResult) -> Integers:
 
 
 def _subjects(result: SearchResult) -> list[tuple[What, int | None, Array]]:
-    """Return each subject with the changes (N, c) of the readings caused by errors that depend on it."""
+    """Return each quantity with the changes (N, c) of the readings caused by errors that depend on it."""
     linear, subjects = result.linear, list[tuple[What, int | None, Array]]()
     joints = range(1, linear.axes + 1)
     of_joint: dict[What, Callable[..., Array]] = {

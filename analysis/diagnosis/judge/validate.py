@@ -18,12 +18,14 @@ from analysis.diagnosis.judge.verdict import Gaps
 
 @dataclass(frozen=True)
 class Validation:
-    """Gaps of the fitted model, without outliers.
+    """Residuals of the fitted model, without outliers.
 
-    sound, judges, elsewhere: runs (m, k) mm used in the fit, held out, and of an unseen place, without outliers.
-    fitted: the sound runs with fitted set-ups. stages: of the model that is exported. whole, gaps: by the complete
-    model, which decides the condition, and by the exported model. widening: of its uncertainty, by prediction errors.
-    doubts: of the outliers.
+    sound, judges, elsewhere: runs (m, k) mm used in the fit, held out, and at an unseen place, without outliers.
+    fitted: the sound runs with fitted set-ups.
+    stages: stages of the exported model.
+    whole, gaps: residuals of the complete model, which decide the condition, and of the exported model.
+    widening: factor of the model's uncertainty, from prediction errors.
+    doubts: doubts about the outliers.
     """
 
     sound: Sequence[ObservedRun]
@@ -39,7 +41,7 @@ class Validation:
 
 
 def validate(evidence: Evidence, fit: Fit, progress: Callable[[str], None]) -> Validation:
-    """Return the gaps of the fitted model at the runs used and at the others."""
+    """Return the residuals of the fitted model for the runs used and for the others."""
     progress("validating on held-out runs")
     result = fit.result
     sound, wild = without_wild(evidence.runs, result.effects, "the runs used")

@@ -1,4 +1,4 @@
-"""Validation: residuals of a frozen model on used, held-out and unseen runs, and the gain of each name."""
+"""Validation: residuals of a frozen model on used, held-out and unseen runs, and the gain of each effect."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Stages:
 
     @property
     def has_background(self) -> bool:
-        """Whether the calibrated model contains more than the names."""
+        """Whether the calibrated model contains more than the named effects."""
         return self.calibrated.effects != self.named.effects
 
     def names_alone(self) -> Stages:
@@ -63,7 +63,8 @@ class Stages:
 def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
     """Return the models of a search, with set-ups fitted to the runs used, (m, k) mm.
 
-    If the complete model explains these runs worse than the names, the calibrated model contains only the names.
+    If the complete model explains these runs worse than the named effects, the calibrated model contains only the named
+    effects.
     """
     names = result.effects
     whole = (*names, *background_effects(result.calibrated_posterior))
@@ -123,8 +124,8 @@ def noise_shown(result: SearchResult) -> Array:
 
 
 def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[float | None]:
-    """Return the share of the gap's energy on held-out runs that each name removes in addition to all other effects.
-    None if no held-out run shows the name beyond the scatter of a run.
+    """Return the share of the gap's energy on held-out runs that each effect removes in addition to all other effects.
+    None if no held-out run shows the named effect beyond the scatter of a run.
 
     The set-up is refitted to each run. A healthy arm's share of every effect is estimated from the runs used. Residuals
     are (m, k) mm.
@@ -143,13 +144,13 @@ def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[fl
 
 @dataclass(frozen=True)
 class _JudgedRun:
-    """A validation run with the names and the healthy share determined by other runs, in standard deviations of a block
-    (N,).
+    """A validation run with the named effects and the healthy share determined by other runs, in standard deviations of
+    a block (N,).
 
     `before` is the residual of the initial model and `residual` that of the complete model. `free_share` is the
-    additional contribution of free forms, zero if unknown. `contributions` are the changes when each name is removed.
+    additional contribution of free forms, zero if unknown. `contributions` are the changes when each effect is removed.
     `basis` (N, s) is orthonormal and spans the changes that the set-up could absorb. `limit_um` is the rms change from
-    which a name is material compared with the scatter of a run.
+    which an effect is material compared with the scatter of a run.
     """
 
     block: Block

@@ -131,8 +131,8 @@ _CRUMBS = 0.05
 to 0.5 %, and a UR10 predicted by the calibrated model within a tenth of the error 1 to 5 %.
 """
 _SURE_ODDS = 0.999
-"""Odds from which a name is confirmed even if it does not reduce the gap by itself. A gear of 97 % replaced a twist
-of 96 %.
+"""Odds from which a named effect is confirmed even if it does not reduce the gap by itself. A gear of 97 % replaced
+a twist of 96 %.
 """
 _SAME_SIGMA = 0.5
 """Change of the readings in standard deviations of the noise up to which an effect and a rival are twins. Chosen: at
@@ -143,14 +143,15 @@ _NO_WORSE = 0.97
 """Ratio below which a gap counts as smaller: 3 % of an rms is more than a refitted set-up gains by chance."""
 _FAR, _WORSE, _LEAST_GAIN = 1.5, 1.1, 0.3
 """Limits at an unseen place: multiple of the noise floor from which a gap is real, factor by which the calibrated
-model must be worse than the names, and smallest share of the energy gained by a correct model. Source: a rule
-tried on the answers of generated cells. It detected 4 of 5 unknown causes, and false verdicts fell from 5 to 2.
+model must be worse than the named effects, and smallest share of the energy gained by a correct model. Source: a
+rule tried on the answers of generated cells. It detected 4 of 5 unknown causes, and false verdicts fell from 5 to
+2.
 """
 _MUCH_MORE, _MORE = 4.0, 2.0
 """Smallest ratio of an error visible in a single independent direction, and in several, to the unexplained error.
-Source: in 24 cells with causes outside the library, wrong names were confirmed in 15; names above three (four) times
-the unexplained error in 5 (2). Poses held out of the same table are a weak second direction: a scale of axis 6 that
-imitated cable drag was as large there as the unexplained error.
+Source: in 24 cells with causes outside the library, wrong named effects were confirmed in 15; named effects above
+three (four) times the unexplained error in 5 (2). Poses held out of the same table are a weak second direction: a
+scale of axis 6 that imitated cable drag was as large there as the unexplained error.
 """
 _MOST_RUNS = 20
 """Largest number of runs advised; a fault requiring more is not found in this way."""
@@ -161,12 +162,12 @@ readings.
 _HEALTHY = 0.05
 """Odds of a healthy arm showing the same, above which an effect is not reported as a fault: 5 % of the cases."""
 _LIKELY = 0.2
-"""Odds among rivals below which a name is not confirmed: three names with the same response have a third each, and
-all remain above this limit.
+"""Odds among rivals below which a named effect is not confirmed: three named effects with the same response have a
+third each, and all remain above this limit.
 """
 _SIGMA = 2.0
-"""Uncertainties of the contribution up to which a name is not confirmed. With gauges exchanged in all runs, a length
-of -23 ± 23 mm had odds above 99.9 %.
+"""Uncertainties of the contribution up to which a named effect is not confirmed. With gauges exchanged in all runs,
+a length of -23 ± 23 mm had odds above 99.9 %.
 """
 
 
@@ -192,11 +193,12 @@ class Gaps:
 
     @property
     def names_do_better(self) -> bool:
-        """Whether the names leave less than the complete model on runs not used in the fit, by more than the noise of a
-        gap.
+        """Whether the named effects leave less than the complete model on runs not used in the fit, by more than the
+        noise of a gap.
 
         A single held-out part of the poses does not decide this if the complete model predicts every neighbourhood in
-        turn better than the names explain the poses they were fitted to. Example: a WAM with 2.0 mm against 3.1 mm.
+        turn better than the named effects explain the poses they were fitted to. Example: a WAM with 2.0 mm against 3.1
+        mm.
         """
         if self.predicted_um is not None and self.predicted_um < self.train.after_um:
             return False
@@ -212,8 +214,8 @@ class Gaps:
 
     @property
     def is_foreign(self) -> bool:
-        """Whether an unseen place contradicts the model. There the complete model is no better than the names, or
-        hardly better than no names, although it explained the runs used.
+        """Whether an unseen place contradicts the model. There the complete model is no better than the named
+        effects, or hardly better than no named effects, although it explained the runs used.
         """
         unseen = self.unseen
         if unseen is None or unseen.before_um <= _FAR * unseen.noise_floor_um:
@@ -226,7 +228,7 @@ class Gaps:
 
 
 def ambiguous_names(named: Sequence[Named]) -> list[Named]:
-    """Return the confirmed names with rivals that cannot be dismissed."""
+    """Return the confirmed named effects with rivals that cannot be dismissed."""
     return [name for name in named if name.stands and name.posterior < CERTAIN_ODDS]
 
 
@@ -248,18 +250,20 @@ def named_effects(
 
 
 def alone_out_of_range(named: Sequence[Named], beyond: OutOfRange, fitted: FittedRuns) -> list[Named]:
-    """Return the parameter that is out of range as the only, confirmed name, with the effects that explain as much."""
+    """Return only the parameter that is out of range, as confirmed, with the effects that explain the readings
+    equally well.
+    """
     effect = next(name for name in named if name_of(name.effect) == beyond.name)
     return [replace(effect, doubt=None, twins=beyond.twins, alone_um=fitted.residual_um([effect.effect]))]
 
 
 def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
-    """Return the names with none confirmed if the calibrated model explains the runs used no better than no names: the
-    cause is then not an effect, but for example exchanged gauges.
+    """Return the named effects with none confirmed if the calibrated model explains the runs used no better than no
+    named effects: the cause is then not an effect, but for example exchanged gauges.
 
-    A name that increases the gap when added to the others is never confirmed, whatever the odds: it cancels a different
-    name that may also be absent. If the names by themselves do not reduce the gap, only almost certain names are
-    confirmed: the others cancel each other or usual errors.
+    A named effect that increases the gap when added to the others is never confirmed, whatever the odds: it cancels a
+    different effect that may also be absent. If the named effects by themselves do not reduce the gap, only almost
+    certain named effects are confirmed: the others cancel each other or usual errors.
     """
     if train.calibrated_um >= train.before_um:
         return [replace(name, doubt="no_better") if name.stands else name for name in named]
@@ -325,7 +329,7 @@ def _doubt(
         (healthy_odds >= _HEALTHY, "healthy_shows_it"),
         (odds <= _LIKELY, "rival"),
         (change.um <= _SIGMA * change.u_um, "unsure"),
-        # A size compatible with zero is no fault, however certain the shape: for example a play resting on the same
+        # A size compatible with zero is not a fault, however certain the shape, such as backlash resting on the same
         # flank in every pose.
         (abs(getattr(effect, size_field(effect))) <= u, "unsure"),
     )
@@ -339,8 +343,8 @@ def shows_time(blocks: Sequence[Block]) -> bool:
 
 
 def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list[Named]:
-    """Return a vibration of the link as a name, if the rms change exceeds a limit (b,) µm and the odds of any vibration
-    are at least 20 to 1.
+    """Return a vibration of the link as a named effect, if the rms change exceeds a limit (b,) µm and the odds of any
+    vibration are at least 20 to 1.
 
     The phase is new in each run; therefore no model removes the vibration from the readings.
     """
@@ -398,16 +402,18 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
 
 
 def _single_runs_um(train: Gap) -> float:
-    """Return the rms in µm of what single runs leave beyond the noise, 0 if that is not much more than the noise, which
-    is known roughly."""
+    """Return the rms in µm that single runs leave beyond the noise; 0 if it is not much larger than the noise, which
+    is only roughly known.
+    """
     if train.calibrated_um <= _FAR * train.noise_floor_um:
         return 0.0
     return float(np.sqrt(min(train.calibrated_um, train.before_um) ** 2 - train.noise_floor_um**2))
 
 
 def _missed_elsewhere_um(gaps: Gaps) -> float:
-    """Return the rms in µm by which the model misses places without part in the fit; 0 if that is within the noise, or
-    a negligible share of the gap."""
+    """Return the rms error in µm of the model at places not used in the fit; 0 if it is within the noise, or a
+    negligible share of the residual.
+    """
     missed_um, before_um = gaps.unexplained_um, gaps.train.before_um
     counts = gaps.train.noise_floor_um < missed_um < before_um and missed_um**2 > _CRUMBS * before_um**2
     return missed_um if counts else 0.0
@@ -457,8 +463,8 @@ def condition_of(
 
 
 def as_scatter(budget: Sequence[BudgetPart], remainder: Remainder) -> tuple[tuple[BudgetPart, ...], Remainder]:
-    """Return the budget and the remainder of an unknown cause as scatter: the unexplained part does not repeat, as far
-    as places visited a single time can show.
+    """Return the budget and the remainder with the unexplained part counted as scatter, because places visited only
+    once cannot show that it repeats.
     """
     merged = [part for part in budget if part.kind in ("unexplained", "scatter")]
     um = float(np.sqrt(sum(part.um**2 for part in merged)))
@@ -496,11 +502,11 @@ def needs_runs(named: Sequence[Named]) -> bool:
 
 
 def within_unexplained(named: Sequence[Named], unexplained_um: float, noise_um: float) -> list[Named]:
-    """Return the names, with those that an unexplained error may imitate no longer confirmed.
+    """Return the named effects, with those that an unexplained error may imitate no longer confirmed.
 
-    A name shown by a single direction must be much larger than the unexplained error; a name shown by several
-    directions must be twice as large. The odds of the others are those of readings whose noise includes the unexplained
-    error.
+    A named effect shown by a single direction must be much larger than the unexplained error; a named effect shown by
+    several directions must be twice as large. The odds of the others are those of readings whose noise includes the
+    unexplained error.
     """
     weight = noise_um**2 / max(noise_um**2 + unexplained_um**2, 1e-12)
     return [
@@ -523,8 +529,9 @@ def within_commanded(named: Sequence[Named]) -> list[Named]:
 
 
 def _with_odds_to_the(power: float, name: Named) -> Named:
-    """Return a name with the odds of the name, of each rival and of any other cause raised to a power and normalised:
-    the likelihood of readings with a larger variance, by the inverse of the power."""
+    """Return a named effect with the odds of the effect, of each rival and of any other cause raised to a power and
+    normalised: the likelihood of readings with a larger variance, by the inverse of the power.
+    """
     odds = np.array([name.posterior, *(rival.posterior for rival in name.rivals)])
     other = max(1.0 - float(odds.sum()), float(np.finfo(float).eps))
     raised = np.append(odds, other) ** power

@@ -274,7 +274,7 @@ _NOTHING = 1e-3
 
 @dataclass(frozen=True)
 class Detectability:
-    """Detectability of a name.
+    """Detectability of an effect.
 
     `effect`: at a healthy size. `sd`: standard uncertainty of a fault's size in the unit of the effect. `hidden`:
     reason against detection, or empty. `further`: tests by the sigmas of a healthy size.
@@ -293,7 +293,7 @@ class Detectability:
 
 
 def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], list[Detectability]]:
-    """Return the candidates representing each name (for a gear by order, in the median form), and their
+    """Return the candidates representing each effect (for a gear by order, in the median form), and their
     detectabilities.
     """
     forms: dict[str, list[Candidate]] = {}
@@ -327,13 +327,13 @@ def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], li
 
 @dataclass(frozen=True)
 class Detected:
-    """Detectability of each name, gears by order."""
+    """Detectability of each effect, gears by order."""
 
     detectabilities: tuple[Detectability, ...]
 
     @property
     def names(self) -> dict[str, tuple[Detectability, ...]]:
-        """Each name with its detectabilities, for gears with an entry per order."""
+        """Each effect with its detectabilities, for gears with an entry per order."""
         named: dict[str, tuple[Detectability, ...]] = {}
         for detectability in self.detectabilities:
             name = name_of(detectability.effect)
@@ -342,7 +342,7 @@ class Detected:
 
     @property
     def undetectable(self) -> tuple[str, ...]:
-        """Names never detected, at any gear order."""
+        """Effects never detected, at any gear order."""
         return tuple(name for name, forms in self.names.items() if all(form.hidden for form in forms))
 
 
@@ -355,8 +355,8 @@ class Detected:
 
 @dataclass(frozen=True)
 class ClosePair:
-    """Closest forms of two names at a detectable fault size, in healthy sizes, their separation in sigmas, and the
-    number of other close forms of these names.
+    """Closest forms of two effects at a detectable fault size, in healthy sizes, their separation in sigmas, and the
+    number of other close forms of these effects.
     """
 
     candidates: tuple[Candidate, Candidate]
@@ -366,24 +366,24 @@ class ClosePair:
 
     @property
     def names(self) -> tuple[str, str]:
-        """The two names."""
+        """The two effects."""
         first, second = self.candidates
         return first.name, second.name
 
     @property
     def first(self) -> tuple[Effect, ...]:
-        """Effects of the first name at the given size."""
+        """First effect of the pair at the given size."""
         return _at_size(self.candidates[0], self.sizes[0])
 
     @property
     def second(self) -> tuple[Effect, ...]:
-        """Effects of the second name at the given size."""
+        """Second effect of the pair at the given size."""
         return _at_size(self.candidates[1], self.sizes[1])
 
 
 @dataclass(frozen=True)
 class Judgement(Detected):
-    """Capability of runs: detectability of each name, and pairs that look alike, closest first."""
+    """Capability of runs: detectability of each effect, and pairs that look alike, closest first."""
 
     pairs: tuple[ClosePair, ...]
 
@@ -420,8 +420,8 @@ def _at_size(candidate: Candidate, size: float) -> tuple[Effect, ...]:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two names that look alike, for a gear with the closest order. `sigma`: separation of a detectable fault from
-    the other name at any size. `others`: number of other orders that look alike.
+    """Two effects that look alike, for a gear with the closest order. `sigma`: separation of a detectable fault from
+    the other effect at any size. `others`: number of other orders that look alike.
     """
 
     names: tuple[str, str]
@@ -432,7 +432,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Gain:
-    """Benefit of a further test: number of pairs it separates, and of undetectable names it makes detectable."""
+    """Benefit of a further test: number of pairs it separates, and of undetectable effects it makes detectable."""
 
     test: str
     why: str
@@ -458,7 +458,7 @@ class CapabilityOfTests(Detected):
 
     @property
     def hidden(self) -> tuple[Detectability, ...]:
-        """Undetectable names, with a separate entry per gear order."""
+        """Undetectable effects, with a separate entry per gear order."""
         return tuple(detectability for detectability in self.detectabilities if detectability.hidden)
 
 
@@ -525,7 +525,7 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
 def _further_tests(
     possible: Sequence[PossibleTest], judgement: Judgement
 ) -> tuple[dict[str | tuple[str, str], tuple[SeparatingTest, ...]], tuple[Gain, ...]]:
-    """Return the further tests for each pair of names and each undetectable name, best first, and the benefit of
+    """Return the further tests for each pair of effects and each undetectable effect, best first, and the benefit of
     each test, largest first.
     """
     hidden, near = judgement.undetectable, judgement.pairs

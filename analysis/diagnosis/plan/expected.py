@@ -51,18 +51,18 @@ DETECTABLE = 7.0
 choice among some hundred forms.
 """
 SEPARABLE = float(np.sqrt(2 * np.log(ODDS)))
-"""Separation in sigmas below which the odds between two names are within ODDS, at which a diagnosis dismisses a
+"""Separation in sigmas below which the odds between two effects are within ODDS, at which a diagnosis dismisses a
 rival: odds of o need a log evidence of ln o = sigma² / 2.
 """
 
 
 def is_separable(sigma: float) -> bool:
-    """Return whether two names with this separation in sigmas can be distinguished."""
+    """Return whether two effects with this separation in sigmas can be distinguished."""
     return sigma >= SEPARABLE
 
 
 def is_detectable(sd: float) -> bool:
-    """Return whether the largest fault of a name is detected if its size is known to `sd` healthy sizes."""
+    """Return whether the largest fault of an effect is detected if its size is known to `sd` healthy sizes."""
     return DETECTABLE * sd <= LARGEST_FAULT
 
 
@@ -100,7 +100,7 @@ class FormPosterior:
     def sigmas_apart(self, chosen: Sequence[Candidate], sizes: Array, pairs: Integers) -> Array:
         """Return the separations (m,) in sigmas of candidate pairs (m, 2), at sizes (n,) in healthy sizes.
 
-        All other forms of either name are also present.
+        All other forms of either effect are also present.
         """
         p = len(self.A)
         # A dummy column with no information completes forms with a single column.
@@ -306,12 +306,14 @@ class ExpectedPosterior:
         return refined.sd(0)[size_field(effect)] / healthy_size(effect)
 
     def sd_of_name(self, name: str) -> float:
-        """Return the standard uncertainty of a name's size, in healthy sizes, in the form with the best detection."""
+        """Return the standard uncertainty of an effect's size, in healthy sizes, in the form with the best
+        detection.
+        """
         forms = [candidate for candidate in self.candidates if candidate.name == name]
         return self.sd(min(forms, key=self._form_posterior.sd)) if forms else float("inf")
 
     def separation_sigma(self, ones: Sequence[Effect], others: Sequence[Effect]) -> float:
-        """Return the separation in sigmas of a name at a given size from a second name of any size.
+        """Return the separation in sigmas of an effect at a given size from another effect of any size.
 
         Each is given as a single effect, or as two effects for a free phase.
         """
@@ -333,7 +335,7 @@ class ExpectedPosterior:
 
     def close_pairs(self, chosen: Sequence[Candidate], sizes: Array) -> list[tuple[int, int]]:
         """Return the close pairs (i, j) of candidates with sizes (n,) in healthy sizes, with all other forms of either
-        name present.
+        effect present.
 
         They include all pairs with `separation_sigma` below SEPARABLE.
         """

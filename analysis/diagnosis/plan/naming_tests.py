@@ -75,7 +75,7 @@ def naming_tests(
     named: Sequence[Named],
     judges: tuple[Sequence[ObservedRun], Sequence[ObservedRun]],
 ) -> list[tuple[int, NamingTest, Cost]]:
-    """Return the test for each part of the budget that needs a test, by index: confirmed names with a rival, and
+    """Return the test for each part of the budget that needs a test, by index: confirmed effects with a rival, and
     groups.
 
     `judges`: runs used, and validation runs of a different place; readings are (m, k).

@@ -1,4 +1,4 @@
-"""Last stage of a diagnosis: the tests that would decide open names, and the actions."""
+"""Last stage of a diagnosis: the tests that would decide open effects, and the actions."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def plan_next(
     findings: Findings,
     progress: Callable[[str], None],
 ) -> Diagnosis:
-    """Return the diagnosis with the next test, if a name has a rival, and the actions."""
+    """Return the diagnosis with the next test, if an effect has a rival, and the actions."""
     further = _further_tests(evidence, fit)
     next_test, why_none = None, list[str]()
     condition, is_decidable = diagnosis.condition, diagnosis.runs_to_decide is None
@@ -72,8 +72,9 @@ def _before(used: Sequence[Measured]) -> tuple[Act, ...]:
 
 
 def _next_test(named: Sequence[Named], further: FurtherTests) -> tuple[NextTest | None, list[str]]:
-    """Return the shortest test that, together with the existing runs, separates the first ambiguous name from its
-    closest rival; otherwise a doubt."""
+    """Return the shortest test that, together with the existing runs, separates the first ambiguous effect from its
+    closest rival; otherwise a doubt.
+    """
     open_ones = [(name, name.rivals) for name in ambiguous_names(named)]
     open_ones += [(name, tuple(fault_rivals(name))) for name in named]
     name, rivals = next(((name, rivals) for name, rivals in open_ones if rivals), (None, ()))

@@ -79,12 +79,14 @@ class Pool:
 
 @dataclass(frozen=True)
 class PlannedPoses:
-    """Planned poses in driving order, and expectations.
+    """Planned poses in driving order, and the expected result.
 
-    Joints q (n, 6) rad; positions of the nominal tool xyz_mm (n, 3) in the world; u_mm: uncertainty of the tool
-    position over the workspace afterwards, and after the same number of random poses. as_good: number of random poses
-    with equal uncertainty, None if larger than tried, or for motion of single axes. one_axis: whether each axis moves
-    down, up and back while the others stand.
+    q (n, 6): joint angles in rad.
+    xyz_mm (n, 3): positions of the nominal tool in the world.
+    u_mm: expected uncertainty of the tool position over the work space after these poses.
+    random_u_mm: the same after an equal number of random poses.
+    as_good: number of random poses with equal uncertainty; None if larger than tried, or for motion of single axes.
+    one_axis: True if each axis moves down, up and back while the others stand.
     """
 
     q: Array

@@ -114,7 +114,7 @@ def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:
 # Goals of a proposal: undetectable names and pairs that look alike, and the progress of runs towards them.
 
 _FAINT = 0.1
-"""Share of a goal below which additional information does not count: an undetectable name must not outweigh all
+"""Share of a goal below which additional information does not count: an undetectable effect must not outweigh all
 others. Chosen.
 """
 
@@ -137,7 +137,7 @@ class Reached:
         return tuple(np.flatnonzero((self.share >= 1) & (before.share < 1)).tolist())
 
     def split(self, aims: tuple[int, ...]) -> tuple[tuple[str, ...], tuple[tuple[str, str], ...]]:
-        """Return the names and the pairs among given goals."""
+        """Return the effects and the pairs among given goals."""
         count = len(self.names)
         return (
             tuple(self.names[k] for k in aims if k < count),
@@ -146,7 +146,7 @@ class Reached:
 
 
 class Aims:
-    """Goals of a proposal: names and pairs that a judgement found untestable."""
+    """Goals of a proposal: effects and pairs that a judgement found untestable."""
 
     def __init__(self, forms: FormInformation, judgement: Judgement) -> None:
         self._forms = forms
@@ -267,7 +267,7 @@ def _chosen(
     aims: Aims, information: Array, simulated: Sequence[_Simulated], minutes: float
 ) -> list[tuple[_Simulated, tuple[str, ...], tuple[tuple[str, str], ...]]]:
     """Return the circles to drive in addition to tests with an information (p, p), best first, each with newly
-    testable names and newly separated pairs.
+    testable effects and newly separated pairs.
     """
     chosen = []
     remaining, now = list(simulated), aims.reached(information)

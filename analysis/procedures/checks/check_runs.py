@@ -31,7 +31,7 @@ class Checked:
     cannot: str
 
     def to_dict(self) -> dict[str, Any]:
-        """In plain types: a convention of `rig check --json`."""
+        """Return plain types, as listed by `rig check --json`."""
         return {
             "name": self.convention.name,
             "asks": self.convention.asks,
@@ -58,8 +58,9 @@ def check_runs(runs: Runs) -> list[Checked]:
 
 
 def findings_of(runs: Runs) -> list[Finding]:
-    """Return the findings against conventions in runs of a robot; for paths, which have neither joints nor gauges,
-    only of their places."""
+    """Return the findings against conventions in runs of a robot. For path recordings, which contain neither joints
+    nor gauges, only positions are checked.
+    """
     with_joints, paths = _with_joints(runs), [run for run in runs if not shows_joints(run.table.test)]
     findings = [finding for find in _FINDERS for finding in find(with_joints)] if with_joints else []
     return [*findings, *(finding for find in _OF_PATHS for finding in find(paths))]
@@ -70,12 +71,14 @@ def _with_joints(runs: Runs) -> list[Measured]:
 
 
 def doubts_of(run: Measured) -> tuple[str, ...]:
-    """Return the findings of a single run against conventions, in words, after the doubts already known."""
+    """Return the doubts about a single run as text: those already known, followed by the findings against
+    conventions.
+    """
     return tuple(dict.fromkeys((*run.doubts, *(finding.words for finding in findings_of([run])))))
 
 
 def refuse_impossible(run: Measured, where: str) -> None:
-    """Raise FileError for the first finding that no run can have as it is labelled."""
+    """Raise FileError for the first finding that is impossible for a run with this label."""
     if not shows_joints(run.table.test):
         return
     for findings in (unit_findings(run.table, run.rig), findings_against(SOURCE, run.table, run.rig)):
@@ -86,7 +89,7 @@ def refuse_impossible(run: Measured, where: str) -> None:
 
 
 def _each(of_run: Callable[[Measured], Iterable[Finding]]) -> Callable[[Runs], Iterator[Finding]]:
-    """The findings of each run by itself."""
+    """Return a function that yields the findings of each run separately."""
 
     def find(runs: Runs) -> Iterator[Finding]:
         for run in runs:
@@ -97,20 +100,23 @@ def _each(of_run: Callable[[Measured], Iterable[Finding]]) -> Callable[[Runs], I
 
 
 def _by_kind(convention: str) -> Callable[[Runs], Iterator[Finding]]:
-    """The findings about a convention that only some kinds of test can break."""
+    """Return a function that yields the findings about a convention that applies only to some kinds of test."""
     return _each(lambda run: findings_against(convention, run.table, run.rig))
 
 
 def _of_joints(run: Measured) -> Iterator[Finding]:
-    """The findings about the joints of a run; a map has questioned poses that miss the arm already."""
+    """Yield the findings about the joints of a run, except after an import map, which has already compared the poses
+    with the arm.
+    """
     source = run.run.manifest.table
     mapped = source is not None and bool(source.map)
     return (finding for finding in joint_findings(run.table, run.rig) if not (mapped and finding.strength == "likely"))
 
 
 def _gauges(runs: Runs) -> Iterator[Finding]:
-    """Yield the findings about order and sign of gauges, from repeats, from changes no joint causes, and from the
-    place of the ball; the most certain of each run."""
+    """Yield the most certain finding of each run about order and sign of the gauges. The evidence comes from
+    repeated runs, from changes that no joint causes, and from the position of the ball.
+    """
     named: set[str] = set()
     for find in (repeat_findings, sign_findings, _by_kind(ORDER)):
         findings = list(find([run for run in runs if run.run.manifest.name not in named]))
@@ -124,7 +130,7 @@ def _joints_hidden(runs: Runs) -> str:
 
 
 def _without(convention: str, why: str) -> Callable[[Runs], str]:
-    """Return a function giving the reason why runs of no suitable kind cannot break a convention."""
+    """Return a function that gives the reason why no run of a suitable kind is available for a convention."""
     return lambda runs: "" if any(convention in dict(checks_of(run.table.test).finders) for run in runs) else why
 
 
@@ -170,7 +176,7 @@ _FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
     _each(lambda run: unsigned_findings(run.table, run.rig)),
     _each(_of_joints),
     _gauges,
-    # Places of an arm that was simulated are meant to be computed.
+    # Positions of a simulated arm are computed on purpose.
     lambda runs: _by_kind(SOURCE)([run for run in runs if not run.is_simulated]),
     _by_kind(STAMPS),
     _by_kind(PLACE),
@@ -179,10 +185,11 @@ _FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
     _by_kind(WILDNESS),
     _by_kind(DUPLICATES),
 )
-"""Functions that search runs for findings; order and sign of gauges are judged together."""
+"""Functions that search runs for findings. Order and sign of the gauges are checked together."""
 
 
 def why_no_measurement(run: Measured) -> str:
-    """Return the reason why a run just recorded is not a valid measurement as labelled, in words; empty if it is
-    valid."""
+    """Return the reason why a newly recorded run is not a valid measurement of the labelled test; empty if it is
+    valid.
+    """
     return next((finding.words for finding in findings_of([run]) if finding.strength != "likely"), "")

@@ -1,6 +1,6 @@
-"""Checks of a test: the evidence in its table against the labelled meaning of the columns.
+"""Checks of a test: the evidence in its table for or against the labelled meaning of the columns.
 
-A test implements them as `PART` in the module `checks` of its package; a test without this module has the usual ones.
+A test implements them as `PART` in the module `checks` of its package. A test without this module has the usual checks.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ from rigs.schema.vocabulary import TestName
 
 @dataclass(frozen=True)
 class Meaning:
-    """Other reading of joint columns: q (n, axes) as labelled to q = q M' + c, with M (axes, axes), c (axes,) rad.
+    """A different meaning of the joint columns: q (n, axes) as labelled becomes q M' + c, with M (axes, axes), c
+    (axes,) rad.
 
-    words: the meaning in place of the label; remedy: the action if it is right.
+    words: description of the meaning. remedy: action if it is correct.
     """
 
     columns: tuple[str, ...]
@@ -35,14 +36,14 @@ class Meaning:
     offset: Array
 
     def of(self, q: Array) -> Array:
-        """The angles (n, axes) rad that are meant by angles q (n, axes) rad."""
+        """Return the true angles (n, axes) rad for labelled angles q (n, axes) rad."""
         axes = len(self.offset)
         return np.column_stack([q[:, :axes] @ self.matrix.T + self.offset, q[:, axes:]])
 
 
 @dataclass(frozen=True)
 class JudgedMeaning:
-    """Residual of a meaning, rms in mm of `values` redundant readings."""
+    """A meaning with its residual: rms in mm of `values` redundant readings."""
 
     meaning: Meaning
     left_mm: float
@@ -50,14 +51,18 @@ class JudgedMeaning:
 
 
 Verdict = tuple[JudgedMeaning | None, float, list[JudgedMeaning]]
-"""The meaning that fits although the labelled meaning does not, None if there is none; the residual of the labelled
-meaning, rms mm; and the meanings that fit as well as the best."""
+"""Result of comparing meanings: the meaning that fits although the labelled one does not, or None; the residual of
+the labelled meaning, rms mm; and all meanings that fit as well as the best.
+"""
 
 
 @dataclass(frozen=True)
 class PathDeviation:
-    """off_mm: median distance from the path; off: the same as a share of the path size; on: whether this counts as
-    on the path, with the tool oriented as the test prescribes."""
+    """Deviation of tool poses from the path of a test.
+
+    off_mm: median distance from the path. off: the same as a share of the path size. on: True if the deviation is
+    acceptable and the tool has the prescribed orientation.
+    """
 
     off_mm: float
     off: float
@@ -66,36 +71,37 @@ class PathDeviation:
 
 T_contra = TypeVar("T_contra", bound=Table, contravariant=True)
 Finders = tuple[tuple[str, Callable[[T_contra, Rig], Iterable[Finding]]], ...]
-"""Conventions that few tests can break, each with the function finding violations."""
+"""Conventions that apply only to few tests, each with the function that finds violations."""
 
 
 class Checks(TestPart, Protocol[T_contra]):
-    """Evidence against the labelled meaning of the columns of a table."""
+    """Evidence in a table for or against the labelled meaning of its columns."""
 
     @property
     def finders(self) -> Finders[T_contra]:
-        """Conventions that few tests can break, each with the function finding violations."""
+        """Return the conventions that apply only to few tests, each with the function that finds violations."""
         return ()
 
     def unit_findings(self, table: T_contra, rig: Rig, T_tool: Array) -> Iterable[Finding]:
-        """Return the findings against units, relative to nominal tool poses T_tool (n, 4, 4), the most certain
-        first."""
+        """Return the findings about units, most certain first. T_tool (n, 4, 4): nominal tool poses."""
         return ()
 
     def cannot_tell(self, table: T_contra, rig: Rig) -> str:
-        """Return the reason why a table cannot show the meaning of the joint columns; empty if it can."""
+        """Return the reason why a table cannot reveal the meaning of the joint columns; empty if it can."""
         return labels_of(self.test).unsupported_reason
 
     def judged_joints(self, table: T_contra, rig: Rig) -> Verdict:
-        """Return the meaning of the joint columns that fits a table."""
+        """Compare the possible meanings of the joint columns by their fit to a table."""
         raise no_joints_error(self.test, f"rig {rig.name}")
 
     def off_path(self, table: T_contra, rig: Rig, T_tool: Array) -> PathDeviation | None:
-        """Return the distance of tool poses T_tool (n, 4, 4) from the nominal path of the test; None if unknown."""
+        """Return the deviation of tool poses T_tool (n, 4, 4) from the nominal path of the test; None if the path is
+        unknown.
+        """
         return None
 
     def targets(self, table: T_contra, rig: Rig) -> Array | None:
-        """Return the target places (n, 3) mm of the rows; None if the rig file does not contain them."""
+        """Return the target positions (n, 3) mm of the rows; None if the rig file does not contain them."""
         return None
 
 

@@ -1,6 +1,6 @@
 """Differences between commanded and measured joint angles, and their causes.
 
-A difference correlated with the torque of gravity comes from a compliant drive or a controller with no integral part; a
+A difference correlated with the gravity torque comes from a compliant drive or a controller without integral action. A
 difference correlated with the speed is a following error. rig uses the measured angles.
 """
 
@@ -19,15 +19,16 @@ from analysis.runs.table_rows import Rows
 
 COMMANDS = "commands"
 _LEAST_DEG = 0.01
-"""Difference, rms, that is reported: a joint that misses by less moves a tool at a metre by less than 0.2 mm."""
+"""Smallest reported rms difference. A joint error below it moves a tool at one metre by less than 0.2 mm."""
 _FEWEST = 6
-"""Rows from which a correlation means anything."""
+"""Minimum number of rows for a correlation."""
 
 
 @dataclass(frozen=True)
 class CommandError:
-    """Following error of an axis: measured minus commanded, in degrees, and the correlation with the torque of
-    gravity and with the speed; None if either hardly changes."""
+    """Following error of an axis: measured minus commanded angle in degrees, and its correlation with the gravity
+    torque and with the speed. A correlation is None if the torque or speed hardly changes.
+    """
 
     axis: int
     mean_deg: float
@@ -37,7 +38,7 @@ class CommandError:
 
     @property
     def words(self) -> str:
-        """The figures of an axis in a sentence."""
+        """Return a sentence with the figures of the axis."""
         reasons = [("load", self.with_load), ("speed", self.with_speed)]
         known = [f"{name} {value:+.2f}" for name, value in reasons if value is not None]
         correlation = f", correlation with {', with '.join(known)}" if known else ""
@@ -45,7 +46,7 @@ class CommandError:
 
 
 def command_errors(run: Measured) -> tuple[CommandError, ...]:
-    """Return the command error of each axis; empty if the run does not have both sets of angles."""
+    """Return the following error of each axis; empty if the run lacks commanded or measured angles."""
     source = run.run.table
     both = None if source is None else _both_angles(Rows(source))
     if both is None:
@@ -73,7 +74,7 @@ def command_errors(run: Measured) -> tuple[CommandError, ...]:
 
 
 def command_findings(run: Measured) -> Iterator[Finding]:
-    """The axes that missed their commands by more than hardly anything."""
+    """Yield a finding for the axes with a considerable following error."""
     large = [error for error in command_errors(run) if error.rms_deg > _LEAST_DEG]
     if not large:
         return
@@ -89,7 +90,7 @@ def _has_column(run: Measured, name: str) -> bool:
 
 
 def _both_angles(rows: Rows) -> tuple[Array, Array] | None:
-    """Return measured and commanded angles (n, axes) rad of a table; None if it does not have both."""
+    """Return measured and commanded angles (n, axes) rad of a table; None if one of them is missing."""
     axes = range(1, rows.axes + 1)
     for other, is_measured in (("measured", True), ("commanded", False)):
         names = tuple(f"q{axis}_{other}_deg" for axis in axes)

@@ -10,15 +10,18 @@ from analysis.runs.loading import Measured
 from analysis.runs.tabular import for_json
 
 Strength = Literal["impossible", "decisive", "likely"]
-"""impossible: no robot produces such data as labelled, and import refuses them. decisive: another meaning fits and
-the labelled meaning does not; the figures are reported with a doubt, and no fault is named from them. likely: a
-doubt."""
+"""Certainty of a finding.
+
+impossible: no robot produces such data with this label; import refuses them. decisive: a different meaning fits and the
+labelled one does not; figures are reported with a doubt, and no fault is derived from them. likely: a doubt.
+"""
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """Residual of the readings, rms in mm, as labelled and as possibly meant, and the difference of the
-    log-likelihoods in nats."""
+    """Residuals of the readings, rms in mm, with the labelled and with the alternative meaning, and the difference
+    of the log-likelihoods in nats.
+    """
 
     as_labelled_mm: float
     as_meant_mm: float
@@ -27,10 +30,10 @@ class Misfit:
 
 @dataclass(frozen=True)
 class Finding:
-    """An interpretation of the data that fits although the labelled interpretation does not.
+    """Evidence that the data have a different meaning from the labelled one.
 
-    runs: names of the affected runs; columns: of the table; meant: possible content of those columns; what: the fact in
-    words; remedy: the action; misfit: None if the fact is a count or a label.
+    runs: names of the affected runs. columns: affected columns of the table. meant: probable content of these columns.
+    what: observation as text. remedy: action. misfit: residuals; None if the observation is a count or a label.
     """
 
     convention: str
@@ -44,11 +47,11 @@ class Finding:
 
     @property
     def words(self) -> str:
-        """The fact and the remedy in a line."""
+        """Return the observation and the remedy in one line."""
         return f"{self.what}; {self.remedy}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain types, None for unknown values."""
+        """Return plain types, with None for unknown values."""
         plain: dict[str, Any] = for_json(
             {
                 "convention": self.convention,
@@ -68,7 +71,7 @@ class Finding:
 class Convention:
     """A convention checked against data.
 
-    name: a word or two; asks: the question, in words; cannot: the reason why these runs cannot answer it, empty if they
+    name: one or two words. asks: the question as text. cannot: reason why these runs cannot answer it; empty if they
     can.
     """
 

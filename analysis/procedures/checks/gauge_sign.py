@@ -1,20 +1,20 @@
-"""Inverted or exchanged gauges: with both negated every size and every sign is the opposite, and most runs look
+"""Detection of inverted or exchanged gauges. If both are inverted, every size and sign is reversed, and most runs look
 plausible.
 
-Two facts reveal the sign and the order: a joint with backlash lags behind the drive, and never leads; and an error
-known to the rig file. Both are compared with the readings as labelled and as possibly meant. If the arm has no
-backlash, and the rig file no effect, the data do not show it.
+Two facts reveal sign and order. A joint with backlash lags behind its drive and never leads. And the errors in the rig
+file are known. The readings are compared with both, as labelled and with each alternative meaning. If the arm has no
+backlash and the rig file contains no effects, the data do not reveal the sign.
 
-Circles that repeat each other show swapped cables or columns. An exchange does not change the mean of the gauges, and
-it reverses the sign of their difference. Another sign reverses both. A moved ball changes both too, but only in the
-first order of the circle: the sign of both is judged by the higher orders.
+Repeated circles reveal cables or columns that were swapped between them. An exchange preserves the mean of the gauges
+and reverses the sign of their difference; an inversion reverses both. A moved ball also changes both, but only in the
+first order of the circle, so the signs are compared by the higher orders.
 
-Signs of an exchange within a single yaw run cause a doubt, and never a refusal. The distance, the mean of the gauges,
-and the angle between them show the same eccentricity e of the ball. If exchanged, the angle shows -e: the two differ by
-2 |e|. An error of the arm that rotates the tool in the first order of the circle also moves either of them, and a ball
-is set within a millimetre while a large fault moves it by millimetres: no evaluation of a single run distinguishes the
-two with certainty. But such an error has other orders too; an exchange is therefore likely if the two differ by more
-than the rest of the readings explains.
+Evidence within a single yaw run causes a doubt, never a refusal. The distance (mean of the gauges) and the angle
+between the gauges show the same eccentricity e of the ball. If the gauges are exchanged, the angle shows -e, so the two
+differ by 2 |e|. An error of the arm that rotates the tool in the first order of the circle also changes them, and large
+faults exceed the eccentricity of a well-mounted ball. A single run can therefore not distinguish the two with
+certainty. But such an error also has other orders. An exchange is likely if the difference exceeds the expectation from
+the rest of the readings.
 """
 
 from __future__ import annotations
@@ -45,22 +45,25 @@ from rigs.schema.vocabulary import TestName
 ORDER, SIGN = "gauge order", "gauge sign"
 EXCHANGED = "g1 and g2 may be exchanged"
 _ORDER_ROWS = 5000
-"""Number of rows sufficient to show the first order of a run."""
+"""Number of rows sufficient for the first order of a run."""
 _WHOLE = 0.9
-"""Share of a lap from which on the first order is determined."""
+"""Minimum share of a lap for determining the first order."""
 _CLOSER = 0.5
-"""The two eccentricities lie closer by this factor with the gauges exchanged."""
+"""Maximum ratio of the distance between the two eccentricities with exchanged gauges to that as labelled."""
 _BEYOND = 2.0
 """Minimum distance between them as a multiple of the rms of all other orders. Both factors are chosen: `scripts/dev
-exchanged` counts wrong doubts and missed exchanges."""
+exchanged` counts wrong doubts and missed exchanges.
+"""
 _SEEN_MM, _NEGATED = 0.2, 0.25
-"""With a single gauge negated the two eccentricities agree within this share, and are visible above this size.
-Chosen: an error of the arm imitates this only by chance, in size and in direction."""
+"""With one gauge inverted, the two eccentricities agree within this share, if they exceed this size. Chosen: an
+error of the arm has the same effect only by chance, in size and in direction.
+"""
 
 
 def order_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
-    """Yield a finding if g1 and g2 of a yaw run appear exchanged, or either of them inverted, by the two
-    eccentricities for each meaning of the columns."""
+    """Yield a finding if g1 and g2 of a yaw run appear exchanged, or one of them inverted, by comparing the two
+    eccentricities for each meaning of the columns.
+    """
     circle = rig.tests.circle
     if circle is None or rig.gauges.g2 is None:
         return
@@ -104,8 +107,11 @@ def order_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
 
 @dataclass(frozen=True)
 class _Eccentricities:
-    """Eccentricity of the ball, (2,) mm along phi = 0° and 90°, by the mean of two gauges and by the angle between
-    them; rest_mm: rms of the remaining readings."""
+    """Eccentricity of the ball, (2,) mm along phi = 0° and 90°, from the mean of the gauges and from the angle between
+    them.
+
+    rest_mm: rms of the remaining readings.
+    """
 
     by_distance: Array
     by_angle: Array
@@ -123,8 +129,9 @@ class _Eccentricities:
 
     @classmethod
     def of(cls, phi: Array, g_mm: Array, radius_mm: float, baseline_mm: float) -> _Eccentricities:
-        """Return the eccentricities from circle angles phi (n,) rad and readings g_mm (n, 2); angles times the
-        radius, both in mm."""
+        """Return the eccentricities for circle angles phi (n,) rad and readings g_mm (n, 2). Angles are multiplied
+        by the radius in mm.
+        """
         by_gauges = link_angle(g_mm[:, 0], g_mm[:, 1], baseline_mm)
         seen = np.stack([g_mm.mean(axis=1), radius_mm * by_gauges], axis=1)
         waves = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
@@ -134,18 +141,20 @@ class _Eccentricities:
 
 
 def negated(number: int) -> str:
-    """Return the possible meaning of a negated gauge, 1 or 2."""
+    """Return the alternative meaning in which gauge 1 or 2 is inverted."""
     return f"g{number} may count the other way"
 
 
 GRID = 256
 """Circle angles to which laps are interpolated for comparison."""
 _LEAST_MM = 0.05
-"""Smallest difference from the repeats that is examined: joints of real cells repeat to 0.005°, which moves gauges 50
-mm apart by 0.01 mm, and the limit is five times that."""
+"""Smallest examined difference from repeated runs. Joints of real cells repeat to 0.005°, which moves gauges 50 mm
+apart by 0.01 mm; the limit is five times larger.
+"""
 _CLEAR = 4.0
-"""Factor by which the difference must fit better with the sign reversed, and by which the mean must fit better
-unchanged. Chosen: far from the factor of 1 caused by noise."""
+"""Factor by which the difference must fit better with reversed sign, and the mean better unchanged. Chosen: far
+above the factor of 1 caused by noise.
+"""
 
 
 @dataclass(frozen=True)
@@ -158,13 +167,13 @@ class Lap:
 
     @property
     def place(self) -> tuple[object, ...]:
-        """Common properties of runs with the same ball: test, circle and placement."""
+        """Properties shared by runs with the same ball: test, circle and placement."""
         manifest = self.run.run.manifest
         return (manifest.test, manifest.placement, self.run.rig.tests.circle, self.run.rig.robot)
 
 
 def laps_on_grid(runs: Iterable[Measured]) -> list[Lap]:
-    """Return the circle runs with two gauges, on the grid; runs with no lap are reported by the analysis."""
+    """Return the circle runs with two gauges on the grid. Runs without a lap are reported elsewhere."""
     laps_of_runs = []
     for run in runs:
         with suppress(FileError):
@@ -177,8 +186,9 @@ def laps_on_grid(runs: Iterable[Measured]) -> list[Lap]:
 
 
 def gridded(phi: Array, values: Array) -> Array:
-    """Return values (n, k) at circle angles phi (n,) rad as means (GRID, k) about the angles of the grid,
-    interpolated between neighbours in gaps."""
+    """Return the mean (GRID, k) of values (n, k) around each angle of the grid; gaps are interpolated. phi (n,):
+    circle angles in rad.
+    """
     place = np.round(phi * GRID / (2 * np.pi)).astype(int) % GRID
     count = np.bincount(place, minlength=GRID)
     filled = np.flatnonzero(count)
@@ -187,8 +197,9 @@ def gridded(phi: Array, values: Array) -> Array:
 
 
 def repeat_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
-    """Yield findings about runs that contradict their repeats. If two equal halves of the repeats contradict each
-    other, the half contradicting the circles of the other direction is reported."""
+    """Yield findings about runs that contradict their repeats. If two equal halves contradict each other, the half
+    that contradicts the circles of the opposite direction is reported.
+    """
     laps = laps_on_grid(runs)
     groups: dict[tuple[object, ...], list[Lap]] = {}
     for lap in laps:
@@ -207,7 +218,7 @@ def repeat_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
 
 
 def _contradicting(repeats: Sequence[Lap], reverse: Sequence[Lap]) -> Iterator[Finding]:
-    """Yield findings about repeats with the opposite sign of the difference to most of them."""
+    """Yield findings about repeats in which the sign of the difference is opposite to that of the majority."""
     mean, apart = np.array([lap.mean for lap in repeats]), np.array([lap.apart for lap in repeats])
     sign = np.where(np.linalg.eigh(apart @ apart.T)[1][:, -1] < 0, -1.0, 1.0)
     if abs(sign.sum()) > 0:
@@ -224,7 +235,7 @@ def _contradicting(repeats: Sequence[Lap], reverse: Sequence[Lap]) -> Iterator[F
             yield _finding(repeats[k], as_labelled, as_meant, negated=False)
             continue
         spectra = np.fft.rfft([apart[k], usual_apart, mean[k], usual])
-        spectra[:, 1] = 0.0  # the first order may be another position of the ball
+        spectra[:, 1] = 0.0  # the first order may be caused by a moved ball
         shapes = np.fft.irfft(spectra, n=GRID)
         as_labelled, as_meant = (
             float(np.hypot(rms(shapes[0] - side * shapes[1]), rms(shapes[2] - side * shapes[3])))
@@ -247,29 +258,31 @@ def _finding(lap: Lap, as_labelled: float, as_meant: float, *, negated: bool) ->
 
 
 _ALIKE = 8.0
-"""Steps of the grid, of 1.4° each, over which the remaining curves of two laps agree: they count as a single
-reading."""
+"""Correlation length of the residual curves of two laps, in steps of 1.4°. Readings within it count as one."""
 _DECISIVE = 12.0
-"""Log-likelihood from which the sign of a play is proof, odds of 160 000 to 1: drift and waves are no white noise."""
+"""Difference of the log-likelihoods from which the sign of a backlash is certain: odds of 160 000 to 1, because
+drift and waves are not white noise.
+"""
 _FITS, _FITS_WELL = 4.0, 6.0
-"""… and minimum ratio of the energies remaining after backlash. Meanings within the first factor are equivalent;
-below the second, which leaves two fifths of the readings, the other meaning does not fit either, and causes a
-doubt only."""
+"""Minimum ratios of the residual energies with backlash. Below the first, two meanings are equivalent. Below the
+second, which leaves two fifths of the readings, the alternative does not fit well either and only causes a doubt.
+"""
 _RESOLVED_MM = 0.003
-"""Lower limit of the rms remaining after backlash as labelled: the resolution of gauges of 1 µm."""
+"""Lower limit of the rms residual with backlash as labelled: the resolution of gauges of 1 µm."""
 _PLAY_RAD = float(np.radians(0.01))
-"""Width by which a joint has turned back: real plays are wider, encoders' noise is narrower."""
+"""Joint motion that counts as a reversal: less than real backlash, and more than encoder noise."""
 _KNOWN = 4.0
-"""Factor by which negated readings must fit the effects of the rig file better. An arm that changed does not change to
-the opposite."""
+"""Factor by which inverted readings must fit the effects of the rig file better. An arm that has changed does not
+change to the opposite sign.
+"""
 _KNOWN_MM = 0.02
-"""Readings that the rig file leaves within this are right as they are."""
+"""Residual below which readings agree with the rig file as labelled."""
 _ROWS = 1500
 _STEP = 1e-4
 
 
 def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
-    """Yield findings against the sign of the gauges of runs of a robot."""
+    """Yield findings about the sign of the gauges in runs of a robot."""
     gauged = [run for run in runs if format_of(run.table.test).gauges]
     groups: list[list[Measured]] = []
     for run in gauged:
@@ -287,7 +300,7 @@ def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
 
 
 def _known_effects(run: Measured) -> Iterator[Finding]:
-    """Yield a run that the effects of the rig file explain only with the gauges negated."""
+    """Yield a finding if the effects of the rig file explain a run only with inverted gauges."""
     model = model_of(run.rig)
     table = run.table
     if not model.effects or not format_of(table.test).gauges or checks_of(table.test).cannot_tell(table, run.rig):
@@ -311,7 +324,7 @@ _REMEDY = "press a probe: where its reading falls give counts: towards in the ri
 
 
 def _left_mm(model: Model, table: Table, sign: float) -> float:
-    """Return the residual of readings with a sign for a model, rms mm, with ball and zeros fitted."""
+    """Return the rms residual in mm of readings multiplied by a sign, for a model with fitted ball and zeros."""
     setup = nominal_setup(model.rig, table)
     path = path_of(model, table)
     scene = moved(model, path)
@@ -335,9 +348,11 @@ def _left_mm(model: Model, table: Table, sign: float) -> float:
 
 @dataclass(frozen=True)
 class _Way:
-    """Laps of a direction on the grid: readings (GRID, 2) mm, angles as unit vectors, cosine and sine (GRID, 12),
-    for a mean modulo a turn, speeds (GRID, 6) rad/s, flank of each joint (GRID, 6) and of each gauge (GRID, 2),
-    -1 to 1, and the time (GRID,) since the start, 0 to 1."""
+    """Laps of one direction on the grid.
+
+    readings (GRID, 2) mm; angles as unit vectors, cosine and sine (GRID, 12), for a mean modulo a turn; speeds (GRID,
+    6) rad/s; flank of each joint (GRID, 6) and each gauge (GRID, 2), -1 to 1; time (GRID,) since the start, 0 to 1.
+    """
 
     g_mm: Array
     heading: Array
@@ -348,8 +363,9 @@ class _Way:
 
 
 def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
-    """Yield circles driven both ways in which joints lead at reversals as the gauges are labelled, and lag with
-    another meaning: all runs of these gauges are doubtful."""
+    """Yield findings about circles in both directions in which joints lead at reversals as labelled, and lag with an
+    alternative meaning. All runs of these gauges are then doubtful.
+    """
     if {run.run.manifest.direction for run in runs} < {"acw", "cw"}:
         return
     energies, values = np.zeros(len(_MEANT)), 0.0
@@ -366,7 +382,7 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     as_labelled, as_meant = (float(np.sqrt(energy / (values * _ALIKE))) for energy in (labelled, least))
     if gain < _DECISIVE or labelled < _FITS * least or as_labelled < _RESOLVED_MM:
         return
-    # Backlash does not distinguish these; the mean and difference of the gauges showing the same ball position decide.
+    # Backlash does not distinguish these meanings; the eccentricities from mean and difference of the gauges decide.
     alike = [meant for meant, energy in zip(_MEANT, energies, strict=True) if energy < _FITS * least]
     seen = {finding.meant for run in runs for finding in findings_against(ORDER, run.table, run.rig)}
     if EXCHANGED in seen:
@@ -389,7 +405,7 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
 
 @dataclass(frozen=True)
 class _Meant:
-    """Possible content of the columns of two gauges: the gauges meant (2,), and their signs (2,)."""
+    """Alternative content of the two gauge columns: the gauge in each column (2,), and its sign (2,)."""
 
     words: str
     columns: tuple[int, int]
@@ -407,14 +423,15 @@ _MEANT = (
 
 
 def _as(way: _Way, meant: _Meant) -> _Way:
-    """Return a direction with the columns of the gauges in a possible meaning."""
+    """Return the laps of a direction with an alternative meaning of the gauge columns."""
     signs, columns = np.array(meant.signs), list(meant.columns)
     return replace(way, g_mm=way.g_mm[:, columns] * signs, stuck=way.stuck[:, columns] * signs)
 
 
 def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[Rig, TestName, dict[str, list[_Way]]]]:
-    """Yield the circles of each test and placement that were driven both ways, with their rig, on the grid. Runs
-    with no lap are reported by the analysis."""
+    """Yield the circles of each test and placement driven in both directions, with their rig, on the grid. Runs
+    without a lap are reported elsewhere.
+    """
     pairs: dict[tuple[object, ...], tuple[Rig, TestName, dict[str, list[_Way]]]] = {}
     for run in runs:
         table = run.table
@@ -441,9 +458,11 @@ def _mean(ways: Sequence[_Way]) -> _Way:
 
 
 def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:
-    """Return the energy in mm² of the difference of both directions remaining after lagging backlash, given the
-    slopes of the gauges by each joint (GRID, 2, 6) mm/rad. Dependence on the angles is the same both ways; drift,
-    late times and a sticking gauge are removed."""
+    """Return the energy in mm² of the difference between the directions that backlash does not explain.
+
+    The gauges have derivatives (GRID, 2, 6) mm/rad by each joint. Errors depending on the angles cancel in the
+    difference. Drift, late times and a sticking gauge are removed.
+    """
     from scipy.optimize import nnls  # noqa: PLC0415 - slow to import, needed here only
 
     plays = (slopes * (acw.flank - cw.flank)[:, None, :]).reshape(-1, 6)
@@ -462,10 +481,12 @@ def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:
 
 
 def _slopes(rig: Rig, test: TestName, acw: _Way, cw: _Way) -> Array:
-    """Return the slopes (GRID, 2, 6) in mm/rad of both gauges by each joint of the nominal arm, at the positions of
-    both directions."""
+    """Return the derivatives (GRID, 2, 6) in mm/rad of both gauges by each joint of the nominal arm, for both
+    directions.
+    """
     circle = circle_of(rig)
-    # A robot that drives on is turns apart between the directions, and from lap to lap: only the posture counts.
+    # Joints of a robot that continues instead of returning differ by full turns between directions and laps: only the
+    # posture counts.
     cosine, sine = np.split(acw.heading + cw.heading, 2, axis=1)
     q = np.arctan2(sine, cosine)
     arm, centre = arm_of(rig.robot), frame_of(circle).centre

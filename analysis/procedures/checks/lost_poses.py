@@ -1,17 +1,19 @@
-"""Poses, touches and path places that no robot explains: the tracker lost the target, or the robot was elsewhere. They
-are excluded and counted, and doubtful readings are reported.
+"""Poses, touches and path positions that no robot explains: the tracker lost the target, or the robot was elsewhere.
+They are excluded and counted, and doubtful readings are reported.
 
-Instruments write a place of exactly 0, 0, 0 if there is no target. Other outliers are found by
-`analysis.runs.noise.wild` in three steps: by place or rotation relative to an arm with base and tool fitted to the near
-poses, then by place relative to an arm with all constants fitted to these. The last step is necessary because the error
-of an arm with nominal constants, half a millimetre, hides a reading that is 2 mm wrong and moves every constant.
+Instruments write a position of exactly 0, 0, 0 if there is no target. Other outliers are found by
+`analysis.runs.noise.wild` in three steps: by position and by rotation relative to an arm with base and tool fitted to
+the near poses, and by position relative to an arm with all constants fitted to these. The last step is necessary
+because the error of an arm with nominal constants, half a millimetre, hides an error of 2 mm that would change every
+constant.
 
-Along a path the tool moves smoothly: each place follows from the three places before and from the three after. A spike
-is far from both predictions, which agree; at a corner, a start and a step at least a single prediction is right.
-Distances of some places reveal spikes of as many places. A beam that stopped while the tool moved on is also found.
+Along a path the tool moves smoothly. Each position can be extrapolated from the three positions before and from the
+three after. An outlier is far from both extrapolations, which agree with each other; at a corner, a start or a step at
+most one of them is correct. Extrapolations over larger distances reveal outliers of several successive positions. A
+beam that was interrupted while the tool moved is also found.
 
-Places and rows written more than once are found too: an instrument sending the last place again, or a file concatenated
-twice.
+Positions and rows written more than once are also found: an instrument that repeats the last position, or a file
+concatenated with itself.
 """
 
 from __future__ import annotations
@@ -33,23 +35,27 @@ from rigs.rig import Rig
 from rigs.text import listed
 
 _STRIDES, _SMOOTH_S = (1, 2, 3, 5, 8), 0.016
-"""Distances between compared places: spikes of up to eight are visible if the path is smooth over that time. On a
-circle of 20 mm at 250 mm/s it turns by a fifth of a radian."""
+"""Distances between the compared positions, and the time over which the path must be smooth. Up to eight successive
+outliers are found. On a circle of 20 mm at 250 mm/s the path turns by a fifth of a radian in this time.
+"""
 _SPREADS, _AGREE = 10.0, 2.0
-"""Minimum distance of a spike from both predictions in robust standard deviations, and in multiples of the
-difference between the predictions."""
+"""Minimum distance of an outlier from both extrapolations, in robust standard deviations and relative to the
+difference between the extrapolations.
+"""
 _LEAST_MM = 0.1
-"""Smallest spike: no tracker has a coarser resolution, and a smaller spike changes no figure."""
+"""Smallest outlier. No tracker has a coarser resolution, and a smaller outlier changes no figure."""
 _ALIKE = 5
-"""Number of equal places in a row that exclude motion, …"""
+"""Number of equal successive positions that exclude motion, …"""
 _CAUGHT_UP, _BEFORE, _AHEAD = 0.75, 20, 0.5
-"""… if the tool has then moved by this share of the distance expected from the previous speed. It moved if this
-number of previous steps leads ahead by that share of their length, with no trembling about a place."""
+"""… if the tool has moved afterwards by this share of the distance expected from its previous speed. It was moving
+if this number of previous steps leads ahead by that share of their length, so it did not tremble about a
+position.
+"""
 
 
 @dataclass(frozen=True)
 class Places:
-    """Outliers (n,) of a path, their distances, mm (n,), and the places repeating the previous place."""
+    """Outliers (n,) of a path, their distances (n,) in mm, and the rows that repeat the previous position."""
 
     wild: Mask
     away_mm: Array
@@ -57,7 +63,7 @@ class Places:
 
     @property
     def words(self) -> dict[str, str]:
-        """Texts for the user, by `wild` and `repeated`; empty if there are none."""
+        """Return messages to the user by kind, `wild` and `repeated`; empty if there are none."""
         words = {}
         if count := int(self.wild.sum()):
             named = listed((np.flatnonzero(self.wild) + 1).tolist())
@@ -74,10 +80,10 @@ class Places:
 
 
 def places_of(table: PathTable) -> Places:
-    """Return the places of a path that were not measured."""
+    """Return the outliers and repeated positions of a path."""
     repeated, wild = np.zeros(len(table.t_s), dtype=bool), np.zeros(len(table.t_s), dtype=bool)
     step = np.linalg.norm(np.diff(table.xyz_mm, axis=0), axis=1)
-    # Rows of equal places behind which the tool is further on.
+    # Rows of equal positions after which the tool has moved on.
     edges = np.diff(np.concatenate([[False], step == 0, [False]]).astype(np.int64))
     for begin, end in zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True):
         first = max(0, begin - _BEFORE)
@@ -93,7 +99,7 @@ def places_of(table: PathTable) -> Places:
 
 
 def measured_places(table: PathTable) -> tuple[PathTable, list[str]]:
-    """Return a path with the unmeasured places removed, and a text about the removed ones."""
+    """Return a path without outliers and repeated positions, and messages about the removed rows."""
     places = places_of(table)
     kept = ~(places.wild | places.repeated)
     notes = [f"{words}; ignored" for words in places.words.values()]
@@ -101,7 +107,7 @@ def measured_places(table: PathTable) -> tuple[PathTable, list[str]]:
 
 
 def _wild(t_s: Array, xyz_mm: Array) -> tuple[Mask, Array]:
-    """Return the outliers (n,) from the neighbouring path, and their distances, mm (n,)."""
+    """Return the outliers (n,) relative to the neighbouring path, and their distances (n,) in mm."""
     count = len(t_s)
     wild, away = np.zeros(count, dtype=bool), np.zeros(count)
     step_s = float(np.median(np.diff(t_s))) if count > 1 else 0.0
@@ -127,15 +133,16 @@ def _wild(t_s: Array, xyz_mm: Array) -> tuple[Mask, Array]:
 _LEAST_RAD = 0.001
 """Lower limit of the standard deviation of a rotation: ten times the resolution of trackers."""
 _KEPT = 6
-"""Poses that fit base and tool; the nearest of fewer would fit anything."""
+"""Minimum number of poses for fitting base and tool; any fewer poses would fit."""
 Fit = Callable[[PoseTable, PoseTable], tuple[Array, Array | None]]
-"""Errors of place (n, 3) mm and of rotation (n, 3) rad of the second table's poses, with base and tool fitted to the
-first table."""
+"""Function that fits base and tool to the first table and returns the errors of position (n, 3) mm and of rotation
+(n, 3) rad of the poses in the second table.
+"""
 
 
 @dataclass(frozen=True)
 class RemainingPoses:
-    """A table with lost poses removed; rows (m,): indices of the remaining rows in the original table. notes: texts."""
+    """A table without outliers. rows (m,): indices of the remaining rows in the original table. notes: messages."""
 
     table: PoseTable
     rows: Integers
@@ -144,8 +151,10 @@ class RemainingPoses:
 
 @dataclass(frozen=True)
 class Outliers:
-    """Poses (n,) far from the arm, their distances in mm (n,), and whether they are accidents of an instrument,
-    which are excluded, or errors of the arm or of the labels, which are not."""
+    """Poses (n,) far from the arm, with their distances in mm (n,).
+
+    They are excluded if they are accidents of the instrument, and kept if they are errors of the arm or of the labels.
+    """
 
     far: Mask
     far_mm: Array
@@ -153,11 +162,11 @@ class Outliers:
 
     @property
     def wild(self) -> Mask:
-        """The poses (n,) that are left out."""
+        """Mask (n,) of the excluded poses."""
         return self.far if self.by_accident else np.zeros_like(self.far)
 
     def words(self, table: Table) -> str:
-        """Text for the user about distant rows that are not excluded, empty if there are none."""
+        """Return a message to the user about outliers that are not excluded; empty if there are none."""
         if self.by_accident or not self.far.any():
             return ""
         fact = f"{self.far.sum()} of {len(self.far)} {labels_of(table.test).rows} lie far from where the arm was"
@@ -169,8 +178,10 @@ class Outliers:
 
 
 def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Outliers:
-    """Return the poses whose place is far from all others relative to an arm; fit: of places and rotations, of
-    places alone if absent. Rows of 0, 0, 0 are no places, and not far."""
+    """Return the poses with a position far from that of an arm. Rows of 0, 0, 0 are no positions and not included.
+
+    fit: function for positions and rotations; positions only if absent.
+    """
     lost = (table.xyz_mm == 0).all(axis=1)
     count = len(lost) - int(lost.sum())
     far, far_mm = np.zeros(len(lost), dtype=bool), np.zeros(len(lost))
@@ -202,8 +213,9 @@ def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Outliers:
 
 
 def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Array, Mask]:
-    """Return distances (n,) mm from an arm with all constants fitted to the near poses, and the distant poses (n,);
-    unchanged if the poses are too few."""
+    """Return distances (n,) mm from an arm with all constants fitted to the near poses, and the mask (n,) of far
+    poses. They are unchanged if there are too few poses.
+    """
     near = ~far
     for _ in range(STEPS):
         those = _sample(np.flatnonzero(near), seen.xyz_mm)
@@ -225,7 +237,7 @@ def _sample(rows: Integers, xyz_mm: Array) -> Integers:
 
 
 def without_lost(table: PoseTable, bare: Arm, fit: Fit) -> RemainingPoses:
-    """Return a table with the unmeasured poses removed, by places and rotations relative to a bare arm."""
+    """Return a table without outliers by position and rotation relative to an arm."""
     far = far_poses(table, bare, fit)
     out = (table.xyz_mm == 0).all(axis=1) | far.wild
     if out.all():
@@ -245,7 +257,7 @@ def _of(table: PoseTable, mask: Mask) -> PoseTable:
 
 
 def far_touches(table: TouchTable, T: Array) -> Outliers:
-    """Return the touches far from all others of their socket, at tool poses T (n, 4, 4) mm of the arm."""
+    """Return the touches far from all other touches of the same socket. T (n, 4, 4): tool poses of the arm, in mm."""
     names, socket = np.unique(table.socket, return_inverse=True)
     design, seen = socket_design(T, socket.ravel(), len(names)), -T[:, :3, 3].ravel()
 
@@ -262,7 +274,7 @@ def far_touches(table: TouchTable, T: Array) -> Outliers:
 
 
 def left_out(table: Table, out: Mask, far_mm: Array) -> str:
-    """Return a text about the excluded poses (n,) and their distances (n,) mm from the arm."""
+    """Return a message about the excluded poses (n,) and their distances (n,) mm from the arm."""
     rows = np.sort(table.rows[out]).tolist()
     shown = listed(rows)
     far = _length(far_mm[out].max())
@@ -284,7 +296,7 @@ WILDNESS = "wildness"
 
 
 def wild_touches(table: TouchTable, rig: Rig) -> Iterator[Finding]:
-    """Yield findings about touches far from all others of their socket."""
+    """Yield findings about touches far from all other touches of the same socket."""
     far = far_touches(table, forward(arm_of(rig.robot), table.q))
     if far.wild.any():
         fact, remedy = left_out(table, far.wild, far.far_mm).rsplit("; ", 1)
@@ -292,8 +304,7 @@ def wild_touches(table: TouchTable, rig: Rig) -> Iterator[Finding]:
 
 
 def wild_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
-    """Yield findings about rows of poses recorded with a lost target, or far from the arm
-    (`analysis.procedures.checks.lost_poses`)."""
+    """Yield findings about poses recorded with a lost target, or far from the arm."""
     lost = (table.xyz_mm == 0).all(axis=1)
     if lost.any():
         rows = listed(table.rows[lost].tolist())
@@ -306,14 +317,14 @@ def wild_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     if words := two_placings(_of(table, ~(lost | far.wild)), bare):
         remedy = "give each placing in a file of its own, a run each"
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "two placings", words, remedy)
-    if far.far.any() and (far.by_accident or not words):  # too many for accidents: something was moved
+    if far.far.any() and (far.by_accident or not words):  # too many for accidents: something has moved
         fact = left_out(table, far.wild, far.far_mm) if far.by_accident else far.words(table)
         fact, remedy = fact.rsplit("; ", 1)
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", fact, remedy)
 
 
 def wild_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
-    """Yield findings about places far from the neighbouring path."""
+    """Yield findings about outliers of a path."""
     del rig
     if "wild" in (words := places_of(table).words):
         remedy = "check that nothing crossed the beam; the analysis ignores them"
@@ -322,15 +333,15 @@ def wild_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
 
 DUPLICATES = "duplicates"
 _ELSEWHERE_MM = 1.0
-"""A flange moving this distance also moves the target, unless the target is on the axis of rotation."""
+"""Flange motion that also moves the target, unless the target is on the axis of rotation."""
 _FINE_MM = 2e-3
-"""Places with a resolution this fine differ from visit to visit: robots repeat to 0.01 mm."""
+"""Resolution of positions that always differ between visits, because robots repeat to 0.01 mm."""
 _SEVERAL = 3
-"""Number of rows with six equal angles and the same place to the last digit that is no accident."""
+"""Number of rows with six equal angles and exactly the same position that is not a coincidence."""
 
 
 def duplicate_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
-    """Rows of poses that repeat the place of other rows."""
+    """Yield findings about poses that repeat the position of other rows."""
     if not len(table.q):
         return
     lost = (table.xyz_mm == 0).all(axis=1)
@@ -350,14 +361,14 @@ def duplicate_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
             yield Finding(DUPLICATES, "likely", ("x_mm", "y_mm", "z_mm"), "a place sent again", fact, remedy)
         elif (table.q[alike] == table.q[alike][0]).all():
             copied += int(alike.sum()) - 1
-    steps_mm = np.diff(np.unique(table.xyz_mm[:, 0]))  # resolution of the written places
+    steps_mm = np.diff(np.unique(table.xyz_mm[:, 0]))  # resolution of the written positions
     if copied >= _SEVERAL and steps_mm.min(initial=1.0) < _FINE_MM:
         fact = f"{copied} rows repeat the angles and the place of an earlier one to the last digit, as no visit does"
         yield Finding(DUPLICATES, "likely", (), "rows written twice", fact, "remove the copies")
 
 
 def repeated_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
-    """Yield findings about path places repeating the previous place although the tool moved."""
+    """Yield findings about path positions that repeat the previous one although the tool moved."""
     del rig
     if "repeated" in (words := places_of(table).words):
         remedy = "the analysis ignores them; have the instrument write no place while it has none"

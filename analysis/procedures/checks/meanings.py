@@ -1,11 +1,11 @@
-"""The joint columns as labelled, compared with every other possible meaning.
+"""Comparison of the labelled joint columns with every other possible meaning.
 
-Poses: base and tool are fitted to the nearest four fifths for each meaning, and the residuals are compared. A wrong
+Poses: for each meaning, base and tool are fitted to the nearest four fifths, and the residuals are compared. A wrong
 meaning leaves centimetres, an arm with nominal constants millimetres. Circles and targets: the program put the tool on
-a path stated by the rig file, and only the right meaning does the same.
+the path of the rig file, and only the correct meaning does the same.
 
-Each other meaning is a single mistake of a user or a program: axis 3 counted from the horizontal or from axis 2; an
-inverted axis; two exchanged columns; another zero.
+Each alternative meaning is a single mistake of a user or a program: axis 3 measured from the horizontal or from axis 2,
+an inverted axis, two exchanged columns, or a different zero.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _ZEROS_DEG = (90.0, -90.0, 180.0)
 
 
 def meanings(axes: int) -> list[Meaning]:
-    """Return all other possible meanings of the columns of this number of joints."""
+    """Return all alternative meanings for this number of joints."""
     ways = []
     for sign, word in ((1.0, "+"), (-1.0, "-")):
         matrix = np.eye(axes)
@@ -63,33 +63,38 @@ JOINTS = "joints"
 FEWEST = 12
 """Smallest number of poses for judging a meaning: nine unknowns, and as many redundant readings."""
 _SCREENED, _JUDGED = 80, 300
-"""Poses by which meanings are screened, and by which the best few are judged; more would show no more."""
+"""Number of poses for a first comparison of all meanings, and for the final comparison of the best ones; more poses
+do not change the result.
+"""
 _STEPS, _BEST = 8, 6
-"""Steps of a fit while meanings are screened, and number of meanings then fitted to the end."""
+"""Number of fit steps in the first comparison, and number of meanings in the final comparison."""
 _KEPT = 0.8
-"""Share of the poses, the nearest, that is fitted and compared: lost points move no base."""
+"""Share of the poses with the smallest residuals that is fitted and compared, so that outliers do not affect the
+base.
+"""
 _ROUNDS = 3
 _NOTHING_MM = 1e-3
-"""Residual below which the labels are right: below a micrometre it is rounded digits, which any meaning may fit
-better."""
+"""Residual below which the labels are correct. Below a micrometre only the rounding of the numbers is compared."""
 RIGHT_MM = 10.0
-"""Largest residual of a right meaning: an arm with nominal constants errs by some mm."""
+"""Largest residual of a correct meaning: an arm with nominal constants has errors of some mm."""
 RIGHT_SHARE = 0.02
-"""Largest residual of a right meaning as a share of the spread of the places: an arm of a metre leaves some
-thousandths; places that hardly move would always leave few mm."""
+"""Largest residual of a correct meaning as a share of the spread of the positions. An arm of one metre leaves some
+thousandths; poses that hardly move always leave a few mm.
+"""
 CLEARLY = 4.0
-"""Factor by which a meaning must fit better. The constants of a real arm, all free, gained 2.6 (UR10); a meaning has no
-unknown."""
+"""Factor by which an alternative must fit better. Fitting all constants of a real arm (UR10) gave a factor of 2.6,
+whereas a meaning has no free parameter.
+"""
 AS_WELL = 1.5
 """Meanings within this factor of the best are not distinguished."""
 _ARM_MM = 100.0
-"""Distance at which a turn counts as a length."""
+"""Lever arm that converts rotations to lengths."""
 _ROWS = 2000
-"""Rows of a circle that show the path."""
+"""Number of circle rows sufficient for the comparison."""
 
 
 def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
-    """Yield findings against the labels of the joint columns of a table: their order, signs, zeros or coupling."""
+    """Yield findings about the joint columns of a table: order, signs, zeros or coupling."""
     if checks_of(table.test).cannot_tell(table, rig):
         return
     best, as_labelled, as_good = checks_of(table.test).judged_joints(table, rig)
@@ -116,13 +121,14 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 
 
 def _far_off(table: Table, left_mm: float) -> Iterator[Finding]:
-    """Yield a finding if places of a tracker leave more, rms mm, than the nominal constants of an arm, in every
-    meaning."""
+    """Yield a finding if the rms residual in mm of tracker positions exceeds that of an arm with nominal constants
+    in every meaning.
+    """
     if not facts_of(table.test).of_tracker:
         return
     places = table.readings
     places = places[(places != 0).any(axis=1)]
-    apart_mm = float(np.sqrt(3)) * rms(places - places.mean(axis=0))  # of places, not of coordinates
+    apart_mm = float(np.sqrt(3)) * rms(places - places.mean(axis=0))  # of positions, not of coordinates
     if left_mm <= min(RIGHT_MM, RIGHT_SHARE * apart_mm):
         return
     fact = (
@@ -161,8 +167,9 @@ def judged_by_path(table: Table, rig: Rig) -> Verdict:
 
 
 def judged_by_places(rig: Rig, q: Array, xyz_mm: Array, rpy: Array | None) -> Verdict:
-    """Return the meaning of joints q (n, axes) rad that brings an arm to the measured places xyz_mm (n, 3) and turns
-    rpy (n, 3) rad."""
+    """Return the meaning of joints q (n, axes) rad that fits the measured positions xyz_mm (n, 3) and rotations rpy
+    (n, 3) rad.
+    """
     bare, measured = without_setup(arm_of(rig.robot)), np.flatnonzero((xyz_mm != 0).any(axis=1))
     few, many = (
         measured[np.unique(np.linspace(0, len(measured) - 1, rows).astype(int))] for rows in (_SCREENED, _JUDGED)
@@ -191,14 +198,14 @@ def _decided(judged: Sequence[JudgedMeaning], as_labelled: float, right_mm: floa
 
 
 def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> float:
-    """Return the residual of the nearest of places xyz_mm (n, 3), rms mm, with base and tool fitted to them, at
-    joints q (n, axes) rad; each rotation of rpy (n, 3) rad is included as a length."""
+    """Return the rms residual in mm of the nearest of the positions xyz_mm (n, 3) at joints q (n, axes) rad, with
+    fitted base and tool. Rotations rpy (n, 3) rad are included as lengths.
+    """
     return fit_nearest(bare, q, xyz_mm, steps, rpy)[0]
 
 
 def fit_nearest(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> tuple[float, PoseSetUp]:
-    """Return the residual of the nearest of places xyz_mm (n, 3), as `left_mm`, and the base and tool fitted to
-    them."""
+    """Return the residual of `left_mm`, in mm, for positions xyz_mm (n, 3), and the fitted base and tool."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     T = forward(bare, q)
@@ -208,7 +215,7 @@ def fit_nearest(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | Non
         setup = fit_setup(T[kept], xyz_mm[kept], steps)
         distance = np.linalg.norm(position_error(T, xyz_mm, setup), axis=1)
         if rpy is not None:
-            # Measured rotations compared with those of the arm, on a tool with the mean rotation of the near ones.
+            # Compare measured rotations with those of the arm, using a tool with the mean rotation of the near poses.
             seen = Rotation.from_matrix(setup.T_world_base[:3, :3]).inv() * Rotation.from_euler("xyz", rpy)
             arm = Rotation.from_matrix(T[:, :3, :3])
             tool = (arm[kept].inv() * seen[kept]).mean()

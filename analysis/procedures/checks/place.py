@@ -1,15 +1,18 @@
-"""Checks of place, speed and instrument of a table against the rig file.
+"""Checks of position, speed and instrument of a table against the rig file.
 
-- By the nominal arm, and regardless of the gauges, the robot is on the path of the test: the arm errs by some mm, and a
-cell is seldom within 20 mm of the place in the rig file.
-- Several readings of the same standstill, given as separate visits, count by their means, and the user gets a message.
-- Places that the controller computed from the joints with its constants contain no information about the arm. Two facts
-prove this, whatever the name of a column or topic. No reflector is in the middle of the flange face while the frame
-of the instrument is the base of the arm. And no instrument and no robot repeat to the last digit: places explained
-more closely by the arm's constants, all free, were computed.
-- Target or instrument moved during the run. With all constants of the arm fitted, the residual is noise and a little
-unmodelled error. If a separate placement for the rows from some row on, or for every other row, leaves a far smaller
-residual, something was moved.
+- With the nominal arm, and independently of the gauges, the robot must be on the path of the test. The arm has errors
+  of some
+mm, and a cell is rarely within 20 mm of the place in the rig file.
+- Several readings of one standstill, given as separate visits, are averaged, and the user gets a message.
+- Positions computed by the controller from the joints contain no information about the arm. Two facts reveal them,
+independently of the name of a column or topic. No reflector is in the middle of the flange face while the frame of the
+instrument is the base of the arm. And neither instruments nor robots repeat to the last digit, so positions that fitted
+constants explain even more closely were computed.
+- Target or instrument may have moved during the run. With all constants fitted, the residual is noise and a small
+  unmodelled
+error. A far smaller residual with a separate placement for the rows after a certain row, or for every other row,
+reveals
+the movement.
 """
 
 from __future__ import annotations
@@ -43,21 +46,25 @@ from rigs.schema.declared_tests import Circle, Hemisphere
 from rigs.text import counted
 
 _FEWEST_ROWS, _SPLITS = 4, 24
-"""Rows of a part (the nine unknowns of a placement leave three readings), and number of rows tried as the first."""
+"""Minimum number of rows of a part (the nine unknowns of a placement leave three readings), and number of possible
+splits that are tried first.
+"""
 SPARE, FITTED = 30, 300
-"""Minimum redundant readings for a fit of all constants, and poses that are sufficient."""
+"""Minimum number of redundant readings for a fit of all constants, and number of poses that is sufficient."""
 _SHARE, _SHARE_OF_FEW = 0.6, 0.3
-"""Largest share of the residual remaining after a second placement, and with fewer rows or redundant readings than
-these two. Of a UR10 and a UR5, measured over hours, the best of all splits leaves 0.86 and more of 30 to 1495
-poses in their order; of 272 sets of 20 to 40 poses, every split tried, 0.51 and more."""
+"""Largest ratio of the residuals with and without a second placement, and the same for fewer rows or redundant
+readings than these two. For a UR10 and a UR5 measured over hours, the best of all splits leaves at least 0.86 for
+30 to 1495 poses in order, and at least 0.51 for 272 sets of 20 to 40 poses.
+"""
 _MANY_ROWS, _MANY_SPARE = 8, 120
 _LEAST_MM = 0.05
-"""Residual below which nothing was moved: below the noise of trackers."""
+"""Residual below which no movement is assumed: less than the noise of trackers."""
 
 
 def two_placings(table: PoseTable, bare: Arm) -> str:
-    """Return the rows measured with target or instrument elsewhere than in the others, in words; empty if there are
-    none, or the poses are too few."""
+    """Return a description of the rows measured after target or instrument had moved; empty if there are none, or
+    too few poses.
+    """
     count = len(table.q)
     chosen = np.unique(np.linspace(0, count - 1, min(FITTED, count)).astype(int))
     if count < 2 * _FEWEST_ROWS:
@@ -81,8 +88,9 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
 
 
 def _parts(rows: Array, left_mm: Callable[[Mask], float]) -> Iterator[tuple[Mask, str]]:
-    """Yield rows that may have a separate placement, with their description: rows from the split with the smallest
-    residual, from a few tried splits and then their neighbours, and every other row if there are enough."""
+    """Yield possible sets of moved rows with their descriptions: the rows after the split with the smallest residual
+    (first a few splits, then their neighbours), and every other row if there are enough.
+    """
     place, last = np.arange(len(rows)), len(rows) - _FEWEST_ROWS
     tried = np.unique(np.linspace(_FEWEST_ROWS, last, _SPLITS).astype(int)).tolist()
     near, step = min(tried, key=lambda first: left_mm(place >= first)), last // _SPLITS
@@ -94,8 +102,10 @@ def _parts(rows: Array, left_mm: Callable[[Mask], float]) -> Iterator[tuple[Mask
 
 
 def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:
-    """Return the residual, rms mm corrected for the unknowns, of a fit of the constants in which part of the tool
-    poses T (n, 4, 4) is shifted and rotated and has another target offset."""
+    """Return the rms residual in mm, corrected for the number of unknowns, of a fit of the constants.
+
+    The rows `part` of the tool poses T (n, 4, 4) have a separate shift, rotation and target offset.
+    """
     p = (T[:, :3, 3] - T[:, :3, 3].mean(axis=0)) / 1000.0
     (x, y, z), zero = p.T, np.zeros(len(p))
     turned = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)
@@ -112,7 +122,7 @@ _ROWS = 5000
 """Number of rows sufficient to estimate the speed along a circle."""
 _UNITS_S = {"ms": 1e-3, "µs": 1e-6, "ns": 1e-9}
 _OFF = 3.2
-"""Factor within which a speed counts as wrong by a unit: a circle is never driven at such a speed."""
+"""Factor by which a speed must differ to prove a wrong unit; no circle is driven at such a speed."""
 
 
 def stamp_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
@@ -157,7 +167,7 @@ STANDS = "stands"
 
 
 def stand_findings(run: Measured) -> Iterator[Finding]:
-    """Yield a finding with the number of rows of an imported run that were several readings of a standstill."""
+    """Yield a finding about the first reading whose target is far from the tool position of the nominal arm."""
     manifest, table = run.run.manifest, run.run.table
     if table is None or run.table.swept:
         return
@@ -176,18 +186,20 @@ def stand_findings(run: Measured) -> Iterator[Finding]:
 
 SOURCE = "source"
 OF_CONTROLLER = "rig arms NAME --poses TABLE -o arm.yaml reads its calibration out of them"
-"""Possible use of such places."""
+"""Recommended use of positions computed by a controller."""
 NO_INSTRUMENT_MM = 0.008
-"""Digits of 0.01 mm leave 0.005 mm; the best trackers state 0.010 mm and more (Leica AT960: 15 µm + 6 µm/m), and arms
-repeat to 0.01 mm."""
+"""Smallest residual of measured positions. Rounding to 0.01 mm leaves 0.005 mm, the best trackers state at least
+0.010 mm (Leica AT960: 15 µm + 6 µm/m), and arms repeat to 0.01 mm.
+"""
 _BASE_MM, _BASE_RAD, _FLANGE_MM = 3.0, float(np.radians(0.3)), 2.0
-"""Uncertainty of frame and target with the nominal constants of an arm: calibrations of sound arms move them by
-these amounts. The smallest reflectors are balls of 12.7 mm on a nest."""
+"""Uncertainty of frame and target with the nominal constants of an arm, as found in calibrations of sound arms. The
+smallest reflectors are balls of 12.7 mm on a nest.
+"""
 _POSES = 150
 
 
 def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
-    """Yield a finding if the places of poses were computed, not measured."""
+    """Yield a finding if the positions of poses were computed instead of measured."""
     if table.rail:
         return
     measured = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
@@ -203,7 +215,7 @@ def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     target_mm = float(np.linalg.norm(setup.T_flange_tool[:3, 3]))
     fitted = fit_arm(bare, q, xyz_mm)
     computed = fitted.spare >= SPARE and fitted.rms_mm < NO_INSTRUMENT_MM
-    # The arm's base, or that turned half round about z, as base_link of ROS drivers is.
+    # The base of the arm, or the base rotated by half a turn about z, as base_link of ROS drivers.
     base = setup.T_world_base
     traces = [np.trace(base[:3, :3] @ np.diag([sign, sign, 1.0])) for sign in (1.0, -1.0)]
     turned_rad = float(np.arccos(np.clip((max(traces) - 1) / 2, -1.0, 1.0)))
@@ -225,17 +237,21 @@ def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
 
 _ON_PATH = 0.03
 _ON_TRACK = 0.3
-"""The rig file may not contain the target of the tracker; the places then fit roughly only."""
+"""Largest deviation from the path, as a share of its size. The target of the tracker may be missing in the rig file,
+so the positions fit only roughly.
+"""
 _IN_SOCKET = 0.1
-"""Uncalibrated arms leave up to 0.04 of the tool's travel (the Pandas of MUKCa); joints in another unit 0.3 and
-more, since no ball remains in place."""
+"""Largest residual in sockets, as a share of the tool's travel. Uncalibrated arms leave up to 0.04 (the Pandas of
+MUKCa). With joints in a wrong unit it is at least 0.3, because the ball then appears to move.
+"""
 _UPRIGHT = 0.3
-"""Radians by which the tool may deviate from the orientation of the test; a misread joint causes more."""
+"""Largest angle in rad between the tool and the orientation of the test; a misinterpreted joint causes more."""
 
 
 def off_sockets(T: Array, socket: NDArray[np.str_]) -> PathDeviation | None:
-    """Return the distance of the ball from the sockets at tool poses T (n, 4, 4), for any position of sockets and
-    ball."""
+    """Return the deviation of the ball from the sockets at tool poses T (n, 4, 4), with fitted positions of sockets
+    and ball.
+    """
     size = float(np.linalg.norm(T[:, :3, 3] - T[:, :3, 3].mean(axis=0), axis=1).mean())
     if size <= 0:
         return None
@@ -244,8 +260,9 @@ def off_sockets(T: Array, socket: NDArray[np.str_]) -> PathDeviation | None:
 
 
 def off_places(T: Array, xyz_mm: Array) -> PathDeviation | None:
-    """Return the difference between the mutual distances of tool poses T (n, 4, 4) and of measured places xyz_mm (n,
-    3)."""
+    """Return the difference between the mutual distances of tool poses T (n, 4, 4) and those of measured positions
+    xyz_mm (n, 3).
+    """
     rows = far_rows(xyz_mm)
     size = float(np.median(steps(xyz_mm, rows)))
     if size <= 0:
@@ -255,8 +272,11 @@ def off_places(T: Array, xyz_mm: Array) -> PathDeviation | None:
 
 
 def off_circle(T: Array, circle: Circle) -> PathDeviation:
-    """Return the distance of tool poses T (n, 4, 4) from a circle. The x axis of the tool points to the ball along
-    the normal of the circle; in another orientation the distance is an arc."""
+    """Return the deviation of tool poses T (n, 4, 4) from a circle.
+
+    On a circle, the x axis of the tool points along the normal. In a different orientation the deviation is an arc
+    length.
+    """
     frame = frame_of(circle)
     from_centre = T[:, :3, 3] - frame.centre
     radial = np.abs(np.linalg.norm(from_centre, axis=1) - circle.radius_mm)
@@ -269,8 +289,9 @@ def off_circle(T: Array, circle: Circle) -> PathDeviation:
 
 
 def off_targets(T: Array, targets: Array | None, hemisphere: Hemisphere) -> PathDeviation:
-    """Return the distance of tool poses T (n, 4, 4) from their targets (n, 3) mm, or from the sphere if these are
-    unknown."""
+    """Return the deviation of tool poses T (n, 4, 4) from their targets (n, 3) mm, or from the sphere if the targets
+    are unknown.
+    """
     frame, places = hemisphere_frame(hemisphere), T[:, :3, 3]
     away = np.abs(np.linalg.norm(places - frame.centre, axis=1) - frame.radius)
     off_mm = float(np.median(away if targets is None else np.linalg.norm(places - targets, axis=1)))
@@ -278,15 +299,17 @@ def off_targets(T: Array, targets: Array | None, hemisphere: Hemisphere) -> Path
 
 
 def far_rows(places: Array) -> int:
-    """Return the row distance at which places (n, 3) differ most, from a few distances in the table.
+    """Return the row distance at which positions (n, 3) differ most, among a few distances.
 
-    Half a table later the place may be the same if all poses are driven twice, and a row later if each is measured
-    several times at once.
+    Rows half a table apart have equal positions if all poses are driven twice, and adjacent rows if each pose is
+    measured several times.
     """
     n = len(places)
     return max((n // 2, n // 3, n // 5, 1), key=lambda rows: float(np.median(steps(places, rows))))
 
 
 def steps(places: Array, rows: int) -> Array:
-    """Distance of each place (n, 3) from the place `rows` rows before: the same in every frame. (n,) mm."""
+    """Return the distances (n,) mm of positions (n, 3) from those `rows` rows before, which are equal in every
+    frame.
+    """
     return np.asarray(np.linalg.norm(places - np.roll(places, rows, axis=0), axis=1))

@@ -1,14 +1,14 @@
-"""Wrong units, reported only if the rig and the data together prove them.
+"""Detection of wrong units, reported only if rig and data together prove them.
 
-A claim requires data that are impossible as labelled and right as claimed. An unlikely label causes a doubt only; an
-undetectable error is accepted.
+A claim requires data that are impossible as labelled and correct with the alternative unit. An unlikely label causes
+only a doubt; an undetectable error is accepted.
 
-The two gauges on a circle reveal the unit of each other: at circle angle phi their mean is R - e_u cos(phi) - e_v
-sin(phi) for an eccentricity e, and each gauge sees the same e in yaw and roll.
+The two gauges on a circle reveal each other's unit. At circle angle phi their mean is R - e_u cos(phi) - e_v sin(phi)
+for an eccentricity e, and each gauge shows the same e in yaw and roll.
 
-Places and angles of a tracker, their units and order, are compared with the motion of the robot, in any frame; the
-position of a rail likewise. Places in a left-handed frame come from a tracker export with an inverted axis, which no
-rigid frame corrects.
+Positions and angles of a tracker, with their units and order, are compared with the motion of the robot in any frame.
+The position of a rail is compared likewise. Positions in a left-handed frame come from a tracker export with an
+inverted axis, which no rigid frame corrects.
 """
 
 from __future__ import annotations
@@ -32,17 +32,19 @@ from rigs.schema.modbus import ValueRegister
 from rigs.signedness import unsigned_readings
 
 _ECCENTRIC_MM = 0.2
-"""A smaller eccentricity may differ between the two by the errors of the robot."""
+"""Smallest examined eccentricity. A smaller one may differ between the gauges because of robot errors."""
 _LIKE_STATED = 0.3
-"""Robots of 0.1 mm make the eccentricity differ from the stated one by less than this share; units, by 25 times it."""
+"""Largest relative difference from the stated eccentricity. Robot errors of 0.1 mm cause less, a wrong unit causes
+25 times more.
+"""
 _AS_FAR = 2.0
-"""Gauges in the same unit have equal travel within this factor, and a ratio of 25 in two units."""
+"""Largest ratio of the travel of two gauges in the same unit; in different units it is 25."""
 FACTORS = {"inches": 1 / 25.4, "µm": 1000.0}
 """Factor from a length in mm to another unit."""
 
 
 def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str, str]]:
-    """Yield the faults of the gauges of a circle driven through nominal tool poses T (n, 4, 4), each with a remedy."""
+    """Yield the faults of the gauges of a circle, each with a remedy. T (n, 4, 4): nominal tool poses."""
     circle = rig.tests.circle
     if circle is None:
         return
@@ -55,12 +57,13 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
     phi = frame.angle(T[:, :3, 3])
     if np.ptp(phi) < 2 * np.pi * 0.9 or len(phi) < 12:
         return
-    # Eccentricity along phi = 0° and 90° by each gauge, turned in a yaw test by w/R to either side.
+    # Eccentricity along phi = 0° and 90° from each gauge, rotated in a yaw test by w/R to either side.
     design = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
     waves: Array = -np.linalg.lstsq(design, table.g_mm, rcond=None)[0][1:].T
     # Both gauges follow the same ball. They therefore see waves of the same size and direction, and have equal travel.
     # Errors of a robot may cancel the wave of a gauge, but not the rest of the reading.
-    low, high = np.quantile(table.g_mm, [0.05, 0.95], axis=0)  # a chip under a probe is no travel
+    # an outlier caused by a chip under the probe does not count
+    low, high = np.quantile(table.g_mm, [0.05, 0.95], axis=0)
     travel, size = high - low, np.linalg.norm(waves, axis=1)
     seen = size.min() > 0 and size.max() >= _ECCENTRIC_MM and waves[0] @ waves[1] >= 0
     for (unit, factor), k in product(FACTORS.items(), (0, 1)) if seen else ():
@@ -69,7 +72,7 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
         if abs(ratio / factor - 1) < 0.1 and as_far:
             fact = f"g{k + 1}_mm is in {unit}: its wave over the circle is {ratio:.3g} times the other gauge's"
             yield fact, "convert it to mm"
-    # If the rig file states the eccentricity: the data show the same, in another unit.
+    # If the rig file states the eccentricity, compare it with the data in other units.
     stated_mm = np.array([np.dot(circle.eccentricity_mm, frame.u), np.dot(circle.eccentricity_mm, frame.v)])
     size_mm = float(np.linalg.norm(stated_mm))
     for unit, factor in FACTORS.items() if size_mm >= _ECCENTRIC_MM else ():
@@ -79,7 +82,9 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
 
 
 def too_far(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, str]]:
-    """Yield the fault and the remedy if a reading (n,) mm travels further than the radius: a link cannot."""
+    """Yield the fault and the remedy if a reading (n,) mm travels further than the radius, which is impossible with
+    a link.
+    """
     travel = float(np.ptp(reading))
     if travel > radius_mm:
         fact = f"{name} travels {travel:.4g} mm on a radius of {radius_mm:g} mm, which is impossible for a link"
@@ -87,20 +92,21 @@ def too_far(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, 
 
 
 _OF_TRACKERS = {"m": 1e-3, "cm": 0.1}
-"""Units of trackers in addition to the units of gauges: factor from a length in mm."""
+"""Units of trackers in addition to those of gauges: factor from a length in mm."""
 _TAKEN_FOR = {"inches": 25.4, "cm": 10.0}
-"""Factor of a length in mm mistaken for a length in another unit, for example by a map; in m it looks like µm."""
+"""Factor for a length in mm misinterpreted in another unit, for example by an import map; m looks like µm."""
 _ABOUT = 0.3
-"""The rig file may not contain the target of the tracker; distances then agree roughly only."""
+"""Largest relative difference of distances. The target of the tracker may be missing in the rig file, so they agree
+only roughly.
+"""
 _SAME_TURN_RAD = 0.01
-"""Between poses, a tracker and the robot agree on the angle turned to this at the median; …"""
+"""Largest median difference between the rotation angles of tracker and robot between poses, …"""
 _FARTHER = 8.0
-"""… and an angle convention is wrong if the distance exceeds this limit, and that of another convention by this
-factor."""
+"""… and an angle convention is wrong if it exceeds this limit, and that of another convention by this factor."""
 
 
 def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
-    """Yield the faults in the units of a tracker compared with nominal tool poses T (n, 4, 4), each with a remedy."""
+    """Yield the faults in the units of a tracker, each with a remedy. T (n, 4, 4): nominal tool poses."""
     rows = far_rows(table.xyz_mm)
     robot_step, seen = (float(np.median(steps(places, rows))) for places in (T[:, :3, 3], table.xyz_mm))
     for unit, factor in {**FACTORS, **_OF_TRACKERS}.items():
@@ -115,7 +121,7 @@ def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
         return
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
-    # Distance of the robot's rotations from the angles as read, and from other possible units and orders.
+    # Difference between the robot's rotations and the angles as read, and with other units and orders.
     turned, rpy = _turns(T[:, :3, :3], rows), table.rpy
     turns = (
         _turns(Rotation.from_euler(order, angles).as_matrix(), rows)
@@ -131,26 +137,30 @@ def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
 
 
 def off_in_its_unit(T: Array, xyz_mm: Array) -> PathDeviation | None:
-    """Return the distance of tool poses T (n, 4, 4) from places (n, 3), in the best-fitting unit of the places."""
+    """Return the deviation of tool poses T (n, 4, 4) from positions (n, 3), in the best-fitting unit of the
+    positions.
+    """
     units = (1.0, *FACTORS.values(), *_OF_TRACKERS.values(), *_TAKEN_FOR.values())
     every = [off for factor in units if (off := off_places(T, xyz_mm / factor))]
     return min(every, key=lambda off: off.off, default=None)
 
 
 def _turns(R: Array, rows: int) -> Array:
-    """Angle (n,) rad between each rotation (n, 3, 3) and the rotation `rows` rows before: the same in every frame."""
+    """Return the angle (n,) rad between each rotation (n, 3, 3) and the one `rows` rows before, which is equal in
+    every frame.
+    """
     trace = np.einsum("nij,nij->n", R, np.roll(R, rows, axis=0))
     return np.asarray(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0)))
 
 
 _MM = {"m": 1000.0, "inches": 25.4, "cm": 10.0}
-"""Millimetres of each unit in which a controller may write the position of a rail."""
+"""Millimetres per unit in which a controller may write the position of a rail."""
 _POSES, _RAIL_STEPS = 200, 30
-"""Poses that show a unit, and steps of a fit to them."""
+"""Number of poses that reveal a unit, and number of fit steps."""
 
 
 def rail_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
-    """Yield findings against e1_mm of poses of an arm on a rail: another unit fits, or the rail is shorter."""
+    """Yield a finding if e1_mm of poses of an arm on a rail fits in a different unit, or if the rail is shorter."""
     arm = without_setup(arm_of(rig.robot))
     if rig.robot.rail is None or table.q.shape[1] == arm.axes:
         return
@@ -176,7 +186,7 @@ def rail_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
 
 _JUDGED, _MIRROR_STEPS = 80, 100
 _MIRROR = np.array([1.0, -1.0, 1.0])
-"""Any axis will do: the frame is fitted."""
+"""Mirror at one axis. Any axis is suitable, because the frame is fitted."""
 
 
 def mirror_findings(table: PoseTable, rig: Rig, convention: str) -> Iterator[Finding]:
@@ -204,16 +214,17 @@ def mirror_findings(table: PoseTable, rig: Rig, convention: str) -> Iterator[Fin
 UNITS = "units"
 _TURN_RAD = 2 * np.pi + 0.1
 _MUCH_MORE = 2.0
-"""A joint convention is wrong if the distance from the path exceeds that of another by this factor, in any unit of
-the tracker's places: radians read as degrees move an arm so little that metres look like inches."""
+"""Factor by which the deviation from the path must exceed that of another joint convention, in any unit of the
+tracker. Radians read as degrees move the arm so little that metres look like inches.
+"""
 _UNLIKELY = 0.1
-"""A robot stopping on a sphere of this share of the travel has shown the gauge more than the errors of the arm."""
+"""Gauge travel at targets, as a share of the radius, that is too large for errors of an arm."""
 _ROWS = 20_000
-"""Rows that show a unit; a run may have millions."""
+"""Number of rows sufficient to reveal a unit; a run may have millions."""
 
 
 def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
-    """Yield findings against the units of a table, the most certain first."""
+    """Yield findings about the units of a table, most certain first."""
     if most := impossible_rad(table.q):
         columns = tuple(f"q{axis}_deg" for axis in range(1, table.q.shape[1] + 1))
         fact = f"a joint would be at {np.degrees(most):.0f}°: degrees were read as radians"
@@ -222,7 +233,7 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     table = table.thinned(_ROWS)
     arm = arm_of(rig.robot)
     places = forward(arm, table.q)
-    # Whether the robot does the test only if q, read as degrees, was in rad.
+    # True if the robot performs the test only if q is in rad instead of degrees.
     degrees = np.degrees(table.q)
     ways: tuple[Array, ...] = (places, forward(arm, degrees)) if np.abs(degrees).max() <= _TURN_RAD else ()
     wrong, right = [checks_of(table.test).off_path(table, rig, T) for T in ways] or (None, None)
@@ -236,7 +247,7 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 
 
 def unsigned_findings(table: Table, rig: Rig) -> Iterator[Finding]:
-    """Yield findings about gauges with signed values read as unsigned."""
+    """Yield findings about gauges with negative values decoded as large positive values."""
     readings, gauges = table.readings, format_of(table.test).gauges
     for name, column in zip(gauges, readings.T, strict=False):
         value = getattr(dict(rig.gauges).get(name), "value", None)
@@ -254,7 +265,7 @@ def impossible(mistakes: Iterable[tuple[str, str]]) -> Iterator[Finding]:
 
 
 def target_units(g_mm: Array, radius_mm: float) -> Iterator[Finding]:
-    """Yield findings against the unit of gauge readings g_mm (n,) at targets of a hemisphere."""
+    """Yield findings about the unit of gauge readings g_mm (n,) at targets of a hemisphere."""
     yield from impossible(too_far("g1_mm", g_mm, radius_mm))
     travel = float(np.ptp(g_mm))
     if _UNLIKELY * radius_mm <= travel <= radius_mm:

@@ -20,7 +20,7 @@ class CircleChecks(Checks[CircleTable]):
 
     @property
     def finders(self) -> Finders[CircleTable]:
-        """Times; and the order of the gauges by a yaw, in which an eccentric ball turns the link."""
+        """Return the checks of the times, and for yaw of the order of the gauges, which an eccentric ball reveals."""
         of_order: Finders[CircleTable] = ((ORDER, order_findings),) if self.test == "yaw" else ()
         return ((STAMPS, stamp_findings), *of_order)
 

@@ -35,9 +35,9 @@ from rigs.errors import FileError
 _SURE = 0.9545
 """Share of the draws covered by 2 u."""
 _PLATEAU_ROUNDS = 2
-"""Rounds for finding a plateau: the wider it is, the further below the maximum its points may be."""
+"""Rounds for finding a plateau: the wider it is, the further its points may lie below the maximum."""
 _HALVINGS = 10
-"""Bisections of the level: to a thousandth of the noise contribution."""
+"""Number of bisections for the clipping level, which gives a thousandth of the noise contribution."""
 
 
 def largest(curve: Array, errors: Array, blur: float, unit: str, samples: int) -> tuple[Quantity, Quantity]:
@@ -87,8 +87,9 @@ _MOVED_MM = float(np.hypot(BALL_MM.middle, 1000.0 * np.radians(JOINT_DEG.middle)
 
 @dataclass(frozen=True)
 class _Evidence:
-    """One kind of curve: harmonics (h,) of acw - cw, and of the response to a lag of one second; noise: variance (h,)
-    of real and imaginary part without backlash."""
+    """Evidence of one kind of curve: harmonics (h,) of acw - cw, harmonics of the response to a lag of one second,
+    and the noise: variance (h,) of real and imaginary part without backlash.
+    """
 
     between: Complex
     of_lag: Complex

@@ -292,7 +292,7 @@ class CircleEvaluation(Evaluation[CircleTable]):
         return self._angle.evaluate(laps, gauges.baseline_mm, gauges.baseline_u_mm, *lag_and_noise)
 
     def require_evaluable(self, table: CircleTable, rig: Rig, where: str) -> None:
-        """Check for laps."""
+        """Check that the run contains laps."""
         laps_of(table, rig, where)
 
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> CircleTable:

@@ -17,7 +17,7 @@ from analysis.runs.laps import Laps
 from analysis.runs.noise.readings import noise_beneath
 
 PROMINENCE_RAD = float(np.radians(0.05))
-"""A joint with a smaller return stands."""
+"""Smallest joint motion that counts as a reversal."""
 _NOISES = 10.0
 _BEYOND = np.radians(40.0)
 _NEIGHBOURHOOD = np.radians(8.0)

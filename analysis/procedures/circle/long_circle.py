@@ -250,7 +250,7 @@ def long_circle(directory: Path, path: Path) -> tuple[Measured, Reduced] | None:
 
 
 class _AsAWhole(Exception):
-    """A row can only be interpreted in the whole run."""
+    """A row can only be interpreted together with the complete run."""
 
 
 def _pieces(directory: Path, run: Run, rig: Rig) -> Iterator[_Piece]:

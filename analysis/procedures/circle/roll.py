@@ -28,7 +28,9 @@ from analysis.robot.kinematics.arm import Array
 
 _CLEAR_MM = 0.2
 _ALIKE = 0.3
-"""A robot's own sine is as large as an eccentricity of _CLEAR_MM, and in its direction, by chance only."""
+"""Relative difference below which the sine of a roll equals the eccentricity from the distance. A sine caused by the
+robot has this size and direction only by chance.
+"""
 
 
 def _notes(result: CircleResult) -> tuple[str, ...]:

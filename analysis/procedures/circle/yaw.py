@@ -27,7 +27,7 @@ from analysis.robot.kinematics.arm import Array
 
 _APART_MM = 0.2
 _APART = 0.5
-"""Eccentricities differing by more than both limits, the second relative to the larger, hardly belong to one ball."""
+"""Relative difference of eccentricities that hardly belong to one ball, if they also differ by the absolute limit."""
 
 
 def eccentricity_figures(y: Array, radius_mm: float) -> dict[str, Array]:
@@ -41,7 +41,7 @@ def eccentricity_figures(y: Array, radius_mm: float) -> dict[str, Array]:
 
 
 def _notes(result: CircleResult) -> tuple[str, ...]:
-    """Return a note if both eccentricities do not belong to one ball."""
+    """Return a note if the two eccentricities cannot belong to the same ball."""
     by_angle, by_distance = eccentricities(result)
     apart = float(np.linalg.norm(by_angle - by_distance))
     if apart < max(_APART_MM, _APART * max(float(np.linalg.norm(e)) for e in (by_angle, by_distance))):

@@ -43,8 +43,10 @@ _NORMAL = 1.4826
 
 @dataclass(frozen=True)
 class PathMove:
-    """Move: rows of the table from `first` to before `last`, length length_mm by spans, and chord chord_mm; whole:
-    whether the tracker data is complete."""
+    """A move of a path recording: rows from `first` to before `last`, length length_mm by spans, and chord chord_mm.
+
+    whole: True if the tracker data are complete.
+    """
 
     first: int
     last: int
@@ -114,7 +116,7 @@ class DrivenPath:
 
 @dataclass(frozen=True)
 class DrivenPaths:
-    """Paths by name, tracker frame in the world (4, 4), and omissions as text."""
+    """Paths by name, the tracker frame in the world (4, 4), and notes about omitted paths."""
 
     paths: Mapping[PathName, DrivenPath]
     T_world_instrument: Array
@@ -122,9 +124,10 @@ class DrivenPaths:
 
 
 def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None, where: str) -> DrivenPaths:
-    """Return the paths of a cube in a recording; T_world_instrument (4, 4): tracker frame in mm, None to fit it.
+    """Return the paths of a cube in a recording.
 
-    Raises FileError if there are no paths, or not those of the cube.
+    T_world_instrument (4, 4): tracker frame in mm, None to fit it. Raises FileError if the recording contains no paths,
+    or not those of this cube.
     """
     table, left_out = measured_places(table)
     commands, moves = paths_of(cube), moves_of(table.t_s, table.xyz_mm)

@@ -53,7 +53,7 @@ _SEED, _DRAWS = 1, 400
 
 @dataclass(frozen=True)
 class PathResult:
-    """driven: paths found. figures: by name. notes: as text. samples: positions of the recording."""
+    """Result of a path test. driven: paths found. figures: by name. notes: as text. samples: number of positions."""
 
     driven: DrivenPaths
     cube: Cube
@@ -223,7 +223,7 @@ class PathEvaluation(Evaluation[PathTable]):
         return evaluate(table, cube_of(rig), declared.instrument, where, declared.path_speed_mm_s)
 
     def require_evaluable(self, table: PathTable, rig: Rig, where: str) -> None:
-        """Check for paths of the cube."""
+        """Check that the recording contains paths of the cube."""
         driven_paths(table, cube_of(rig), None, where)
 
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> PathTable:

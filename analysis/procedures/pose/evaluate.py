@@ -1,21 +1,17 @@
-"""Pose test: tool poses seen by a tracker compared with the nominal arm, with fitted base and tool.
+"""Pose test: tool poses measured by a tracker compared with the nominal arm, with fitted base and tool.
 
-Base pose (6) and tool position (3) are least-squares estimates from the positions, all rows with equal weight; the tool
-orientation (3), if measured, is the mean of the remaining rotation (Moakher 2002, chordal). The error of a pose is the
-vector measured less fitted, in the arm's base; rms_mm is the root mean square LENGTH, not of one coordinate.
+Base pose (6) and tool position (3) are least-squares estimates from the positions, all rows with equal weight. The tool
+orientation (3), if measured, is the mean of the remaining rotation (Moakher 2002, chordal). The error of a pose is
+measured minus fitted, in the arm's base. rms_mm is the root mean square length of this vector, not of one coordinate.
 
-Rows with equal joint angles form a group: ISO 9283:1998, 7.2.1 AP, the distance of the group's mean from the fit (not
-from analysis.procedures.shared.evaluate import Evaluation
-from analysis.procedures.shared.evaluate import Evaluation
-from a
-command in a known frame: the set-up is fitted), and 7.2.2 RP, mean + 3 S of the distances from that mean; for each
-rotation, largest |mean| and 3 S.
+Rows with equal joint angles form a group. ISO 9283:1998, 7.2.1: AP is the distance of the group's mean from the fit,
+because without a known frame there is no command. 7.2.2: RP is mean + 3 S of the distances from that mean. For each
+rotation the largest |mean| and 3 S are given.
 
-Uncertainties: the scatter of a row comes from repeated poses, different for each, with heavy tails
-(`analysis.runs.noise.target_scatter`); without repeats, the instrument's uncertainty is assumed. For errors it is
-propagated through the fit; for AP and RP it gives the deviation from the expectation in repeated visits. Nothing is
-corrected for noise
-here: the standards define the figures by formulas.
+Uncertainties: the scatter of a row comes from repeated poses. It differs between poses and has heavy tails
+(`analysis.runs.noise.target_scatter`). Without repeats, the instrument's uncertainty is assumed. For errors the scatter
+is propagated through the fit. For AP and RP it gives the deviation from the expectation in repeated visits. The figures
+are not corrected for noise, because the standards define them by formulas.
 """
 
 from __future__ import annotations
@@ -74,10 +70,10 @@ _BLIND = 1e-3
 
 @dataclass(frozen=True)
 class PoseResult:
-    """position_mm (n, 3), rotation (n, 3) rad or None: measured less fitted, in the arm's base.
+    """Result of a pose test. position_mm (n, 3), rotation (n, 3) rad or None: measured minus fitted, in the arm's base.
 
-    placed_mm (n, 3): basis of AP, in the instrument's frame if known, otherwise equal. group (n,): from 0. rows (n,):
-    used rows of the table. axes: curves of joints driven one at a time, in both directions.
+    placed_mm (n, 3): errors used for AP, in the instrument's frame if known, otherwise equal to position_mm. group
+    (n,): from 0. rows (n,): used rows of the table. axes: curves of joints driven one at a time, in both directions.
     """
 
     setup: PoseSetUp

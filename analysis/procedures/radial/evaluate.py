@@ -151,8 +151,9 @@ _APART = 0.2
 
 @dataclass(frozen=True)
 class Cells:
-    """Readings by target and orientation. target (t,); direction (t, 3) unit vectors in the hemisphere's frame; g_mm
-    (t, o, r) mm of r visits and their times t_s, NaN if missing."""
+    """Readings by target and orientation. target (t,); direction (t, 3): unit vectors in the hemisphere's frame;
+    g_mm (t, o, r): mm, with r visits; t_s: times of the visits. Missing values are NaN.
+    """
 
     target: Integers
     direction: Array
@@ -166,7 +167,7 @@ class Cells:
 
     @property
     def rounds(self) -> bool:
-        """Whether the visits of a target are separated in time, as in repeated programs."""
+        """True if the visits of a target are separated in time, as in repeated programs."""
         visited = np.isfinite(self.t_s)
         first = np.where(visited, self.t_s, np.inf).min(axis=-1)
         last = np.where(visited, self.t_s, -np.inf).max(axis=-1)
@@ -180,9 +181,10 @@ class Cells:
 
 @dataclass(frozen=True)
 class RadialResult:
-    """cells: of all targets. spread_mm (t,): per target. used (t,): False if left out. points (t, 3) mm from the ball.
-    free: sphere
-    through the used points. scatter: of the visits, None for exact readings."""
+    """Result of a radial test. cells: of all targets. spread_mm (t,): per target. used (t,): False if excluded.
+    points (t, 3): mm from the ball. free: sphere through the used points. scatter: of the visits, None for exact
+    readings.
+    """
 
     cells: Cells
     spread_mm: Array

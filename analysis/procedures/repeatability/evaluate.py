@@ -51,7 +51,9 @@ SIDES = ("out", "in")
 
 @dataclass(frozen=True)
 class RepeatabilityResult:
-    """targets (t,); readings_mm (t, 2, n): sides out and in, in order of time, NaN if missing."""
+    """Result of a repeatability test. targets (t,); readings_mm (t, 2, n): sides out and in, in order of time, NaN
+    if missing.
+    """
 
     targets: Integers
     readings_mm: Array

@@ -26,13 +26,13 @@ from analysis.runs.noise.readings import rounding_error
 from analysis.runs.noise.spectrum import DRAWS, NODES, ORDERS, LapNoise, noise_of
 
 SEED = 0
-"""Fixed, so that a run always gives the same report."""
+"""Seed of the noise draws, fixed so that a run always gives the same report."""
 UNDULATIONS = 80.0
 """Undulations per revolution with 50 % transmission: ISO 12181-2 has 15, 50, 150 and 500 for roundness; robot gears
 have orders up to about 60, and reversals take a degree and more."""
 _PASSES = 0.5 ** ((ORDERS / UNDULATIONS) ** 2)
 _COARSE = 0.5 ** ((ORDERS / 40.0) ** 2)
-"""Smooths the steps of quantisation, so that different steps can be tried."""
+"""Filter that smooths the steps of quantisation, so that different positions of the steps can be tried."""
 _WINDOW = 21
 """Width of the running median in nodes: 10°, less than the distance of most reversals."""
 _LOCAL, _SLOW = 19, 81
@@ -53,9 +53,13 @@ Plain = Callable[[Array], Mapping[str, Array]]
 class LapCurve:
     """Curve y (NODES,) over PHI, and possible noise errors (DRAWS, NODES).
 
-    power (NODES // 2 + 1,): likely mean square noise per order. laps (L, NODES): averaged in y. drift: of a lap. rate:
-    rad/s of phi. blur: of a row's position, rad. slips: removed level steps between laps. again: recreates the curve
-    with equal draws.
+    power (NODES // 2 + 1,): likely mean square of the noise per order.
+    laps (L, NODES): laps averaged in y.
+    drift: drift within a lap.
+    rate: circle speed in rad/s.
+    blur: standard deviation of the position of a row, in rad.
+    slips: removed level steps between laps.
+    again: function that recreates the curve with equal draws.
     """
 
     y: Array
@@ -83,7 +87,7 @@ class LapCurve:
 
     @property
     def calm(self) -> Array:
-        """y (NODES,) with reduced noise."""
+        """The curve y (NODES,) with reduced noise."""
         return calmed(self.y, self.power)
 
     def turned(self, lag_s: Array) -> NDArray[np.complex128]:

@@ -1,7 +1,7 @@
-"""Usual observations of an arm by the table of a test, for a fit; with those of tests at targets and of positions.
+"""Usual observations of an arm by the table of a test, for a fit; including tests at targets and tests of positions.
 
-A test whose observation differs implements it as `PART` in the module `observe` of its package. The diagnosis states
-what it asks as `Observation` in `analysis.diagnosis.evidence.observation_of`.
+A test with a different observation implements it as `PART` in the module `observe` of its package. The interface is
+`Observation` in `analysis.diagnosis.evidence.observation_of`.
 """
 
 from __future__ import annotations

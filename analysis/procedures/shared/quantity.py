@@ -31,9 +31,11 @@ _SIGNS = {"a": "A", "c": "°C", "deg": "°", "deg/Nm": "°/Nm", "hz": "Hz"}
 
 @dataclass(frozen=True)
 class Quantity:
-    """value ± u, u the standard uncertainty (JCGM 100); unit as in the names of files and flags: mm, deg.
+    """A value with its standard uncertainty u (JCGM 100).
 
-    samples: number of readings, 0 if not counted. noise: source of the noise in u.
+    unit: unit of value and u, written as in file names and options, such as mm or deg.
+    samples: number of readings, 0 if not counted.
+    noise: origin of the noise included in u.
     """
 
     value: float
@@ -43,32 +45,37 @@ class Quantity:
     noise: NoiseSource = "measured"
 
     def __str__(self) -> str:
-        """Return the value rounded to two digits of the uncertainty: `0.33022 ± 0.00092 °`; fewer digits if irrelevant,
-        and no uncertainty if unknown."""
+        """Format the value with two digits of the uncertainty: `0.33022 ± 0.00092 °`. Digits finer than any
+        instrument are omitted, and so is an unknown uncertainty.
+        """
         if not np.isfinite(self.u):
             return f"{self.rounded(self.value)} {self.sign}".rstrip()
         return f"{self.rounded(self.value)} ± {self.rounded_u} {self.sign}".rstrip()
 
     @property
     def sign(self) -> str:
-        """Unit for display."""
+        """Unit as displayed, for example ° for deg."""
         return _SIGNS.get(self.unit, self.unit)
 
     def rounded(self, value: float) -> str:
-        """Round a value to the digits of this figure."""
+        """Format a value with the number of digits of this figure."""
         digits = self._digits
         return f"{round(value, digits) + 0.0:.{max(0, digits)}f}"  # adding 0 turns −0 into 0
 
     @property
     def rounded_u(self) -> str:
-        """Return the uncertainty with the same digits, rounded up if these are too few (JCGM 100, 7.2.6)."""
+        """The uncertainty, formatted with the number of digits of the value and rounded up if they show fewer than
+        two of it (JCGM 100, 7.2.6).
+        """
         digits = self._digits
         if 0 < self.u < np.inf and digits < self._digits_of_u:
             return self.rounded(float(np.ceil(self.u * 10**digits - _EXACT)) / 10**digits)
         return self.rounded(self.u)
 
     def rounded_size(self, size: float) -> str:
-        """Return a non-zero size with the same digits: `< 0.0001` if they do not show it."""
+        """Format a non-zero size with the number of digits of this figure, or as `< 0.0001` if it is smaller than
+        the last digit.
+        """
         digits = max(0, self._digits)
         return f"< {10.0**-digits:.{digits}f}" if 0 < abs(size) < 0.5 * 10.0**-digits else self.rounded(size)
 

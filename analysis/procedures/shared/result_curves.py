@@ -18,13 +18,15 @@ from rigs.rig import Rig
 
 @dataclass(frozen=True)
 class CircleCurve(Tabular):
-    """Yaw or roll run over the circle angle, mean of all laps, n = 720 nodes.
+    """Curves of a yaw or roll run over the circle angle: mean of all laps at n = 720 angles.
 
-    phi_deg (n,): circle angle, 0 to 360. angle_deg (n,): angle between link and tool. error_deg (n,): orientation
-    error, the angle less its least-squares sine, at the stated angular resolution (docs/figures.md). error_u_deg (n,):
-    standard uncertainty of the error from noise within the run; scatter between runs, and uncertainties of the gauges'
-    time and baseline, are not included. deviation_mm (n,): radial deviation of the distance from its least-squares
-    circle, positive outwards.
+    phi_deg (n,): circle angle, 0 to 360.
+    angle_deg (n,): angle between link and tool.
+    error_deg (n,): orientation error, the angle without its least-squares sine, at the stated angular resolution
+    (docs/figures.md).
+    error_u_deg (n,): standard uncertainty of the error due to noise within the run. It excludes the scatter between
+    runs, and the uncertainties of the gauges' time and baseline.
+    deviation_mm (n,): radial deviation of the distance from its least-squares circle, positive outwards.
     """
 
     phi_deg: Array
@@ -34,17 +36,19 @@ class CircleCurve(Tabular):
     deviation_mm: Array
 
     def to_table(self) -> pa.Table:
-        """Return a row per node and a column per field."""
+        """Return a row per angle and a column per field."""
         return pa.table(vars(self))
 
 
 @dataclass(frozen=True)
 class RadialCurve(Tabular):
-    """Targets of a radial run, in order of their numbers.
+    """Results of a radial run at each target, in order of the target numbers.
 
-    target (t,); polar_deg, azimuth_deg (t,): directions in the hemisphere's frame. deviation_mm (t,): distance of the
-    mean over orientations from the least-squares sphere. spread_mm (t,): range over orientations. used (t,): False if
-    left out of the sphere.
+    target (t,): number of the target.
+    polar_deg, azimuth_deg (t,): direction of the target in the frame of the hemisphere.
+    deviation_mm (t,): distance from the least-squares sphere, mean of the orientations.
+    spread_mm (t,): range over the orientations.
+    used (t,): False if the target is excluded from the sphere.
     """
 
     target: Integers
@@ -61,9 +65,12 @@ class RadialCurve(Tabular):
 
 @dataclass(frozen=True)
 class RepeatabilityCurve(Tabular):
-    """Readings of a repeatability run, by target, approach and time.
+    """Readings of a repeatability run, sorted by target, approach and time.
 
-    target (n,); approach (n,): `out` or `in`; visit (n,): from 1 for each target and approach; reading_mm (n,).
+    target (n,): number of the target.
+    approach (n,): `out` or `in`.
+    visit (n,): counted from 1 for each target and approach.
+    reading_mm (n,): gauge reading.
     """
 
     target: Integers
@@ -78,10 +85,11 @@ class RepeatabilityCurve(Tabular):
 
 @dataclass(frozen=True)
 class PoseCurve(Tabular):
-    """Tracker poses or touches in table order, measured less fitted, in the robot's base.
+    """Errors of tracker poses or touches in table order, measured minus fitted, in the base of the robot.
 
-    error_mm (n, 3): position error along x, y, z. rotation_deg (n, 3): orientation error about x, y, z, None if only
-    positions were measured. axes: curves of joints driven one at a time.
+    error_mm (n, 3): position error along x, y, z.
+    rotation_deg (n, 3): orientation error about x, y, z; None if only positions were measured.
+    axes: angle errors of joints that were driven one at a time.
     """
 
     error_mm: Array
@@ -104,11 +112,15 @@ class PoseCurve(Tabular):
 
 @dataclass(frozen=True)
 class PathCurve(Tabular):
-    """Paths of ISO 9283, station by station (m,), one path after the other.
+    """Paths of ISO 9283 at m stations, one path after the other.
 
-    path (m,): name. s_mm (m,): length from its start, share (m,) of the total. place_mm (m, 3): command, off_mm (m, 3):
-    mean of all cycles less the command, both along the cube's plane, horizontally and rising, and across it. at_mm,
-    rt_mm (m,): AT and RT at the station, RT nan below three cycles.
+    path (m,): name of the path.
+    s_mm (m,): path length from the start.
+    share (m,): path length relative to the total length.
+    place_mm (m, 3): commanded position in the plane of the cube: horizontal, rising, and normal to the plane.
+    off_mm (m, 3): mean of all cycles minus the command, in the same directions.
+    at_mm (m,): path accuracy AT at the station.
+    rt_mm (m,): path repeatability RT at the station; nan for fewer than three cycles.
     """
 
     path: NDArray[np.str_]
@@ -132,8 +144,13 @@ ResultCurve = CircleCurve | RadialCurve | RepeatabilityCurve | PoseCurve | PathC
 
 @dataclass(frozen=True)
 class JointReversal:
-    """Joint reversal on the nominal circle: joint number (1 to 6), name in the rig file, and circle angle; upper: from
-    rising to falling with increasing circle angle."""
+    """Reversal of a joint on the nominal circle.
+
+    joint: number of the joint, 1 to 6.
+    name: name of the joint in the rig file.
+    phi_deg: circle angle.
+    upper: True if the joint angle changes from rising to falling with increasing circle angle.
+    """
 
     joint: int
     name: str

@@ -40,9 +40,12 @@ _STEPS = 2000
 
 
 def simulated_cube(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> tuple[Array, Array, Array]:
-    """Return joints (n, 6) rad and places (n, 3) mm of the cube as a tracker sees them, and from where each joint came
-    (n, 6) rad; `seed`: None for no noise; effects: instead of those of the rig file. Raises FileError if the arm has no
-    room for the cube."""
+    """Simulate tracker measurements of the cube poses.
+
+    Returns joints (n, 6) rad, positions (n, 3) mm in the tracker frame, and the previous joints (n, 6) rad. seed: None
+    for no noise. effects: in place of those of the rig file. Raises FileError if the cube does not fit into the work
+    space.
+    """
     q, rng = cycle_stops(rig), np.random.default_rng(seed or 0)
     noise = 0.0 if seed is None else float(np.hypot(TRACKER_MM, STOPS_MM))
     from_start = np.concatenate([cube_of(rig).q[:1], q])
@@ -51,9 +54,10 @@ def simulated_cube(rig: Rig, seed: int | None, effects: Sequence[Effect] | None 
 
 
 def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> tuple[Array, Array]:
-    """Return times (n,) s and positions (n, 3) mm recorded by a tracker while the program drives the paths at full
-    speed; see
-    `simulated_cube`."""
+    """Simulate a tracker recording of the program that drives the paths at full speed. See `simulated_cube`.
+
+    Returns times (n,) s and positions (n, 3) mm.
+    """
     rng = np.random.default_rng(seed or 0)
     test, cube, arm = iso9283_of(rig), cube_of(rig), arm_of(rig.robot)
     where, legs = RigPlace.of(rig.name, "tests.iso9283"), dict[str, Array]()

@@ -8,8 +8,8 @@ FACTS = Facts(
     setup_terms=6,
     frame_terms=3,
     # For a ball seated by hand: a model of constants, gravity and curves leaves 0.1 to 0.2 mm for two Pandas and an
-    # iiwa (Franzese et al., MUKCa, 2024). The readings adjust it; a search that starts too low explains scatter by the
-    # arm.
+    # iiwa (Franzese et al., MUKCa, 2024). The readings refine this value. If it starts too low, scatter is mistaken for
+    # errors of the arm.
     assumed_sd_mm=0.1,
 )
 LABELS = Labels(

@@ -54,8 +54,10 @@ class SocketDistance:
 
 @dataclass(frozen=True)
 class TouchResult:
-    """position_mm (n, 3): ball relative to its socket, in the world. ball_mm (3,): ball position on the tool. sockets:
-    by name, (3,) mm in the world. distances: of pairs in the rig file, or of all pairs of up to four sockets."""
+    """Result of a touch test. position_mm (n, 3): ball relative to its socket, in the world. ball_mm (3,): ball
+    position on the tool. sockets: positions (3,) mm in the world by name. distances: of pairs in the rig file, or
+    of all pairs of up to four sockets.
+    """
 
     position_mm: Array
     ball_mm: Array

@@ -71,7 +71,7 @@ def _sentence(words: AnswerWords, effect: Effect, named: Named | Rival) -> str:
 
 
 def _where(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
-    """Return the places on the circle with a reversal of the faulty joint and a disagreement of the readings."""
+    """Return the places on the circle at which the faulty joint reverses and the readings disagree with the model."""
     axis = getattr(named.effect, "axis", None)
     places = [place for place in diagnosis.where if axis is not None and place.joint == axis and place.test in CIRCLES]
     if not places:
@@ -86,7 +86,7 @@ def _where(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
 
 
 def diagnosis_words(diagnosis: Diagnosis) -> str:
-    """Return the unexplained rest, the indistinguishable effects and the next test, in the English of the diagnosis."""
+    """Return the unexplained rest, the indistinguishable effects and the next test, as English sentences."""
     remainder = diagnosis.remainder
     lines = [f"Unexplained: {micrometres(remainder.um)}, {remainder.words}."]
     lines += [f"These tests cannot distinguish {' from '.join(group)}." for group in diagnosis.groups[:_MOST_GROUPS]]

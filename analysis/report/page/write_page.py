@@ -224,7 +224,7 @@ def _acts(report: Report, texts: Texts) -> list[str]:
 
 
 def _open_acts(diagnosis: Diagnosis, after: BeforeAfter | None) -> list[Act]:
-    """Return the actions that the correction of the robot has not done."""
+    """Return the recommended acts that the correction of the robot has not made unnecessary."""
     way = after.way if after and after.driven else None
     elsewhere = bool(way or (after and after.joined))
     every = without_idle_mounts(diagnosis.acts)
@@ -232,7 +232,7 @@ def _open_acts(diagnosis: Diagnosis, after: BeforeAfter | None) -> list[Act]:
 
 
 def _summary(diagnosis: Diagnosis, after: BeforeAfter | None, texts: Texts) -> Summary:
-    """Return headline and tiles; the error of a corrected robot is that measured with the correction."""
+    """Return the headline and the tiles. For a corrected robot they show the error measured with the correction."""
     driven, judged = (after.driven, after.judged if after.joined else None) if after else (None, None)
     acts = _open_acts(diagnosis, after)
     summary = summarise(diagnosis, texts, acts=acts, driven=driven, judged_elsewhere=judged)

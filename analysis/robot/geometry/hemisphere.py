@@ -12,7 +12,9 @@ from rigs.schema.declared_tests import Hemisphere
 _TILT_RAD = np.radians(20.0)
 """Angle between neighbouring orientations at a target, within the range of the ball's socket."""
 _LEAN = 0.5
-"""Tilt of the tool halfway from the hemisphere's axis to the radius: reachable where pointing at the ball is not."""
+"""Tilt of the tool from the axis of the hemisphere, relative to the tilt that points at the ball. Half of it is
+within the reach of most arms; pointing at the ball is not.
+"""
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ class Cube:
         return FROM_CENTRE * self.side_mm, FROM_CENTRE * self.side_mm * float(np.sqrt(2))
 
     def on_plane(self, along: Array) -> Array:
-        """Return positions (n, 3) mm in the world for positions (n, 2) mm on the plane, along level and rising."""
+        """Return world positions (n, 3) mm for positions (n, 2) mm on the plane: horizontal and rising coordinate."""
         return np.asarray(self.centre_mm + along @ np.stack([self.level, self.rising]))
 
     @property
@@ -314,8 +314,9 @@ CommandPath = Polygon | Ring
 
 
 def paths_of(cube: Cube) -> dict[PathName, CommandPath]:
-    """Return the paths of a cube in the order of each cycle; `back`, from the end of the line to its start over P3, is
-    not evaluated."""
+    """Return the paths of a cube in the order of each cycle. The path `back`, from the end of the line to its start
+    over P3, is not evaluated.
+    """
     _, p2, p3, p4, p5 = cube.places_mm
     radius, level, rising = FROM_CENTRE * cube.side_mm, cube.level, cube.rising
     paths: tuple[CommandPath, ...] = (
@@ -330,8 +331,9 @@ def paths_of(cube: Cube) -> dict[PathName, CommandPath]:
 
 
 def in_order(cube: Cube, cycles: int) -> Iterator[CommandPath]:
-    """Yield the paths in program order, each cycle repeated; `way`, between the cycles of two paths, is not
-    evaluated."""
+    """Yield the paths in program order, each cycle repeated. The path `way`, between the cycles of two paths, is not
+    evaluated.
+    """
     paths, at = paths_of(cube), cube.places_mm[1]
     for names in _CYCLES:
         start = paths[names[0]].at(np.zeros(1))[0]

@@ -56,8 +56,9 @@ def drawn_poses(arm: Arm, count: int, sight: Sight | None, rng: np.random.Genera
 
 
 def joint_ranges(arm: Arm) -> tuple[Array, Array]:
-    """Return the lowest and highest angles (axes,) rad to which joints go; a lowest above its highest if the limits of
-    an axis leave it nothing."""
+    """Return the lowest and highest angles (axes,) rad used for poses. The lowest exceeds the highest if the limits
+    of an axis leave no range.
+    """
     low, high = arm.limits.T
     return np.maximum(low + _MARGIN_RAD, -_HALF_TURN), np.minimum(high - _MARGIN_RAD, _HALF_TURN)
 

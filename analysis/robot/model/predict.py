@@ -175,7 +175,7 @@ def driven(model: Model, path: Path) -> ModelScene:
 
 
 _GEOMETRIC = ("joint zero", "link constant")
-"""Uses of arm constants."""
+"""Kinds of compensation by constants of the arm."""
 
 
 def is_geometric(effect: Effect) -> bool:

@@ -25,7 +25,9 @@ _SLIPPED = 4.0
 """Difference of the levels of two laps, in standard deviations, from which it is a slip. Chosen: noise exceeds 4
 sigma only in 1 of 16 000 cases."""
 _RINGS = 6
-"""Nodes on either side of wild readings that change by more than a thousandth through the fitted broken line."""
+"""Number of nodes on either side of a burst of wild readings that are replaced too. The fitted polyline changes
+beyond them by less than a thousandth.
+"""
 _LEVEL = 120
 """Nodes on either side of a step used for averaging the level: 60°. Chosen: several correlation lengths of slow
 noise."""

@@ -142,9 +142,10 @@ class Exchange:
 
 @dataclass(frozen=True, slots=True)
 class Exchanges:
-    """Exchanges of a connection by request time asked_ns. end_ns: end of the connection.
+    """Requests of the host and their answers within a connection. asked_ns: time of each request. end_ns: end of the
+    connection.
 
-    period_ns: typical interval. longest: length of the longest request in bytes.
+    period_ns: typical interval of requests. longest: length of the longest request in bytes.
     """
 
     all: Sequence[Exchange]

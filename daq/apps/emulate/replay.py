@@ -112,7 +112,7 @@ class Replay:
 
     @property
     def otherwise(self) -> int:
-        """Number of pieces from the host that differ from the capture."""
+        """Number of pieces sent by the host that differ from the capture."""
         return sum(steps.otherwise for steps in self.steps.values())
 
     def rig_text(self, text: str) -> str:

@@ -38,7 +38,7 @@ STATE, READY = "CurrentState", "ReadySubstateMachine.CurrentState"
 FRONT = (MODE, EMERGENCY, PROTECTIVE, DRIVES, OVERRIDE)
 """Browse names in the parameter sets of robot and safety state."""
 _MANUAL_REDUCED = 1
-"""OperationalModeEnumeration: MANUAL_REDUCED_SPEED."""
+"""Value MANUAL_REDUCED_SPEED of the OperationalModeEnumeration (OPC 40010-1)."""
 _STATES = {"Executing": ProgramState.RUNNING, "Ready": ProgramState.STOPPED, "Idle": ProgramState.STOPPED}
 """States of the TaskControlStateMachineType. Names translated by a server are not recognised."""
 _SUSPENDED = "Suspended"

@@ -1,7 +1,7 @@
-"""An arm that is wrong in hidden ways, multiplied out apart from the product, and where a controller brings its tool.
+"""An arm with hidden errors, computed independently of rig, and the tool positions reached by its controller.
 
-Wrong are the zeros of axes 3 and 5, the length a2, and a gear of axis 1 that errs twice a turn. The controller knows
-the nominal arm: it solves a pose with the nominal constants, in the posture in which the arm was.
+The zeros of axes 3 and 5, the length a2 and a gear of axis 1 (two waves per turn) are wrong. The controller knows only
+the nominal arm. It solves a pose with the nominal constants, in the current posture of the arm.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ EFFECTS: tuple[Effect, ...] = (
 
 
 def known(rig: Rig) -> Rig:
-    """The rig whose file has what is wrong."""
+    """Return the rig with the hidden errors written in its file."""
     return rig.model_copy(update={"effects": EFFECTS})
 
 
 def hidden() -> Wrong:
-    """What is wrong, in the words of the independent arm."""
+    """Return the hidden errors in the notation of the independent arm."""
     wrong = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
     wrong.offset[[2, 4]] = np.radians([_ZERO_3_DEG, _ZERO_5_DEG])
     wrong.a[2] = _A2_MM
@@ -47,8 +47,9 @@ def hidden() -> Wrong:
 
 
 def flange_at(rig: Rig, q: Array, wrong: Wrong | None = None) -> Array:
-    """Frame (4, 4) in mm of the flange in the robot's base at joint angles q (6,) rad, of the nominal arm or a wrong
-    one."""
+    """Return the frame (4, 4) in mm of the flange in the base at joint angles q (6,) rad, of the nominal or an
+    erroneous arm.
+    """
     axes = rig.robot.axes
     constants = Constants(
         np.array([axis.a_mm for axis in axes]),
@@ -65,7 +66,9 @@ def flange_at(rig: Rig, q: Array, wrong: Wrong | None = None) -> Array:
 
 
 def joints_of(rig: Rig, T: Array, near: Array) -> Array:
-    """Joint angles (6,) rad to which the controller goes for a flange (4, 4) in the base, in the posture of `near`."""
+    """Return the joint angles (6,) rad that the controller chooses for a flange (4, 4) in the base, in the posture
+    of `near`.
+    """
     arm = arm_of(rig.robot)
     q, good = newton(arm, (arm.T_world_base @ T @ arm.T_flange_tool)[None], near[None])
     assert good.all()
@@ -73,7 +76,7 @@ def joints_of(rig: Rig, T: Array, near: Array) -> Array:
 
 
 def frame(place: Array | tuple[float, ...], turn: Rotation) -> Array:
-    """A frame (4, 4) in mm."""
+    """Return a frame (4, 4) in mm."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = turn.as_matrix(), place
     return T

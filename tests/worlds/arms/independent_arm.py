@@ -1,8 +1,8 @@
-"""Arms that are wrong, seen by a tracker, and plain least squares on them: nothing here is of the product.
+"""Arms with errors measured by a tracker, and an ordinary least-squares calibration. Nothing here is imported from rig.
 
-Kinematics are multiplied out here from the constants of a shipped rig file. Each arm has a healthy background (link
-constants, gears of orders 1 and 2) and, as asked, zeros or all constants far off. The peer is scipy's
-Levenberg-Marquardt over the same constants, the instrument's frame and the tool.
+The kinematics use the constants of a shipped rig file. Each arm has typical errors of a healthy arm (link constants,
+gear waves of orders 1 and 2) and optionally large errors of the zeros or of all constants. The reference calibration is
+scipy's Levenberg-Marquardt for the same constants, the tracker frame and the tool.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ RIGS = Path(__file__).parents[3] / "rigs"
 HEALTHY = {"offset": np.radians(0.02), "a": 0.2, "alpha": np.radians(0.02), "d": 0.2}
 GEAR_RAD = np.radians(0.005)
 NOISE_MM = (0.008, 0.050)
-"""One coordinate of a tracker pose."""
+"""Range of the standard deviation of a coordinate of a tracker pose."""
 POSTURE_DEG = {"paper-fanuc": (0, 20, 10, 0, 60, 0), "ur10e": (0, -80, 100, -20, 80, 0)}
 
 
 @dataclass(frozen=True)
 class Constants:
-    """Modified Denavit-Hartenberg, mm and rad, each (6,); coupling (6, 6) of the reported angles."""
+    """Modified Denavit-Hartenberg parameters (6,) in mm and rad, and the coupling (6, 6) of the reported angles."""
 
     a: Array
     alpha: Array
@@ -38,7 +38,7 @@ class Constants:
 
 @dataclass(frozen=True)
 class Wrong:
-    """What is wrong with an arm: rad and mm, each (6,), and waves sine and cosine (6, 2) rad of orders 1 and 2."""
+    """Errors of an arm in rad and mm, each (6,), and sine and cosine (6, 2) rad of gear waves of orders 1 and 2."""
 
     offset: Array
     a: Array
@@ -61,7 +61,7 @@ def constants_of(name: str) -> Constants:
 
 
 def flange(arm: Constants, wrong: Wrong, q: Array) -> tuple[Array, Array]:
-    """Rotation (n, 3, 3) and place (n, 3) mm of the flange at reported angles q (n, 6) rad."""
+    """Return rotation (n, 3, 3) and position (n, 3) mm of the flange at reported angles q (n, 6) rad."""
     link = q + wrong.offset
     for order in (1, 2):
         link = link + wrong.sine[:, order - 1] * np.sin(order * q) + wrong.cosine[:, order - 1] * np.cos(order * q)
@@ -79,7 +79,7 @@ def flange(arm: Constants, wrong: Wrong, q: Array) -> tuple[Array, Array]:
 
 
 def none() -> Wrong:
-    """An arm as its constants say."""
+    """Return an arm without errors."""
     return Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
 
 
@@ -91,14 +91,14 @@ def healthy(rng: np.random.Generator) -> Wrong:
 
 
 def bad_zeros(rng: np.random.Generator) -> Wrong:
-    """Every zero wrong by 0.2 to 0.6 degrees, the rest healthy."""
+    """Return errors of 0.2 to 0.6 degrees of every zero, and healthy values otherwise."""
     wrong = healthy(rng)
     wrong.offset[:] = np.radians(rng.uniform(0.2, 0.6, 6)) * rng.choice([-1, 1], 6)
     return wrong
 
 
 def bad_arm(rng: np.random.Generator) -> Wrong:
-    """The same, and lengths wrong by 0.5 to 2 mm, twists by 0.05 to 0.2 degrees."""
+    """Return errors as `bad_zeros`, and errors of 0.5 to 2 mm of the lengths and 0.05 to 0.2 degrees of the twists."""
     wrong = bad_zeros(rng)
     for length in (wrong.a, wrong.d):
         length[:] = rng.uniform(0.5, 2.0, 6) * rng.choice([-1, 1], 6)
@@ -108,7 +108,7 @@ def bad_arm(rng: np.random.Generator) -> Wrong:
 
 @dataclass(frozen=True)
 class Seen:
-    """Poses q (n, 6) rad and where the tracker saw the target, xyz_mm (n, 3)."""
+    """Poses q (n, 6) rad, and target positions xyz_mm (n, 3) measured by the tracker."""
 
     q: Array
     xyz_mm: Array
@@ -116,7 +116,7 @@ class Seen:
 
 @dataclass(frozen=True)
 class Cell:
-    """An arm, where its tracker stands (rotation vector, mm) and its target on the flange (mm)."""
+    """An arm, the place of its tracker (rotation vector, mm), and the target on the flange (mm)."""
 
     arm: Constants
     wrong: Wrong
@@ -126,7 +126,7 @@ class Cell:
     noise_mm: float
 
     def seen(self, q: Array, rng: np.random.Generator, *, wild: float = 0.0) -> Seen:
-        """Poses as the tracker saw them; a share `wild` of them 10 to 100 sigma off."""
+        """Measure poses with the tracker. A share `wild` of them has errors of 10 to 100 sigma."""
         R, p = flange(self.arm, self.wrong, q)
         xyz = (p + R @ self.tool_mm) @ Rotation.from_rotvec(self.turn).as_matrix().T + self.place_mm
         noise = rng.normal(0, self.noise_mm, xyz.shape)
@@ -150,7 +150,7 @@ def cell(name: str, wrong: Wrong, rng: np.random.Generator) -> Cell:
 
 
 def postures(name: str, count: int, rng: np.random.Generator, half_deg: tuple[float, ...] = ()) -> Array:
-    """Joint angles (count, 6) rad about the rig's posture."""
+    """Return random joint angles (count, 6) rad around the posture of the rig."""
     half = np.array(half_deg or (90, 35, 35, 90, 45, 120), dtype=float)
     return np.radians(np.array(POSTURE_DEG[name]) + rng.uniform(-half, half, (count, 6)))
 
@@ -161,20 +161,20 @@ _UNIT = {"offset": 1e-3, "alpha": 1e-3, "a": 1.0, "d": 1.0}
 
 @dataclass(frozen=True)
 class Peer:
-    """What plain least squares found: constants, and the frame and tool of its poses (9,)."""
+    """Result of least squares: constants, and the tracker frame and tool of the poses (9,)."""
 
     wrong: Wrong
     frame: Array
 
     def held_out_mm(self, arm: Constants, poses: Seen, *, again: bool) -> float:
-        """Root mean square distance; again: with the frame and tool fitted anew, as for another placement."""
+        """Return the rms distance; again: fit frame and tool to these poses first, as for a new placement."""
         frame = _framed(arm, self.wrong, poses) if again else self.frame
         left = _placed(arm, self.wrong, frame, poses.q) - poses.xyz_mm
         return float(np.sqrt((left**2).sum(axis=1).mean()))
 
 
 def least_squares_fit(arm: Constants, poses: Seen, fit: str) -> Peer:
-    """Constants and frame by Levenberg-Marquardt, all poses alike."""
+    """Fit constants and frame by Levenberg-Marquardt with equal weights of all poses."""
     names = NAMES[fit]
     right = none()
 
@@ -192,7 +192,7 @@ def least_squares_fit(arm: Constants, poses: Seen, fit: str) -> Peer:
 
 
 def _placed(arm: Constants, wrong: Wrong, frame: Array, q: Array) -> Array:
-    """frame (9,): rotation vector times 1000, place in mm, tool in mm."""
+    """Return target positions. frame (9,): rotation vector times 1000, position in mm, tool in mm."""
     R, p = flange(arm, wrong, q)
     moved: Array = (p + R @ frame[6:]) @ Rotation.from_rotvec(frame[:3] / 1e3).as_matrix().T + frame[3:6]
     return moved

@@ -1,5 +1,6 @@
-"""ISO 9283:1998 and ISO 230-4 once more, plainly: loops over the standard's formulas, and a cube of an arm that is
-multiplied out here. Nothing is of the product."""
+"""Direct implementation of ISO 9283:1998 and ISO 230-4: loops over the formulas of the standard, and the cube for an
+independently computed arm. Nothing here is imported from rig.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +16,9 @@ def barycentre(points: Array) -> Array:
 
 
 def repeatability(points: Array) -> float:
-    """RP (7.2.2) of attained points, or RT (8.3) at one station: mean + 3 S of the distances from the barycentre."""
+    """Return RP (7.2.2) of attained points, or RT (8.3) at a station: mean + 3 S of the distances from the
+    barycentre.
+    """
     middle = barycentre(points)
     distances = [sqrt(sum((point - middle) ** 2)) for point in points]
     mean = sum(distances) / len(distances)
@@ -24,19 +27,19 @@ def repeatability(points: Array) -> float:
 
 
 def accuracy(points: Array, command: Array) -> float:
-    """AP (7.2.1): from the command to the barycentre."""
+    """Return AP (7.2.1): the distance from the command to the barycentre."""
     return sqrt(sum((barycentre(points) - command) ** 2))
 
 
 def distance(ones: Array, others: Array, command_mm: float) -> tuple[float, float]:
-    """AD and RD (7.3.2, 7.3.3) of two poses, cycle by cycle."""
+    """Return AD and RD (7.3.2, 7.3.3) of two poses, cycle by cycle."""
     each = [sqrt(sum((one - other) ** 2)) for one, other in zip(ones, others, strict=True)]
     mean = sum(each) / len(each)
     return mean - command_mm, 3 * sqrt(sum((one - mean) ** 2 for one in each) / (len(each) - 1))
 
 
 def cube_places(centre_mm: Array, side_mm: float) -> Array:
-    """P1 … P5 on the plane that rises along x, by the corners of the cube: 10 % of the diagonals from their ends."""
+    """Return P1 … P5 on the plane that rises along x: 10 % of the diagonals inside the corners of the cube."""
     low, high = centre_mm - side_mm / 2, centre_mm + side_mm / 2
     corners = [(low[0], y, low[2]) for y in (low[1], high[1])] + [(high[0], y, high[2]) for y in (high[1], low[1])]
     ends = [np.array(corner) for corner in corners]
@@ -45,7 +48,7 @@ def cube_places(centre_mm: Array, side_mm: float) -> Array:
 
 
 class Recorder:
-    """A tracker that writes time and place at a rate while a tool is driven, stands included."""
+    """A tracker that samples time and position at a rate while the tool moves or rests."""
 
     def __init__(self, rate_hz: float, speed_mm_s: float) -> None:
         self.step_s, self.speed = 1 / rate_hz, speed_mm_s
@@ -55,7 +58,7 @@ class Recorder:
         self.parts.append(np.tile(at, (round(seconds / self.step_s), 1)))
 
     def drive(self, way: Array) -> None:
-        """Along places (k, 3) mm at even speed."""
+        """Move along positions (k, 3) mm at constant speed."""
         length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
         at = np.arange(self.step_s * self.speed / 3, length[-1], self.step_s * self.speed)
         self.parts.append(np.stack([np.interp(at, length, column) for column in way.T], axis=1))

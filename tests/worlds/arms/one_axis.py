@@ -1,4 +1,4 @@
-"""Arms of another generator, driven one axis at a time before a tracker, and what their joints really did."""
+"""Independently simulated arms that move one axis at a time in front of a tracker, and the true joint errors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ BALL_MM = np.array([40.0, 0.0, 120.0])
 
 
 def driven(name: str, number: int, poses: int = 150) -> tuple[Rig, Truth, PoseTable]:
-    """An arm with a play of one joint, as it is, and its poses one axis at a time as a tracker saw them."""
+    """Return an arm with backlash of a joint, its true errors, and its poses with one moving axis, measured by a
+    tracker.
+    """
     rig, rng = parse(f"name: x\n{load_arm(name).text}", "x"), np.random.default_rng(100 + number)
     q = axes_in_turn(arm_of(rig.robot), poses, None, np.random.default_rng(0))
     truth = draw_truth(rig.robot, rng, (Fault("play", int(rng.integers(2, 6)), rng.uniform(0.03, 0.1)),))
@@ -28,8 +30,11 @@ def driven(name: str, number: int, poses: int = 150) -> tuple[Rig, Truth, PoseTa
 
 
 def true_curve(truth: Truth, table: PoseTable, curve: AxisCurve) -> tuple[Array, Array, Array, Array]:
-    """The real errors (k,) deg of a joint's angle by way at the angles of its curve, and how far the curve is off (m,),
-    with its u (m,): each without a constant and one wave a turn, which a circle that is fitted takes up."""
+    """Return the true joint errors (k,) deg by direction at the angles of a curve, the error (m,) of the curve, and its
+    u (m,).
+
+    A constant and a wave of one per turn are removed from all, because the fitted circle absorbs them.
+    """
     joint, q, came = curve.axis - 1, table.q, table.came_from
     assert came is not None
     alone = (np.delete(np.abs(q - came), joint, axis=1) < 1e-4).all(axis=1)

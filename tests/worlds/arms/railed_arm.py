@@ -1,7 +1,7 @@
-"""An arm of six axes on a rail as a stranger makes it: the arm of `seven_axes`, carried by a rail with errors.
+"""An independently simulated arm of six axes on a rail: the arm of `seven_axes`, carried by a rail with errors.
 
-It shares no line with the model of rig. The rail's screw or rack is too long by a share, its line is tilted, and it is
-straight to some hundredths of a millimetre only.
+It shares no code with the model of rig. The scale of the rail's screw or rack is wrong, its line is tilted, and its
+straightness error is some hundredths of a millimetre.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from tests.worlds.arms.seven_axes import CAME_RAD, Array, Truth, corrected, draw
 
 @dataclass(frozen=True)
 class RailTruth:
-    """Errors in mm for each metre of travel: along the rail, sideways, and in height; waves: for each of the three the
-    number of waves over a metre, amplitude (mm) and phase of each."""
+    """Errors in mm per metre of travel along the rail, sideways and in height. waves: for each of them number of
+    waves per metre, amplitude (mm) and phase.
+    """
 
     along: float
     sideways: float
@@ -26,7 +27,7 @@ class RailTruth:
     waves: tuple[tuple[int, float, float, float], ...]
 
     def base_mm(self, e1_mm: Array) -> Array:
-        """Where the base stands (n, 3) mm, of a rail that goes along x."""
+        """Return the base positions (n, 3) mm on a rail along x."""
         there = np.outer(e1_mm / 1000.0, [1000.0 + self.along, self.sideways, self.height])
         for way, per_m, amplitude, phase in self.waves:
             there[:, way] += amplitude * np.sin(2 * np.pi * per_m * e1_mm / 1000.0 + phase)
@@ -34,7 +35,7 @@ class RailTruth:
 
 
 def draw_rail(rng: np.random.Generator, along: float, sideways: float, height: float) -> RailTruth:
-    """A rail that is straight within 0.01 to 0.03 mm of each of two waves a way."""
+    """Return a rail with two straightness waves of 0.01 to 0.03 mm in each direction."""
     waves = tuple(
         (way, rng.uniform(0.3, 1.5), rng.uniform(0.01, 0.03), rng.uniform(0, 2 * np.pi)) for way in (0, 1, 2, 0, 1, 2)
     )
@@ -42,14 +43,14 @@ def draw_rail(rng: np.random.Generator, along: float, sideways: float, height: f
 
 
 def railed_places(arm: Truth, rail: RailTruth, q: Array, came: Array, e1_mm: Array, ball_mm: Array) -> Array:
-    """Places (n, 3) mm of a ball at ball_mm on the tool."""
+    """Return the positions (n, 3) mm of a ball at ball_mm on the tool."""
     return np.asarray(arm.places(q, came, ball_mm) + rail.base_mm(e1_mm))
 
 
 def railed_poses(
     robot: Robot, arm: Truth, rail: RailTruth, rng: np.random.Generator, ball_mm: Array, poses: int
 ) -> PoseTable:
-    """Places of a ball as a tracker saw them, in a frame of its own, while the rail stood anywhere on its way."""
+    """Simulate ball positions measured by a tracker with an unknown frame, at random rail positions."""
     assert robot.rail is not None
     q, e1_mm = draw_postures(robot, rng, poses), rng.uniform(*robot.rail.limits_mm, poses)
     seen = railed_places(arm, rail, q, np.vstack([q[:1], q[:-1]]), e1_mm, ball_mm)
@@ -62,8 +63,9 @@ def railed_poses(
 def railed_touches(
     robot: Robot, arm: Truth, rail: RailTruth, rng: np.random.Generator, ball_mm: Array, places: Array, touches: int
 ) -> TouchTable:
-    """Touches of sockets A, B … at places (s, 3) mm, each from where the rail lets the arm reach it: up to 400 mm to
-    either side of the socket."""
+    """Simulate touches of sockets A, B … at places (s, 3) mm, each at rail positions up to 400 mm to either side of
+    the socket.
+    """
     q, names, came = [], [], []
     for number, socket in enumerate(places):
         for _ in range(touches // len(places)):

@@ -1,7 +1,7 @@
-"""An arm of any axes as a stranger makes it: product of exponentials, its own errors, poses and touches of it.
+"""Independently simulated arms with any number of axes: product of exponentials, errors, poses and touches.
 
-It shares no line with the model of rig. Every arm has what sound ones show: constants a little off, joints that yield
-under gravity, a curve of each joint's angle error, scatter. Faults are hidden beside that.
+It shares no code with the model of rig. Every arm has the errors of a sound arm: constants, compliance under gravity,
+joint angle curves, and scatter. Hidden faults are added.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from tests.worlds.stranger.screws import Arm, Constants, arm_from, pose, torque_
 
 Array = NDArray[np.float64]
 CAME_RAD = 0.15
-"""How far a joint moves to a touch at the least: any play is taken up."""
+"""Minimum joint motion before a touch, sufficient to take up any backlash."""
 SOUND_DEG, SOUND_MM = 0.015, 0.15
 """Standard deviations of zeros and twists, and of lengths, of a sound arm."""
 SOUND_SOFT, SOUND_PLAY_DEG = (1e-6, 6e-6), (0.0, 0.004)
-"""From least to most: compliance (rad/Nm) and play of a sound arm."""
+"""Ranges of compliance (rad/Nm) and backlash of a sound arm."""
 KINDS = ("zero", "length", "play", "compliance")
 """Kinds of faults that `draw_faults` draws."""
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """What arms of a build show. Of sound ones: standard deviations of zeros and twists (deg) and of lengths (mm); from
-    least to most the compliance (rad/Nm), the play (deg), the curve of a joint (deg) and the scatter of a coordinate
-    (mm); counts of the encoder a turn, 0 where it is finer than all that. Of faults: from least to most the zero (deg),
-    the length (mm) and the play (deg)."""
+    """Error sizes of arms of a build. Sound arms: standard deviations of zeros and twists (deg) and of lengths (mm);
+    ranges of compliance (rad/Nm), backlash (deg), joint curve (deg) and scatter of a coordinate (mm); encoder
+    counts per turn, 0 for negligible steps. Faults: ranges of zero (deg), length (mm) and backlash (deg).
+    """
 
     angle_deg: float = SOUND_DEG
     length_mm: float = SOUND_MM
@@ -58,18 +58,21 @@ HOBBY = Sizes(
     scatter_mm=(0.05, 0.2), counts=4096, kinds=("zero", "length", "play"), zero_fault_deg=(1.5, 4.0),
     length_fault_mm=(3.0, 6.0), play_fault_deg=(1.7, 1.95),
 )  # fmt: skip
-"""Servos with encoders of 12 bits on their output shafts, printed or cut brackets, joints that a person set by the eye.
-Plays: 0.87 to 1.49 degrees were measured of new Feetech STS3215, whose data sheet allows 0.5 (robonine.com, 2025)."""
+"""Arms with 12-bit encoders on the output shafts of servos, printed or cut brackets, and joints set by eye.
+Backlash: 0.87 to 1.49 degrees were measured on new Feetech STS3215, specified as 0.5 (robonine.com, 2025).
+"""
 
 
 def sizes_of(robot: Robot) -> Sizes:
-    """What arms built as this one show."""
+    """Return the error sizes for the build of an arm."""
     return HOBBY if robot.design == "servo" else INDUSTRY
 
 
 @dataclass(frozen=True)
 class Fault:
-    """kind: zero, length, twist, play or compliance; axis from 1; field of a constant; size in deg, mm or deg/Nm."""
+    """A fault. kind: zero, length, twist, play or compliance; axis from 1; field of a constant; size in deg, mm or
+    deg/Nm.
+    """
 
     kind: str
     axis: int
@@ -78,7 +81,7 @@ class Fault:
 
     @property
     def name(self) -> str:
-        """What rig calls it."""
+        """Return the name of the fault in rig."""
         effects = {"zero": "joint_offset", "play": "backlash", "compliance": "compliance"}
         effect = effects.get(self.kind, "link_geometry")
         return f"{effect} {self.axis}.{self.field}" if self.field else f"{effect} {self.axis}"
@@ -86,9 +89,10 @@ class Fault:
 
 @dataclass(frozen=True)
 class Truth:
-    """An arm as it really is. soft (axes,): rad/Nm; waves: joint, order, amplitude (rad), phase of each; play (axes,)
-    rad; scatter_mm: of one coordinate; off: the constants less those of the rig
-    file; slip: joint from 0, and beyond which angle (rad) its link is off by so many rad, as after a slipped tooth."""
+    """True errors of an arm. soft (axes,): rad/Nm; waves: joint, order, amplitude (rad) and phase of each; play
+    (axes,) rad; scatter_mm: of a coordinate; off: errors of the constants relative to the rig file; slip: joint
+    from 0, angle (rad) above which its link is displaced, and the displacement in rad, as after a slipped tooth.
+    """
 
     arm: Arm
     soft: Array
@@ -100,12 +104,12 @@ class Truth:
     counts: int = 0
 
     def reported(self, q: Array) -> Array:
-        """What the controller reports where its joints stand at q: a count of the encoder is all that it knows."""
+        """Return the angles reported at joint angles q, rounded to encoder counts."""
         count = 2 * np.pi / self.counts if self.counts else 0.0
         return np.asarray(np.round(q / count) * count if count else q)
 
     def size_of(self, fault: Fault) -> float:
-        """What the arm really has at the place of a fault, in its unit: the fault and what sound arms have there."""
+        """Return the true size at the seat of a fault, in its unit: the fault plus the error of a sound arm."""
         k = fault.axis - 1
         sizes = {"zero": self.off.zero, "twist": self.off.alpha, "play": self.play, "compliance": self.soft}
         if fault.kind == "length":
@@ -113,7 +117,7 @@ class Truth:
         return float(np.degrees(sizes[fault.kind][k]))
 
     def link_q(self, q: Array, came_from: Array) -> Array:
-        """Link-side angles (n, axes) where the controller reports q (n, axes), each joint come from came_from."""
+        """Return link-side angles (n, axes) at reported angles q (n, axes), with each joint arriving from came_from."""
         out = q + torque_nm(self.arm, q) * self.soft
         for joint, order, amplitude, phase in self.waves:
             out[:, joint] += amplitude * np.sin(order * q[:, joint] + phase)
@@ -123,7 +127,9 @@ class Truth:
         return out + self._lag(q, came_from)
 
     def _lag(self, q: Array, came_from: Array) -> Array:
-        """Each link hangs at the flank that its joint left: a little motion takes up a part of the play."""
+        """Return the backlash deviation: the link stays at the flank of the departure until the motion takes up the
+        backlash.
+        """
         lag, at = np.zeros_like(q), np.zeros(q.shape[1])
         for row, (here, before) in enumerate(zip(q, came_from, strict=True)):
             at = np.clip(at - (here - before), -self.play / 2, self.play / 2)
@@ -131,27 +137,27 @@ class Truth:
         return lag
 
     def places(self, q: Array, came_from: Array, ball_mm: Array) -> Array:
-        """Places (n, 3) mm of a ball at ball_mm on the tool."""
+        """Return the positions (n, 3) mm of a ball at ball_mm on the tool."""
         posed = pose(self.arm, self.link_q(q, came_from))
         return np.asarray(posed.p + np.einsum("nij,j->ni", posed.R, ball_mm))
 
 
 class Seen(Protocol):
-    """What is measured of an arm: where balls on its tool really are, and how far readings scatter."""
+    """A measurable arm: true ball positions and scatter of the readings."""
 
     @property
     def scatter_mm(self) -> float:
-        """Of one coordinate."""
+        """Standard deviation of a coordinate."""
 
     def reported(self, q: Array) -> Array:
-        """The angles (n, axes) rad that the controller writes down."""
+        """Return the angles (n, axes) rad recorded by the controller."""
 
     def places(self, q: Array, came_from: Array, ball_mm: Array) -> Array:
-        """Places (n, 3) mm of a ball at ball_mm on the tool."""
+        """Return the positions (n, 3) mm of a ball at ball_mm on the tool."""
 
 
 def constants_of(robot: Robot) -> Constants:
-    """The constants of a rig file's robot without base and tool."""
+    """Return the constants of a rig file's robot, excluding base and tool."""
     column = {key: np.array([getattr(axis, key) for axis in robot.axes], dtype=float) for key in _KEYS}
     return Constants(
         column["a_mm"], np.radians(column["alpha_deg"]), np.radians(column["beta_deg"]), column["d_mm"],
@@ -164,9 +170,11 @@ _KEYS = ("a_mm", "alpha_deg", "beta_deg", "d_mm", "offset_deg", "mass_kg")
 
 
 def draw_faults(robot: Robot, rng: np.random.Generator, count: int) -> tuple[Fault, ...]:
-    """So many faults of different kinds that can show: those of the first joint are the set-up's, those of the last the
-    tool's, and only a joint that carries weight yields. Each is at least five times what a sound arm shows, a play of a
-    servo twice."""
+    """Draw observable faults of different kinds.
+
+    The first and the last joint are excluded, because set-up and tool absorb their errors. Only joints under load get
+    a compliance. Each fault is at least five times the error of a sound arm, a servo backlash twice.
+    """
     found, last, sizes = list[Fault](), len(robot.axes), sizes_of(robot)
     for kind in rng.choice(sizes.kinds, count, replace=False):
         axis, sign = int(rng.integers(2, last)), float(rng.choice([-1, 1]))
@@ -185,7 +193,9 @@ def draw_faults(robot: Robot, rng: np.random.Generator, count: int) -> tuple[Fau
 
 
 def draw_truth(robot: Robot, rng: np.random.Generator, faults: tuple[Fault, ...]) -> Truth:
-    """A sound arm with faults, by the sizes of its build. The waves of a curve fall as one over their order."""
+    """Draw a sound arm of this build and add faults. The amplitudes of joint waves are inversely proportional to the
+    order.
+    """
     c, n, sizes = constants_of(robot), len(robot.axes), sizes_of(robot)
     nominal = c
     off = np.radians(sizes.angle_deg)
@@ -218,15 +228,18 @@ def draw_truth(robot: Robot, rng: np.random.Generator, faults: tuple[Fault, ...]
 
 
 def draw_postures(robot: Robot, rng: np.random.Generator, count: int) -> Array:
-    """Joint angles (count, axes) rad over nine tenths of each range."""
+    """Draw joint angles (count, axes) rad within nine tenths of each range."""
     low, high = np.radians([axis.limits_deg for axis in robot.axes]).T
     middle, half = (low + high) / 2, 0.45 * (high - low)
     return np.asarray(middle + half * rng.uniform(-1, 1, (count, len(low))))
 
 
 def seated(robot: Robot, rng: np.random.Generator, socket_mm: Array, ball_mm: Array, count: int) -> Array:
-    """Joint angles (count, axes) rad at which the nominal arm has its ball in a socket: Newton from random postures,
-    which differ as a person's do, in elbow and wrist. Raises ValueError where the arm does not reach it."""
+    """Return joint angles (count, axes) rad of the nominal arm with the ball in a socket.
+
+    Newton's method starts from random postures, which differ in elbow and wrist. Raises ValueError if the socket is out
+    of reach.
+    """
     nominal, low, high = arm_from(constants_of(robot)), *np.radians([axis.limits_deg for axis in robot.axes]).T
     found: list[Array] = []
     for _ in range(60):
@@ -246,8 +259,9 @@ def seated(robot: Robot, rng: np.random.Generator, socket_mm: Array, ball_mm: Ar
 
 
 def corrected(robot: Robot, truth: Seen, q: Array, came_from: Array, socket_mm: Array, ball_mm: Array) -> Array:
-    """The angles (n, axes) rad that the controller reports where the ball really is in the socket: a person guides the
-    arm until the magnet seats it."""
+    """Return the reported angles (n, axes) rad with the ball exactly in the socket, as if guided by hand into a
+    magnet.
+    """
     nominal, q = arm_from(constants_of(robot)), q.copy()
     for _ in range(6):
         posed = pose(nominal, q)
@@ -259,14 +273,16 @@ def corrected(robot: Robot, truth: Seen, q: Array, came_from: Array, socket_mm: 
 
 
 def came_from(table: PoseTable | TouchTable) -> Array:
-    """The angles (n, axes) rad from which each joint came: those of a touch, or of the pose before."""
+    """Return the angles (n, axes) rad from which each joint arrived: those given for a touch, or those of the
+    previous pose.
+    """
     if isinstance(table, TouchTable) and table.came_from is not None:
         return table.came_from
     return np.vstack([table.q[:1], table.q[:-1]])
 
 
 def pose_table(robot: Robot, truth: Seen, rng: np.random.Generator, ball_mm: Array, poses: int) -> PoseTable:
-    """Places of a ball as a tracker saw them, one posture after the other, in a frame of its own."""
+    """Simulate ball positions measured by a tracker with an unknown frame, at one posture after another."""
     q = draw_postures(robot, rng, poses)
     seen = truth.places(q, np.vstack([q[:1], q[:-1]]), ball_mm) + rng.normal(0, truth.scatter_mm, (poses, 3))
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
@@ -274,12 +290,14 @@ def pose_table(robot: Robot, truth: Seen, rng: np.random.Generator, ball_mm: Arr
 
 
 def reach_mm(robot: Robot) -> float:
-    """How far an arm reaches at most, beside the base."""
+    """Return the largest horizontal reach of an arm."""
     return float(sum(np.hypot(axis.a_mm, axis.d_mm) for axis in robot.axes[1:]))
 
 
 def somewhere(rng: np.random.Generator, reach: float = np.inf) -> Array:
-    """A place (3,) mm for a socket, 350 to 600 mm beside the base, of arms that reach less than 800 mm so much less."""
+    """Return a random socket place (3,) mm, 350 to 600 mm from the base; scaled down for arms with a reach below 800
+    mm.
+    """
     around, away, high = rng.uniform(-2, 2), rng.uniform(350, 600), rng.uniform(50, 450)
     return np.array([away * np.cos(around), away * np.sin(around), high]) * min(1.0, reach / 800)
 
@@ -292,7 +310,7 @@ def touch_table(
     sockets: int | Array,
     touches: int,
 ) -> TouchTable:
-    """Touches of sockets A, B … somewhere, or at places (s, 3) mm, shared out equally."""
+    """Simulate touches of sockets A, B … at random or given places (s, 3) mm, equally distributed."""
     q, names, came = [], [], []
     places = sockets if isinstance(sockets, np.ndarray) else [None] * sockets
     for number, given in enumerate(places):
@@ -311,7 +329,7 @@ def touch_table(
 
 
 def run_of(rig: Rig, table: PoseTable | TouchTable, name: str = "seven", placement: str = "") -> Measured:
-    """A table as a run that was imported."""
+    """Return a table as an imported run."""
     test = "touch" if isinstance(table, TouchTable) else "pose"
     run = table_run(
         Path(name), columns_of(table), test=test, direction=None, rig_name=rig.name, rig_text="",

@@ -1,7 +1,7 @@
-"""Arms with hidden constants, soft joints and joint curves, multiplied out apart from the product, and a tracker.
+"""Independently simulated arms with hidden constants, compliant joints and joint curves, and a tracker.
 
-Sizes are those of a healthy arm times a factor of 0.5 to 4; waves do not close in a turn, and torques are summed link
-by link.
+Errors are those of a healthy arm times 0.5 to 4. The waves are not periodic with a turn, and torques are summed link by
+link.
 """
 
 from __future__ import annotations
@@ -17,19 +17,20 @@ from scipy.spatial.transform import Rotation
 Array = NDArray[np.float64]
 RIGS = Path(__file__).parents[3] / "rigs"
 LOW_DEG, HIGH_DEG = (-120, -130, -120, -150, -100, -170), (120, -20, 120, 150, 100, 170)
-"""Postures that are measured and asked for."""
+"""Range of the measured postures and of the test postures."""
 NOISE_MM = 0.02
 WAVES = 24
 LENGTH_MM, ANGLE_DEG, WAVE_DEG = 0.2, 0.02, 0.005
 SOFT_DEG_NM = (5e-5, 5e-5, 5e-5, 3e-4, 3e-4, 3e-4)
-"""What a healthy arm shows."""
+"""Compliance of a healthy arm."""
 G = np.array([0.0, 0.0, -9.81])
 
 
 @dataclass(frozen=True)
 class Arm:
-    """Constants (6,) in mm and rad, tool (3,) mm, masses (7,) kg with centres (7, 3) mm in the frames of the links and,
-    last, of the flange; compliance (6,) rad/Nm; waves of joints: amplitude, order and phase (6, w), rad."""
+    """Constants (6,) in mm and rad, tool (3,) mm; masses (7,) kg and centres (7, 3) mm in the frames of the links
+    and finally of the flange; compliance (6,) rad/Nm; joint waves: amplitude, order and phase (6, w), rad.
+    """
 
     a: Array
     alpha: Array
@@ -57,8 +58,9 @@ class Arm:
         return np.stack(found, axis=1)
 
     def tool_mm(self, q: Array, point: Array | None = None) -> Array:
-        """Return where the tool, or another point (3,) mm of the flange, stands (n, 3) mm at commanded angles q (n, 6)
-        rad."""
+        """Return the positions (n, 3) mm of the tool, or of another point (3,) mm of the flange, at commanded angles
+        q (n, 6) rad.
+        """
         amplitude, order, phase = self.wave
         link = q + (amplitude * np.sin(order * q[:, :, None] + phase)).sum(axis=2)
         link = link + self.soft * self._torques(link)
@@ -66,7 +68,7 @@ class Arm:
         return np.asarray(T[:, :3, :3] @ (self.tool if point is None else point) + T[:, :3, 3])
 
     def _torques(self, q: Array) -> Array:
-        """Return the torques (n, 6) Nm by which gravity turns each joint at joint angles q (n, 6) rad."""
+        """Return the gravity torques (n, 6) Nm on each joint at joint angles q (n, 6) rad."""
         T = self.frames(q)
         hung = np.concatenate([T, T[:, -1:]], axis=1)
         centres = np.einsum("nkij,kj->nki", hung[:, :, :3, :3], self.centre) + hung[:, :, :3, 3]
@@ -103,13 +105,13 @@ def nominal(name: str) -> Arm:
 
 
 def wrong(arm: Arm, rng: np.random.Generator) -> Arm:
-    """Return the arm as it might be: everything off by what a healthy arm shows, times 0.5 to 4."""
+    """Return the arm with random errors of a healthy arm times 0.5 to 4."""
 
     def off(size: float | Array) -> Array:
         return np.asarray(rng.normal(0, 1, 6) * size * np.exp(rng.uniform(np.log(0.5), np.log(4), 6)))
 
     parallel = np.abs(np.sin(arm.alpha)) < 1e-3
-    parallel[0] = False  # before axis 1 a twist either way turns the whole arm: one of them is enough
+    parallel[0] = False  # before axis 1 two twists would have the same effect
     k = np.arange(1, WAVES + 1)
     fall = k ** -rng.uniform(0.6, 1.5, (6, 1))
     amplitude = np.radians(np.abs(off(WAVE_DEG)))[:, None] * fall
@@ -129,8 +131,10 @@ def wrong(arm: Arm, rng: np.random.Generator) -> Arm:
 
 
 def seen(arm: Arm, rng: np.random.Generator, poses: int, twice: int) -> tuple[Array, Array]:
-    """Return the joint angles (n, 6) rad of poses, the first of them `twice`, and where a tracker saw its target (n, 3)
-    mm."""
+    """Return joint angles (n, 6) rad of poses and the measured positions (n, 3) mm.
+
+    The first `twice` poses are measured again at the end.
+    """
     q = np.radians(rng.uniform(LOW_DEG, HIGH_DEG, (poses, 6)))
     q = np.concatenate([q, q[:twice]])
     turn = Rotation.from_euler("xyz", [rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2), rng.uniform(-3, 3)])

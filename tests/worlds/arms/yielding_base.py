@@ -1,8 +1,8 @@
-"""An arm on a stand that gives way, as a stranger makes it: its own forward kinematics, weights, columns and anchors.
+"""An independently simulated arm on a compliant stand: forward kinematics, weights, columns and anchors.
 
-It shares no line with the model of rig. A column is a cantilever whose foot stands on anchors: under the moment M that
-the arm's weight has about its top, its end turns by M L / EI and moves by M L² / 2 EI (Timoshenko, Strength of
-Materials), and anchors turn it about its foot. A guide that stands beside the arm lets it sag as well.
+It shares no code with the model of rig. A column is a cantilever on anchors. Under the moment M of the arm's weight at
+the top, its end turns by M L / EI and moves by M L² / 2 EI (Timoshenko, Strength of Materials), and the anchors turn it
+about its foot. A guide next to the arm also lets it sag.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ G_M_S2 = 9.81
 
 @dataclass(frozen=True)
 class Stand:
-    """A column of a height (mm) that bends by so many rad/Nm about its soft and its stiff axis, of which the soft one
-    stands at an angle (rad) to the x of the base; anchors: rad/Nm, about the foot; sag: mm/Nm of the moment about the
-    soft axis; firmer: the share by which it has become stiffer at 200 Nm."""
+    """A column with a height (mm), compliances (rad/Nm) about its soft and its stiff axis, and the angle (rad) of
+    the soft axis from the x axis of the base. anchors: rad/Nm, about the foot; sag: mm/Nm of the moment about the
+    soft axis; firmer: relative increase of the stiffness at 200 Nm.
+    """
 
     height_mm: float = 600.0
     soft: float = 0.0
@@ -32,7 +33,7 @@ class Stand:
     firmer: float = 0.0
 
     def moved(self, places: Array, moment: Array) -> Array:
-        """Places (n, 3) mm where the top of the stand is under moments (n, 2) Nm about x and y."""
+        """Return places (n, 3) mm displaced by moments (n, 2) Nm about x and y at the top of the stand."""
         c, s = np.cos(self.turned), np.sin(self.turned)
         axes = np.array([[c, s, 0.0], [-s, c, 0.0]])
         about = moment @ axes[:, :2].T
@@ -46,7 +47,7 @@ class Stand:
 
 
 def turn(v: Array, p: Array) -> Array:
-    """A place p (3,) turned about the origin by a rotation vector v (3,), after Rodrigues."""
+    """Rotate a point p (3,) about the origin by a rotation vector v (3,) (Rodrigues)."""
     angle = float(np.linalg.norm(v))
     if angle == 0:
         return p
@@ -57,7 +58,7 @@ def turn(v: Array, p: Array) -> Array:
 
 
 def _base(robot: Robot) -> Array:
-    """Where the arm stands (4, 4): turned about the fixed x, y and z, one after the other."""
+    """Return the base frame (4, 4) with rotations about the fixed x, y and z axes in this order."""
     T = np.eye(4)
     for k, angle in enumerate(np.radians(robot.base.rpy_deg)):
         T[:3, :3] = np.array([turn(angle * np.eye(3)[k], column) for column in T[:3, :3].T]).T
@@ -65,7 +66,9 @@ def _base(robot: Robot) -> Array:
 
 
 def frames(truth: Truth, robot: Robot, theta: Array) -> Array:
-    """Frames (axes, n, 4, 4) of the links of an arm that is off by `truth.off`, about the origin of its base."""
+    """Return the link frames (axes, n, 4, 4) of an arm with the errors `truth.off`, relative to the origin of its
+    base.
+    """
     T = np.broadcast_to(_base(robot), (len(theta), 4, 4))
     every = []
     for k, axis in enumerate(robot.axes):
@@ -82,7 +85,7 @@ def frames(truth: Truth, robot: Robot, theta: Array) -> Array:
 
 
 def moment_nm(robot: Robot, links: Array) -> Array:
-    """The moment (n, 2) Nm about x and y that links and payload have about the origin of the base."""
+    """Return the moment (n, 2) Nm of links and payload about the x and y axes at the origin of the base."""
     total = np.zeros((links.shape[1], 2))
     weights = [(axis.mass_kg, np.append(axis.centre_mm, 1.0), k) for k, axis in enumerate(robot.axes)]
     for mass, centre, k in [*weights, (robot.payload_kg, np.array([0.0, 0.0, 0.0, 1.0]), len(robot.axes) - 1)]:
@@ -93,7 +96,7 @@ def moment_nm(robot: Robot, links: Array) -> Array:
 
 @dataclass(frozen=True)
 class OnStand:
-    """An arm of a stranger on a stand: its balls are seen from the floor."""
+    """An arm on a stand, with ball positions relative to the floor."""
 
     robot: Robot
     arm: Truth
@@ -101,23 +104,26 @@ class OnStand:
 
     @property
     def scatter_mm(self) -> float:
-        """That of the arm."""
+        """Standard deviation of a coordinate of the arm, in mm."""
         return self.arm.scatter_mm
 
     def reported(self, q: Array) -> Array:
-        """Those of the arm (n, axes) rad."""
+        """Return the angles (n, axes) rad reported by the arm."""
         return self.arm.reported(q)
 
     def places(self, q: Array, came_from: Array, ball_mm: Array) -> Array:
-        """Places (n, 3) mm of a ball at ball_mm on the tool."""
+        """Return the positions (n, 3) mm of a ball at ball_mm on the tool."""
         theta = self.arm.link_q(q, came_from) @ np.array(self.robot.coupling).T
         links = frames(self.arm, self.robot, theta)
         bare = (links[-1] @ np.append(ball_mm, 1.0))[:, :3]
         return self.stand.moved(bare, moment_nm(self.robot, links))
 
     def tensor_deg(self) -> dict[str, float]:
-        """What rig calls the tilt of this stand, in deg/Nm at 200 Nm: alike in all directions, and about the two lines
-        beside its soft axis, which make up what is more about that axis."""
+        """Return the tilt of this stand in the terms of rig, in deg/Nm at 200 Nm.
+
+        The isotropic part is equal in all directions. Parts about the two lines next to the soft axis represent the
+        additional compliance about it.
+        """
         firm = 1 / (1 + self.stand.firmer)
         more = float(np.degrees(self.stand.soft - self.stand.stiff)) * firm
         around = np.degrees(self.stand.turned) % 180

@@ -1,1 +1,1 @@
-"""Programs of five languages, run by the interpreters of the product on arms that are computed apart from it."""
+"""Programs in five languages, run by the interpreters of rig on independently computed arms."""

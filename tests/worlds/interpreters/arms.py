@@ -1,8 +1,8 @@
-"""The arms whose programs are run: the shipped two, a KUKA from published parameters that hangs from a ceiling, and
-arms of the library with a circle that each can drive.
+"""Arms for programs: the two shipped arms, a ceiling-mounted KUKA with published parameters, and library arms, each
+with a circle it can drive.
 
-The hanging arm's constants are those of tests/support/five_arms.py (KUKA KR 6 R700), with a tool at an angle, signs on
-three axes and a base turned over, so that every frame of a program is other than the identity.
+The ceiling-mounted arm has the constants of tests/support/five_arms.py (KUKA KR 6 R700), a tilted tool, reversed signs
+of three axes and a base upside down, so no frame of a program is the identity.
 """
 
 from __future__ import annotations
@@ -83,12 +83,14 @@ LIBRARY = {
         "posture_deg": [20, 10.7, -31, 180, 75.2, -310],
     },
 }
-"""Circles found by a search over postures. Axis 6 of each passes 180°, and J4 of the FANUC, its wrist turned over."""
+"""Circles found by a search over postures. Axis 6 of each passes 180°, and so does J4 of the FANUC, with a flipped
+wrist.
+"""
 
 
 @lru_cache
 def rig_of(name: str) -> Rig:
-    """The rig of an arm."""
+    """Return the rig of an arm."""
     if name == "kuka-hanging":
         robot, tests = yaml.safe_load(_KUKA), yaml.safe_load(_TESTS)
     elif name in LIBRARY:
@@ -102,7 +104,7 @@ def rig_of(name: str) -> Rig:
 
 
 def flange_of(rig: Rig) -> Flange:
-    """The flange of a rig's arm in its base frame, by code of its own."""
+    """Return independent forward kinematics of a rig's flange in the base frame."""
     axes = rig.robot.axes
     arm = Constants(
         a=np.array([axis.a_mm for axis in axes]),
@@ -121,12 +123,12 @@ def flange_of(rig: Rig) -> Flange:
 
 
 def pose_of(pose: RigPose) -> ToolPose:
-    """A pose of a rig file: rotations about the fixed x, y, z axes."""
+    """Convert a pose of a rig file: rotations about the fixed x, y, z axes."""
     return ToolPose(np.array(pose.xyz_mm), Rotation.from_euler("xyz", pose.rpy_deg, degrees=True))
 
 
 def reached(rig: Rig, q: Array) -> tuple[Array, Rotation]:
-    """Places (n, 3) mm and orientations of the tool in the base frame at joint angles q (n, 6) rad."""
+    """Return positions (n, 3) mm and orientations of the tool in the base frame at joint angles q (n, 6) rad."""
     tool, at = pose_of(rig.robot.tool), flange_of(rig)
     matrices, places = zip(*(at(row) for row in q), strict=True)
     turns = Rotation.from_matrix(np.array(matrices))

@@ -1,4 +1,4 @@
-"""Running the files of a program, and the path that it drove."""
+"""Run the files of a program and return the driven path."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from rigs.schema.vocabulary import MakerName
 from tests.worlds.interpreters.arms import flange_of, pose_of
 
 ROUNDING = 1e-6
-"""mm and rad by which a line to where the arm stands already may move it, from the decimals of a program."""
+"""Motion in mm and rad allowed for a line to the current position, due to rounded numbers in the program."""
 
 
 def run(dialect: MakerName, files: dict[str, str], rig: Rig) -> list[Event]:
-    """What the arm of a rig does with a program; its files by name. Raises ProgramError for one that is refused."""
+    """Run a program, given as files by name, on the arm of a rig. Raises ProgramError if it is refused."""
     machine = Machine(flange_of(rig), pose_of(rig.robot.tool) if dialect == "yaskawa" else None)
     interpret(dialect, files, machine)
     return machine.events
 
 
 def along(pieces: list[LinearMove | Round], distance_mm: Array) -> tuple[Array, Rotation]:
-    """Places (n, 3) mm and orientations at rising distances (n,) mm from the beginning of the first piece."""
+    """Return positions (n, 3) mm and orientations at increasing distances (n,) mm from the start of the first piece."""
     places, quaternions = np.empty((len(distance_mm), 3)), np.empty((len(distance_mm), 4))
     begin = 0.0
     for number, piece in enumerate(pieces):
@@ -37,12 +37,12 @@ def along(pieces: list[LinearMove | Round], distance_mm: Array) -> tuple[Array, 
 
 
 def paths(events: list[Event]) -> list[LinearMove | Round]:
-    """The lines and arcs that have a length."""
+    """Return the lines and arcs longer than zero."""
     return [event for event in events if isinstance(event, LinearMove | Round) and event.length_mm > ROUNDING]
 
 
 def stops(events: list[Event]) -> tuple[Array, Rotation]:
-    """Places (n, 3) mm and orientations at which moves ended with a stop; those that move nothing left out."""
+    """Return positions (n, 3) mm and orientations of all stops after a motion."""
     poses = [event.pose if isinstance(event, Stood) else event.end for event in events if _ends(event)]  # type: ignore[union-attr]
     return np.array([pose.place for pose in poses]), Rotation.concatenate([pose.turn for pose in poses])
 

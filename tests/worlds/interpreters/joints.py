@@ -1,4 +1,4 @@
-"""The joint angles of an arm while it drives what a program says, by Newton steps of its own: none of the product's."""
+"""Joint angles during the moves of a program, by a Newton iteration independent of rig."""
 
 from __future__ import annotations
 
@@ -12,19 +12,21 @@ from rigs.rig import Rig
 from tests.worlds.interpreters.arms import flange_of, pose_of
 
 _SAMPLES = np.linspace(0, 1, 13)[1:]
-"""Along a move of 90° at most, so that the joints change by less than 10° between two."""
+"""Samples along a move of up to 90°, so that joints change by less than 10° between samples."""
 _STEP_RAD = 1e-6
 _ARM_MM = 500.0
-"""Weighs places against angles."""
+"""Lever arm that makes rotations comparable with translations."""
 
 
 def postures(rig: Rig, events: list[Event], q: Array) -> list[tuple[Array, PostureFlags]]:
-    """Joint angles (6,) rad at the end of each move, with what its position says of them; q (6,) at the first."""
+    """Return the joint angles (6,) rad at the end of each move, with the posture flags of its position; q (6,):
+    start angles.
+    """
     found = []
     flange, tool = flange_of(rig), pose_of(rig.robot.tool)
 
     def missing(q: Array, pose: ToolPose) -> Array:
-        """How far the tool is from a pose (6,): in lengths of an arm, and rad."""
+        """Return the pose error (6,) of the tool: translation in units of the lever arm, and rotation in rad."""
         matrix, place = flange(q)
         turn = Rotation.from_matrix(matrix)
         away = place + turn.apply(tool.place) - pose.place

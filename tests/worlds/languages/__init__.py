@@ -1,2 +1,3 @@
-"""Robot programs drawn by grammars, driven by interpreters written from the makers' manuals, before and after a
-correction. Nothing here reads or imports the reader of the product; it is called as a person calls it."""
+"""Random robot programs generated from grammars, executed before and after a correction by interpreters written from
+the makers' manuals. Nothing here imports the program reader of rig, which is called through its commands.
+"""

@@ -1,6 +1,7 @@
-"""The arm of each dialect: the controller's nominal one, which solves poses, and the real one, which is wrong.
+"""Arms for each dialect: the nominal arm of the controller, which solves poses, and the real arm with errors.
 
-Both are multiplied out here from the rig file's constants (modified Denavit-Hartenberg, mm, rad)."""
+Both are computed here from the constants of the rig file (modified Denavit-Hartenberg, mm, rad).
+"""
 
 from __future__ import annotations
 
@@ -37,11 +38,11 @@ POSTURE_DEG = {
     "fanuc": (20, 10, -20, 20, -60, 30),
     "yaskawa": (20, 10, -10, 20, -60, 30),
 }
-"""The middle of the drawn targets: far from singular, every axis off its zero."""
+"""Middle of the generated targets: far from singularities, with every axis away from its zero."""
 _ZEROS_DEG = (0.0, 0.06, -0.05, 0.07, -0.06, 0.04)
 _EYE = np.eye(4)
 _NEARLY_BACK = 0.9
-"""The cosine of half a turn has no sine that says its axis; steps that large are few."""
+"""Rotation steps near half a turn have no well-defined axis; such large steps are rare."""
 _A3_MM, _GEAR_DEG = 0.4, 0.03
 _FOUND = EffectProvenance(
     date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd={"offset_deg": 1e-3, "delta": 0.01, "amplitude_deg": 5e-4}
@@ -54,7 +55,7 @@ def _found(key: str) -> EffectProvenance:
 
 @dataclass(frozen=True)
 class Cell:
-    """An arm whose rig file names what is wrong with it."""
+    """An arm with a rig file that states its errors."""
 
     rig: Rig
     nominal: Constants
@@ -64,7 +65,7 @@ class Cell:
 
     @cached_property
     def twisted(self) -> list[list[float]]:
-        """For each axis a in mm, the cosine and the sine of alpha, d in mm."""
+        """Return for each axis a in mm, cosine and sine of alpha, and d in mm."""
         arm = self.nominal
         return np.column_stack([arm.a, np.cos(arm.alpha), np.sin(arm.alpha), arm.d]).tolist()
 
@@ -73,7 +74,7 @@ class Cell:
         return bool((q >= self.limits[:, 0]).all() and (q <= self.limits[:, 1]).all())
 
     def flanges(self, q: Array) -> Array:
-        """Frames (n, 4, 4) in the robot's base of the real flange at reported angles q (n, 6) rad."""
+        """Return the real flange frames (n, 4, 4) in the base at reported angles q (n, 6) rad."""
         R, p = flange(self.nominal, self.wrong, q)
         T = np.tile(np.eye(4), (len(q), 1, 1))
         T[:, :3, :3], T[:, :3, 3] = R, p
@@ -111,9 +112,10 @@ def cell(dialect: str) -> Cell:
 
 
 def _walked(here: Cell, q: Array) -> list[tuple[float, ...]]:
-    """Return the frames of the six links at q (6,) rad, the twelve numbers of each by columns: three axes, the place.
+    """Return the frames of the six links at q (6,) rad, each as twelve numbers by columns: three axes, position.
 
-    Plain numbers are five times as quick as products of small arrays, and a trial asks for some thousand a program."""
+    Plain floats are five times as fast as products of small arrays, and a trial needs thousands per program.
+    """
     xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
     frames = []
     theta = (here.nominal.coupling @ q + here.nominal.offset).tolist()
@@ -136,7 +138,9 @@ def _as_frame(columns: tuple[float, ...]) -> Array:
 
 
 def chain(here: Cell, q: Array) -> tuple[Array, Array]:
-    """Return the nominal flange (4, 4) at q (6,) rad and its motions (6, 6) per rad of each reported angle: mm, rad."""
+    """Return the nominal flange (4, 4) at q (6,) rad, and its derivatives (6, 6) per rad of each reported angle in
+    mm and rad.
+    """
     frames = _walked(here, q)
     ex, ey, ez = frames[-1][9:]
     rows = []
@@ -147,7 +151,7 @@ def chain(here: Cell, q: Array) -> tuple[Array, Array]:
 
 
 def links(here: Cell, q: Array) -> list[Array]:
-    """Return the frames (4, 4) of the six links at q (6,) rad, the last of which is the flange."""
+    """Return the frames (4, 4) of the six links at q (6,) rad; the last one is the flange."""
     return [_as_frame(columns) for columns in _walked(here, q)]
 
 
@@ -164,7 +168,7 @@ def turn_of(R: Array) -> Array:
 
 
 def solved(here: Cell, F: Array, q: Array) -> Array | None:
-    """Return joint angles (6,) rad near q for a flange F (4, 4), or None where Newton's steps do not end."""
+    """Return joint angles (6,) rad near q for a flange F (4, 4), or None if Newton's method does not converge."""
     q, place, R = q.copy(), F[:3, 3], F[:3, :3]
     for _ in range(30):
         T, motions = chain(here, q)
@@ -180,8 +184,11 @@ def solved(here: Cell, F: Array, q: Array) -> Array | None:
 
 @lru_cache
 def branches(dialect: str) -> Array:
-    """Return the ways (n, 6) rad in which the nominal arm can stand with its flange where the middle has it, the middle
-    first. The closed form of the product begins, the steps here end."""
+    """Return all postures (n, 6) rad of the nominal arm with the flange in the middle of the work, the middle posture
+    first.
+
+    The closed form of rig gives the start values; the solutions are refined here.
+    """
     here = cell(dialect)
     arm, (F, _) = arm_of(here.rig.robot), chain(here, here.centre)
     given = inverse(arm, (arm.T_world_base @ F @ arm.T_flange_tool)[None])
@@ -191,7 +198,7 @@ def branches(dialect: str) -> Array:
 
 
 def placed(place: Array, R: Array) -> Array:
-    """Return the frame (4, 4) of a place (3,) mm and a turn (3, 3)."""
+    """Return the frame (4, 4) with a position (3,) mm and a rotation (3, 3)."""
     T = _EYE.copy()
     T[:3, :3], T[:3, 3] = R, place
     return T

@@ -1,5 +1,6 @@
-"""Drawn modules of RAPID: as RobotStudio and people write them, and with everything by which a tool, a work object, a
-displacement or a posture becomes another."""
+"""Random RAPID modules in the style of RobotStudio and of hand-written code, including everything that changes a
+tool, work object, displacement or posture.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ _EXTERNAL = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 
 @dataclass
 class _Scope:
-    """What the writer believes where a line stands."""
+    """Assumptions of the program author at a line."""
 
     displaced: Array
     depth: int = 0
@@ -35,7 +36,7 @@ def pose(T: Array, digits: int = 3) -> str:
 
 
 class Writer:
-    """Writes one program."""
+    """Generator of a program."""
 
     def __init__(self, pen: Pen) -> None:
         self.pen = pen
@@ -84,7 +85,7 @@ class Writer:
         for _ in range(0 if pen.plain else pen.whole(0, 3)):
             self._routine(scope)
         body = self._joint(pen.near())
-        if pen.plain and pen.maybe(0.15):  # as post-processors begin
+        if pen.plain and pen.maybe(0.15):  # typical start of a post-processor's output
             body = ["ConfL \\Off;", "ConfJ \\Off;", *body]
         elif pen.maybe(0.4):
             body = [f"{pen.pick(['ConfJ', 'ConfL'])}\\On;", *body]
@@ -155,7 +156,7 @@ class Writer:
         return drawn(self.pen, plain if self.pen.plain else plain + wild)
 
     def _ends(self) -> tuple[str, str, str]:
-        """A tool, a work object and the rest of a move."""
+        """Return a tool, a work object, and the remaining arguments of a move."""
         pen = self.pen
         tool, wobj = pen.pick(list(self.tools)), pen.pick(list(self.wobjs))
         if pen.plain:
@@ -165,7 +166,7 @@ class Writer:
         return tool, wobj, rest
 
     def target(self, tool: str, wobj: str, scope: _Scope) -> str:
-        """Return a robtarget near the middle of the work."""
+        """Return a robtarget near the middle of the work area."""
         pen = self.pen
         q = pen.near()
         X = np.linalg.inv(self.wobjs[wobj] @ scope.displaced) @ pen.flange(q) @ self.tools[tool]
@@ -176,7 +177,7 @@ class Writer:
         return pose(X, 4)[:-1] + f",{conf},{external}]"
 
     def _point(self, tool: str, wobj: str, scope: _Scope, *, named: bool = False) -> str:
-        """A declared point, or the numbers themselves."""
+        """Return the name of a declared point, or its numbers."""
         text = self.target(tool, wobj, scope)
         if self.pen.maybe(0.25) and not named:
             return text
@@ -209,7 +210,7 @@ class Writer:
         return [f"MoveC {self._point(tool, wobj, scope)},{self._point(tool, wobj, scope)}{rest}"]
 
     def approach(self, scope: _Scope) -> list[str]:
-        """Return the most usual way to a point: from above, or along the tool, and back."""
+        """Return an approach to a point from above or along the tool, with retraction."""
         pen = self.pen
         tool, wobj, rest = self._ends()
         name = self._point(tool, wobj, scope, named=True)
@@ -219,7 +220,7 @@ class Writer:
         return [f"{first} {how}{rest}", f"MoveL {name}{rest}", *([f"MoveL {how}{rest}"] if pen.maybe(0.5) else [])]
 
     def track(self, scope: _Scope) -> list[str]:
-        """Return a move of the track that carries the arm alone, or with it."""
+        """Return a move of the track, alone or together with the arm."""
         pen = self.pen
         alone = f"MoveExtJ [{_EXTERNAL},[150,9E9,9E9,9E9,9E9,9E9]],vrot10,fine;"
         together = f"MoveAbsJ [{_text(np.degrees(pen.near()), 4)},[150,9E9,9E9,9E9,9E9,9E9]],v200,fine,tGrip;"
@@ -357,5 +358,5 @@ class Writer:
 
 
 def draw(seed: int, *, plain: bool) -> Draft:
-    """Return a drawn program."""
+    """Return a random program."""
     return Writer(Pen("abb", seed, plain=plain)).draft()

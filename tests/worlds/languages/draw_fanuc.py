@@ -1,5 +1,4 @@
-"""Drawn TP programs: as the pendant prints them, and with everything by which a tool, a frame or a point becomes
-another."""
+"""Random TP programs in the format of the pendant, including everything that changes a tool, frame or point."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ from tests.worlds.languages.fanuc import config_letters
 
 @dataclass
 class _Scope:
-    """Which frame and tool the writer believes selected."""
+    """Frame and tool that the author assumes to be selected."""
 
     uf: int = 1
     ut: int = 1
@@ -23,7 +22,7 @@ class _Scope:
 
 
 class _Text:
-    """One program: its lines and positions."""
+    """Lines and positions of a program."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -34,7 +33,7 @@ class _Text:
 
 
 class Writer:
-    """Writes one program, and those that it calls."""
+    """Generator of a program and the programs it calls."""
 
     def __init__(self, pen: Pen) -> None:
         self.pen = pen
@@ -71,7 +70,7 @@ class Writer:
         rows, number = [], 0
         for line in text.lines:
             first, *rest = line.split("\n")
-            if first.startswith("\t"):  # a further row of SELECT
+            if first.startswith("\t"):  # an additional row of SELECT
                 number += 1
                 rows.append(f"{number:4d}:  {first[1:]} ;")
                 continue
@@ -224,7 +223,7 @@ class Writer:
         return [*literal, *before, f"L P[{k}] 100mm/sec FINE {how}    ", *again]
 
     def approach(self, text: _Text, scope: _Scope) -> list[str]:
-        """Return the way to a position from above, by a register whose numbers the program sets."""
+        """Return an approach from above, using a position register set by the program."""
         pen = self.pen
         k = self.position(text, scope, pen.near())
         zeros = [f"  PR[12,{axis}]=0" for axis in (1, 2, 4, 5, 6)]
@@ -233,7 +232,7 @@ class Writer:
         return [*zeros, how[0], f"L P[{k}] 200mm/sec FINE {how[1]}    ", f"L P[{k}] 100mm/sec FINE    "]
 
     def setting(self, what: str) -> list[str]:
-        """Return what changes a tool or a frame in the controller."""
+        """Return lines that change a tool or a frame in the controller."""
         pen = self.pen
         name, numbers = ("UTOOL", [1, 2]) if what == "tool" else ("UFRAME", [1, 3])
         k = pen.pick(numbers)
@@ -282,5 +281,5 @@ class Writer:
 
 
 def draw(seed: int, *, plain: bool) -> Draft:
-    """Return a drawn program."""
+    """Return a random program."""
     return Writer(Pen("fanuc", seed, plain=plain)).draft()

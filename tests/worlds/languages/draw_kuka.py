@@ -1,5 +1,6 @@
-"""Drawn modules of KRL: inline forms, expert code and what post-processors write, and with everything by which a tool,
-a base or a point becomes another."""
+"""Random KRL modules with inline forms, expert code and post-processor output, including everything that changes a
+tool, base or point.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from tests.worlds.languages.krl import status_turn
 
 @dataclass
 class _Scope:
-    """What the writer believes where a line stands."""
+    """Assumptions of the program author at a line."""
 
     tool: Array
     base: Array
@@ -30,7 +31,7 @@ def aggregate(T: Array, digits: int = 3) -> str:
 
 
 class Writer:
-    """Writes one module."""
+    """Generator of a module."""
 
     def __init__(self, pen: Pen) -> None:
         self.pen = pen
@@ -98,7 +99,7 @@ class Writer:
             self._put(name, lines, what)
 
     def begin(self, scope: _Scope) -> list[str]:
-        """Return what sets tool and base before the first move."""
+        """Return instructions that set tool and base before the first move."""
         pen = self.pen
         literal = [f"$TOOL={{{aggregate(scope.tool)}}}", f"$BASE={{{aggregate(scope.base)}}}"]
         ways = [literal, ["$TOOL=TOOL_DATA[1]", "$BASE=BASE_DATA[1]"], ["BAS(#TOOL,1)", "BAS(#BASE,1)"],
@@ -129,12 +130,12 @@ class Writer:
         return drawn(self.pen, plain if self.pen.plain else plain + wild)
 
     def target(self, scope: _Scope, q: Array | None = None) -> str:
-        """Return the components of a position near the middle of the work."""
+        """Return the components of a position near the middle of the work area."""
         pen = self.pen
         q = pen.near() if q is None else q
         X = np.linalg.inv(scope.base) @ pen.flange(q) @ scope.tool
         s, t = status_turn(q)
-        # The pendant writes decimals; a person writes the bits.
+        # The pendant writes decimals; hand-written code has bits.
         flags = f",S {s},T {t}" if pen.plain or pen.maybe(0.8) else f",S 'B{s:03b}',T 'B{t:06b}'"
         extra = self.extra
         if not pen.plain and pen.maybe(0.06):
@@ -156,7 +157,7 @@ class Writer:
         return [f"{kind} {{{typed}{text}}}{end}"]
 
     def point(self, text: str, scope: _Scope) -> str:
-        """Return the name of a position in the data list."""
+        """Add a position to the data list and return its name."""
         self.count += 1
         name = f"XP{self.count}"
         self.data.append(f"{self.pen.pick(['DECL E6POS', 'DECL GLOBAL E6POS', 'E6POS'])} {name}={{{text}}}")
@@ -249,7 +250,7 @@ class Writer:
         return [*head.split("\n"), *body, *end.split("\n")]
 
     def setting(self, what: str, scope: _Scope) -> list[str]:
-        """Return what changes the tool or the base, whole or in part."""
+        """Return instructions that change the tool or the base, completely or partially."""
         pen = self.pen
         name, data = ("$TOOL", "TOOL_DATA") if what == "tool" else ("$BASE", "BASE_DATA")
         k = pen.pick([1, 2])
@@ -270,7 +271,7 @@ class Writer:
         return ["IF $IN[7] THEN", *("  " + one for one in lines), "ENDIF"] if pen.maybe(0.3) else lines
 
     def returned(self, scope: _Scope) -> list[str]:
-        """Return calls that give something back through what they are given."""
+        """Return calls with output parameters."""
         pen = self.pen
         k = pen.pick([1, 2])
         name, data = pen.pick([("$TOOL", "TOOL_DATA"), ("$BASE", "BASE_DATA"), ("$BASE", "BASE_DATA")])
@@ -287,7 +288,7 @@ class Writer:
         return [*lines, *self.move(scope)]
 
     def track(self, scope: _Scope) -> list[str]:
-        """Return a move of the track that carries the arm, and poses that name it or not."""
+        """Return a move of the track that carries the arm, and poses with or without its position."""
         pen = self.pen
         there = pen.pick(
             [
@@ -351,5 +352,5 @@ class Writer:
 
 
 def draw(seed: int, *, plain: bool) -> Draft:
-    """Return a drawn module."""
+    """Return a random module."""
     return Writer(Pen("kuka", seed, plain=plain)).draft()

@@ -1,5 +1,6 @@
-"""Drawn programs of URScript: as PolyScope and people write them, and with everything by which a tool, a posture or a
-point becomes another."""
+"""Random URScript programs in the style of PolyScope and of hand-written code, including everything that changes a
+tool, posture or point.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from tests.worlds.languages.drawing import WORDS, Draft, Pen, drawn
 
 @dataclass
 class _Scope:
-    """What the writer believes where a line stands."""
+    """Assumptions of the program author at a line."""
 
     tool: Array
     points: list[str] = field(default_factory=list)
@@ -31,7 +32,7 @@ def pose(T: Array) -> str:
 
 
 class Writer:
-    """Writes one program."""
+    """Generator of a program."""
 
     def __init__(self, pen: Pen) -> None:
         self.pen = pen
@@ -173,7 +174,7 @@ class Writer:
         return [f"movec({self._target(scope)}, {self._target(scope)}, a=1.2, v=0.25, mode=0)"]
 
     def waypoint(self, scope: _Scope) -> list[str]:
-        """Return moves to a waypoint with the joint angles that were taught with it, after a move to any posture."""
+        """Return moves to a waypoint with its taught joint angles, after a move to a random posture."""
         pen = self.pen
         self.count += 1
         name, q = f"Waypoint_{self.count}", pen.near()
@@ -184,7 +185,7 @@ class Writer:
         return [*lines, pen.pick([f"movel({name}_p, a=1.2, v=0.25)"] * 2 + [f"movej({name}_p, a=1.4, v=1.05)"])]
 
     def turning_arc(self, scope: _Scope) -> list[str]:
-        """Return an arc of mode 1: its orientations as the mode makes them, or any."""
+        """Return an arc of mode 1, with orientations as required by the mode or random."""
         pen = self.pen
         q = pen.near()
         begin = pen.flange(q) @ scope.tool
@@ -203,7 +204,7 @@ class Writer:
         return [*before, f"movec({ends[0]}, {ends[1]}, a=1.2, v=0.25, {mode})", *after]
 
     def to_joints(self) -> list[str]:
-        """Return a straight line to joint angles, of which it uses the pose alone."""
+        """Return a straight line to joint angles, which uses only their pose."""
         pen = self.pen
         before = [f"movej([{_numbers(pen.astray())}], a=1.4, v=1.05)"] if pen.maybe(0.4) else []
         return [*before, f"movel([{_numbers(pen.near())}], a=1.2, v=0.25)"]
@@ -349,5 +350,5 @@ class Writer:
 
 
 def draw(seed: int, *, plain: bool) -> Draft:
-    """Return a drawn program."""
+    """Return a random program."""
     return Writer(Pen("ur", seed, plain=plain)).draft()

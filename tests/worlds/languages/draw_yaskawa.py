@@ -1,5 +1,6 @@
-"""Drawn INFORM jobs: in pulses and in numbers of frames, one or two in a file, and with everything by which a frame, a
-shift or a position becomes another."""
+"""Random INFORM jobs with pulses or coordinates, one or two per file, including everything that changes a frame,
+shift or position.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +16,13 @@ from tests.worlds.languages.inform import SCALE, rconf
 
 @dataclass
 class _Scope:
-    """How deep a line stands."""
+    """Nesting depth of a line."""
 
     depth: int = 0
 
 
 class _Job:
-    """One job: its headings, positions and lines."""
+    """Headings, positions and lines of a job."""
 
     def __init__(self, name: str, kind: str, tool: int, user: int) -> None:
         self.name, self.kind, self.tool, self.user = name, kind, tool, user
@@ -34,7 +35,7 @@ class _Job:
 
 
 class Writer:
-    """Writes a job, and those that it calls."""
+    """Generator of a job and the jobs it calls."""
 
     def __init__(self, pen: Pen) -> None:
         self.pen = pen
@@ -206,7 +207,7 @@ class Writer:
         return [*on, *self.move(job, pen.near()), *off, *self.move(job, pen.near())]
 
     def setting(self) -> list[str]:
-        """Return what changes a tool or a user frame in the controller."""
+        """Return lines that change a tool or a user frame in the controller."""
         pen = self.pen
         line = pen.pick(
             [
@@ -247,5 +248,5 @@ class Writer:
 
 
 def draw(seed: int, *, plain: bool) -> Draft:
-    """Return a drawn job."""
+    """Return a random job."""
     return Writer(Pen("yaskawa", seed, plain=plain)).draft()

@@ -1,4 +1,4 @@
-"""What the grammars of the five dialects share: a draft of files, drawn targets and names, line ends and encodings."""
+"""Common part of the five grammars: draft files, random targets and names, line ends and encodings."""
 
 from __future__ import annotations
 
@@ -26,7 +26,9 @@ WORDS = ("movel(p[0.1, 0.2, 0.3, 0, 0, 0])", "MoveL p10,v100,fine,tool0;", "LIN 
 
 @dataclass(frozen=True)
 class Draft:
-    """A drawn program: its files, which is begun, which are corrected, and what the person states of the controller."""
+    """A random program: its files, the main file, the files to correct, and the statements of the user about the
+    controller.
+    """
 
     dialect: str
     files: dict[str, bytes]
@@ -38,7 +40,7 @@ class Draft:
 
 
 class Pen:
-    """Draws the numbers, names and texts of one program."""
+    """Generator of random numbers, names and texts of a program."""
 
     def __init__(self, dialect: str, seed: int, *, plain: bool) -> None:
         self.dialect, self.plain = dialect, plain
@@ -47,7 +49,7 @@ class Pen:
         self._names: set[str] = set()
 
     def maybe(self, share: float) -> bool:
-        """Return True in this share of cases."""
+        """Return True with this probability."""
         return bool(self.rng.random() < share)
 
     def pick(self, items: Sequence[_Any]) -> _Any:
@@ -55,15 +57,15 @@ class Pen:
         return items[int(self.rng.integers(len(items)))]
 
     def whole(self, low: int, high: int) -> int:
-        """Return a whole number from low to high, both included."""
+        """Return an integer from low to high, inclusive."""
         return int(self.rng.integers(low, high + 1))
 
     def near(self) -> Array:
-        """Return joint angles (6,) rad in the middle of the work."""
+        """Return joint angles (6,) rad in the middle of the work area."""
         return self.here.centre + np.radians(self.rng.uniform(-1, 1, 6) * _HALF_DEG)
 
     def astray(self) -> Array:
-        """Return joint angles (6,) rad in another posture."""
+        """Return joint angles (6,) rad in a different posture."""
         ways = branches(self.dialect)
         q = ways[self.whole(1, len(ways) - 1)] + np.radians(self.rng.uniform(-5, 5, 6))
         return np.clip(q, self.here.limits[:, 0] + 0.02, self.here.limits[:, 1] - 0.02)
@@ -89,7 +91,7 @@ class Pen:
         return self.rng.uniform(-40, 40, 3).round(1)
 
     def name(self, join: str = "_", *, upper: bool = False, title: bool = False) -> str:
-        """Return a new name of a routine that begins like a built-in."""
+        """Return a new routine name that resembles a built-in name."""
         while True:
             words = [self.pick(PREFIXES), self.pick(NOUNS)]
             text = join.join(words)
@@ -105,7 +107,7 @@ class Pen:
         self._names.update(name.lower() for name in names)
 
     def coded(self, text: str, *, crlf: bool = False) -> bytes:
-        """Return bytes: with the line ends of the plain dialect, or any."""
+        """Encode text: with the line ends of a plain program, or with random line ends."""
         end = "\r\n" if crlf else "\n"
         if not self.plain:
             end = self.pick([end, end, end, "\r\n", "\n", "\r"])
@@ -115,12 +117,12 @@ class Pen:
 
 
 def drawn(pen: Pen, kinds: Sequence[tuple[float, Callable[[], list[str]]]]) -> list[str]:
-    """Return the lines of one of several kinds, by weight."""
+    """Return the lines of a randomly chosen kind, by weight."""
     weights = np.array([weight for weight, _ in kinds])
     return kinds[int(pen.rng.choice(len(kinds), p=weights / weights.sum()))][1]()
 
 
 def stated(T: Array) -> str:
-    """Return a frame (4, 4) as `--tool` and `--frame` take it."""
+    """Format a frame (4, 4) for `--tool` and `--frame`."""
     angles = Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)
     return ",".join(f"{value:.6f}" for value in (*T[:3, 3], *angles))

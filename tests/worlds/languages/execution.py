@@ -1,8 +1,8 @@
-"""What the five interpreters share: ways through a program, what a program cannot know, and where the arm came.
+"""Common part of the five interpreters: execution paths, values unknown to a program, and positions of the arm.
 
-A program is a flat list of steps. A fork is a condition that nobody can compute from the text: each way is driven, a
-loop at most twice. What comes from outside (registers, sensors, a tool that a person teaches, a routine without text)
-has a value in each world, the same before and after the correction.
+A program is a flat list of steps. A fork is a condition that cannot be evaluated from the text. Each alternative is
+executed, and a loop at most twice. External values (registers, sensors, tools taught by the user, routines without
+text) are constant in each world, before and after the correction.
 """
 
 from __future__ import annotations
@@ -19,20 +19,22 @@ from scipy.spatial.transform import Rotation
 from tests.worlds.languages.arms import Array, Cell, branches, chain, frame, placed, solved, turn_of
 
 Place = tuple[str, int]
-"""A file and a line."""
+"""File and line."""
 _STEPS, _DEPTH, _AGAIN, _MOST_KEPT = 600, 8, 2, 20_000
 
 _NEAR_RAD, _PARTS = 0.9, 40
-"""Joint angles that differ by less belong to one posture; parts of a line on which a posture is followed."""
+"""Joint angles closer than this belong to one posture; number of steps along a line in which a posture is followed."""
 
 
 class Ended(Exception):
-    """The controller stops: the program ended, or it is refused from here on."""
+    """The controller stops: the program has ended or is refused from here on."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step: `act` does something; then to the next, or to one of `to`, and `loop` at a fork back into a loop."""
+    """A step. `act` executes it. Execution continues with the next step or one of `to`; `loop`: a fork back into a
+    loop.
+    """
 
     place: Place
     act: Callable[[Any], Any] | None = None
@@ -42,7 +44,7 @@ class Step:
 
 @dataclass
 class Ways:
-    """The choices of one way, first those given, then the first of each fork."""
+    """Choices of an execution path: first the given ones, then the first alternative of each fork."""
 
     given: Sequence[int] = ()
     rng: np.random.Generator | None = None
@@ -50,7 +52,7 @@ class Ways:
     counts: list[int] = field(default_factory=list)
 
     def choose(self, count: int) -> int:
-        """Return one of so many."""
+        """Return the choice among `count` alternatives."""
         k = len(self.taken)
         if k < len(self.given):
             one = min(self.given[k], count - 1)
@@ -62,8 +64,9 @@ class Ways:
 
 
 def every_way(most: int, seed: int) -> Iterator[Ways]:
-    """Yield ways until all were taken: the caller drives each before the next. After half of `most` in order, the
-    others are drawn."""
+    """Yield all execution paths, up to `most`; the caller executes each before requesting the next. After half of
+    `most` in order, the others are random.
+    """
     given: list[int] = []
     for _ in range(most // 2):
         ways = Ways(given)
@@ -98,7 +101,7 @@ def _shift(seed: int, name: str) -> Array:
 
 
 def copied(value: Any) -> Any:
-    """Return a value of a program whose lists and records are not those of another variable."""
+    """Return a copy of a value whose lists and records are not shared with another variable."""
     if isinstance(value, list | tuple):
         return type(value)(map(copied, value))
     return {key: copied(item) for key, item in value.items()} if isinstance(value, dict) else value
@@ -106,29 +109,31 @@ def copied(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class World:
-    """What programs cannot know: the same value for the same name in one world. `stated` are tools and frames that
-    the person states, by kind and name."""
+    """Values unknown to programs, the same for the same name within a world. `stated`: tools and frames stated by
+    the user, by kind and name.
+    """
 
     seed: int
     stated: Mapping[tuple[str, str], Array] = field(default_factory=dict)
 
     def rng(self, name: str) -> np.random.Generator:
-        """Return random numbers that belong to a name."""
+        """Return a random generator for a name."""
         return _rng(self.seed, name)
 
     def number(self, name: str, low: float = -40.0, high: float = 40.0) -> float:
-        """Return a number."""
+        """Return a random number for a name."""
         return _number(self.seed, name, low, high)
 
     def shift(self, name: str) -> Array:
-        """Return a frame (4, 4) near the identity: some centimetres and degrees."""
+        """Return a random frame (4, 4) near the identity for a name: some centimetres and degrees."""
         return _shift(self.seed, name)
 
 
 @dataclass(frozen=True)
 class Reached:
-    """Where a move ended: the place of the move, those of the numbers that it used, the flange (4, 4) that the text
-    asks for, the point (3,) of the flange that matters, and the joint angles (6,) rad that the controller chose."""
+    """End of a move: its place in the text, the places of the numbers it used, the flange (4, 4) requested by the
+    text, the relevant point (3,) of the flange, and the joint angles (6,) rad chosen by the controller.
+    """
 
     place: Place
     sources: frozenset[Place]
@@ -138,7 +143,7 @@ class Reached:
 
 
 class Robot:
-    """An arm as its controller drives it, and what it reached."""
+    """An arm as driven by its controller, and the poses it has reached."""
 
     _cache: ClassVar[dict[Any, Any]] = {}
 
@@ -146,12 +151,12 @@ class Robot:
         self.dialect, self.here, self.world, self.ways = dialect, here, world, ways
         self.q = here.centre.copy()
         self.rail_mm = 0.0
-        """Where the track stands that carries the arm along y."""
+        """Position of the track that carries the arm along y."""
         self.reached: list[Reached] = []
         self.steps = 0
 
     def joints(self, q: Array, tool: Array, place: Place, sources: frozenset[Place]) -> None:
-        """Drive to joint angles q (6,) rad."""
+        """Move to joint angles q (6,) rad."""
         if not np.isfinite(q).all() or np.abs(q).max() > 7:
             raise Ended
         self.q = np.array(q, dtype=float)
@@ -168,8 +173,10 @@ class Robot:
         *,
         straight: bool = False,
     ) -> None:
-        """Drive the flange to F (4, 4), nearest to where the arm stands, or to the one solution that is `chosen`; on a
-        straight line the arm keeps its posture."""
+        """Move the flange to F (4, 4), with the solution nearest to the current angles or the one accepted by `chosen`.
+
+        On a straight line the arm keeps its posture.
+        """
         q = self._line(F) if straight and chosen is None else self.solve(F, self.q, chosen)
         if q is None:
             raise Ended
@@ -186,7 +193,7 @@ class Robot:
         return self._once((self.dialect, q.tobytes()), lambda: chain(self.here, q)[0])
 
     def _once(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return what was made for a key: ways repeat their places."""
+        """Return the cached value for a key, because execution paths repeat positions."""
         if key not in self._cache:
             if len(self._cache) > _MOST_KEPT:
                 self._cache.clear()
@@ -214,11 +221,11 @@ class Robot:
         return min(ways, key=lambda way: float(np.abs(way - near).max())) if ways else None
 
     def _line(self, F: Array) -> Array | None:
-        """Return what `_along` returns, once for each line."""
+        """Return the cached result of `_along` for a line."""
         return self._once((self.dialect, F.tobytes(), self.q.tobytes(), "line"), lambda: self._along(F))
 
     def _along(self, F: Array) -> Array | None:
-        """Return joint angles (6,) rad at the end of a line, followed from where the arm stands."""
+        """Return joint angles (6,) rad at the end of a line, followed from the current angles."""
         near = self.solve(F, self.q)
         if near is not None and np.abs(near - self.q).max() < _NEAR_RAD:
             return near
@@ -235,22 +242,22 @@ class Robot:
         return q
 
     def begin_on_rail(self, mm: float) -> None:
-        """Stand where the program before left the track, in every second world."""
+        """Start at the track position left by the previous program, in every second world."""
         self.rail_mm = mm if self.world.seed % 2 else 0.0
 
     def go_astray(self, name: str) -> None:
-        """Stand where something outside brings the arm: in another posture."""
+        """Move to a different posture, as caused by something outside the program."""
         others = branches(self.dialect)
         self.q = others[int(self.world.rng(name).integers(len(others)))].copy()
 
     def pose_now(self, tool: Array) -> Array:
-        """Return where the tool is (4, 4) in the base, as the controller computes it."""
+        """Return the tool pose (4, 4) in the base as computed by the controller."""
         return self.flange(self.q) @ tool
 
 
 @dataclass(frozen=True)
 class Do:
-    """One instruction; `ends` leaves the routine with its value."""
+    """An instruction; `ends` returns from the routine with its value."""
 
     place: Place
     act: Callable[[Any], Any]
@@ -259,7 +266,7 @@ class Do:
 
 @dataclass(frozen=True)
 class Branch:
-    """One of several bodies; without `otherwise` perhaps none. `act` evaluates the conditions."""
+    """Alternative bodies; without `otherwise` possibly none is executed. `act` evaluates the conditions."""
 
     place: Place
     bodies: Sequence[Sequence[Any]]
@@ -269,7 +276,7 @@ class Branch:
 
 @dataclass(frozen=True)
 class Loop:
-    """A body no, one or two times, or at least one time; `act` evaluates the condition."""
+    """A body executed zero, one or two times, or at least once; `act` evaluates the condition."""
 
     place: Place
     body: Sequence[Any]
@@ -279,7 +286,7 @@ class Loop:
 
 @dataclass(frozen=True)
 class Leave:
-    """Leave the loop around, or begin it again."""
+    """Leave or continue the enclosing loop."""
 
     place: Place
     again: bool = False
@@ -287,14 +294,14 @@ class Leave:
 
 @dataclass(frozen=True)
 class Label:
-    """A place to jump to."""
+    """Target of a jump."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class Goto:
-    """A jump to labels, or perhaps none of them; to a label that does not exist the controller stops."""
+    """A jump to one of several labels, or possibly none. The controller stops at a jump to a missing label."""
 
     place: Place
     names: tuple[str, ...]
@@ -366,8 +373,10 @@ def steps_of(nodes: Sequence[Any]) -> list[Step]:
 
 
 def run_steps(machine: Any, steps: Sequence[Step], depth: int = 0) -> Any:
-    """Drive a routine, and return what the act that ends it returns. A step is passed a few times at most, and a fork
-    then takes its last way, which leaves a loop."""
+    """Execute a routine and return the value of the final act.
+
+    A step is executed only a few times. A fork then takes its last alternative, which leaves a loop.
+    """
     if depth > _DEPTH:
         raise Ended
     robot, visits = machine.robot, [0] * len(steps)

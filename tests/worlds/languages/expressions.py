@@ -10,7 +10,7 @@ Tree = tuple[Any, ...]
 
 
 class NotUnderstood(Exception):
-    """The text is no expression of the dialect."""
+    """The text is not an expression of the dialect."""
 
 
 @dataclass
@@ -37,13 +37,15 @@ class Tokens:
 
 @dataclass(frozen=True)
 class Syntax:
-    """How a dialect writes expressions: the pattern of a token, binary operators by strength, and its aggregates."""
+    """Expression syntax of a dialect: token pattern, binary operators by precedence, and aggregates."""
 
     token: re.Pattern[str]
     operators: tuple[tuple[str, ...], ...]
     unary: tuple[str, ...]
     brackets: str
-    """ "ur": [ ] lists and indices, p[ ] poses; "krl": { } aggregates, [ ] indices; "rapid": the other way round."""
+    """"ur": [ ] lists and indices, p[ ] poses; "krl": { } aggregates, [ ] indices; "rapid": { } indices, [ ]
+    aggregates.
+    """
     fold: bool = False
 
     def tokens(self, text: str) -> Tokens:
@@ -70,7 +72,7 @@ class Syntax:
         return left
 
     def term(self, tokens: Tokens) -> Tree:
-        """Return the tree of one operand with its signs, components and indices."""
+        """Return the tree of an operand with signs, components and indices."""
         if tokens.peek() in self.unary:
             return ("unary", tokens.take(), self.term(tokens))
         tree = self._atom(tokens)
@@ -137,7 +139,7 @@ class Syntax:
         return ("aggregate", kind, pairs)
 
     def items(self, tokens: Tokens, end: str) -> list[tuple[str, Tree]]:
-        """Return the arguments or elements up to an end, each with its keyword or nothing."""
+        """Return the arguments or elements up to an end token, each with its keyword or an empty string."""
         items: list[tuple[str, Tree]] = []
         while tokens.peek() != end:
             if tokens.peek() == ",":

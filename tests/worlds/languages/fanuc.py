@@ -1,6 +1,9 @@
-"""FANUC's TP programs as ASCII, as the HandlingTool manual has them: positions carry their user frame and tool, and the
-controller refuses those of others than the selected ones; Offset turns and shifts in the user frame, Tool_Offset in the
-tool; CONFIG chooses the posture; W, P, R turn about fixed x, y, z."""
+"""Interpreter of FANUC TP programs in ASCII, written from the HandlingTool manual.
+
+Positions contain their user frame and tool, and the controller refuses positions of frames that are not selected.
+Offset rotates and shifts in the user frame, Tool_Offset in the tool. CONFIG selects the posture. W, P, R are rotations
+about the fixed x, y, z axes.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +43,7 @@ _STILL = re.compile(
 
 @dataclass(frozen=True)
 class Position:
-    """A taught position: user frame and tool (None for the selected), numbers, CONFIG and where they stand."""
+    """A taught position: user frame and tool (None for the selected ones), numbers, CONFIG, and its lines."""
 
     uf: int | None
     ut: int | None
@@ -48,7 +51,7 @@ class Position:
     X: Array | None
     config: str
     rail: float | None
-    """Where extended axes and other groups stand; None for a position that names none: they stay."""
+    """Position of extended axes and other groups; None if not given, so they do not move."""
     src: frozenset[Place]
 
 
@@ -181,7 +184,7 @@ def _positions(name: str, rows: list[str], begin: int) -> dict[int, Position]:
 
 
 class Machine:
-    """A controller that drives a program on one way."""
+    """A controller that executes a program along one execution path."""
 
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
         self.program, self.world = program, world
@@ -189,7 +192,7 @@ class Machine:
         if any(position.rail for routine in program.routines.values() for position in routine.positions.values()):
             self.robot.begin_on_rail(world.number("rail", 50, 150))
         self.unchecked = bool(world.seed % 2)
-        """Whether the controller's check of frame numbers is off ($FRM_CHKTYP): it drives in the selected ones."""
+        """True if the check of frame numbers is off ($FRM_CHKTYP), so the controller uses the selected frames."""
         self.uf: int | None = None
         self.ut: int | None = None
         self.frames: dict[tuple[str, int], Array] = {}
@@ -203,7 +206,7 @@ class Machine:
         self.running = [program.main]
 
     def run(self) -> None:
-        """Drive the program."""
+        """Execute the program."""
         run_steps(self, self.program.routines[self.program.main].steps)
 
     def _call(self, name: str) -> None:
@@ -228,7 +231,7 @@ class Machine:
         return self.registers[number] if number in self.registers else self.world.shift(f"PR[{number}]")
 
     def instruction(self, text: str, place: Place) -> None:
-        """Do one instruction."""
+        """Execute an instruction."""
         upper = text.upper()
         if re.match(r"[JLCAS] +P(R?)\[", upper):
             self._move(text, place)
@@ -346,7 +349,7 @@ class Machine:
         return relative, offsets[0], offsets[1]
 
     def _unknown(self, name: str) -> None:
-        """A program without text: nothing, or elsewhere and with other frames, offsets and selections."""
+        """Execute a program without text: it does nothing, or changes position, frames, offsets and selections."""
         if not self.robot.ways.choose(2):
             return
         self.robot.go_astray(name)
@@ -358,7 +361,7 @@ class Machine:
 
 @dataclass(frozen=True)
 class Config:
-    """CONFIG: whether joint angles (6,) rad stand in it; its turns count J4, J5, J6."""
+    """Test of joint angles (6,) rad against CONFIG; its turn numbers belong to J4, J5, J6."""
 
     text: str
 
@@ -371,7 +374,7 @@ class Config:
 
 
 def config_letters(q: Array) -> str:
-    """Return N or F of the wrist, U or D of the elbow, T or B of the side to which the arm faces."""
+    """Return N or F for the wrist, U or D for the elbow, and T or B for the side the arm faces."""
     first, shoulder, elbow, _, wrist, *_ = links(cell("fanuc"), q)
     reach, bend = wrist[:3, 3] - shoulder[:3, 3], elbow[:3, 3] - shoulder[:3, 3]
     above = bend - (bend @ reach) / (reach @ reach) * reach

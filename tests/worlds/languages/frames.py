@@ -1,7 +1,8 @@
-"""Frames as the five languages write them, from plain numbers: a trial asks for some thousand a program.
+"""Frames in the notation of the five languages, computed with plain floats for speed.
 
-A program is driven on twenty ways before and after, with the same numbers in its text: a frame is made of them once. It
-can only be read, since many hold it."""
+A program is executed along twenty paths before and after a correction, with the same numbers in its text. Frames are
+therefore cached, and read-only because they are shared.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from tests.worlds.languages.arms import Array, placed, turn_of
 
 _MOST = 20_000
 _UPRIGHT = 1e-7
-"""The cosine of a pitch of which the other two angles are not certain."""
+"""Cosine of the pitch below which the other two angles are ambiguous."""
 
 
 def _made(rows: list[list[float]], place: tuple[float, ...]) -> Array:
@@ -26,7 +27,7 @@ def _made(rows: list[list[float]], place: tuple[float, ...]) -> Array:
 
 @lru_cache(maxsize=_MOST)
 def of_angles(x: float, y: float, z: float, roll: float, pitch: float, yaw: float) -> Array:
-    """Return a frame (4, 4) of mm and degrees: about the fixed axes x, y, z, or about z, the new y, the new x."""
+    """Return a frame (4, 4) from mm and degrees, by rotations about fixed x, y, z (or about z, new y, new x)."""
     (cr, sr), (cp, sp), (cy, sy) = (
         (math.cos(angle), math.sin(angle)) for angle in (math.radians(deg) for deg in (roll, pitch, yaw))
     )
@@ -49,7 +50,7 @@ def angles_of(T: Array) -> tuple[float, ...]:
 
 @lru_cache(maxsize=_MOST)
 def of_quaternion(x: float, y: float, z: float, q1: float, q2: float, q3: float, q4: float) -> Array:
-    """Return a frame (4, 4) of mm and a quaternion, the scalar first. Raises ValueError for one of no length."""
+    """Return a frame (4, 4) from mm and a quaternion, scalar first. Raises ValueError for a zero quaternion."""
     return _made(Rotation.from_quat([q1, q2, q3, q4], scalar_first=True).as_matrix().tolist(), (x, y, z))
 
 
@@ -82,7 +83,7 @@ def inverted(T: Array) -> Array:
 
 
 def shifted(F: Array, y: float) -> Array:
-    """Return a frame (4, 4) moved along y by mm, as by a rail; the same one by none."""
+    """Return a frame (4, 4) moved along y by mm, as by a rail; for 0 the same object."""
     if not y:
         return F
     moved = np.array(F)

@@ -1,5 +1,8 @@
-"""INFORM jobs (.JBI), as Yaskawa's manuals have them: positions C, P, BC, EC under the headings of tool, user frame,
-kind and RCONF that stand above them; a shift (SFTON) moves each target after it; Rx, Ry, Rz turn about fixed axes."""
+"""Interpreter of INFORM jobs (.JBI), written from Yaskawa's manuals.
+
+Positions C, P, BC, EC use the preceding headings for tool, user frame, kind and RCONF. A shift (SFTON) moves each
+target after it. Rx, Ry, Rz are rotations about fixed axes.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,7 @@ _STILL = re.compile(
 
 @dataclass(frozen=True)
 class Position:
-    """A position: the tool, kind and user frame of its headings, its numbers, its RCONF, and where it stands."""
+    """A position: tool, kind and user frame of its headings, numbers, RCONF, and its line."""
 
     tool: int
     kind: str
@@ -152,7 +155,7 @@ def _positions(rows: list[_Line]) -> dict[str, Position]:
 
 
 class Machine:
-    """A controller that drives a job on one way."""
+    """A controller that executes a job along one execution path."""
 
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
         self.program, self.world = program, world
@@ -166,12 +169,12 @@ class Machine:
         self.tracking = False
 
     def run(self) -> None:
-        """Drive the job."""
+        """Execute the job."""
         self._enter(self.program.main)
         run_steps(self, self.program.jobs[self.program.main].steps)
 
     def _enter(self, name: str) -> None:
-        """The position variables of a job's file are loaded with it."""
+        """Load the position variables of the job's file."""
         for key, position in self.program.jobs[name].positions.items():
             if key.startswith("P"):
                 self.variables.setdefault(key, position)
@@ -194,7 +197,7 @@ class Machine:
         return self.world.shift(f"{kind}{number}") if stated is None else stated
 
     def instruction(self, text: str, place: Place) -> None:
-        """Do one instruction."""
+        """Execute an instruction."""
         if found := re.match(r"(?:\+|SY|S)?(MOVJ|MOVL|MOVC|MOVS) (.*)", text):
             if self.program.jobs[self.running[-1]].robot == self.program.jobs[self.program.main].robot:
                 self._move(found[1], found[2], text, place)
@@ -297,7 +300,7 @@ class Machine:
         return T @ inverted(tool)
 
     def _unknown(self, name: str) -> None:
-        """A job without text: nothing, or elsewhere and with a shift and other frames."""
+        """Execute a job without text: it does nothing, or changes position, shift and frames."""
         if self.robot.ways.choose(2):
             self.robot.go_astray(name)
             self.shift = ("BF", self.world.shift(name))
@@ -308,7 +311,7 @@ class Machine:
 
 @dataclass(frozen=True)
 class Rconf:
-    """RCONF: whether joint angles (6,) rad stand in it."""
+    """Test of joint angles (6,) rad against RCONF."""
 
     values: tuple[int, ...]
 
@@ -317,7 +320,7 @@ class Rconf:
 
 
 def rconf(q: Array) -> tuple[int, ...]:
-    """Return 0 for a flipped wrist, the upper elbow and the front, and 1 for R, T, S of 180 degrees and more."""
+    """Return 0 for a flipped wrist, the upper elbow and the front, and 1 for R, T, S of at least 180 degrees."""
     first, shoulder, elbow, _, wrist, *_ = links(cell("yaskawa"), q)
     reach, bend = wrist[:3, 3] - shoulder[:3, 3], elbow[:3, 3] - shoulder[:3, 3]
     above = bend - (bend @ reach) / (reach @ reach) * reach

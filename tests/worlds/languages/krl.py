@@ -1,6 +1,9 @@
-"""KRL, as KUKA's programming manuals have it: modules of a .src and a .dat; $TOOL and $BASE are of the whole system;
-A, B, C turn about z, then the new y, then the new x; a PTP goes where Status and Turn say, a LIN keeps the posture;
-with $IPO_MODE = #TCP the tool stands in $BASE and the work hangs at $TOOL; missing components stay as they are."""
+"""Interpreter of KRL modules (.src and .dat), written from KUKA's programming manuals.
+
+$TOOL and $BASE are global. A, B, C are rotations about z, the new y, and the new x. A PTP uses Status and Turn; a LIN
+keeps the posture. With $IPO_MODE = #TCP the tool is stationary in $BASE and the workpiece is at $TOOL. Missing
+components keep their values.
+"""
 
 from __future__ import annotations
 
@@ -94,7 +97,7 @@ _STILL = frozenset(
 
 
 _GIVES_BACK = ("EKI_GETFRAME", "EKI_GETREAL", "STRTOFRAME", "STRTOREAL")
-"""Functions of the system that return a value through their last argument."""
+"""System functions that return a value in their last argument."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +111,7 @@ class _Routine:
     parameters: tuple[str, ...]
     steps: list[Step]
     returned: tuple[bool, ...] = ()
-    """Which of the parameters give their value back."""
+    """True for each output parameter."""
 
 
 def _lines(name: str, text: str) -> list[_Line]:
@@ -128,7 +131,7 @@ class Program:
         self.written: dict[str, set[Place]] = {}
         self.data: list[_Line] = []
         self.made: dict[int, dict[str, Value]] = {}
-        """The data as a world makes them: no statement changes a value, it puts another in its place."""
+        """Data by world. Statements replace values and never modify them."""
         self.main = ""
         every = "\n".join(files.values())
         self.has_rail = bool(re.search(r"(?i)\bE1\s+0*[1-9]|\bE1\s*=", every))
@@ -218,14 +221,15 @@ class Program:
 
 @lru_cache(maxsize=4096)
 def _tree(text: str) -> Tree:
-    """Return the tree of an expression, read once however many ways are driven."""
+    """Return the cached tree of an expression."""
     return KRL.tree(KRL.tokens(text))
 
 
 @lru_cache(maxsize=4096)
 def _assignment(text: str) -> tuple[Tree, Tree | None] | None:
-    """Return the target and the value of an assignment, None for a value that is no expression; None for any other
-    instruction."""
+    """Return target and value of an assignment, with None for a value that is not an expression; None for other
+    instructions.
+    """
     try:
         tokens = KRL.tokens(text)
         target = KRL.term(tokens)
@@ -242,7 +246,7 @@ def _assignment(text: str) -> tuple[Tree, Tree | None] | None:
 
 @lru_cache(maxsize=4096)
 def _move_of(word: str, text: str) -> tuple[list[Tree], dict[str, Tree], bool]:
-    """Return the points of a move, what it sets for itself, and whether it is one in the tool."""
+    """Return the points of a move, its own settings, and whether it is relative to the tool."""
     text, _, settings = re.sub(r"\s+", " ", text).partition(" WITH ")
     found = {name: re.search(re.escape(name) + r"\s*=\s*([^,]+(?:\([^)]*\))?)", settings, re.I) for name in _STATE}
     tokens = KRL.tokens(text)
@@ -266,7 +270,7 @@ def _valued(text: str, line: _Line) -> Any:
 
 
 class Machine:
-    """A controller that drives a module on one way."""
+    """A controller that executes a module along one execution path."""
 
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
         self.program, self.world = program, world
@@ -274,7 +278,7 @@ class Machine:
         self.robot.begin_on_rail(world.number("rail", 50, 150) if program.has_rail else 0.0)
         self.scopes: list[dict[str, Value]] = [{}]
         self.left: dict[str, Value] = {}
-        """The variables of the routine that ended last."""
+        """Variables of the routine that ended last."""
         self.handlers: dict[str, str] = {}
         self.armed: list[str] = []
         if world.seed in program.made:
@@ -289,11 +293,11 @@ class Machine:
             program.made[world.seed] = dict(self.scopes[0])
 
     def run(self) -> None:
-        """Drive the module's first routine."""
+        """Execute the first routine of the module."""
         self.call(self.program.main, [])
 
     def call(self, name: str, values: list[Value]) -> Value:
-        """Call a routine; what it gets counts as its own."""
+        """Call a routine. Arguments become its own variables."""
         routine = self.program.routines[name]
         self.scopes.append(dict(zip(routine.parameters, copied(values), strict=False)))
         try:
@@ -303,7 +307,7 @@ class Machine:
         return (self.world.number(name), _NOWHERE) if value is None else value  # type: ignore[no-any-return]
 
     def declare(self, text: str, line: _Line) -> None:
-        """Make a variable, with its value where it has one."""
+        """Declare a variable, with its initial value if given."""
         text = re.sub(r"(?i)^(DECL|GLOBAL|CONST)\s+", "", re.sub(r"(?i)^(DECL|GLOBAL|CONST)\s+", "", text))
         found = re.match(r"(?i)(?:\w+\s+)?(\$?[A-Za-z_]\w*(?:\[\s*\d+\s*\])?)\s*=\s*(.*)$", text)
         if found:
@@ -314,7 +318,7 @@ class Machine:
             self.scopes[-1][found[1].upper().replace(" ", "")] = copied(value)
 
     def instruction(self, text: str, line: _Line) -> None:
-        """Do one instruction."""
+        """Execute an instruction."""
         word = re.match(r"\$?\w*", text)[0].upper()  # type: ignore[index]
         if word in ("PTP", "LIN", "CIRC", "SPTP", "SLIN", "SCIRC", "SPL", "PTP_REL", "LIN_REL", "SPTP_REL", "SLIN_REL"):
             for handler in self.armed:
@@ -370,7 +374,7 @@ class Machine:
         return True
 
     def assign(self, target: Tree, value: Value, line: _Line) -> None:
-        """Write a variable, an element or a component."""
+        """Assign to a variable, an element or a component."""
         path = []
         while target[0] == "field":
             path.append(target[2])
@@ -381,7 +385,7 @@ class Machine:
             old, before = scope.get(key, (None, _NOWHERE))
             new = copied(value[0])
             if isinstance(old, dict) and isinstance(new, dict) and not key.startswith("$"):
-                new = {**old, **new} if set(new) < set(old) else new  # what is not written stays
+                new = {**old, **new} if set(new) < set(old) else new  # missing components keep their values
             scope[key] = (new, value[1] | before)
             return
         old, src = self._read(key)
@@ -421,7 +425,7 @@ class Machine:
         return as_frame(inverted(base) @ self.robot.pose_now(tool))
 
     def evaluate(self, tree: Tree, line: _Line) -> Value:
-        """Return a value and where its numbers stand."""
+        """Return a value and the lines of its numbers."""
         here = frozenset({line.place})
         match tree:
             case ("number", value) | ("text", value):
@@ -468,7 +472,7 @@ class Machine:
                 return self._read(f"BASE_DATA[{int(first)}]")
             case "SIPO_MODE":
                 return first, src
-            case "IR_STOPM":  # KUKA's own for stop messages, which drives nowhere
+            case "IR_STOPM":  # KUKA's routine for stop messages, which does not move
                 return True, src
             case (
                 "ABS"
@@ -493,7 +497,7 @@ class Machine:
         return self.world.number(name), src
 
     def _give_back(self, name: str, arguments: list[Tree], line: _Line) -> None:
-        """Write what a routine or a function of the system returns through what it was given."""
+        """Write the output parameters of a routine or a system function to its arguments."""
         if routine := self.program.routines.get(name):
             for parameter, argument, back in zip(routine.parameters, arguments, routine.returned, strict=False):
                 if back and argument[0] in ("name", "field", "index"):
@@ -517,7 +521,7 @@ class Machine:
 
     def _move(self, word: str, text: str, line: _Line) -> None:
         if re.match(r"(?i)\s*\$AXIS_ACT\b", text):
-            return  # to where the arm stands
+            return  # to the current position
         points, settings, in_tool = _move_of(word, text)
         state = {name: self._read(name)[0] for name in _STATE}
         state |= {name: self.evaluate(tree, line)[0] for name, tree in settings.items()}
@@ -531,7 +535,7 @@ class Machine:
         tool, base = as_matrix(state["$TOOL"]), as_matrix(state["$BASE"])
         if not isinstance(value, dict):
             raise Ended
-        if "E1" in value and not word.endswith("REL"):  # an axis that is not named stays
+        if "E1" in value and not word.endswith("REL"):  # a missing axis does not move
             self.robot.rail_mm = float(value["E1"])
         if any(name in value for name in ("A1", "A2", "A3", "A4", "A5", "A6")):
             now = np.degrees(self.robot.q)
@@ -573,7 +577,7 @@ def _bits(value: Any) -> int | None:
 
 @dataclass(frozen=True)
 class Status:
-    """Status and Turn: whether joint angles (6,) rad stand in them."""
+    """Test of joint angles (6,) rad against Status and Turn."""
 
     s: int | None
     t: int | None

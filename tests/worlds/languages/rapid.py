@@ -1,6 +1,9 @@
-"""RAPID, as ABB's technical reference has it: modules of data and routines; each move names its tool and work object;
-a program displacement stands between work object and target; with ConfL or ConfJ off the robot goes to the solution
-nearest to where it stands, else to that of confdata: quadrants of axes 1, 4, 6, and cfx of shoulder, elbow, wrist."""
+"""Interpreter of RAPID, written from ABB's technical reference: modules of data and routines.
+
+Each move states its tool and work object. A program displacement lies between work object and target. With ConfL or
+ConfJ off, the robot uses the solution nearest to the current angles; otherwise that of confdata: quadrants of axes 1, 4
+and 6, and cfx for shoulder, elbow and wrist.
+"""
 
 from __future__ import annotations
 
@@ -127,11 +130,11 @@ _STILL = frozenset(
         "WORLDACCLIM",
     ]
 )
-"""Instructions of the reference that move nothing; those that set something of a pose are looked at before."""
+"""Instructions without motion. Those that change something of a pose are handled before."""
 
 
 class Machine:
-    """A controller that drives a task on one way."""
+    """A controller that executes a task along one execution path."""
 
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
         self.program, self.world = program, world
@@ -155,7 +158,7 @@ class Machine:
             program.made[world.seed] = dict(self.scopes[0])
 
     def run(self) -> None:
-        """Drive the program from main."""
+        """Execute the program from main."""
         self.call(self.program.main, [])
 
     def call(self, name: str, values: list[tuple[str, Value]]) -> Value:
@@ -174,11 +177,11 @@ class Machine:
         return (self.world.number(name), _NOWHERE) if value is None else value  # type: ignore[no-any-return]
 
     def declare(self, name: str, value: Value) -> None:
-        """Make a variable of the routine."""
+        """Create a variable of the routine."""
         self.scopes[-1][name] = copied(value)
 
     def assign(self, target: Tree, value: Value) -> None:
-        """Write data or a part of them."""
+        """Assign to data or a component."""
         path, tree = [], target
         while tree[0] != "name":
             path.append(self._step(tree))
@@ -202,7 +205,7 @@ class Machine:
         return max(int(self.evaluate(tree[2], _NOWHERE)[0]) - 1, 0)
 
     def outside(self, name: str, kind: str) -> Any:
-        """Return what the program does not hold: data of another module, taught or stated by the person."""
+        """Return data that the program lacks: in another module, taught, or stated by the user."""
         low = name.lower()
         kind = kind or {"T": "TOOLDATA", "W": "WOBJDATA"}.get(name[0], "")
         for key, wanted in (("tool", "TOOLDATA"), ("frame", "WOBJDATA")):
@@ -232,7 +235,7 @@ class Machine:
         return [*_pose_of(T), [0.0, 0.0, 0.0, 0.0], [9e9] * 6]
 
     def evaluate(self, tree: Tree, where: frozenset[Place]) -> Value:
-        """Return a value and where its numbers stand."""
+        """Return a value and the lines of its numbers."""
         match tree:
             case ("number", value) | ("text", value):
                 return value, _NOWHERE
@@ -254,7 +257,7 @@ class Machine:
                 k = self._step(tree)
                 return (value[k] if isinstance(value, list) and k < len(value) else self.world.number(str(tree))), src
             case ("call", name, arguments):
-                if name == "STRTOVAL":  # which writes what it is given
+                if name == "STRTOVAL":  # which changes its argument
                     self.assign(arguments[1][1], (self.world.number(name, 20, 90), _NOWHERE))
                     return True, _NOWHERE
                 return self._function(name, [(key, self.evaluate(one, where)) for key, one in arguments])
@@ -302,7 +305,7 @@ class Machine:
         return self.world.number(name), src
 
     def instruction(self, name: str, arguments: list[tuple[str, Tree]], place: Place, where: frozenset[Place]) -> None:
-        """Do one instruction."""
+        """Execute an instruction."""
         if name not in self.program.routines and name in ("CONNECT", "ISIGNALDI", "ITIMER"):
             self._interrupts(name, arguments)
             return
@@ -388,7 +391,7 @@ class Machine:
                 self.robot.q = self.robot.q + np.radians(self.world.number("search", -3, 3))
 
     def _external(self, axes: list[float]) -> None:
-        """Move the track to the first of external axes; one that is 9E9 stays."""
+        """Move the track to the first external axis; 9E9 leaves it unchanged."""
         if axes and abs(axes[0]) < 9e8:
             self.robot.rail_mm = float(axes[0])
 
@@ -401,7 +404,7 @@ class Machine:
 
 @dataclass(frozen=True)
 class Conf:
-    """confdata: whether joint angles (6,) rad stand in it."""
+    """Test of joint angles (6,) rad against confdata."""
 
     cf1: float
     cf4: float
@@ -413,7 +416,9 @@ class Conf:
 
 
 def confdata(q: Array) -> list[float]:
-    """Return the quadrants of axes 1, 4 and 6, and cfx of an IRB 120: stretched, axis 3 stands at -77 degrees."""
+    """Return the quadrants of axes 1, 4 and 6, and cfx of an IRB 120, whose arm is stretched at -77 degrees of axis
+    3.
+    """
     here = cell("abb")
     wrist = chain(here, q)[0]
     centre = wrist[:3, 3] - here.nominal.d[5] * wrist[:3, 2]
@@ -440,7 +445,7 @@ def _binary(operator: str, a: Any, b: Any) -> Any:
 
 
 def _frame(pose: Any) -> Array:
-    """A pose, or the pose of a robtarget."""
+    """Return the frame (4, 4) of a pose or robtarget."""
     try:
         return of_quaternion(*map(float, pose[0]), *map(float, pose[1]))
     except (TypeError, ValueError, IndexError):

@@ -1,4 +1,4 @@
-"""Modules of RAPID as text: tokens with their lines, data and routines."""
+"""Text of RAPID modules: tokens with line numbers, data and routines."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NOWHERE: frozenset[Place] = frozenset()
 
 
 class Lined(Tokens):
-    """Tokens with their lines."""
+    """Tokens with line numbers."""
 
     def __init__(self, items: list[tuple[str, str]], lines: list[int], name: str) -> None:
         super().__init__(items)
@@ -27,7 +27,7 @@ class Lined(Tokens):
         return self.lines[min(self.at, len(self.lines) - 1)]
 
     def span(self, begin: int) -> frozenset[Place]:
-        """Return the lines of the tokens from one to the last that was taken."""
+        """Return the lines of the tokens from `begin` to the last one consumed."""
         rows = self.lines[begin : max(self.at, begin + 1)]
         return frozenset((self.name, row) for row in range(rows[0], rows[-1] + 1)) if rows else _NOWHERE
 
@@ -69,7 +69,7 @@ class Program:
         self.written: dict[str, set[Place]] = {}
         self.data: list[tuple[str, Callable[[Any], Value]]] = []
         self.made: dict[int, dict[str, Value]] = {}
-        """The data as a world makes them: no statement changes a value, it puts another in its place."""
+        """Data by world. Statements replace values and never modify them."""
         self.has_rail = any(re.search(r"(?i)MoveExtJ|\[[1-9]\d*,9E9", text) for text in files.values())
         for name, text in files.items():
             self._tokens = lined(name, text)

@@ -1,6 +1,9 @@
-"""URScript, as the Script Manual has it: indentation means nothing, a block ends with `end`; a pose is p[x, y, z, rx,
-ry, rz] in metres and a rotation vector; the tool (TCP) and the variables outside a function are of the whole program;
-a move to a pose goes to the solution nearest to where the arm stands, or to qnear."""
+"""Interpreter of URScript, written from the Script Manual.
+
+Indentation is ignored and a block ends with `end`. A pose is p[x, y, z, rx, ry, rz] in metres and a rotation vector.
+The tool (TCP) and variables outside functions are global. A move to a pose uses the solution nearest to the current
+angles or to qnear.
+"""
 
 from __future__ import annotations
 
@@ -40,8 +43,9 @@ _STILL = re.compile(
     r"|set_analog_\w+|set_tool_\w+|step_log|get_\w+|is_\w+|read_\w+|norm|length|size|floor|ceil|sqrt|random|str_\w+|to_num|to_str"
     r"|interpolate_pose|rpc_factory|wait|force|powerdown|sin|cos|tan|asin|acos|atan|atan2|log|pow|point_dist|pose_dist|inv|binary_list_to_integer|integer_to_binary_list)"
 )
-"""Names of the manual that move nothing and set nothing of what a pose depends on; a routine of the program with such a
-name is that routine."""
+"""Names of the manual that neither move nor influence a pose. A routine of the program with such a name has
+priority.
+"""
 
 
 class Pose(list[float]):
@@ -71,7 +75,7 @@ class _Routine:
 
 
 def logical_lines(name: str, text: str) -> list[_Line]:
-    """Return the statements of a text with the lines on which they stand, without comments."""
+    """Return the statements of a text with their lines, without comments."""
     lines, open_, places, words = [], 0, [], ""  # type: ignore[var-annotated]
     for number, raw in enumerate(re.split(r"\r\n|\r|\n", text), start=1):
         bare = ""
@@ -93,7 +97,7 @@ def logical_lines(name: str, text: str) -> list[_Line]:
 
 
 class Program:
-    """A parsed program: its routines, and what stands outside of them."""
+    """A parsed program: routines and global statements."""
 
     def __init__(self, files: Mapping[str, str], main: str) -> None:
         self.routines: dict[str, _Routine] = {}
@@ -185,7 +189,7 @@ def _halt(_: Any) -> None:
 
 
 class Machine:
-    """A controller that drives a program on one way."""
+    """A controller that executes a program along one execution path."""
 
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
         self.program, self.world = program, world
@@ -196,7 +200,7 @@ class Machine:
         self.scopes: list[dict[str, Value]] = [{}]
 
     def run(self) -> None:
-        """Drive the program."""
+        """Execute the program."""
         run_steps(self, self.program.begin)
         if not any(step.act for step in self.program.begin) and self.program.last:
             self.call(self.program.last, [], None)
@@ -212,7 +216,7 @@ class Machine:
         return (self.world.number(name), _NOWHERE) if value is None else value  # type: ignore[no-any-return]
 
     def assign(self, target: Tree, value: Value, line: _Line) -> None:
-        """Write a variable or an element of it."""
+        """Assign to a variable or an element."""
         match target:
             case ("name", name):
                 scope = self._scope(name)
@@ -238,14 +242,14 @@ class Machine:
         return self._outside(name), _NOWHERE
 
     def _outside(self, name: str) -> Any:
-        """A variable of the installation: its name says which kind."""
+        """Return a variable of the installation, with a kind determined by its name."""
         if re.search(r"(_p|pose|plane|frame|tcp)", name):
             near = self.robot.pose_now(self.tool) if "tcp" not in name else np.eye(4)
             return as_pose(near @ self.world.shift(name) if "tcp" in name else near)
         return self.world.number(name)
 
     def evaluate(self, tree: Tree, line: _Line) -> Value:
-        """Return a value and where its numbers stand."""
+        """Return a value and the lines of its numbers."""
         here = frozenset(line.places)
         match tree:
             case ("number", value) | ("text", value):
@@ -274,7 +278,7 @@ class Machine:
             case ("call", name, arguments):
                 values = [(key, self.evaluate(one, line)) for key, one in arguments]
                 return self._function(name, values, line)
-            case ("method", handle, name, _):  # of another program, which answers
+            case ("method", handle, name, _):  # of a different program, which responds
                 return self.world.number(f"{handle}.{name}"), _NOWHERE
         raise NotUnderstood(str(tree))
 
@@ -380,20 +384,20 @@ class Machine:
             frames = turned_on_arc(self.robot.pose_now(self.tool), [F @ self.tool for F in frames], self.tool)
         for (value, src), F in zip(targets, frames, strict=True):
             sources = src | frozenset(line.places)
-            if isinstance(value, Pose) or straight:  # of joint angles, a line knows the pose alone
+            if isinstance(value, Pose) or straight:  # a line to joint angles uses only their pose
                 self.robot.pose(F, self.tool[:3, 3], line.places[0], sources, straight=straight)
             else:
                 self.robot.joints(np.array(value, dtype=float), self.tool, line.places[0], sources)
 
     def _unknown(self, name: str) -> None:
-        """A routine without text: it does nothing, or it drives elsewhere and takes another tool."""
+        """Execute a routine without text: it does nothing, or changes position and tool."""
         if self.robot.ways.choose(2):
             self.robot.go_astray(name)
             self.tool = self.tool @ self.world.shift(name)
 
 
 def turned_on_arc(begin: Array, poses: list[Array], tool: Array) -> list[Array]:
-    """Return the flanges (4, 4) at the points of an arc in mode 1: the tool turns with the arc as a rigid body."""
+    """Return the flanges (4, 4) at the points of an arc in mode 1, with the tool fixed to the arc like a rigid body."""
     if len(poses) != 2:
         raise Ended
     a, b, c = begin[:3, 3], poses[0][:3, 3], poses[1][:3, 3]
@@ -401,7 +405,7 @@ def turned_on_arc(begin: Array, poses: list[Array], tool: Array) -> list[Array]:
     if np.linalg.norm(normal) < 1e-3:
         raise Ended
     axis = normal / np.linalg.norm(normal)
-    # The centre has the same distance from all three points, and lies in their plane.
+    # The centre is in the plane of the three points, at equal distance from each.
     rows = np.array([2 * (b - a), 2 * (c - a), axis])
     centre = np.linalg.solve(rows, [b @ b - a @ a, c @ c - a @ a, axis @ a])
     x = (a - centre) / np.linalg.norm(a - centre)

@@ -1,7 +1,7 @@
-"""Planted cases: every reported figure measured from closed forms in noise, beside what was planted.
+"""Simulated cases with known results: every figure is measured in noise and compared with its exact value.
 
-`closed_forms` holds the formulas, `cells` the noise of a cell, `circles`, `targets` and `poses` the tests, `score` how
-well figures agree with the truth.
+`closed_forms` contains the formulas, `cells` the noise of a cell, `circles`, `targets` and `poses` the tests, and
+`score` the agreement of figures with the truth.
 """
 
 from tests.worlds.planted.closed_forms import (

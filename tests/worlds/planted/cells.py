@@ -1,6 +1,6 @@
-"""The noise of one cell, drawn from the table of real cells or of one single kind, and what it makes of readings.
+"""Noise of a cell, drawn from the table of real cells or of a single kind, and its effect on readings.
 
-The ranges are written here once more, from the table itself and apart from the product's copy. Lengths are mm.
+The ranges are written independently of the copy in rig, from the table itself. Lengths are in mm.
 """
 
 import dataclasses
@@ -13,18 +13,18 @@ STEPS_MM = (0.0001, 0.0005, 0.001, 0.005, 0.010)
 LEVELS_APART = 4.0
 DRIFT_MM_PER_S = 0.020 / 600.0
 _ROW_S = LAP_S / 1500
-"""Coefficients of the single AR kinds are those from row to row of 1500 a lap."""
+"""Coefficients of AR noise apply from row to row, with 1500 rows per lap."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """The noise of one run of a circle.
+    """Noise of a circle run.
 
-    white_mm (2,) of each gauge; step_mm: resolution; slow_mm (3,): standard deviation of the slow noise of both gauges
-    together, of g1 and of g2; slow_s: its correlation time, 0 for 1/f; drift_mm_per_s (3,) likewise; slip_mm: of g1's
-    clamp; outliers: share of readings, in bursts of so many rows; uneven: how far rows lie from an even spacing, in
-    spacings; stamp_s: standard deviation of each row's time; cycle_s: of a gauge that holds its last value;
-    lag_s within u_lag_s: what all rows share.
+    white_mm (2,): of each gauge. step_mm: resolution. slow_mm (3,): standard deviations of slow noise common to both
+    gauges, of g1 and of g2. slow_s: correlation time, 0 for 1/f. drift_mm_per_s (3,): likewise. slip_mm: of the clamp
+    of g1. outliers: share of readings, in bursts of this many rows. uneven: deviation of rows from even spacing, in
+    spacings. stamp_s: standard deviation of the time of a row. cycle_s: of a gauge that holds its last value. lag_s
+    within u_lag_s: common to all rows.
     """
 
     white_mm: tuple[float, float] = (0.0005, 0.0005)
@@ -43,7 +43,7 @@ class Noise:
 
 
 def between(rng: np.random.Generator, low: float, high: float) -> float:
-    """Log-uniform."""
+    """Return a log-uniform random number."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
@@ -60,11 +60,11 @@ SINGLE: dict[str, Noise] = {
     "drift": Noise(drift_mm_per_s=(DRIFT_MM_PER_S, DRIFT_MM_PER_S, -DRIFT_MM_PER_S)),
     "slip": Noise(slip_mm=0.005),
 }
-"""One thing at a time, over a quiet gauge: white 0.5 µm, steps of 0.1 µm."""
+"""One kind of noise at a time, with a quiet gauge: white noise 0.5 µm, resolution 0.1 µm."""
 
 
 def draw_cell(rng: np.random.Generator, kind: str) -> Noise:
-    """A cell: of a single kind, or of the table."""
+    """Return the noise of a cell, of a single kind or according to the table."""
     if kind != "table":
         return SINGLE[kind]
     slow = [between(rng, 0.0005, 0.020) for _ in range(3)]
@@ -87,7 +87,7 @@ def draw_cell(rng: np.random.Generator, kind: str) -> Noise:
 
 
 def draw_run(rng: np.random.Generator, cell: Noise, kind: str) -> Noise:
-    """A run in a cell: of the table, each gauge and each run has levels of its own, up to LEVELS_APART apart."""
+    """Return the noise of a run. With the table, the levels of each gauge and run differ by up to LEVELS_APART."""
     if kind != "table":
         return cell
     apart = LEVELS_APART ** rng.uniform(-0.5, 0.5, 5)
@@ -96,19 +96,20 @@ def draw_run(rng: np.random.Generator, cell: Noise, kind: str) -> Noise:
     return dataclasses.replace(cell, white_mm=tuple(white.tolist()), slow_mm=tuple(slow.tolist()))
 
 
-# --- what it does to a run
+# --- effect on a run
 
 
 def rows(rng: np.random.Generator, noise: Noise, end_s: float, row_s: float) -> np.ndarray:
-    """Times (n,) s of rows from 0 to end_s, row_s apart on average."""
+    """Return the times (n,) s of rows from 0 to end_s, at an average interval row_s."""
     count = int(end_s / row_s)
     even = np.arange(count) * row_s
     return np.sort(even + noise.uneven * rng.uniform(-0.5, 0.5, count) * row_s)
 
 
 def gauge_times(rng: np.random.Generator, noise: Noise, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """True times (n, 2) s of both gauges' readings; the row (n, 2) whose noise each one shows, an earlier one where
-    a gauge repeats its value; standard uncertainty (n,) s of each row's time."""
+    """Return the true reading times (n, 2) s of both gauges, the row (n, 2) of the displayed noise (an earlier one
+    if a gauge repeats its value), and the standard uncertainty (n,) s of each row's time.
+    """
     here = np.tile(np.arange(len(t_s))[:, None], (1, 2))
     if not noise.cycle_s:
         late = rng.normal(0, 1, (len(t_s), 2)) * noise.stamp_s
@@ -117,14 +118,15 @@ def gauge_times(rng: np.random.Generator, noise: Noise, t_s: np.ndarray) -> tupl
     cycle = np.floor(t_s[:, None] / noise.cycle_s + phase)
     age = t_s[:, None] - (cycle - phase) * noise.cycle_s
     first = np.stack([np.searchsorted(column, column) for column in cycle.T], axis=1)
-    # The half cycle that readings are late by on average is known and taken out: what stays is its spread.
+    # The average delay of half a cycle is known and removed; only its spread remains.
     true_s = t_s[:, None] - noise.lag_s - (age - noise.cycle_s / 2)
     return true_s, first, np.full(len(t_s), noise.cycle_s / np.sqrt(12))
 
 
 def noise_of(rng: np.random.Generator, noise: Noise, t_s: np.ndarray) -> np.ndarray:
-    """White and slow noise, drift and slip (n, 2) mm at times (n,) s. Drift and slip begin with the run: the level
-    of the gauges is that of its first row."""
+    """Return white and slow noise, drift and slip (n, 2) mm at times (n,) s. Drift and slip are relative to the
+    first row.
+    """
     count = len(t_s)
     slow = _slow(rng, noise.slow_s, count, float(np.ptp(t_s)) / max(count - 1, 1)) * np.array(noise.slow_mm)[:, None]
     creep = np.array(noise.drift_mm_per_s)[:, None] * (t_s - t_s[0])
@@ -135,7 +137,7 @@ def noise_of(rng: np.random.Generator, noise: Noise, t_s: np.ndarray) -> np.ndar
 
 
 def _slow(rng: np.random.Generator, slow_s: float, count: int, row_s: float) -> np.ndarray:
-    """Three series (3, n) of standard deviation 1: AR(1) of correlation time slow_s, or 1/f where that is 0."""
+    """Return three series (3, n) of standard deviation 1: AR(1) with correlation time slow_s, or 1/f for 0."""
     from scipy.signal import lfilter  # noqa: PLC0415 - slow to import
 
     if slow_s:
@@ -143,7 +145,7 @@ def _slow(rng: np.random.Generator, slow_s: float, count: int, row_s: float) -> 
         shocks = rng.normal(0, np.sqrt(1 - rho**2), (3, count))
         shocks[:, 0] = rng.normal(0, 1, 3)
         return np.asarray(lfilter([1.0], [1.0, -rho], shocks, axis=1))
-    # Twice as long as needed, since a synthesis by FFT is periodic.
+    # Twice the required length, because a synthesis by FFT is periodic.
     order = np.arange(1, count + 1)
     parts = (rng.normal(size=(3, count)) + 1j * rng.normal(size=(3, count))) / np.sqrt(order)
     series = np.fft.irfft(np.concatenate([np.zeros((3, 1)), parts], axis=1), 2 * count)[:, :count]
@@ -151,7 +153,7 @@ def _slow(rng: np.random.Generator, slow_s: float, count: int, row_s: float) -> 
 
 
 def disturbed(rng: np.random.Generator, noise: Noise, g_mm: np.ndarray) -> np.ndarray:
-    """Readings (n, 2) mm with outliers of 10 to 100 standard deviations, in whole steps."""
+    """Return readings (n, 2) mm with outliers of 10 to 100 standard deviations, rounded to the resolution."""
     sigma = np.hypot(noise.white_mm, noise.step_mm / np.sqrt(12))
     starts = rng.random(g_mm.shape) < noise.outliers / noise.burst
     hit = np.maximum.reduce([np.roll(starts, k, axis=0) for k in range(noise.burst)])

@@ -1,4 +1,6 @@
-"""Circles: a robot with plays, gears and smooth errors, driven for some laps in a noisy cell, and evaluated."""
+"""Circles: a robot with backlash, gear errors and smooth errors drives laps in a noisy cell, and the run is
+evaluated.
+"""
 
 import dataclasses
 from dataclasses import dataclass
@@ -38,30 +40,31 @@ from tests.worlds.planted.cells import (
 from tests.worlds.planted.closed_forms import BASELINE_MM, RADIUS_MM, link_readings
 
 FINE = np.linspace(0, 2 * np.pi, 7200, endpoint=False)
-"""A noise-free curve is taken at these circle angles, rad."""
+"""Circle angles of a noise-free curve, rad."""
 SPEED_RAD_S = 2 * np.pi / LAP_S
 
 Truth = dict[str, float]
 Figures = dict[str, Quantity]
 Outcome = dict[str, tuple[Figures, Truth]]
-"""Figures and their truth by the name of the test."""
+"""Figures and their true values by the name of the test."""
 
 
 @dataclass(frozen=True)
 class Errors:
-    """What a robot adds to one curve at FINE, driven acw and cw: (7200,) mm at a gauge."""
+    """Errors of a robot at FINE for acw and cw, (7200,) mm at a gauge."""
 
     acw: np.ndarray
     cw: np.ndarray
 
     def at(self, phi: np.ndarray, sense: float) -> np.ndarray:
-        """(n,) mm at phi (n,) rad of any lap."""
+        """Return the errors (n,) mm at phi (n,) rad of any lap."""
         return np.interp(phi, FINE, self.acw if sense > 0 else self.cw, period=2 * np.pi)
 
 
 def draw_errors(rng: np.random.Generator) -> Errors:
-    """Harmonics that fall from some 10 to 60 µm at order 2 to some 0.7 µm at 16 to 32, two gears, and five joints
-    that turn back twice a lap, each with a play."""
+    """Draw harmonics (about 10 to 60 µm at order 2, decreasing to 0.7 µm at orders 16 to 32), two gear waves, and
+    backlash of five joints that reverse twice per lap.
+    """
     order = np.arange(2, 61)
     size = between(rng, 0.010, 0.060) * (2 / order) ** 1.4 * rng.normal(size=len(order))
     smooth = np.cos(FINE[:, None] * order + rng.uniform(0, 2 * np.pi, len(order))) @ size
@@ -77,17 +80,20 @@ def draw_errors(rng: np.random.Generator) -> Errors:
 
 
 def _play(ahead: np.ndarray, inside: float, transit: float) -> np.ndarray:
-    """A play of width 1 (n,): +1/2 for `inside` rad from where `ahead` (n,) rad is 0, -1/2 elsewhere; it is crossed
-    over `transit` after each turn, which in cw lies on the other side."""
+    """Return a backlash of width 1 (n,): +1/2 for `inside` rad after the zero of `ahead` (n,) rad, -1/2 elsewhere.
+
+    It is crossed over `transit` after each reversal, which is on the other side for cw.
+    """
     ahead = ahead % (2 * np.pi)
     return np.asarray(np.clip(ahead / transit, 0, 1) - np.clip((ahead - inside) / transit, 0, 1) - 0.5)
 
 
 @dataclass(frozen=True)
 class SetUp:
-    """One robot and rig: the ball (3,) mm from the centre, the gauges' zeros (2,) mm and true baseline, what the robot
-    does wrong, and what moved besides since another run: harmonics of order 0 to 2, cosines and sines (2, 3, 2), of
-    the angle, rad, and of the distance, mm."""
+    """Robot and set-up of a run: ball (3,) mm relative to the centre, zeros (2,) mm and true baseline of the gauges,
+    errors of the robot, and changes since another run: harmonics of order 0 to 2, cosines and sines (2, 3, 2), of
+    the angle in rad and of the distance in mm.
+    """
 
     ball_mm: np.ndarray
     zeros_mm: np.ndarray
@@ -97,7 +103,7 @@ class SetUp:
     moved: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((2, 3, 2)))
 
     def readings(self, phi: np.ndarray, sense: float, test: str) -> np.ndarray:
-        """(n, 2) mm without noise at phi (n,) rad."""
+        """Return noise-free readings (n, 2) mm at phi (n,) rad."""
         turns = phi[:, None] * np.arange(3)
         turned, away = (np.cos(turns) @ part[:, 0] + np.sin(turns) @ part[:, 1] for part in self.moved)
         angle = self.angle.at(phi, sense) / (BASELINE_MM / 2) + turned
@@ -105,7 +111,7 @@ class SetUp:
         return link_readings(phi, self.ball_mm, test, angle, distance, self.baseline_mm) - self.zeros_mm
 
     def curves(self, sense: float, test: str) -> tuple[np.ndarray, np.ndarray]:
-        """Angle (7200,) rad and distance (7200,) mm at FINE."""
+        """Return angle (7200,) rad and distance (7200,) mm at FINE."""
         g = self.readings(FINE, sense, test)
         return np.arctan((g[:, 1] - g[:, 0]) / self.baseline_mm), g.mean(axis=1)
 
@@ -117,11 +123,11 @@ def draw_set_up(rng: np.random.Generator) -> SetUp:
     return SetUp(ball, rng.normal(0, 0.02, 2), baseline, draw_errors(rng), draw_errors(rng))
 
 
-# --- truth: the figures of the noise-free curve
+# --- truth: figures of the noise-free curve
 
 
 def true_figures(set_up: SetUp, sense: float, test: str) -> tuple[Truth, Truth]:
-    """Of the angle and, named as they are reported beside it, of the distance."""
+    """Return the true figures of the angle and of the distance, each with its reported names."""
     angle, distance = set_up.curves(sense, test)
     of_angle = (yaw if test == "yaw" else roll).plain_figures(FINE, angle, RADIUS_MM)
     plain = circularity.plain_figures(FINE, distance, RADIUS_MM)
@@ -139,7 +145,7 @@ def true_pair(set_up: SetUp, lag_s: float) -> Truth:
 
 @cache
 def cell_rig() -> tuple[Rig, np.ndarray]:
-    """A rig with a circle of RADIUS_MM, and the joints (721, 6) rad of one lap at each half degree."""
+    """Return a rig with a circle of RADIUS_MM, and the joints (721, 6) rad of a lap in steps of half a degree."""
     rig, _ = load("paper-fanuc")
     circle = circle_of(rig)
     assert (circle.radius_mm, rig.gauges.baseline_mm, circle.start_deg) == (RADIUS_MM, BASELINE_MM, 0.0)
@@ -149,7 +155,7 @@ def cell_rig() -> tuple[Rig, np.ndarray]:
 
 @cache
 def _joint_wave() -> tuple[Any, np.ndarray]:
-    """A periodic spline of the joints less their full turns, and those full turns (6,) rad a lap."""
+    """Return a periodic spline of the joints without their full turns, and these turns (6,) rad per lap."""
     from scipy.interpolate import CubicSpline  # noqa: PLC0415 - slow to import
 
     lap = cell_rig()[1]
@@ -161,14 +167,14 @@ def _joint_wave() -> tuple[Any, np.ndarray]:
 
 
 def joints(phi: np.ndarray) -> np.ndarray:
-    """(n, 6) rad at phi (n,) rad of any lap: a joint that makes the full turn goes on turning."""
+    """Return joint angles (n, 6) rad at phi (n,) rad of any lap; a joint with a full turn per lap continues to turn."""
     wave, whole = _joint_wave()
     return np.asarray(wave(phi % (2 * np.pi)) + phi[:, None] / (2 * np.pi) * whole)
 
 
 @dataclass(frozen=True)
 class Size:
-    """Laps of a run, and rows of a lap."""
+    """Laps per run and rows per lap."""
 
     laps: int
     rows: int
@@ -177,7 +183,7 @@ class Size:
 def circle_table(
     rng: np.random.Generator, set_up: SetUp, noise: Noise, test: str, direction: Direction, size: Size
 ) -> CircleTable:
-    """One run: its laps one after the other between lead-in and lead-out."""
+    """Return a run: consecutive laps between lead-in and lead-out."""
     sense, lead = SENSE[direction], np.radians(circle_of(cell_rig()[0]).lead_deg)
     t_s = rows(rng, noise, size.laps * LAP_S + 2 * lead / SPEED_RAD_S, LAP_S / size.rows)
     true_s, shown, u_t_s = gauge_times(rng, noise, t_s)
@@ -189,7 +195,7 @@ def circle_table(
 
 
 def circle_result(table: CircleTable, u_lag_s: float) -> Result:
-    """Everything that is reported of the table, as if it had been read from a run."""
+    """Evaluate the table like a run from disk."""
     name = f"{table.test}-{table.direction}"
     recording = (sha256(table.g_mm.tobytes()).hexdigest(),)
     manifest = SimpleNamespace(name=name, test=table.test, direction=table.direction)
@@ -201,7 +207,7 @@ def circle_result(table: CircleTable, u_lag_s: float) -> Result:
 
 
 def yaw_case(rng: np.random.Generator, kind: str, size: Size) -> Outcome:
-    """An acw and a cw run of yaw: angle and distance of one of them, and the pair."""
+    """Return figures of an acw and a cw yaw run: angle and distance of one run, and the pair."""
     set_up, cell = draw_set_up(rng), draw_cell(rng, kind)
     tables = [circle_table(rng, set_up, draw_run(rng, cell, kind), "yaw", way, size) for way in SENSE]
     results = acw, cw = [circle_result(table, cell.u_lag_s) for table in tables]
@@ -217,7 +223,7 @@ def yaw_case(rng: np.random.Generator, kind: str, size: Size) -> Outcome:
 
 
 def roll_case(rng: np.random.Generator, kind: str, size: Size) -> Outcome:
-    """One run of roll; of the distance, yaw cases say enough."""
+    """Return figures of the angle of a roll run; the distance is covered by yaw."""
     set_up, cell = draw_set_up(rng), draw_cell(rng, kind)
     way: Direction = "acw" if rng.random() < 0.5 else "cw"
     table = circle_table(rng, set_up, draw_run(rng, cell, kind), "roll", way, size)
@@ -226,16 +232,17 @@ def roll_case(rng: np.random.Generator, kind: str, size: Size) -> Outcome:
     return {"roll": ({name: figure for name, figure in figures.items() if name not in distance}, angle)}
 
 
-# --- runs repeated: what differs between them
+# --- repeated runs: differences between them
 
 REACH_MM = 900.0
-"""From a base to its circle: how far an error of a joint is carried."""
+"""Distance from base to circle, the lever of a joint error."""
 
 
 @dataclass(frozen=True)
 class Between:
-    """How runs of one cell differ: standard deviations of the joints (6,) rad and of the ball, mm; by_joint
-    (6, 2, 3, 2): the harmonics of `SetUp.moved` for each rad of a joint."""
+    """Differences between runs of a cell: standard deviations of the joints (6,) rad and of the ball in mm; by_joint
+    (6, 2, 3, 2): harmonics of `SetUp.moved` per rad of a joint.
+    """
 
     joint_rad: np.ndarray
     ball_mm: float
@@ -248,8 +255,11 @@ class Between:
 
 
 def draw_between(rng: np.random.Generator) -> Between:
-    """Joints that come back to 0.0003 to 0.005°, a ball to 1 to 20 µm. What a joint does varies smoothly along the lap,
-    as the arm turns about its axis; a move across the link turns it by that over the radius."""
+    """Draw the scatter of joints, 0.0003 to 0.005°, and of the ball, 1 to 20 µm.
+
+    The effect of a joint varies smoothly along the lap; a displacement across the link, divided by the radius, turns
+    it.
+    """
     joint_rad = np.radians(np.exp(rng.uniform(np.log(0.0003), np.log(0.005), 6)))
     lever = REACH_MM * rng.normal(size=(6, 2, 3, 2)) / np.array([2.0, 4.0, 8.0])[:, None]
     return Between(joint_rad, between(rng, 0.001, 0.020), lever / np.array([RADIUS_MM, 1.0])[:, None, None])
@@ -258,7 +268,7 @@ def draw_between(rng: np.random.Generator) -> Between:
 def repeated_runs(
     rng: np.random.Generator, kind: str, size: Size, count: int
 ) -> tuple[list[CircleTable], Noise, SetUp, Between]:
-    """`count` anticlockwise runs of yaw on one circle, and what they were drawn from."""
+    """Return `count` anticlockwise yaw runs on a circle, with their noise, set-up and differences."""
     set_up, cell, differs = draw_set_up(rng), draw_cell(rng, kind), draw_between(rng)
     tables = [
         circle_table(rng, differs.another(rng, set_up), draw_run(rng, cell, kind), "yaw", "acw", size)
@@ -268,7 +278,7 @@ def repeated_runs(
 
 
 def mean_figures(rng: np.random.Generator, set_up: SetUp, differs: Between, draws: int = 150) -> Truth:
-    """What yaw figures are on average over all runs that there might be."""
+    """Return the expected yaw figures over all possible runs."""
     every = [true_figures(differs.another(rng, set_up), 1.0, "yaw") for _ in range(draws)]
     angle, distance = ({name: np.array([e[k][name] for e in every]) for name in every[0][k]} for k in (0, 1))
     return {name: _mean(name, values) for name, values in (angle | distance).items()}
@@ -281,7 +291,7 @@ def _mean(name: str, values: np.ndarray) -> float:
 
 
 def repeated_case(rng: np.random.Generator, kind: str, size: Size) -> Outcome:
-    """Two, three or five runs pooled: mean ± standard uncertainty of the mean."""
+    """Return the pooled figures of two, three or five runs: mean ± standard uncertainty of the mean."""
     count = int(rng.choice([2, 3, 5]))
     tables, cell, set_up, differs = repeated_runs(rng, kind, size, count)
     (together,) = pooled([circle_result(table, cell.u_lag_s) for table in tables])

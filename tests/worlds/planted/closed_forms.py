@@ -1,6 +1,6 @@
-"""The ball link, the hemisphere and a nominal arm by formulas of their own, with one quiet robot that has fixed errors.
+"""Closed formulas of the ball link, the hemisphere and a nominal arm, and a noise-free robot with fixed errors.
 
-Nothing here uses the simulator. The noisy cells of `cells`, `circles`, `targets` and `poses` are built on these forms.
+The simulator is not used here. The noisy cells of `cells`, `circles`, `targets` and `poses` use these formulas.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ FRAME = CircleFrame(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), n
 BALL = np.array([0.8, -0.5, 0.3])
 FINE = np.linspace(0, 2 * np.pi, 36001)[:-1]
 _HAND = float(np.cross([-1.0, 0, 0], [0, 0, 1.0])[1])
-"""y_T at phi = 0 along v: z_T × x_T with z_T = -u, x_T = n."""
+"""Component of y_T along v at phi = 0: z_T × x_T with z_T = -u, x_T = n."""
 
 
 def link_readings(
@@ -25,8 +25,9 @@ def link_readings(
     distance_mm: np.ndarray,
     baseline_mm: float = BASELINE_MM,
 ) -> np.ndarray:
-    """Readings (n, 2) mm of g1 and g2 at phi (n,) rad: the ball (3,) mm from the centre along u, v, n, and what the
-    robot adds to the angle (n,) and to the distance (n,)."""
+    """Return readings (n, 2) mm of g1 and g2 at phi (n,) rad. ball_mm (3,): ball relative to the centre along u, v,
+    n; angle_rad, distance_mm (n,): errors of the robot.
+    """
     x, y = RADIUS_MM * np.cos(phi) - ball_mm[0], RADIUS_MM * np.sin(phi) - ball_mm[1]
     along_z = x * np.cos(phi) + y * np.sin(phi)
     along_y = _HAND * (x * np.sin(phi) - y * np.cos(phi))
@@ -36,26 +37,29 @@ def link_readings(
     return np.stack([distance - half, distance + half], axis=1)
 
 
-# --- one robot with fixed errors
+# --- a robot with fixed errors
 
 
 def wrong_angle(phi: np.ndarray, sense: float) -> np.ndarray:
-    """Orientation error (n,) rad: harmonics and, of a backlash, jumps about 105° and 237° that change sign
-    with sense (over some degrees: a joint crosses its play slowly where it turns)."""
+    """Return the orientation error (n,) rad: harmonics, and backlash jumps near 105° and 237° with a sign given by
+    sense.
+
+    A jump extends over some degrees, because a joint crosses its backlash slowly at a reversal.
+    """
     turn = np.degrees(phi) % 360
     play = 0.5 * (np.tanh((turn - 105) / 1.5) - np.tanh((turn - 237) / 1.5) - 1)
-    play *= 1 + 0.3 * np.cos(phi - np.radians(170))  # so that there is one place where it shows most
+    play *= 1 + 0.3 * np.cos(phi - np.radians(170))  # so that there is a unique maximum
     rough = 0.15 * np.sin(2 * phi + 0.4) + 0.05 * np.sin(7 * phi) + 0.08 * sense * play
     return np.asarray(np.radians(rough))
 
 
 def wrong_distance(phi: np.ndarray, sense: float) -> np.ndarray:
-    """Radial error (n,) mm."""
+    """Return the radial error (n,) mm."""
     return np.asarray(0.03 * np.sin(3 * phi) + 0.02 * np.cos(2 * phi + 1) + 0.01 * sense * np.sin(phi + 0.3) ** 2)
 
 
 def circle_readings(phi: np.ndarray, sense: float, test: str) -> np.ndarray:
-    """(n, 2) mm of that robot about BALL."""
+    """Return the readings (n, 2) mm of this robot around BALL."""
     return link_readings(phi, BALL, test, wrong_angle(phi, sense), wrong_distance(phi, sense))
 
 
@@ -63,7 +67,7 @@ def circle_readings(phi: np.ndarray, sense: float, test: str) -> np.ndarray:
 
 
 def hemisphere(visits: int = 1) -> RadialTable:
-    """37 targets each 30°, three orientations, without readings."""
+    """Return 37 targets in steps of 30° with three orientations, without readings."""
     places = [(0.0, 0.0)] + [(polar, azimuth) for polar in (30.0, 60.0, 90.0) for azimuth in range(0, 360, 30)]
     rows = [(k + 1, *place, o) for k, place in enumerate(places) for o in (1, 2, 3) for _ in range(visits)]
     target, polar, azimuth, orientation = (np.array(column) for column in zip(*rows, strict=True))
@@ -78,20 +82,22 @@ def with_readings(table: RadialTable, g_mm: np.ndarray) -> RadialTable:
 
 
 def directions(table: RadialTable) -> np.ndarray:
-    """Unit vectors (n, 3) from the ball to each row's target, z to polar 0."""
+    """Return the unit vectors (n, 3) from the ball to the target of each row, with z towards polar angle 0."""
     s = np.sin(table.polar)
     return np.stack([s * np.cos(table.azimuth), s * np.sin(table.azimuth), np.cos(table.polar)], axis=1)
 
 
 def true_radial(table: RadialTable) -> np.ndarray:
-    """Readings (n,) mm: radius 0.192 too large, pulled to one side, an error of each target and orientation."""
+    """Return readings (n,) mm: radius 0.192 too large, a displacement to one side, and an error of each target and
+    orientation.
+    """
     robot = np.random.default_rng(77).normal(0, 0.12, (100, 4))
     pull = directions(table) @ np.array([0.3, -0.2, 0.1])
     return 0.192 + pull + 0.9 * robot[table.target, 3] + 0.5 * robot[table.target, table.orientation - 1]
 
 
 def repeatability_table(g: np.ndarray) -> RepeatabilityTable:
-    """Of readings (targets, rounds, 2): out, then in."""
+    """Return a table of readings g (targets, rounds, 2): out, then in."""
     targets, rounds, _ = g.shape
     rows = [(t + 1, side, r + 1) for t in range(targets) for r in range(rounds) for side in ("out", "in")]
     target, approach, round_ = zip(*rows, strict=True)
@@ -102,7 +108,7 @@ def repeatability_table(g: np.ndarray) -> RepeatabilityTable:
 
 
 def ur10() -> Arm:
-    """The nominal UR10 of the data set's README, its standard DH rows moved to Craig's."""
+    """Return the nominal UR10 from the README of the data set, converted from standard DH to Craig's convention."""
     ninety = np.pi / 2
     return Arm(
         a=np.array([0, 0, -612.0, -572.3, 0, 0]),

@@ -1,4 +1,6 @@
-"""Poses: an arm with errors in its joints, seen by a tracker somewhere, at stops that scatter. Lengths are mm."""
+"""Poses of an arm with joint errors, measured by a tracker at a random place, with scattering stops. Lengths are in
+mm.
+"""
 
 import dataclasses
 from dataclasses import dataclass
@@ -19,8 +21,9 @@ POSES = 60
 
 @dataclass(frozen=True)
 class Visits:
-    """How visits of a pose scatter: least and largest standard deviation of a coordinate and of a rotation among the
-    poses, degrees of freedom of their t law, and what the tracker adds, mm and rad."""
+    """Scatter of the visits of a pose: smallest and largest standard deviation of a coordinate and of a rotation
+    among the poses, degrees of freedom of the t distribution, and noise of the tracker in mm and rad.
+    """
 
     scatter_mm: tuple[float, float] = (0.020, 0.020)
     scatter_rad: float = 4e-5
@@ -38,8 +41,9 @@ SINGLE: dict[str, Visits] = {
 
 
 def draw_visits(rng: np.random.Generator, kind: str) -> Visits:
-    """Of a single kind, or of the table: 3 to 60 µm, up to four times apart within a cell, and up to 87 µrad;
-    tails from t(4) on."""
+    """Draw the scatter, of a single kind or according to the table: 3 to 60 µm with a ratio of up to four within a
+    cell, up to 87 µrad, and tails from t(4).
+    """
     if kind != "table":
         return SINGLE[kind]
     middle, apart = between(rng, 0.003, 0.060), between(rng, 1.0, 4.0) ** 0.5
@@ -55,8 +59,9 @@ def _law(rng: np.random.Generator, visits: Visits, shape: tuple[int, ...]) -> np
 
 @dataclass(frozen=True)
 class Cell:
-    """q (p, 6) rad; T (p, 4, 4): where the tool truly is, in the tracker's frame; flange (p, 4, 4) of the nominal arm;
-    sigma_mm (p,) of each pose."""
+    """A cell: q (p, 6) rad; T (p, 4, 4): true tool poses in the tracker frame; flange (p, 4, 4) of the nominal arm;
+    sigma_mm (p,) of each pose.
+    """
 
     q: np.ndarray
     T: np.ndarray
@@ -65,7 +70,7 @@ class Cell:
 
 
 def draw_cell(rng: np.random.Generator, visits: Visits) -> Cell:
-    """A UR10 whose joints are off by some hundredths of a degree and whose lengths by some tenths of a mm."""
+    """Return a UR10 with joint errors of some hundredths of a degree and length errors of some tenths of a mm."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
 
     arm = dataclasses.replace(arm_of(load("ur10")[0].robot), T_world_base=np.eye(4), T_flange_tool=np.eye(4))
@@ -87,7 +92,7 @@ def _rotations(rng: np.random.Generator, visits: Visits, shape: tuple[int, ...])
 
 
 def _places(rng: np.random.Generator, visits: Visits, sigma_mm: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Scatter (..., p, 3) mm; the stops of a pose have its own sigma (p,)."""
+    """Return scatter (..., p, 3) mm; sigma_mm (p,): of the stops of each pose."""
     return sigma_mm[:, None] * _law(rng, visits, shape) + rng.normal(0, visits.tracker_mm, shape)
 
 
@@ -95,8 +100,9 @@ def _places(rng: np.random.Generator, visits: Visits, sigma_mm: np.ndarray, shap
 
 
 def true_errors(cell: Cell) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Errors (p, 3) mm and (p, 3) rad in the arm's base that a fit of base and tool leaves of noise-free poses, and an
-    orthonormal basis (3 p, 9) of what the fit of the places takes away."""
+    """Return the errors (p, 3) mm and (p, 3) rad in the base after base and tool are fitted to noise-free poses, and
+    an orthonormal basis (3 p, 9) of the fitted position components.
+    """
     from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import
     from scipy.spatial.transform import Rotation  # noqa: PLC0415
 
@@ -106,7 +112,7 @@ def true_errors(cell: Cell) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     base = turn.as_matrix()
 
     def left(x: np.ndarray) -> np.ndarray:
-        """In the arm's base: turn by x[:3] / 1000 mm, base's place x[3:6], tool's place x[6:]."""
+        """Return the residual in the base. x: rotation x[:3] / 1000 mm, base position x[3:6], tool position x[6:]."""
         back = Rotation.from_rotvec(x[:3] / 1000).as_matrix() @ base.T
         return np.asarray(((seen - seen.mean(axis=0)) @ back.T - x[3:6] - place - rotation @ x[6:]).ravel())
 
@@ -119,12 +125,13 @@ def true_errors(cell: Cell) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def true_figures(rng: np.random.Generator, cell: Cell, visits: Visits, count: int) -> Truth:
-    """What every figure would be on average, were the same poses visited again `count` times: no standard's figure
-    is corrected for noise."""
+    """Return the expected value of every figure for poses visited `count` times. The standards do not correct
+    figures for noise.
+    """
     place, turned, basis = true_errors(cell)
     basis = basis.reshape(POSES, 3, -1)
     noise = _places(rng, visits, cell.sigma_mm, (AGAIN, count, POSES, 3))
-    taken = np.einsum("mpi,pik->mk", noise.mean(axis=1), basis)  # by the fit, in which all visits count alike
+    taken = np.einsum("mpi,pik->mk", noise.mean(axis=1), basis)  # by the fit, in which all visits have equal weight
     place = place + noise - np.einsum("mk,pik->mpi", taken, basis)[:, None]
     noise = _rotations(rng, visits, (AGAIN, count, POSES, 3))
     turned = np.degrees(turned + noise - noise.mean(axis=(1, 2), keepdims=True))
@@ -153,7 +160,7 @@ def true_figures(rng: np.random.Generator, cell: Cell, visits: Visits, count: in
 
 
 def pose_case(rng: np.random.Generator, kind: str, size: Size) -> Outcome:
-    """All poses once, and again for each further lap."""
+    """Return figures of poses visited once, and again for each additional lap."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
 
     visits = draw_visits(rng, kind)

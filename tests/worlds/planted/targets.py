@@ -1,6 +1,6 @@
-"""Targets: a hemisphere visited once or more, and approaches repeated from two sides, in cells whose stops scatter.
+"""Targets: a hemisphere visited once or more, and repeated approaches from two sides, with scattering stops.
 
-Every figure's truth is reckoned here from its definition in docs/figures.md. Lengths are mm.
+The true value of every figure is computed from its definition in docs/figures.md. Lengths are in mm.
 """
 
 import dataclasses
@@ -17,16 +17,18 @@ from tests.worlds.planted.circles import Outcome, Size, Truth, cell_rig
 from tests.worlds.planted.closed_forms import directions
 
 STOP_S = 4.0
-"""From one stop to the next."""
+"""Time between stops."""
 AGAIN = 400
-"""A test done so often again gives what its figures are on average."""
+"""Number of repetitions of a test for computing expected figures."""
 TARGETS, SIDES = 12, ("out", "in")
 
 
 @dataclass(frozen=True)
 class Stops:
-    """How readings at stops scatter: least and largest standard deviation of a target's stops, degrees of freedom of
-    their t law (inf: normal), and what the gauge adds: white noise, steps, drift, one slip, outliers."""
+    """Scatter of readings at stops: smallest and largest standard deviation of a target's stops, degrees of freedom
+    of the t distribution (inf: normal), and errors of the gauge: white noise, resolution, drift, a slip,
+    outliers.
+    """
 
     scatter_mm: tuple[float, float] = (0.008, 0.008)
     freedom: float = np.inf
@@ -38,7 +40,7 @@ class Stops:
 
     @property
     def u_gauge_mm(self) -> float:
-        """Standard uncertainty of one reading with its rounding."""
+        """Return the standard uncertainty of a reading, including rounding."""
         return float(np.hypot(self.white_mm, self.step_mm / np.sqrt(12)))
 
 
@@ -54,7 +56,9 @@ SINGLE: dict[str, Stops] = {
 
 
 def draw_stops(rng: np.random.Generator, kind: str) -> Stops:
-    """Of a single kind, or of the table: 3 to 60 µm, up to four times apart within a cell, tails from t(4) on."""
+    """Draw the scatter, of a single kind or according to the table: 3 to 60 µm with a ratio of up to four within a
+    cell, and tails from t(4).
+    """
     if kind != "table":
         return SINGLE[kind]
     middle, apart = between(rng, 0.003, 0.060), between(rng, 1.0, 4.0) ** 0.5
@@ -69,15 +73,18 @@ def draw_stops(rng: np.random.Generator, kind: str) -> Stops:
 
 
 def sigmas(rng: np.random.Generator, stops: Stops, count: int) -> np.ndarray:
-    """Standard deviation (t,) of the stops at each target."""
+    """Return the standard deviations (t,) of the stops at each target."""
     low, high = np.log(stops.scatter_mm)
     return np.exp(rng.uniform(low, high, count))
 
 
 def scattered(rng: np.random.Generator, stops: Stops, true_mm: np.ndarray, sigma_mm: np.ndarray) -> np.ndarray:
-    """Readings (..., n) mm of stops whose expectations true_mm and standard deviations broadcast to that, last axis
-    in order of time. Drift and slip begin with the run, before which the gauge was set to zero: they are errors of an
-    absolute length such as the sphere's radius."""
+    """Return readings (..., n) mm of stops with expectations true_mm and standard deviations sigma_mm, last axis in
+    time order.
+
+    Drift and slip start with the run, after the gauge was zeroed. They are errors of an absolute length such as the
+    radius.
+    """
     shape = np.broadcast_shapes(true_mm.shape, sigma_mm.shape)
     law = rng.normal(size=shape)
     if np.isfinite(stops.freedom):
@@ -88,20 +95,24 @@ def scattered(rng: np.random.Generator, stops: Stops, true_mm: np.ndarray, sigma
 
 
 def read(rng: np.random.Generator, stops: Stops, g_mm: np.ndarray) -> np.ndarray:
-    """Readings (...) mm in whole steps, some of them 10 to 100 standard deviations of the gauge off."""
+    """Return readings (...) mm rounded to the resolution, with outliers of 10 to 100 standard deviations of the
+    gauge.
+    """
     hit = rng.random(g_mm.shape) < stops.outliers
     size = rng.choice([-1, 1], g_mm.shape) * np.exp(rng.uniform(np.log(10), np.log(100), g_mm.shape))
     return np.asarray(np.round((g_mm + hit * size * stops.u_gauge_mm) / stops.step_mm) * stops.step_mm)
 
 
 def done_again(rng: np.random.Generator, stops: Stops, true_mm: np.ndarray, sigma_mm: np.ndarray) -> np.ndarray:
-    """Readings (AGAIN, n) mm of the same test over and over, without outliers: those are not the robot's."""
+    """Return readings (AGAIN, n) mm of repetitions of the same test without outliers, which are not a property of
+    the robot.
+    """
     readings = scattered(rng, stops, true_mm, np.stack([sigma_mm] * AGAIN))
     return read(rng, dataclasses.replace(stops, outliers=0.0), readings)
 
 
 def rp(x: np.ndarray) -> np.ndarray:
-    """ISO 9283, 7.2.2, of visits (..., v, d): mean + 3 S of the distances from their mean."""
+    """Return RP of ISO 9283, 7.2.2, for visits (..., v, d): mean + 3 S of the distances from their mean."""
     away = np.linalg.norm(x - x.mean(axis=-2, keepdims=True), axis=-1)
     return np.asarray(away.mean(axis=-1) + 3 * away.std(axis=-1, ddof=1))
 
@@ -111,7 +122,7 @@ def rp(x: np.ndarray) -> np.ndarray:
 
 @cache
 def one_visit() -> RadialTable:
-    """The program of the rig's hemisphere without readings."""
+    """Return the hemisphere program of the rig without readings."""
     rig, _ = cell_rig()
     once = hemisphere_of(rig).model_copy(update={"visits": 1})
     program = radial_program(rig.model_copy(update={"tests": rig.tests.model_copy(update={"hemisphere": once})}))
@@ -120,14 +131,16 @@ def one_visit() -> RadialTable:
 
 
 def visited(visits: int, g_mm: np.ndarray) -> RadialTable:
-    """The whole program `visits` times over, with its readings (visits · n,)."""
+    """Return the complete program repeated `visits` times, with readings (visits · n,)."""
     once, time_s = one_visit(), STOP_S * np.arange(len(g_mm))
     again = {f.name: np.concatenate([getattr(once, f.name)] * visits) for f in dataclasses.fields(once)}
     return RadialTable(**again | {"t_s": time_s, "g_mm": g_mm})
 
 
 def draw_errors(rng: np.random.Generator) -> np.ndarray:
-    """Expected readings (n,) mm of the program: a radius, a pull, an error of each target and of each orientation."""
+    """Draw expected readings (n,) mm of the program: a radius, a displacement, and errors of each target and
+    orientation.
+    """
     once = one_visit()
     pull = directions(once) @ rng.normal(0, 0.2, 3)
     of_target, of_orientation = (between(rng, 0.02, 0.3) * rng.normal(size=(once.target.max() + 1, 4)) for _ in "to")
@@ -136,7 +149,7 @@ def draw_errors(rng: np.random.Generator) -> np.ndarray:
 
 
 def true_radial(g_mm: np.ndarray) -> Truth:
-    """Of expected readings (n,) mm of the program."""
+    """Return the true figures for expected readings (n,) mm of the program."""
     once, radius = one_visit(), hemisphere_of(cell_rig()[0]).radius_mm
     by_target = [once.target == target for target in np.unique(once.target)]
     mean = np.array([g_mm[rows].mean() for rows in by_target])
@@ -155,7 +168,7 @@ def true_radial(g_mm: np.ndarray) -> Truth:
 
 
 def _sphere(points: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
-    """Centre (3,), radius and what is left (n,) of the least-squares sphere through points (n, 3)."""
+    """Return centre (3,), radius and residual (n,) of the least-squares sphere through points (n, 3)."""
     centre = np.zeros(3)
     for _ in range(20):
         line = points - centre
@@ -168,7 +181,9 @@ def _sphere(points: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
 
 
 def radial_case(rng: np.random.Generator, kind: str, size: Size) -> Outcome:
-    """Every target as often as there are laps. RP is what it would be on average, were the test done again."""
+    """Return figures of targets visited once per lap. The true RP is the expected value over repetitions of the
+    test.
+    """
     stops, expected = draw_stops(rng, kind), draw_errors(rng)
     sigma = sigmas(rng, stops, one_visit().target.max() + 1)[one_visit().target]
     g = scattered(rng, stops, np.tile(expected, size.laps), np.tile(sigma, size.laps))
@@ -190,7 +205,7 @@ def _visits(count: int) -> str:
 
 
 def repeatability_figures(x: np.ndarray) -> dict[str, np.ndarray]:
-    """Figures (...,) of readings x (..., targets, 2, rounds) mm, from out and in."""
+    """Return figures (...,) of readings x (..., targets, 2, rounds) mm, from outside and inside."""
     uni, bi = np.ptp(x, axis=-1), np.ptp(x.reshape(*x.shape[:-2], -1), axis=-1)
     each, s = rp(x[..., None]), x.std(axis=-1, ddof=1)
     B = x[..., 1, :].mean(axis=-1) - x[..., 0, :].mean(axis=-1)
@@ -211,12 +226,13 @@ def repeatability_figures(x: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def repeatability_case(rng: np.random.Generator, kind: str, size: Size) -> Outcome:
-    """Three rounds, or five where three laps are asked for. Every figure's truth is what it would be on average, were
-    the whole test done again on the same robot."""
+    """Return figures of three rounds, or five for three laps. True values are expectations over repetitions of the
+    complete test on the same robot.
+    """
     stops, rounds = draw_stops(rng, kind), 5 if size.laps >= 3 else 3
     sigma = np.repeat(sigmas(rng, stops, TARGETS), 2 * rounds)
     B = rng.choice([-1, 1]) * np.exp(rng.uniform(np.log(0.02), np.log(1.4), TARGETS))
-    # In order of time: target, round, side.
+    # In time order: target, round, side.
     middle = np.broadcast_to(B[:, None, None] * np.array([-0.5, 0.5]), (TARGETS, rounds, 2)).ravel()
     by_round = (TARGETS, rounds, 2)
     g = read(rng, stops, scattered(rng, stops, middle, sigma))

@@ -1,8 +1,9 @@
-"""Measurements by a stranger: cases of hidden effects for the blind trial of `rig diagnose`.
+"""Independently generated measurements: cases with hidden effects for the blind trial of `rig diagnose`.
 
-Shares no code with the project: numpy, yaml and the standard library only. Kinematics are a product of exponentials,
-every effect is written anew from the page of measurements and the vocabulary, and then perturbed, as nature does.
-`generate` writes what a stranger would send (CSV tables, rig files) and seals the truth elsewhere.
+This package shares no code with rig. It uses only numpy, yaml and the standard library. Kinematics are a product of
+exponentials. Every effect is implemented again from the page on measurements and the vocabulary, and then perturbed, as
+in nature. `generate` writes the files of a measurement (CSV tables, rig files) and stores the truth in a different
+place.
 """
 
 from tests.worlds.stranger.cases import KINDS, SCALES, energy_of, gap_of, generate, left_of

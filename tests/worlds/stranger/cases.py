@@ -1,7 +1,8 @@
-"""A case: one hidden truth, and the runs that a stranger measured of it.
+"""A case: hidden effects, and the runs measured with them.
 
-`case-0001/` has `rig.yaml` (no effects), `unseen.yaml` (the same cell, its circle elsewhere), a CSV table a run and
-`runs.csv` that says which is what. The truth goes to `case-0001.json` in another tree. All is fixed by kind and seed.
+`case-0001/` contains `rig.yaml` (without effects), `unseen.yaml` (the same cell with a different circle), a CSV table
+per run, and `runs.csv` with the description of each table. The truth is written to `case-0001.json` in a different
+directory. Kind and seed determine everything.
 """
 
 from __future__ import annotations
@@ -33,13 +34,14 @@ from tests.worlds.stranger.tables import write_table
 KINDS = ("none", "one", "two", "three", "wrong_form", "dense", "outside")
 SCATTERED = 0.1
 SCALES = ("limits", "tolerance")
-"""What the background is a share of: `limits`: of what shows at SNR 7, or the healthy size where that is smaller, and
-hidden effects have SNR 7 … 60; `tolerance`: of healthy sizes, and hidden effects are 3 … 15 times them."""
+"""Scale of the background. `limits`: size visible at SNR 7, or the healthy size if smaller; hidden effects have SNR
+7 … 60. `tolerance`: healthy size; hidden effects are 3 … 15 times larger.
+"""
 
 
 @dataclass(frozen=True)
 class Lap:
-    """A noiseless lap: t_s (m,), q (m, 6) rad, what faults add (m, 2) mm, and what the set-up can do (2 m, 5)."""
+    """A noise-free lap: t_s (m,), q (m, 6) rad, change by faults (m, 2) mm, and changes by the set-up (2 m, 5)."""
 
     direction: str
     t_s: Array
@@ -49,16 +51,17 @@ class Lap:
 
 
 def energy_of(laps: Sequence[Lap], parts: Sequence[Array]) -> float:
-    """mm² of parts (m, 2) mm a lap that the set-up cannot take up."""
+    """Return the energy in mm² of changes (m, 2) mm per lap that the set-up cannot absorb."""
     A = np.concatenate([lap.by_setup for lap in laps])
     x = np.concatenate([part.ravel() for part in parts])
     return float(np.sum((x - A @ np.linalg.lstsq(A, x, rcond=None)[0]) ** 2))
 
 
 def left_of(laps: Sequence[Lap], said: Sequence[Array]) -> float:
-    """Share of the energy of what faults add that stays when `said` (m, 2) mm a lap is taken off, set-up fitted.
+    """Return the share of the energy of the faults that remains after subtracting `said` (m, 2) mm per lap and fitting
+    the set-up.
 
-    nan where they add nothing to these laps, as what shows on the hemisphere alone.
+    nan if the faults do not change these laps, for example if they are only visible on the hemisphere.
     """
     rest = [lap.added - one for lap, one in zip(laps, said, strict=True)]
     hidden = energy_of(laps, [lap.added for lap in laps])
@@ -67,7 +70,7 @@ def left_of(laps: Sequence[Lap], said: Sequence[Array]) -> float:
 
 @dataclass(frozen=True)
 class _Run:
-    """A line of runs.csv. use: `train`, `held_out` or `unseen`."""
+    """A row of runs.csv. use: `train`, `held_out` or `unseen`."""
 
     test: str
     direction: str
@@ -77,7 +80,7 @@ class _Run:
 def generate(
     kind: str, seed: int, directory: Path, truth_directory: Path, *, scale: str = "limits", name: str = ""
 ) -> Path:
-    """Write a case and seal its truth; gives the case's directory, `case-SEED` or `name` in `directory`."""
+    """Write a case and its truth. Return the directory of the case, `case-SEED` or `name` in `directory`."""
     session, mode = _begun(kind, seed, scale)
     rng, sight, noise, unseen = session.rng, session.sight, session.noise, session.unseen
     scales = Scales(sight.placed(session.links), noise)
@@ -112,7 +115,7 @@ def generate(
 
 
 def _begun(kind: str, seed: int, scale: str) -> tuple[_Session, dict[str, Any]]:
-    """The day of a case before anything is hidden, and what its unseen place is."""
+    """Return the session of a case before effects are hidden, and a description of its unseen place."""
     rng = np.random.default_rng([seed, zlib.crc32(kind.encode()), SCALES.index(scale)])
     robot = ROBOTS[rng.integers(len(ROBOTS))]
     sight, noise = sight_of(robot), drawn_noise(rng)
@@ -121,14 +124,16 @@ def _begun(kind: str, seed: int, scale: str) -> tuple[_Session, dict[str, Any]]:
 
 
 def gap_of(truth: Mapping[str, Any]) -> dict[str, list[Lap]]:
-    """What is hidden in a case, on noiseless laps of the runs left out and at the unseen place, from its truth."""
+    """Return noise-free laps of the held-out runs and of the unseen place with the hidden effects of a case, from
+    its truth.
+    """
     session, _ = _begun(truth["kind"], truth["seed"], truth["scale"])
     secret = [fault_from(one) for one in truth["hidden"]]
     return {"held_out": session.laps("held_out", secret), "unseen_place": session.laps("unseen", secret)}
 
 
 def _shares(scales: Scales, kind: str, scale: str) -> dict[str, float]:
-    """By name the background's largest size, in healthy sizes."""
+    """Return the largest size of each background effect in healthy sizes, by name."""
     part = DENSE if kind == "dense" else SCATTERED
     tops = {name: min(1.0, limit) if scale == "limits" else 1.0 for name, limit in scales.limits().items()}
     return {name: part * top for name, top in tops.items()}
@@ -150,7 +155,7 @@ def _drawn(
 
 
 def elsewhere(sight: Sight, rng: np.random.Generator) -> tuple[tuple[Cell, Track], dict[str, Any]]:
-    """The cell with its circle at another place or of another radius, and what was changed."""
+    """Return the cell with a circle at a different place or of a different radius, and the change."""
     circle = sight.cell.circle
     for _ in range(30):
         if rng.uniform() < 0.5:
@@ -173,7 +178,7 @@ def elsewhere(sight: Sight, rng: np.random.Generator) -> tuple[tuple[Cell, Track
 
 
 class _Session:
-    """A day in the shop: set-ups, and runs in the order they were made."""
+    """A measuring session: set-ups, and runs in the order of their measurement."""
 
     def __init__(
         self, robot: str, sight: Sight, unseen: tuple[Cell, Track], noise: Noise, rng: np.random.Generator
@@ -194,7 +199,7 @@ class _Session:
         return Link(place.centre + off, self.rng.uniform(-0.3, 0.3, gauges), cell.gauge_at)
 
     def order(self) -> list[_Run]:
-        """Set-up by set-up, in any order; within a set-up too."""
+        """Return the runs in random order of the set-ups and within each set-up."""
         yaw = [_Run("yaw", way, "train") for way in ("acw", "cw") for _ in range(REPEATS)]
         yaw += [_Run("yaw", way, "held_out") for way in ("acw", "cw")]
         roll = [_Run("roll", way, "train") for way in ("acw", "cw") for _ in range(REPEATS)]
@@ -214,7 +219,7 @@ class _Session:
         return self.links["unseen" if run.use == "unseen" else run.test]
 
     def readings(self, run: _Run, motion: Motion) -> Array:
-        """(m, k) mm with the scatter of the run and the noise of the readings."""
+        """Return readings (m, k) mm with scatter of the run and noise."""
         rng, noise, link = self.rng, self.noise, self.link(run)
         link = replace(link, ball=link.ball + noise.ball_mm * rng.standard_normal(3))
         scatter = np.radians(noise.joints_deg) * rng.standard_normal(6)
@@ -223,7 +228,9 @@ class _Session:
         return g + added(noise, motion.t[motion.rows], g.shape[1], rng)
 
     def gaps(self, secret: list[Fault]) -> dict[str, float]:
-        """Root mean square in µm of what is hidden, the set-up fitted, in runs left out and at the unseen place."""
+        """Return the rms in µm of the hidden effects after fitting the set-up, for held-out runs and the unseen
+        place.
+        """
         found = {}
         for use, name in (("held_out", "held_out"), ("unseen", "unseen_place")):
             laps = self.laps(use, secret)
@@ -233,7 +240,7 @@ class _Session:
         return found
 
     def laps(self, use: str, secret: list[Fault]) -> list[Lap]:
-        """Noiseless yaw laps, acw and cw, with what faults add."""
+        """Return noise-free yaw laps, acw and cw, with the changes by faults."""
         found = []
         for way in ("acw", "cw"):
             run = _Run("yaw", way, use)
@@ -274,7 +281,7 @@ def fault_json(fault: Fault) -> dict[str, Any]:
 
 
 def fault_from(one: Mapping[str, Any]) -> Fault:
-    """A fault as its truth has it."""
+    """Return the fault described in the truth."""
     size = SIZE[one["effect"]]
     keys = {key: one[key] for key in ("axis", "field", "gauge", "from_axis", "to_axis") if key in one}
     shape = {key: value for key, value in one["parameters"].items() if key != size}

@@ -1,4 +1,4 @@
-"""A cell as its rig file tells it: lengths in mm, angles in rad. Read from YAML by hand, effects left aside."""
+"""A cell as described in its rig file, parsed from YAML by hand; lengths in mm, angles in rad. Effects are ignored."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ ROBOTS = ("paper-fanuc", "ur10e")
 
 @dataclass(frozen=True)
 class Place:
-    """Where a circle or a hemisphere lies. centre, u, v, n (3,), v = n × u; radius mm; posture (6,) rad near phi = 0
-    or near the pole; speed mm/s and lead rad of a circle."""
+    """Position of a circle or a hemisphere. centre, u, v, n (3,), v = n × u; radius in mm; posture (6,) rad near phi
+    = 0 or near the pole; speed in mm/s and lead-in in rad of a circle.
+    """
 
     centre: Array
     u: Array
@@ -33,7 +34,9 @@ class Place:
 
 @dataclass(frozen=True)
 class Cell:
-    """arm; constants to change it by; limits (6, 2) rad, speeds (6,) rad/s; gauge_at (2,) mm along the baseline."""
+    """A cell: arm; constants for modifying it; limits (6, 2) rad, speeds (6,) rad/s; gauge_at (2,) mm along the
+    baseline.
+    """
 
     data: dict[str, Any]
     constants: Constants
@@ -46,7 +49,7 @@ class Cell:
 
 
 def read_cell(robot: str) -> Cell:
-    """One of the shipped rigs, without the effects and the eccentricity that its emulated cell hides."""
+    """Return a shipped rig without the hidden effects and the eccentricity of its emulated cell."""
     data = yaml.safe_load((RIGS / f"{robot}.yaml").read_text(encoding="utf-8"))
     data["effects"] = []
     data["tests"]["circle"].pop("eccentricity_mm", None)
@@ -54,7 +57,7 @@ def read_cell(robot: str) -> Cell:
 
 
 def cell_of(data: dict[str, Any]) -> Cell:
-    """From the mapping of a rig file."""
+    """Return the cell of a parsed rig file."""
     axes = data["robot"]["axes"]
     constants = _constants(data["robot"])
     return Cell(
@@ -70,7 +73,7 @@ def cell_of(data: dict[str, Any]) -> Cell:
 
 
 def moved(cell: Cell, circle: Place) -> Cell:
-    """The same cell with its circle elsewhere or of another radius, in its rig file too."""
+    """Return the cell with a circle at a different place or of a different radius, also changed in its rig file."""
     tests = dict(cell.data["tests"])
     tests["circle"] = tests["circle"] | {
         "centre_mm": [round(float(x), 3) for x in circle.centre],
@@ -102,7 +105,7 @@ def _constants(robot: dict[str, Any]) -> Constants:
 
 
 def _pose(pose: dict[str, Any]) -> Array:
-    """(4, 4) of a position and turns about the fixed x, then y, then z."""
+    """Return the pose (4, 4) of a position and rotations about the fixed x, then y, then z axis."""
     T = placed(2, np.radians(pose.get("rpy_deg", (0.0,) * 3))[2])
     T = T @ placed(1, np.radians(pose.get("rpy_deg", (0.0,) * 3))[1])
     T = T @ placed(0, np.radians(pose.get("rpy_deg", (0.0,) * 3))[0])

@@ -1,4 +1,4 @@
-"""What a case hides, drawn so that the tests can see it; and the little of everything that every arm has."""
+"""Draw hidden effects that are visible in the tests, and the small effects of every healthy arm."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.worlds.stranger.sight import LEAST_SNR, Frame, Scales
 MOST_SNR = 60.0
 OUTSIDE_SNR = 20.0
 LARGEST = 25.0
-"""No fault is larger than so many healthy sizes."""
+"""Largest fault in healthy sizes."""
 TWIN = 0.98
 WEIGHTS = {
     "backlash": 3.0,
@@ -27,13 +27,13 @@ WEIGHTS = {
     "clock_rate": 0.5,
     "vibration": 0.5,
 }
-"""How often an effect is hidden beside the others' 1: joints are what rig is about."""
+"""Relative frequency of effects, 1 by default. Joint effects are more frequent because they are the purpose of rig."""
 HAS_FORM = ("backlash", "transmission_error", "compliance", "reversal_spike", "thermal_growth", "ball_form",
             "gauge_dead_band", "gauge_cyclic", "gauge_drift", "servo_lag")  # fmt: skip
-"""Effects that can have the right name and another form."""
+"""Effects that can occur with a form different from the vocabulary."""
 HAS_LOOKS = ("transmission_error", "reversal_spike", "compliance", "thermal_growth", "gauge_cyclic", "ball_form",
              "vibration")  # fmt: skip
-"""Effects whose shape decides how much of them shows."""
+"""Effects whose shape determines their visibility."""
 DENSE = 0.2
 OUTSIDE = ("cross_term", "slip", "speed_error", "foreign_friction", "dent", "thermal_step", "rate_hysteresis")
 _TRIES = 200
@@ -41,8 +41,9 @@ _TRIES = 200
 
 @dataclass(frozen=True)
 class Hidden:
-    """A fault with its SNR against noise and background, against noise alone, the names that no data of these tests
-    can part from it, and the nearest other name with its distance in sigma (noise alone)."""
+    """A fault with its SNR against noise and background, its SNR against noise only, the names it cannot be
+    distinguished from in these tests, and the nearest other name with its distance in sigma (noise only).
+    """
 
     fault: Fault
     snr: float
@@ -53,16 +54,16 @@ class Hidden:
 
 
 class NothingToHideError(Exception):
-    """No draw came out as wanted."""
+    """No random draw satisfied the requirements."""
 
 
 def background(
     names: Sequence[str], share: Mapping[str, float], rng: np.random.Generator, dense: Frame | None = None
 ) -> list[Fault]:
-    """One fault of each name, at a random part of its share of the healthy size, or at all of it.
+    """Return a fault of each name with a random part, or all, of its share of the healthy size.
 
-    dense: the frame without background, for all of it; there a fault whose shape shows more than its name's usual look
-    is held to that share of its own limit.
+    dense: frame without background, to use the complete share. There a fault with a shape more visible than usual is
+    limited to this share of its own limit.
     """
     found = []
     for effect, keys in everything():
@@ -81,7 +82,7 @@ def background(
 
 
 def candidate(rng: np.random.Generator, effects: Sequence[str] | None, rough: tuple[float, float]) -> Fault:
-    """A fault at its healthy size, on whatever it may sit on."""
+    """Return a fault of healthy size at a random seat."""
     every = everything()
     known = list(dict.fromkeys(effect for effect, _ in every)) if effects is None else list(effects)
     weights = np.array([WEIGHTS.get(effect, 1.0) for effect in known])
@@ -102,7 +103,9 @@ def hide(
     rough: tuple[float, float] = (0.0, 0.25),
     sizes: tuple[float, float] | None = None,
 ) -> list[Hidden]:
-    """Faults that show, each even with the others known: SNR 7 … 60, or of `sizes` in healthy sizes and SNR > 7."""
+    """Return faults that are each visible even if the others are known: SNR 7 … 60, or with `sizes` in healthy sizes
+    and SNR > 7.
+    """
     quiet = scales.frame({})
     for _ in range(_TRIES):
         drawn = [candidate(rng, effects, rough) for _ in range(count)]
@@ -118,7 +121,7 @@ def hide(
 
 
 def _grown(frame: Frame, fault: Fault, rng: np.random.Generator, sizes: tuple[float, float] | None) -> Fault | None:
-    """The fault at a size drawn by its SNR; None where that is out of range."""
+    """Return the fault with a size drawn by its SNR; None if it is out of range."""
     unit = abs(fault.size)
     if sizes:
         fault = fault.sized(fault.size * float(np.exp(rng.uniform(*np.log(sizes)))))
@@ -132,7 +135,7 @@ def _grown(frame: Frame, fault: Fault, rng: np.random.Generator, sizes: tuple[fl
 
 
 def _apart(frame: Frame, faults: list[Fault]) -> bool:
-    """Whether each is seen with SNR 7 even where the sizes of the others are free."""
+    """Return whether each fault has SNR 7 even if the sizes of the others are free."""
     rows = np.array([frame.of([fault]) for fault in faults])
     if len(rows) == 1:
         return True
@@ -141,7 +144,7 @@ def _apart(frame: Frame, faults: list[Fault]) -> bool:
 
 
 def _looked_at(frame: Frame, quiet: Frame, fault: Fault) -> Hidden:
-    """Its SNR, and the names that look like it."""
+    """Return the fault with its SNR and the names similar to it."""
     x = quiet.of([fault])
     size, alike = float(np.linalg.norm(x)), quiet.likeness(x)
     away = {name: size * np.sqrt(max(0.0, 1 - c**2)) for name, c in alike.items() if name != fault.name}
@@ -152,7 +155,7 @@ def _looked_at(frame: Frame, quiet: Frame, fault: Fault) -> Hidden:
 
 @dataclass(frozen=True)
 class Foreign:
-    """An effect outside the vocabulary: its SNR, what no single name explains of it, and the name nearest to it."""
+    """An effect outside the vocabulary: its SNR, the part that no single name explains, and the nearest name."""
 
     fault: Fault
     snr: float
@@ -161,7 +164,7 @@ class Foreign:
 
 
 def hide_foreign(scales: Scales, share: Mapping[str, float], rng: np.random.Generator) -> Foreign:
-    """An effect that no name of the vocabulary explains: what is left of it has SNR 20 … 60."""
+    """Return an effect that no name of the vocabulary explains; the unexplained part has SNR 20 … 60."""
     frame, quiet = scales.frame(share), scales.frame({})
     for _ in range(_TRIES):
         fault, wanted = foreign(rng), float(np.exp(rng.uniform(np.log(OUTSIDE_SNR), np.log(MOST_SNR))))
@@ -184,7 +187,7 @@ def _left(x: Array, frame: Frame) -> float:
 
 
 def foreign(rng: np.random.Generator) -> Fault:
-    """One of the inventions of outside.py, at 0.005° or 0.005 mm."""
+    """Return a random effect of outside.py of size 0.005° or 0.005 mm."""
     effect = str(rng.choice(OUTSIDE))
     axis, other = (int(k) for k in rng.permutation(np.arange(1, 6))[:2])
     phase = float(rng.uniform(0, 360))

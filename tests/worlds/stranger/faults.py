@@ -1,4 +1,4 @@
-"""A fault: one effect of the vocabulary with its keys, its size, its shape, and how far it strays from the page."""
+"""A fault: an effect of the vocabulary with keys, size and shape, and its deviation from the ideal form."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ HEALTHY = {
     "joint_scale": 5e-5,
     "strain_wave": 1e-5,
 }
-"""Sizes of a good arm (effects.md), in the unit of the size; the page has none for link_bending, 0.05 mm at 500 Nm, nor
-for joint_scale and strain_wave."""
+"""Sizes of a good arm (effects.md), in the unit of the size. The page contains no value for link_bending (0.05 mm at
+500 Nm is used), joint_scale and strain_wave.
+"""
 SIZE = {
     "joint_offset": "offset_deg",
     "joint_scale": "relative",
@@ -54,7 +55,7 @@ SIZE = {
     "clock_rate": "ppm",
     "vibration": "amplitude_mm",
 }
-"""The parameter that says how large an effect is."""
+"""Parameter that gives the size of an effect."""
 SIGNED = {
     "joint_offset",
     "joint_scale",
@@ -67,15 +68,16 @@ SIGNED = {
     "time_lag",
     "clock_rate",
 }
-"""Those that a plus and a minus make two things; a play or an amplitude is positive, and so are lag and spike here."""
+"""Effects with a meaningful sign. Backlash and amplitudes are positive, and so are lags and spikes here."""
 Key = int | str
 
 
 @dataclass(frozen=True)
 class Fault:
-    """keys: axis, field, gauge, from_axis, to_axis; shape: what else the vocabulary names (order, phase_deg …).
+    """A fault. keys: axis, field, gauge, from_axis, to_axis; shape: other parameters of the vocabulary (order,
+    phase_deg …).
 
-    rough: 0 as the page says it; up to 1 as nature does it; begin (-1 … 1): where a play starts.
+    rough: deviation from the ideal form, 0 to 1; begin (-1 … 1): start position in a backlash.
     """
 
     effect: str
@@ -87,7 +89,9 @@ class Fault:
 
     @property
     def name(self) -> str:
-        """`backlash 1`, `link_geometry 5.a`, `wrist_coupling 4>5`, `gauge_scale g1`, `time_lag`."""
+        """Return the name, such as `backlash 1`, `link_geometry 5.a`, `wrist_coupling 4>5`, `gauge_scale g1` or
+        `time_lag`.
+        """
         return name_of(self.effect, self.keys)
 
     @property
@@ -99,7 +103,7 @@ class Fault:
 
 
 def name_of(effect: str, keys: Mapping[str, Key]) -> str:
-    """One name for an effect and what it sits on."""
+    """Return the name of an effect at a seat."""
     match effect:
         case "link_geometry":
             return f"{effect} {keys['axis']}.{keys['field']}"
@@ -109,7 +113,7 @@ def name_of(effect: str, keys: Mapping[str, Key]) -> str:
 
 
 def healthy_of(effect: str, keys: Mapping[str, Key]) -> float:
-    """What a good arm shows anyway, in the unit of the size."""
+    """Return the size for a good arm, in the unit of the size."""
     if effect == "link_geometry":
         return 0.2 if keys["field"] in ("a", "d") else 0.02
     if effect == "compliance":

@@ -1,4 +1,4 @@
-"""What the link and its gauges read: measurement.md, "Circle test", and what goes wrong there. mm, rad, s."""
+"""Readings of the link and its gauges according to measurement.md, "Circle test", and their errors. mm, rad, s."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from tests.worlds.stranger.screws import Array, Posed
 
 @dataclass(frozen=True)
 class Link:
-    """A set-up: ball (3,) in the world, zeros (k,) that gauges show too little, `at` (k,): on the baseline."""
+    """A set-up: ball (3,) in the world, zeros (k,) subtracted from the readings, `at` (k,): positions on the
+    baseline.
+    """
 
     ball: Array
     zeros: Array
@@ -23,7 +25,9 @@ class Link:
 
 
 def raw_readings(posed: Posed, p: Array, link: Link, test: str, place: Place, faults: list[Fault]) -> Array:
-    """(n, k) before the gauges' own errors: g = (s - w (l·e)) / (l·z), less the zeros. p (n, 3): the tool."""
+    """Return readings (n, k) without gauge errors: g = (s - w (l·e)) / (l·z), less the zeros. p (n, 3): positions of
+    the tool.
+    """
     way = link.ball - p
     distance = np.sqrt((way**2).sum(axis=1))
     contact = np.arctan2(-way @ place.v, -way @ place.u)
@@ -41,7 +45,7 @@ def raw_readings(posed: Posed, p: Array, link: Link, test: str, place: Place, fa
 
 
 def _form(contact: Array, faults: list[Fault]) -> Array:
-    """What the ball's form adds to the distance (n,)."""
+    """Return the change (n,) of the distance by the form of the ball."""
     total = np.zeros_like(contact)
     for fault in faults:
         if fault.effect == "ball_form":
@@ -54,14 +58,14 @@ def _form(contact: Array, faults: list[Fault]) -> Array:
 
 
 def own_errors(g: Array, t: Array, faults: list[Fault], phases: dict[str, float]) -> Array:
-    """The readings (n, k) as the gauges, the stand and the plungers make them; phases: of a vibration, by run."""
+    """Return readings (n, k) with the errors of gauges, stand and plungers. phases: of vibrations, by run."""
     g = g.copy()
     for fault in faults:
         if fault.effect == "vibration":
             phase = np.radians(fault.shape["phase_deg"]) + phases.get("vibration", 0.0)
             beat = 1 + 0.3 * fault.rough * np.sin(2 * np.pi * t / 3.0)
             g += (fault.size * beat * np.sin(2 * np.pi * fault.shape["frequency_hz"] * t + phase))[:, None]
-        elif fault.effect == "link_growth":  # a longer bar comes closer to the ball
+        elif fault.effect == "link_growth":  # a longer bar is closer to the ball
             g -= (fault.size * (1 - np.exp(-np.clip(t, 0, None) / fault.shape["time_constant_s"])))[:, None]
         elif fault.effect == "thermal_step":
             g += thermal_step(fault, t)[:, None]
@@ -72,7 +76,7 @@ def own_errors(g: Array, t: Array, faults: list[Fault], phases: dict[str, float]
 
 
 def _wrong(fault: Fault, t: Array, g: Array) -> Array:
-    """What one gauge adds to its own reading g (n,)."""
+    """Return the error of a gauge for its readings g (n,)."""
     size, rough = fault.size, fault.rough
     match fault.effect:
         case "gauge_scale":

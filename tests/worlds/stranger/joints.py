@@ -1,7 +1,8 @@
-"""What joints and links do beside what the encoders say: measurement.md, *link side = reported + effect*; rad, mm.
+"""Deviations of joints and links from the encoders according to measurement.md, *link side = reported + effect*; rad,
+mm.
 
-Each form takes the whole motion and gives the deviation of one joint (n,) rad, or of the tool (n, 3) mm. `rough` strays
-from the page: rounder, with overtones, with a second decay.
+Each function takes the complete motion and returns the deviation of a joint (n,) rad, or of the tool (n, 3) mm. With
+`rough` the form deviates from the page: rounded, with harmonics, or with a second decay.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from tests.worlds.stranger.screws import Arm, Array, Constants, Posed, torque_nm
 
 @dataclass(frozen=True)
 class Trace:
-    """The motors' motion: t (n,) s, q (n, 6) rad, and the arm as its rig file has it."""
+    """Motion of the motors: t (n,) s, q (n, 6) rad, and the arm of the rig file."""
 
     arm: Arm
     t: Array
@@ -32,12 +33,12 @@ class Trace:
 
     @cached_property
     def per_kg(self) -> Array:
-        """What a kilogram more at the flange adds to the torques (n, 6) Nm."""
+        """Return the torques (n, 6) Nm per additional kilogram at the flange."""
         return torque_nm(self.arm, self.q, 1.0) - self.torque
 
     @cached_property
     def rate(self) -> Array:
-        """Of the motors (n, 6) rad/s."""
+        """Return the speeds of the motors (n, 6) rad/s."""
         return np.gradient(self.q, self.t, axis=0)
 
     @cached_property
@@ -49,17 +50,17 @@ Form = Callable[[Fault, Trace], Array]
 
 
 def joint_offset(fault: Fault, trace: Trace) -> Array:
-    """A constant."""
+    """Return a constant."""
     return np.full(len(trace.t), np.radians(fault.size))
 
 
 def joint_scale(fault: Fault, trace: Trace) -> Array:
-    """A share of the joint's own angle."""
+    """Return a share of the joint angle."""
     return fault.size * trace.q[:, int(fault.keys["axis"]) - 1]
 
 
 def backlash(fault: Fault, trace: Trace) -> Array:
-    """A play, rounded; where gravity loads the joint and holds the flank, that share of it shows no reversal."""
+    """Return a rounded backlash, reduced in proportion to the gravity load that holds the flank."""
     axis = int(fault.keys["axis"]) - 1
     half = np.radians(fault.size) / 2
     lag = lagging(trace.q[:, axis], half, fault.rough, fault.begin)
@@ -69,7 +70,7 @@ def backlash(fault: Fault, trace: Trace) -> Array:
 
 
 def transmission_error(fault: Fault, trace: Trace) -> Array:
-    """A sine of the joint's angle; rough: a third and a second harmonic."""
+    """Return a sine of the joint angle; rough: with second and third harmonics."""
     at = fault.shape["order"] * trace.q[:, int(fault.keys["axis"]) - 1] + np.radians(fault.shape["phase_deg"])
     third, second = 0.3 * fault.rough, 0.1 * fault.rough
     wave = np.sin(at) + third * np.sin(3 * at + fault.begin) + second * np.sin(2 * at + 2.0)
@@ -77,7 +78,7 @@ def transmission_error(fault: Fault, trace: Trace) -> Array:
 
 
 def compliance(fault: Fault, trace: Trace) -> Array:
-    """Gravity's torque, of links and of a payload that nobody wrote down; rough: a gear that stiffens."""
+    """Return the twist by the gravity torque of links and an unrecorded payload; rough: with increasing stiffness."""
     axis = int(fault.keys["axis"]) - 1
     torque = trace.torque[:, axis] + fault.shape.get("payload_kg", 0.0) * trace.per_kg[:, axis]
     if fault.rough:
@@ -87,7 +88,7 @@ def compliance(fault: Fault, trace: Trace) -> Array:
 
 
 def strain_wave(fault: Fault, trace: Trace) -> Array:
-    """Three regions of the torque, each with a stiffness of its own, behind a loss."""
+    """Return a twist with three stiffness regions of the torque, after a hysteresis loss."""
     torque, knee = trace.torque[:, int(fault.keys["axis"]) - 1], fault.shape["knee_Nm"]
     if loss := fault.shape.get("loss", 0.0):
         torque = torque + lagging(torque, loss * knee, 0.0, fault.begin)
@@ -97,7 +98,9 @@ def strain_wave(fault: Fault, trace: Trace) -> Array:
 
 
 def reversal_spike(fault: Fault, trace: Trace) -> Array:
-    """Against the new direction after each reversal; rough: two decays, and a rise that takes a moment."""
+    """Return a deflection against the new direction after each reversal; rough: with two decays and a finite rise
+    time.
+    """
     decay, share = fault.shape["decay_s"], 0.4 * fault.rough
     wound = np.zeros(len(trace.t))
     for when, direction in trace.turns[int(fault.keys["axis"]) - 1]:
@@ -110,13 +113,13 @@ def reversal_spike(fault: Fault, trace: Trace) -> Array:
 
 
 def wrist_coupling(fault: Fault, trace: Trace) -> Array:
-    """A share of another axis; rough: the shared gear is a little eccentric."""
+    """Return a share of another axis; rough: with a slightly eccentric shared gear."""
     q = trace.q[:, int(fault.keys["from_axis"]) - 1]
     return fault.size * (q + 0.1 * fault.rough * np.sin(q + fault.begin))
 
 
 def servo_lag(fault: Fault, trace: Trace) -> Array:
-    """Where the joint was a moment ago; rough: smeared over that moment and the next."""
+    """Return the difference to an earlier angle of the joint; rough: averaged over a time interval."""
     t, q = trace.t, trace.q[:, int(fault.keys["axis"]) - 1]
     spread = 1.0 * fault.rough
     ago = [np.interp(t - fault.size * (1 + share), t, q) for share in (-spread, 0.0, spread)]
@@ -137,12 +140,12 @@ ON_JOINT: MappingProxyType[str, Form] = MappingProxyType({
 
 
 def joint_of(fault: Fault) -> int:
-    """Which joint (0 … 5) a fault turns."""
+    """Return the joint (0 … 5) affected by a fault."""
     return int(fault.keys.get("to_axis", fault.keys.get("axis", 0))) - 1
 
 
 def thermal_growth(fault: Fault, trace: Trace, at: Posed, base: Array) -> Array:
-    """All lengths grow, so the tool leaves the base; rough: with a second, quicker warming."""
+    """Return the growth of all lengths away from the base; rough: with a second, faster time constant."""
     tau = fault.shape["time_constant_s"]
     quick = 0.3 * fault.rough
     grown = -(1 - quick) * np.expm1(-trace.t / tau) - quick * np.expm1(-trace.t / (tau / 5))
@@ -150,7 +153,7 @@ def thermal_growth(fault: Fault, trace: Trace, at: Posed, base: Array) -> Array:
 
 
 def link_bending(fault: Fault, trace: Trace, at: Posed, base: Array) -> Array:
-    """The far end of the link gives way across it, about the joint's axis; rough: bends sideways too."""
+    """Return the bending of the link end across the link, about the joint axis; rough: also sideways."""
     axis = int(fault.keys["axis"]) - 1
     along = (at.end[:, axis + 1] if axis < 5 else at.p) - at.end[:, axis]
     across = np.cross(at.axis[:, axis], along)
@@ -164,7 +167,7 @@ ON_TOOL = MappingProxyType({"thermal_growth": thermal_growth, "link_bending": li
 
 
 def wrong_constants(constants: Constants, faults: list[Fault]) -> Constants:
-    """The arm's constants with every link_geometry of the list in them."""
+    """Return the constants of the arm with all link_geometry faults of the list."""
     for fault in faults:
         if fault.effect == "link_geometry":
             field = str(fault.keys["field"])

@@ -1,4 +1,4 @@
-"""From a motion and its faults to the readings at its rows, noise aside."""
+"""Noise-free readings of a motion with faults."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.worlds.stranger.screws import Array, Posed, arm_from, pose
 
 
 def trace_of(cell: Cell, motion: Motion) -> Trace:
-    """The motion as the forms of joints see it; worth keeping where many faults see one motion."""
+    """Return the motion in the form required by joint effects; cache it for many faults of one motion."""
     return Trace(cell.arm, motion.t, motion.q)
 
 
@@ -29,9 +29,9 @@ def measure(
     phases: dict[str, float] | None = None,
     trace: Trace | None = None,
 ) -> Array:
-    """Readings (m, k) mm at the rows of a motion. scatter (6,) rad: joints a little off in this run.
+    """Return readings (m, k) mm at the rows of a motion. scatter (6,) rad: joint errors of this run.
 
-    A motion's place is where the rig file says it is, so its radius is the link's constant.
+    The place of the motion is that of the rig file, so its radius is the link length.
     """
     tool = tool_of(cell, motion, faults, trace or trace_of(cell, motion), scatter)
     return read(motion, faults, link, tool, phases)
@@ -44,7 +44,9 @@ def read(
     tool: tuple[Posed, Array],
     phases: dict[str, float] | None = None,
 ) -> Array:
-    """As `measure`, of a tool that `tool_of` has placed: postures are the dear part, and the ball changes none."""
+    """Return readings like `measure` for tool positions computed by `tool_of`, which take most of the time and are
+    independent of the ball.
+    """
     faults = list(faults)
     g = raw_readings(*tool, link, motion.test, motion.place, faults)
     g = own_errors(g, motion.t, faults, phases or {})
@@ -54,7 +56,7 @@ def read(
 def tool_of(
     cell: Cell, motion: Motion, faults: Sequence[Fault], trace: Trace, scatter: Array | None = None
 ) -> tuple[Posed, Array]:
-    """Where everything is, and the tool (n, 3) mm as lengths and bending have it, with faults; scatter as above."""
+    """Return the postures and the tool positions (n, 3) mm with faults, including growth and bending."""
     joints = np.zeros_like(motion.q) if scatter is None else np.tile(scatter, (len(motion.q), 1))
     for fault in faults:
         form = ON_JOINT.get(fault.effect) or OUT_JOINT.get(fault.effect)
@@ -71,7 +73,9 @@ def tool_of(
 
 
 def _stamped(g: Array, motion: Motion, faults: list[Fault]) -> Array:
-    """The readings at the rows' stamps, which may be late or run fast: a stamp t is of t - lag - ppm t."""
+    """Return the readings at the timestamps of the rows. A late or fast clock stamps the time t - lag - ppm t with
+    t.
+    """
     stamp = motion.t[motion.rows]
     lag = sum(fault.size for fault in faults if fault.effect == "time_lag")
     ppm = sum(fault.size for fault in faults if fault.effect == "clock_rate")

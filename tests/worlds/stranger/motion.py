@@ -1,6 +1,6 @@
-"""What the robot does and when it is read: a lap with soft starts, or stops at targets; angles rad, lengths mm.
+"""Robot motions and reading times: laps with smooth starts, or stops at targets; angles in rad, lengths in mm.
 
-A motion is sampled finely, and the instants of the readings are among its samples, so that nothing is interpolated.
+Motions are sampled finely, and the reading times are among the samples, so nothing is interpolated.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ Rows = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Motion:
-    """t (n,) s, q (n, 6) rad of the motors, rows (m,) that are read; test `yaw`, `roll` or `radial`; sense ±1 of a
-    circle; labels of a radial run by column (m,)."""
+    """A motion: t (n,) s, motor angles q (n, 6) rad, rows (m,) of the readings; test `yaw`, `roll` or `radial`;
+    sense ±1 of a circle; labels (m,) of a radial run by column.
+    """
 
     test: str
     t: Array
@@ -35,7 +36,9 @@ class Motion:
 
 
 def circle_frames(place: Place, phi: Array) -> tuple[Array, Array]:
-    """measurement.md: P = C + R r, z = -r, x = n, y = z × x. R (n, 3, 3), p (n, 3)."""
+    """Return the tool frames R (n, 3, 3), p (n, 3) according to measurement.md: P = C + R r, z = -r, x = n, y = z ×
+    x.
+    """
     r = np.cos(phi)[:, None] * place.u + np.sin(phi)[:, None] * place.v
     x = np.broadcast_to(place.n, r.shape)
     return np.stack([x, np.cross(-r, x), -r], axis=2), place.centre + place.radius * r
@@ -43,7 +46,7 @@ def circle_frames(place: Place, phi: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Track:
-    """The circle as angles q (n, 6) over the acw arc psi (n,) rad, lead-in and lead-out with it."""
+    """A circle as angles q (n, 6) over the acw arc psi (n,) rad, including lead-in and lead-out."""
 
     place: Place
     psi: Array
@@ -51,7 +54,7 @@ class Track:
 
 
 def track_of(cell: Cell, place: Place) -> Track:
-    """Raises OutOfReachError where the arm cannot drive the circle within its limits and half its speeds."""
+    """Solve a circle. Raises OutOfReachError if the arm cannot drive it within its limits and half its speeds."""
     lead = max(place.lead, 0.02)
     psi = np.linspace(-lead - 0.01, 2 * np.pi + lead + 0.01, 800)
     R, p = circle_frames(place, place.start + psi)
@@ -65,10 +68,10 @@ def track_of(cell: Cell, place: Place) -> Track:
 
 
 def lap(cell: Cell, track: Track, test: str, sense: int, stamps: Array, fine_s: float = 0.01, laps: int = 1) -> Motion:
-    """Circles, acw (+1) or cw (-1): read at `stamps` (m,) s, as far as the motion lasts.
+    """Return laps, acw (+1) or cw (-1), with readings at `stamps` (m,) s up to the end of the motion.
 
-    A cw lap drives the same angles back. Standing half a second before and after is part of the run; between two laps
-    the robot goes back the way it came, at twice the speed.
+    A cw lap has the same angles in reverse. The run includes half a second at rest before and after. Between two laps
+    the robot returns along the same path at twice the speed.
     """
     place = track.place
     length = 2 * np.pi + 2 * place.lead
@@ -90,21 +93,22 @@ def lap(cell: Cell, track: Track, test: str, sense: int, stamps: Array, fine_s: 
 
 
 def _way(t: Array, length: float, speed: float) -> Array:
-    """Arc (n,) rad gone at t (n,) s after a start, from rest to rest."""
+    """Return the arc (n,) rad driven at times t (n,) s, from rest to rest."""
     arc: Array = speed * (_soft(t) - _soft(t - length / speed))
     return arc
 
 
 def _soft(t: Array) -> Array:
-    """Seconds gone since a start whose speed grows as (1 - cos)/2 over the ramp."""
+    """Return the time integral of the relative speed, which rises as (1 - cos)/2 over the start ramp."""
     s = np.clip(t, 0.0, _RAMP_S)
     return s / 2 - _RAMP_S / (2 * np.pi) * np.sin(np.pi * s / _RAMP_S) + np.maximum(t - _RAMP_S, 0.0)
 
 
 def targets(cell: Cell) -> dict[str, Array]:
-    """Labels and angles of the hemisphere's targets that the arm reaches: number from 1, polar, azimuth, orientation.
+    """Return labels and angles of the hemisphere targets within reach: number from 1, polar, azimuth, orientation.
 
-    From the pole, ring by ring; the tool leans half way to the radius, orientations tilt about its x axis.
+    They are ordered from the pole, ring by ring. The tool leans halfway to the radius; orientations are tilts about its
+    x axis.
     """
     rings = np.arange(1, 4) * np.pi / 6
     polar = np.concatenate([[0.0], np.repeat(rings, 12)])
@@ -122,7 +126,9 @@ def targets(cell: Cell) -> dict[str, Array]:
 
 
 def _reached(cell: Cell, R: Array, p: Array, before: list[Array]) -> Array | None:
-    """Angles (6,) within the limits from the posture or from the target before, None where there are none."""
+    """Return angles (6,) within the limits, starting from the posture or from previous targets; None if there are
+    none.
+    """
     for start in (cell.hemisphere.posture, *before):
         try:
             q: Array = solve(cell.arm, R[None], p[None], start[None])[0]
@@ -137,7 +143,7 @@ def _target_frame(place: Place, polar: float, azimuth: float, tilt: float) -> tu
     out = np.cos(azimuth) * place.u + np.sin(azimuth) * place.v
     towards = np.cos(polar) * place.n + np.sin(polar) * out
     z = -(np.cos(_LEAN * polar) * place.n + np.sin(_LEAN * polar) * out)
-    # The tool's x stays as near to u as the lean lets it.
+    # The x axis of the tool is as close to u as the lean allows.
     half = np.cross(place.n, out)
     x = _about(half, _LEAN * polar, place.u)
     y = np.cross(z, x)
@@ -151,7 +157,9 @@ def _about(axis: Array, angle: float, x: Array) -> Array:
 
 
 def visits(cell: Cell, at: dict[str, Array], order: Rows, dwell_s: Array) -> Motion:
-    """Targets visited in an order, each read after its dwell (m,) s; all joints move together and softly between."""
+    """Return visits of targets in an order, each read after its dwell time (m,) s, with synchronous smooth joint
+    moves.
+    """
     q_at = at["q"][order]
     share = (1 - np.cos(np.pi * np.arange(1, 7) / 6)) / 2
     t, q, rows, now = [0.0], [q_at[0]], [], 0.0
@@ -170,8 +178,9 @@ def visits(cell: Cell, at: dict[str, Array], order: Rows, dwell_s: Array) -> Mot
 
 
 def approaches(cell: Cell, at: dict[str, Array], numbers: list[int], step_mm: float, rounds: int) -> Motion:
-    """A repeatability test: at each target a reading, then `rounds` times one after coming from outside and one after
-    coming from inside, `step_mm` along the radius; in the middle orientation."""
+    """Return a repeatability test: at each target a reading, then `rounds` times one after an approach from outside
+    and one from inside, over `step_mm` along the radius, in the middle orientation.
+    """
     q, labels, read = [], [], []
     for number in numbers:
         (k,) = np.nonzero((at["target"] == number) & (at["orientation"] == 2))

@@ -1,4 +1,6 @@
-"""Every effect of the vocabulary on everything it can sit on, at its healthy size: the background, and what to hide."""
+"""Every effect of the vocabulary at every possible seat, at its healthy size: the background and the candidates for
+hiding.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ ALONE = ("gauge_baseline", "thermal_growth", "time_lag", "clock_rate", "ball_for
 
 
 def everything() -> list[tuple[str, dict[str, Key]]]:
-    """Effect and keys of each name once."""
+    """Return effect and keys of every name."""
     found: list[tuple[str, dict[str, Key]]] = [(effect, {"axis": axis}) for effect in ON_AXES for axis in AXES]
     found += [("transmission_error", {"axis": axis}) for axis in AXES]
     found += [("link_geometry", {"axis": axis, "field": field}) for axis in AXES for field in ("a", "alpha", "d")]
@@ -28,7 +30,7 @@ def everything() -> list[tuple[str, dict[str, Key]]]:
 
 
 def looks(effect: str, keys: dict[str, Key]) -> list[Fault]:
-    """The shapes of one name that span what it can look like, sharp as the page has it."""
+    """Return shapes that span the possible appearances of a name, with ideal forms."""
     size = healthy_of(effect, keys)
     match effect:
         case "transmission_error":
@@ -51,7 +53,7 @@ def looks(effect: str, keys: dict[str, Key]) -> list[Fault]:
 
 
 def drawn_shape(effect: str, rng: np.random.Generator) -> dict[str, float]:
-    """A shape as the shop floor would have it."""
+    """Return a random realistic shape of an effect."""
     phase = float(np.round(rng.uniform(0, 360), 1))
     match effect:
         case "transmission_error":

@@ -1,4 +1,4 @@
-"""What changes from run to run and from reading to reading. mm, s, degrees."""
+"""Scatter between runs and noise of readings, in mm, s and degrees."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from tests.worlds.stranger.screws import Array
 
 @dataclass(frozen=True)
 class Noise:
-    """white: of a reading, mm; wander, wander_s: an Ornstein-Uhlenbeck process, nine tenths of it common to all gauges;
-    joints_deg, ball_mm: scatter of a run; encoder_deg: its step; rate_hz of the readings, uneven by this share."""
+    """Noise of a cell. white: of a reading, mm; wander, wander_s: an Ornstein-Uhlenbeck process, nine tenths common
+    to all gauges; joints_deg, ball_mm: scatter between runs; encoder_deg: encoder step; rate_hz of the readings,
+    uneven by a share.
+    """
 
     white: float
     wander: float = 0.001
@@ -25,7 +27,7 @@ class Noise:
 
 
 def drawn_noise(rng: np.random.Generator) -> Noise:
-    """A cell's own."""
+    """Return random noise of a cell."""
     return Noise(
         white=float(rng.uniform(0.0005, 0.002)),
         wander_s=float(rng.uniform(0.3, 1.0)),
@@ -36,14 +38,14 @@ def drawn_noise(rng: np.random.Generator) -> Noise:
 
 
 def stamps(noise: Noise, seconds: float, rng: np.random.Generator) -> Array:
-    """Instants (m,) s of readings, from zero on; 0.1 ms apart at least."""
+    """Return reading times (m,) s from zero, at least 0.1 ms apart."""
     steps = 1 + noise.uneven * rng.standard_normal(int(seconds * noise.rate_hz * 1.3))
     times = np.cumsum(np.clip(steps, 0.3, 3.0)) / noise.rate_hz
     return np.round(times[times < seconds] - times[0], 4)
 
 
 def added(noise: Noise, t: Array, gauges: int, rng: np.random.Generator) -> Array:
-    """Noise (m, gauges) mm of readings at t (m,)."""
+    """Return the noise (m, gauges) mm of readings at t (m,)."""
     kept = np.exp(-np.diff(t, prepend=-1e9) / noise.wander_s)
     kicks = noise.wander * np.sqrt(1 - kept**2)[:, None] * rng.standard_normal((len(t), gauges + 1))
     level, walks = np.zeros(gauges + 1), np.empty((len(t), gauges + 1))

@@ -1,4 +1,4 @@
-"""Memory of direction: plays, rounded plays and friction's approach; all of height ±1 times their half width."""
+"""Effects of the direction of motion: backlash, rounded backlash and friction; all with a height of ±1 half width."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from tests.worlds.stranger.screws import Array
 
 _LEVELS = np.array([0.35, 0.7, 1.0, 1.3, 1.65])
 _SHARES = np.array([0.14, 0.22, 0.28, 0.22, 0.14])
-"""Plays side by side whose mean half width is one: sum(levels * shares) = 1."""
+"""Shares of parallel backlashes with a mean half width of one: sum(levels * shares) = 1."""
 
 
 def lagging(x: Array, half: float, rounded: float = 0.0, begin: float = 0.0) -> Array:
-    """How far a follower of x (n,) lags, (n,): -half while x rises, +half while it falls.
+    """Return the lag (n,) of a follower of x (n,): -half while x rises, +half while it falls.
 
-    rounded 0: one sharp play (measurement.md). Up to 1: plays side by side (Prandtl and Ishlinskii), and in part
-    friction that is approached exponentially (Dahl). begin in -1 … 1: where in the gap the follower starts.
+    rounded 0: a single sharp backlash (measurement.md). Up to 1: parallel backlashes (Prandtl and Ishlinskii), and
+    partly exponential friction (Dahl). begin (-1 … 1): start position of the follower in the gap.
     """
     if half == 0.0:
         return np.zeros_like(x)
@@ -28,7 +28,7 @@ def lagging(x: Array, half: float, rounded: float = 0.0, begin: float = 0.0) -> 
 
 
 def _plays(x: Array, half: Array, begin: float) -> Array:
-    """Lags (n, k) of k plays: followers that move only when pushed."""
+    """Return the lags (n, k) of k followers that move only when pushed."""
     return np.stack([_follower(x.tolist(), h, x[0] + begin * h) for h in half.tolist()], axis=1) - x[:, None]
 
 
@@ -44,7 +44,7 @@ def _follower(x: list[float], half: float, y: float) -> list[float]:
 
 
 def _dahl(x: Array, half: float, begin: float) -> Array:
-    """Dahl's friction: the lag nears ∓half exponentially with the way, length `half`."""
+    """Return the lag of Dahl's friction, which approaches ∓half exponentially along the path with length `half`."""
     step = np.diff(x, prepend=x[0])
     keep = np.exp(-np.abs(step) / half)
     lag, now = [], begin * half
@@ -55,7 +55,9 @@ def _dahl(x: Array, half: float, begin: float) -> Array:
 
 
 def reversals(t: Array, x: Array, swing: float = np.radians(0.02)) -> list[tuple[float, float]]:
-    """When x (n,) turns back for more than a swing, and the direction (±1) it takes; where it stands, as it leaves."""
+    """Return the reversals of x (n,) by more than a swing: time and new direction (±1). After a rest, the time of
+    departure.
+    """
     extreme, direction, at, found = x[0], 0.0, t[0], []
     for now, value in zip(t.tolist(), x.tolist(), strict=True):
         if direction * (value - extreme) >= 0 and (direction or abs(value - extreme) < swing):

@@ -1,4 +1,4 @@
-"""The inverse, by Newton's method on the screws: angles that put the tool where the program wants it."""
+"""Inverse kinematics by Newton's method on the screws."""
 
 from __future__ import annotations
 
@@ -7,15 +7,17 @@ import numpy as np
 from tests.worlds.stranger.screws import Arm, Array, pose
 
 ARM_MM = 400.0
-"""A radian of turn counts as so many mm."""
+"""Lever arm in mm that makes rotations comparable with translations."""
 
 
 class OutOfReachError(Exception):
-    """The arm does not get there, or not without a jump."""
+    """The arm cannot reach a pose, or only with a jump."""
 
 
 def solve(arm: Arm, R: Array, p: Array, q: Array, rounds: int = 40) -> Array:
-    """Angles (n, 6) rad for tool frames R (n, 3, 3), p (n, 3), from q (n, 6). Raises OutOfReachError."""
+    """Return angles (n, 6) rad for tool frames R (n, 3, 3), p (n, 3), starting from q (n, 6). Raises
+    OutOfReachError.
+    """
     size = np.full(len(q), np.inf)
     for _ in range(rounds):
         at = pose(arm, q)
@@ -35,7 +37,9 @@ def solve(arm: Arm, R: Array, p: Array, q: Array, rounds: int = 40) -> Array:
 
 
 def walk(arm: Arm, R: Array, p: Array, posture: Array, every: int) -> Array:
-    """Angles (n, 6) along a path of frames, from a posture (6,): each `every`-th alone, then all at once."""
+    """Return angles (n, 6) along a path of frames from a posture (6,): first every `every`-th frame in turn, then
+    all together.
+    """
     knots = [*range(0, len(p), every)]
     knots += [len(p) - 1] * (knots[-1] != len(p) - 1)
     found, q = [], posture[None]
@@ -51,7 +55,7 @@ def walk(arm: Arm, R: Array, p: Array, posture: Array, every: int) -> Array:
 
 
 def _turn(now: Array, wanted: Array) -> Array:
-    """The rotation vector (n, 3), for small turns, that takes one frame to the other."""
+    """Return the rotation vector (n, 3) between two orientations, for small rotations."""
     skew = np.cross(now, wanted, axisa=1, axisb=1, axisc=1).sum(axis=2) / 2
     cosine = (np.einsum("nij,nij->n", now, wanted) - 1) / 2
     sine = np.linalg.norm(skew, axis=1)

@@ -1,6 +1,6 @@
 """Kinematics as a product of exponentials (Lynch and Park, Modern Robotics, ch. 4): T = exp(S1 θ1) … exp(Sn θn) M.
 
-The rig file's constants (modified Denavit–Hartenberg, Craig) only place the screws at θ = 0; mm and rad throughout.
+The constants of the rig file (modified Denavit–Hartenberg, Craig) only position the screws at θ = 0; mm and rad.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ G_M_S2 = 9.80665
 
 @dataclass(frozen=True)
 class Constants:
-    """What a rig file says of an arm: a, alpha, beta, d, zero, mass (axes,); centre (axes, 3) mm; coupling
-    (axes, axes)."""
+    """Arm constants of a rig file: a, alpha, beta, d, zero, mass (axes,); centre (axes, 3) mm; coupling (axes,
+    axes).
+    """
 
     a: Array
     alpha: Array
@@ -34,8 +35,9 @@ class Constants:
 
 @dataclass(frozen=True)
 class Arm:
-    """At θ = 0: a point on each axis (axes, 3), its direction (axes, 3), the ends of the links (axes, 3), the tool
-    (4, 4); zero, coupling; hung (axes, 3) mm and mass (axes,) kg of the links, payload kg."""
+    """The arm at θ = 0: a point on each axis (axes, 3), its direction (axes, 3), the link ends (axes, 3), the tool
+    (4, 4); zero, coupling; centres hung (axes, 3) mm and mass (axes,) kg of the links, payload in kg.
+    """
 
     point: Array
     axis: Array
@@ -50,8 +52,7 @@ class Arm:
 
 @dataclass(frozen=True)
 class Posed:
-    """n postures. point, axis, end (n, axes, 3) where the screws and link ends are; R (n, 3, 3) and p (n, 3) of the
-    tool."""
+    """n postures. point, axis, end (n, axes, 3): screws and link ends; R (n, 3, 3) and p (n, 3): tool."""
 
     point: Array
     axis: Array
@@ -61,7 +62,7 @@ class Posed:
 
 
 def placed(axis: int, angle: float, along: float = 0.0) -> Array:
-    """(4, 4): a turn about x, y or z (0, 1, 2) and a way along the same axis."""
+    """Return a transform (4, 4): a rotation about x, y or z (0, 1, 2) and a translation along the same axis."""
     T = np.eye(4)
     T[:3, :3] = _turned(np.eye(3)[None], np.eye(3)[axis], np.array([angle]))[0]
     T[axis, 3] = along
@@ -69,7 +70,7 @@ def placed(axis: int, angle: float, along: float = 0.0) -> Array:
 
 
 def arm_from(c: Constants) -> Arm:
-    """The screws of an arm, walked from link to link at θ = 0."""
+    """Return the screws of an arm, computed from link to link at θ = 0."""
     T, point, axis, end, hung = c.base, [], [], [], []
     for k in range(len(c.a)):
         T = T @ placed(0, c.alpha[k], c.a[k]) @ placed(1, c.beta[k])
@@ -83,7 +84,7 @@ def arm_from(c: Constants) -> Arm:
 
 
 def pose(arm: Arm, q: Array) -> Posed:
-    """Where everything is for angles of the controller q (n, axes)."""
+    """Return all screws and the tool at controller angles q (n, axes)."""
     theta = q @ arm.coupling.T + arm.zero
     n, joints = theta.shape
     point, axis, end = (np.empty((n, joints, 3)) for _ in range(3))
@@ -98,9 +99,9 @@ def pose(arm: Arm, q: Array) -> Posed:
 
 
 def torque_nm(arm: Arm, q: Array, extra_kg: float = 0.0) -> Array:
-    """Gravity's torque (n, axes) Nm on the joints of the controller, by the work it does: -d(potential)/dq.
+    """Return the gravity torque (n, axes) Nm on the controller joints by virtual work: -d(potential)/dq.
 
-    The payload, `extra_kg` more than the rig file says, hangs at the flange.
+    The payload at the flange is `extra_kg` more than in the rig file.
     """
     theta = q @ arm.coupling.T + arm.zero
     n, R, p = len(q), np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3))
@@ -123,7 +124,7 @@ def torque_nm(arm: Arm, q: Array, extra_kg: float = 0.0) -> Array:
 
 
 def _turned(R: Array, axis: Array, angle: Array) -> Array:
-    """Rotations R (n, 3, 3), each followed by a turn about a unit axis (3,) of its own frame, Rodrigues."""
+    """Return rotations R (n, 3, 3), each followed by a rotation about a unit axis (3,) of its own frame (Rodrigues)."""
     x, y, z = axis
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     across = _times(R, K)
@@ -131,5 +132,5 @@ def _turned(R: Array, axis: Array, angle: Array) -> Array:
 
 
 def _times(R: Array, other: Array) -> Array:
-    """R (n, 3, 3) times the same vector (3,) or matrix (3, 3): one product of many rows, not many of three."""
+    """Multiply R (n, 3, 3) by the same vector (3,) or matrix (3, 3) in a single product."""
     return (R.reshape(-1, 3) @ other).reshape(len(R), 3, *other.shape[1:])

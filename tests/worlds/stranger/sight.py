@@ -1,8 +1,9 @@
-"""What the tests of a case can see: signatures of effects, and their size against everything that is none of theirs.
+"""Visibility in the tests of a case: signatures of effects, and their size relative to everything else.
 
-A signature is measured with a fault less measured without. It is weighed by the noise of all repeats, with the set-up
-(ball and zeros of each test) projected out, and the scatter of runs and the background as further noise: U U'. So a
-signature's length is its matched-filter SNR, and the cosine between two tells how alike they are.
+A signature is the difference between measurements with and without a fault. It is weighted by the noise of all repeats,
+with the set-up (ball and zeros of each test) projected out, and with the scatter of runs and the background as
+additional noise U U'. The length of a signature is therefore its matched-filter SNR, and the cosine between two is
+their similarity.
 """
 
 from __future__ import annotations
@@ -29,13 +30,14 @@ _STEP_RAD = 1e-6
 LEAST_SNR = 7.0
 _BY_SETUP = ("time_lag", "clock_rate", "gauge_scale", "gauge_inclination", "gauge_baseline", "gauge_cyclic",
              "gauge_dead_band", "ball_form", "link_geometry")  # fmt: skip
-"""Effects that show only as far as the readings change, so with the eccentricity of the set-up; and lengths, of which
-those along parallel axes show the same: about another ball they would not."""
+"""Effects visible only through changes of the readings, so they depend on the eccentricity of the set-up. Lengths
+along parallel axes are indistinguishable around one ball, but not around another.
+"""
 
 
 @dataclass(frozen=True)
 class View:
-    """One program: motion, set-up, and how the readings (m, k) go with each joint, (m, k, 6) mm/rad."""
+    """A program: motion, set-up, and derivatives (m, k, 6) mm/rad of the readings (m, k) by each joint."""
 
     motion: Motion
     link: Link
@@ -45,7 +47,7 @@ class View:
 
 
 class Sight:
-    """The programs of a robot's case, seen a reading a degree, and the signatures of the whole vocabulary."""
+    """The programs of a robot's case with a reading per degree, and the signatures of the complete vocabulary."""
 
     def __init__(self, cell: Cell) -> None:
         self.cell = cell
@@ -70,8 +72,11 @@ class Sight:
         return View(motion, link, trace, plain, np.stack(columns, axis=2))
 
     def placed(self, links: Mapping[str, Link]) -> Sight:
-        """The same programs with the set-ups of one day, by test: how eccentric a ball sits decides what lags and
-        scales of gauges show. The library is made anew for these only."""
+        """Return the same programs with the set-ups of a day, by test.
+
+        The eccentricity of the ball determines the visibility of lags and gauge scales. Only these signatures are
+        recomputed.
+        """
         day = copy(self)
         day.views = [
             replace(view, link=link, plain=measure(self.cell, view.motion, [], link, trace=view.trace))
@@ -87,7 +92,9 @@ class Sight:
         return day
 
     def signature(self, faults: Sequence[Fault], exact: bool = False) -> list[Array]:
-        """Readings with the faults less those without, (m, k) mm a program; joints to first order unless `exact`."""
+        """Return readings with faults minus those without, (m, k) mm per program; joints to first order unless
+        `exact`.
+        """
         quick = len(faults) == 1 and faults[0].effect in ON_JOINT and not exact
         return [self._quick(faults[0], view) if quick else self._exact(faults, view) for view in self.views]
 
@@ -100,29 +107,29 @@ class Sight:
 
     @cached_property
     def library(self) -> tuple[list[str], Array]:
-        """Names and raw signatures (columns, D) of every look of every name, at healthy sizes."""
+        """Return names and raw signatures (columns, D) of every shape of every name, at healthy sizes."""
         faults = [fault for effect, keys in everything() for fault in looks(effect, keys)]
         return [fault.name for fault in faults], np.array([flat(self.signature([fault])) for fault in faults])
 
 
 @lru_cache(maxsize=4)
 def sight_of(robot: str) -> Sight:
-    """Of a shipped robot on its own circle; made once a process."""
+    """Return the cached visibility of a shipped robot on its own circle."""
     return Sight(read_cell(robot))
 
 
 def flat(parts: list[Array]) -> Array:
-    """Mean and difference of the gauges, program by program, as one vector (D,)."""
+    """Return mean and difference of the gauges, program by program, as a vector (D,)."""
     return np.concatenate([_channels(part).ravel() for part in parts])
 
 
 def _channels(part: Array) -> Array:
-    """(channels, m): the mean and the difference of two gauges have independent noise."""
+    """Return channels (channels, m): mean and difference of two gauges have independent noise."""
     return part.T if part.shape[1] == 1 else np.stack([part.mean(axis=1), part[:, 1] - part[:, 0]])
 
 
 class Scales:
-    """Lengths and angles between signatures in units of everything else: noise, scatter, free set-up, background."""
+    """Lengths and angles between signatures in units of noise, scatter, free set-up and background."""
 
     def __init__(self, sight: Sight, noise: Noise) -> None:
         self.sight, self.noise = sight, noise
@@ -133,16 +140,18 @@ class Scales:
         self.library = self.whiten(library)
 
     def limits(self) -> dict[str, float]:
-        """By name the size, in healthy ones, that has SNR 7 against noise and scatter alone: of its median look."""
+        """Return by name the size, in healthy sizes, with SNR 7 against noise and scatter only, for its median
+        shape.
+        """
         length = np.linalg.norm(self.frame({}).seen(self.library), axis=1)
         return {
             name: float(LEAST_SNR / max(np.median(length[self._of(name)]), 1e-9)) for name in dict.fromkeys(self.names)
         }
 
     def frame(self, background: Mapping[str, float], apart: Sequence[str] = ()) -> Frame:
-        """The scales with a background, of which the names `apart` are no part.
+        """Return the scales with a background that excludes the names `apart`.
 
-        background: by name the standard deviation of its size, in healthy sizes.
+        background: standard deviation of the size by name, in healthy sizes.
         """
         share = np.array([0.0 if name in apart else background.get(name, 0.0) for name in self.names])
         counts = np.array([self.names.count(name) for name in self.names])
@@ -150,7 +159,7 @@ class Scales:
         return Frame(self, np.concatenate([self.scatter, rows[share > 0]]))
 
     def whiten(self, rows: Array) -> Array:
-        """(n, D) raw to (n, D) of unit noise, without what the set-up can take up."""
+        """Convert raw rows (n, D) to unit noise, without the part absorbed by the set-up."""
         unit = self._unit(rows)
         return unit - (unit @ self._Q.T) @ self._Q
 
@@ -168,7 +177,9 @@ class Scales:
         return out
 
     def _root(self, view: View) -> list[Array]:
-        """Per channel the inverse Cholesky factor of its noise, transposed (m, m), or sd (m,) for single targets."""
+        """Return per channel the transposed inverse Cholesky factor of its noise (m, m), or sd (m,) for single
+        targets.
+        """
         t, noise = view.motion.t[view.motion.rows], self.noise
         if view.motion.test == "radial":
             return [np.full(len(t), np.hypot(noise.white, noise.wander))]
@@ -189,7 +200,7 @@ class Scales:
 
 
 def setup_rows(sight: Sight) -> Array:
-    """What the set-ups can do to the readings, (n, D) mm: a ball and gauge zeros for each test."""
+    """Return the changes (n, D) mm of the readings by the set-ups: a ball and gauge zeros for each test."""
     views, ball = sight.views, [by_ball(sight.cell, view) for view in sight.views]
     shapes = [np.zeros_like(view.plain) for view in views]
     setup = []
@@ -202,7 +213,7 @@ def setup_rows(sight: Sight) -> Array:
 
 
 def by_ball(cell: Cell, view: View) -> Array:
-    """How readings go with the ball's place, (m, k, 3)."""
+    """Return the derivatives (m, k, 3) of the readings by the ball position."""
     columns = []
     for step in 1e-4 * np.eye(3):
         link = Link(view.link.ball + step, view.link.zeros, view.link.at)
@@ -215,7 +226,7 @@ def _placed(shapes: list[Array], parts: dict[int, Array]) -> Array:
 
 
 class Frame:
-    """Signatures x as W x with W'W = (1 + U U')^-1: their lengths are sigmas."""
+    """Signatures x as W x with W'W = (1 + U U')^-1, so their lengths are in sigma."""
 
     def __init__(self, scales: Scales, U: Array) -> None:
         self.scales, self._U = scales, U
@@ -224,22 +235,22 @@ class Frame:
         self._middle = (V * ((1 - 1 / np.sqrt(1 + square)) / square)) @ V.T
 
     def seen(self, rows: Array) -> Array:
-        """(n, D) of unit noise to (n, D) sigmas."""
+        """Convert rows (n, D) of unit noise to sigma."""
         return rows - (rows @ self._U.T) @ self._middle @ self._U
 
     def of(self, faults: Sequence[Fault]) -> Array:
-        """Signature (D,) of faults in sigmas."""
+        """Return the signature (D,) of faults in sigma."""
         scales = self.scales
         return self.seen(scales.whiten(flat(scales.sight.signature(faults, exact=True))[None]))[0]
 
     @cached_property
     def library(self) -> dict[str, Array]:
-        """By name what it can look like, (looks, D) sigmas."""
+        """Return by name all possible appearances (looks, D) in sigma."""
         seen, names = self.seen(self.scales.library), self.scales.names
         return {name: seen[[other == name for other in names]] for name in dict.fromkeys(names)}
 
     def likeness(self, x: Array) -> dict[str, float]:
-        """By name how much of x (D,) its best look explains: a cosine, 0 … 1."""
+        """Return by name the similarity of x (D,) to its best appearance: a cosine, 0 … 1."""
         size = float(np.linalg.norm(x))
         return {
             name: max(_cosine(x, look) for look in _looks(name, rows)) / size for name, rows in self.library.items()
@@ -247,13 +258,13 @@ class Frame:
 
 
 def _looks(name: str, rows: Array) -> list[Array]:
-    """Bases (k, D): sine and cosine belong together, and so do the shapes between two ends."""
+    """Return bases (k, D): sine and cosine are combined, and so are the shapes between two ends."""
     apart = name.split(maxsplit=1)[0] in ("transmission_error", "ball_form", "gauge_cyclic", "vibration")
     return [rows[k : k + 2] for k in range(0, len(rows), 2)] if apart else [rows]
 
 
 def _cosine(x: Array, rows: Array) -> float:
-    """Length of the projection of x onto the span of rows, well-conditioned directions only."""
+    """Return the length of the projection of x onto the span of rows, using well-conditioned directions only."""
     gram = rows @ rows.T
     value, V = np.linalg.eigh(gram)
     good = value > 1e-8 * value[-1] + 1e-12

@@ -1,4 +1,4 @@
-"""CSV tables as a stranger writes them: the columns of measurement.md, degrees and mm, a file a run."""
+"""CSV tables with the columns of measurement.md, in degrees and mm, a file per run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _RESOLUTION_MM = 1e-4
 
 
 def write_table(path: Path, motion: Motion, g_mm: Array, encoder_deg: float) -> None:
-    """A run: angles at the rows as the encoders step, readings as the display rounds them."""
+    """Write a run with angles rounded to encoder steps and readings rounded to the display."""
     marks = motion.labels or ("acw" if motion.sense > 0 else "cw")
     write_rows(path, motion.t[motion.rows], motion.q[motion.rows], g_mm, marks, encoder_deg=encoder_deg)
 
@@ -31,7 +31,9 @@ def write_rows(
     encoder_deg: float,
     resolution_mm: float = _RESOLUTION_MM,
 ) -> None:
-    """Rows of a run: t_s (m,), q (m, 6) rad, g_mm (m, k); marks: labels (m,) of targets, or a circle's direction."""
+    """Write the rows of a run: t_s (m,), q (m, 6) rad, g_mm (m, k); marks: labels (m,) of targets, or direction of a
+    circle.
+    """
     q = np.round(np.degrees(q) / encoder_deg) * encoder_deg
     g = np.round(g_mm / resolution_mm) * resolution_mm
     columns = {"t_s": [f"{t:.5f}" for t in t_s]}

@@ -1,7 +1,7 @@
-"""Arms by their standard Denavit-Hartenberg table (Hartenberg and Denavit 1955), mm and rad, with gravity torques.
+"""Arms in standard Denavit-Hartenberg parameters (Hartenberg and Denavit 1955), mm and rad, with gravity torques.
 
-T = base, then for each joint Rz(theta) Tz(d) Tx(a) Rx(alpha), then the tool. An imperfect arm has extra small motions
-(twists: three translations in mm, three rotations in rad) before and after each joint.
+T = base, then for each joint Rz(theta) Tz(d) Tx(a) Rx(alpha), then the tool. An imperfect arm has additional small
+motions (twists: three translations in mm, three rotations in rad) before and after each joint.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 GRAVITY_M_S2 = 9.80665
 PITCH_TOLERANCE_MM = 1e-9
 IK_ARM_MM = 400.0
-"""Lever that makes a rotation comparable with a translation in the inverse kinematics."""
+"""Lever arm that makes rotations comparable with translations in the inverse kinematics."""
 
 
 class UnreachableError(Exception):
@@ -26,8 +26,9 @@ class UnreachableError(Exception):
 
 @dataclass(frozen=True)
 class Arm:
-    """A serial arm. a, d (axes,) mm; alpha, zero (axes,) rad; mass (axes,) kg; centre (axes, 3) mm in the frame after
-    each row of the table; limits (axes, 2) rad; build: the class that the rig file states."""
+    """A serial arm. a, d (axes,) mm; alpha, zero (axes,) rad; mass (axes,) kg; centre (axes, 3) mm in the frame
+    after each row of the table; limits (axes, 2) rad; build: key of the rig file.
+    """
 
     name: str
     build: str
@@ -49,7 +50,7 @@ class Arm:
 
 @dataclass(frozen=True)
 class Deviation:
-    """Deviations of the links from the reported joint angles at n instants.
+    """Deviations of the links from the reported joint angles at n times.
 
     joint (n, axes) rad; before, after (n, axes, 6): twists in the frame before and after each joint; tool (n, 3) mm:
     displacement of the measured point in the flange frame; gauge (n, 2) mm: errors of the ball link.
@@ -71,7 +72,7 @@ class Deviation:
         )
 
     def take(self, rows: NDArray[np.int64]) -> Deviation:
-        """Return the deviations at some of the instants."""
+        """Return the deviations at selected times."""
         return Deviation(self.joint[rows], self.before[rows], self.after[rows], self.tool[rows], self.gauge[rows])
 
 
@@ -136,7 +137,7 @@ def small_motion(twist: Array) -> Array:
 
 
 def point(flange: Array, offset: Array) -> Array:
-    """Return points (n, 3) that are fixed at the flange: offset (3,) or (n, 3) mm."""
+    """Return positions (n, 3) of points fixed to the flange: offset (3,) or (n, 3) mm."""
     offsets = np.broadcast_to(offset, (len(flange), 3))
     return np.einsum("nij,nj->ni", flange[:, :3, :3], offsets) + flange[:, :3, 3]
 
@@ -156,9 +157,9 @@ def gravity_torque(arm: Arm, q: Array) -> Array:
 
 
 def inverse(arm: Arm, target: Array, offset: Array, q: Array, rounds: int = 60) -> Array:
-    """Find joint angles (n, axes) that put a tool frame at target (n, 4, 4), by damped Newton steps from q.
+    """Find joint angles (n, axes) for tool frames target (n, 4, 4), by damped Newton steps from q.
 
-    offset (4, 4): the tool in the flange frame. Raises UnreachableError if a target is missed.
+    offset (4, 4): tool in the flange frame. Raises UnreachableError if a target is missed.
     """
     for _ in range(rounds):
         chain = forward(arm, q)
@@ -191,7 +192,7 @@ def pose_error(now: Array, wanted: Array) -> Array:
 def _arm(
     name: str, build: str, rows: Sequence[tuple[float, float, float]], ranges: Sequence[tuple[float, float]]
 ) -> Arm:
-    """Make an arm of rows (d, a, alpha in degrees) and of the joint ranges (degrees) in which poses are drawn."""
+    """Create an arm from rows (d, a, alpha in degrees) and joint ranges (degrees) for random poses."""
     d, a, alpha = np.array(rows, dtype=float).T
     low, high = np.radians(np.array(ranges, dtype=float)).T
     count = len(rows)
@@ -201,7 +202,9 @@ def _arm(
 
 
 def ur10e() -> Arm:
-    """Universal Robots UR10e: DH table, masses and centres of mass as its maker publishes them (article 17264)."""
+    """Return a Universal Robots UR10e: DH parameters, masses and centres of mass published by the maker (article
+    17264).
+    """
     rows = [(180.7, 0, 90), (0, -612.7, 0), (0, -571.55, 0), (174.15, 0, 90), (119.85, 0, -90), (116.55, 0, 0)]
     ranges = [(-90, 90), (-135, -45), (50, 130), (-125, -35), (-115, -50), (-150, 150)]
     centre = [[21, 0, 27], [380, 0, 158], [240, 0, 68], [0, 7, 18], [0, 7, 18], [0, 0, -26]]
@@ -213,9 +216,9 @@ def ur10e() -> Arm:
 
 
 def elbow_arm() -> Arm:
-    """An industrial six-axis arm with the lengths of a KUKA KR 10 R1100 (data sheet: 25, 560, 35, 515, 80 mm).
+    """Return an industrial six-axis arm with the lengths of a KUKA KR 10 R1100 (data sheet: 25, 560, 35, 515, 80 mm).
 
-    The makers of such arms publish no link masses: these share the 55 kg of the data sheet.
+    Link masses of such arms are not published; the 55 kg of the data sheet are distributed over the links.
     """
     rows = [(400, 25, -90), (0, 560, 0), (0, 35, -90), (515, 0, 90), (0, 0, -90), (80, 0, 0)]
     ranges = [(-80, 80), (-110, -50), (-30, 50), (-120, 120), (25, 100), (-150, 150)]
@@ -228,7 +231,7 @@ def elbow_arm() -> Arm:
 
 
 def seven_axis_arm() -> Arm:
-    """A seven-axis arm with the lengths of a KUKA LBR iiwa 14 (data sheet: 360, 420, 400, 126 mm; 29.9 kg)."""
+    """Return a seven-axis arm with the lengths of a KUKA LBR iiwa 14 (data sheet: 360, 420, 400, 126 mm; 29.9 kg)."""
     rows = [(360, 0, -90), (0, 0, 90), (420, 0, 90), (0, 0, -90), (400, 0, -90), (0, 0, 90), (126, 0, 0)]
     ranges = [(-80, 80), (5, 60), (-60, 60), (-110, -40), (-90, 90), (20, 90), (-150, 150)]
     centre = [[0, 0, 60], [0, 60, 40], [0, -60, 0], [0, -60, 40], [0, 0, 60], [0, 0, 0], [0, 0, -20]]

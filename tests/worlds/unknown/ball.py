@@ -17,7 +17,7 @@ KNOTS = 181
 
 @dataclass(frozen=True)
 class Circle:
-    """The circle of the shipped UR10e example: centre (3,) mm, normal (3,), radius, and the posture to begin with."""
+    """Circle of the shipped UR10e example: centre (3,) mm, normal (3,), radius, and start posture."""
 
     centre: Array = field(default_factory=lambda: np.array([-650.0, -200.0, 250.0]))
     normal: Array = field(default_factory=lambda: np.array([0.15, 0.1, 1.0]))
@@ -32,7 +32,7 @@ class Circle:
         return u, np.cross(n, u), n
 
     def frames(self, phi: Array) -> Array:
-        """Return tool frames (n, 4, 4): origin on the circle, z to the centre, x along the normal."""
+        """Return tool frames (n, 4, 4): origin on the circle, z towards the centre, x along the normal."""
         u, v, n = self.basis()
         r = np.cos(phi)[:, None] * u + np.sin(phi)[:, None] * v
         x = np.broadcast_to(n, r.shape)
@@ -41,7 +41,7 @@ class Circle:
 
 @dataclass(frozen=True)
 class Hemisphere:
-    """The hemisphere of the shipped UR10e example."""
+    """Hemisphere of the shipped UR10e example."""
 
     centre: Array = field(default_factory=lambda: np.array([-800.0, -200.0, 0.0]))
     radius: float = 400.0
@@ -49,7 +49,7 @@ class Hemisphere:
 
 
 TOOL = np.array([[0.0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 150], [0, 0, 0, 1]])
-"""The link stands out sideways: 150 mm along the flange's z, turned by 90 degrees about y."""
+"""Tool frame: 150 mm along the z axis of the flange, turned by 90 degrees about y, so the link points sideways."""
 
 
 def _frames(R: Array, p: Array) -> Array:
@@ -59,7 +59,7 @@ def _frames(R: Array, p: Array) -> Array:
 
 
 def circle_path(arm: Arm, circle: Circle) -> tuple[Array, Array]:
-    """Return the joints (k, 6) of an anticlockwise circle with its leads, and their angles phi (k,)."""
+    """Return the joints (k, 6) of an anticlockwise circle with lead-in and lead-out, and their angles phi (k,)."""
     phi = np.linspace(-LEAD_RAD, 2 * np.pi + LEAD_RAD, KNOTS)
     frames = circle.frames(phi)
     q, now = [], circle.posture[None]
@@ -70,13 +70,13 @@ def circle_path(arm: Arm, circle: Circle) -> tuple[Array, Array]:
 
 
 def circle_motion(path: tuple[Array, Array], sense: int, begin_s: float, rate_hz: float) -> Motion:
-    """Drive a circle once at the usual speed."""
+    """Drive a single circle at the usual speed."""
     return lap(*path, sense, 2 * np.pi * Circle().radius / SPEED_MM_S, begin_s, rate_hz)
 
 
 @dataclass(frozen=True)
 class Targets:
-    """Targets of a hemisphere that the arm reaches: number, polar, azimuth (rad), orientation, q (m, 6)."""
+    """Hemisphere targets within reach: number, polar, azimuth (rad), orientation, q (m, 6)."""
 
     number: Array
     polar: Array
@@ -86,7 +86,7 @@ class Targets:
 
 
 def hemisphere_targets(arm: Arm, place: Hemisphere) -> Targets:
-    """Find the postures of 37 targets (every 30 degrees) in three orientations of the tool, as far as it reaches."""
+    """Find the postures of 37 targets (every 30 degrees) in three tool orientations, if within reach."""
     places = [(0.0, 0.0)] + [(30.0 * ring, 30.0 * k) for ring in (1, 2, 3) for k in range(12)]
     rows, q, now = [], [], place.posture
     for number, (polar, azimuth) in enumerate(np.radians(places), start=1):
@@ -105,7 +105,7 @@ def hemisphere_targets(arm: Arm, place: Hemisphere) -> Targets:
 
 
 def _target_frame(place: Hemisphere, polar: float, azimuth: float, tilt: float) -> Array:
-    """Return the tool frame (4, 4) at a target: it leans half way to the radius and is tilted about its x."""
+    """Return the tool frame (4, 4) at a target: it leans halfway to the radius and is tilted about its x axis."""
     out = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     up = np.array([0.0, 0.0, 1.0])
     z = -(np.cos(polar / 2) * up + np.sin(polar / 2) * out)
@@ -127,8 +127,9 @@ def hemisphere_motion(targets: Targets, begin_s: float) -> Motion:
 
 @dataclass(frozen=True)
 class Link:
-    """The set-up: ball (3,) mm in the base's frame; zeros (2,) mm of the gauges; errors of the link: ball form (lobes,
-    amplitude mm, phase rad), baseline mm, scale (2,)."""
+    """The set-up: ball (3,) mm in the base frame; zeros (2,) mm of the gauges; errors of the link: ball form (lobes,
+    amplitude mm, phase rad), baseline mm, scale (2,).
+    """
 
     ball: Array
     zeros: Array
@@ -140,7 +141,7 @@ class Link:
 
 
 def gauge_readings(tool: Array, link: Link, radius: float, test: str, circle: Circle) -> Array:
-    """Return the readings (n, 2) mm of gauges on tools (n, 4, 4), or (n, 1) of the radial test."""
+    """Return gauge readings (n, 2) mm for tools (n, 4, 4), or (n, 1) for the radial test."""
     way = link.ball - tool[:, :3, 3]
     distance = np.linalg.norm(way, axis=1)
     line = way / distance[:, None]

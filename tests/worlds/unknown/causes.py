@@ -1,7 +1,7 @@
-"""Causes of error outside rig's library, from the physics of the parts; each is a function of an arm and its path.
+"""Causes of error outside rig's library, modelled from the physics of parts; each is a function of an arm and its path.
 
-A cause draws its numbers once and keeps them for every run of a cell: torsion, bearings, cables. Causes with a memory
-(friction, a slipped tool) go on from run to run by time. `scale` multiplies the whole cause; 0 removes it.
+A cause draws its parameters once and keeps them for all runs of a cell: torsion, bearings, cables. Causes with a memory
+(friction, a slipped tool) continue from run to run in time. `scale` multiplies the complete cause; 0 removes it.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ ARCMIN = np.radians(1 / 60)
 
 @dataclass(frozen=True, kw_only=True)
 class Cause:
-    """One cause: axis counts from 1 (0: no single axis)."""
+    """A cause of error. axis: counted from 1, or 0 for no single axis."""
 
     kind: ClassVar[str]
     tests: ClassVar[tuple[str, ...]]
     related: ClassVar[tuple[str, ...]] = ()
-    """Words in names of effects that a metrologist would accept for this cause on the same axis."""
+    """Words in effect names that a metrologist would accept as an answer for this cause on the same axis."""
     axis: int = 0
     scale: float = 1.0
 
@@ -38,7 +38,7 @@ class Cause:
         raise NotImplementedError
 
     def describe(self) -> str:
-        """Return the cause with its main size."""
+        """Return a description with the main size."""
         raise NotImplementedError
 
     def resized(self, factor: float) -> Cause:
@@ -51,7 +51,7 @@ def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def loaded_axis(rng: np.random.Generator, arm: Arm) -> int:
-    """Draw a joint that carries gravity: shoulder or elbow."""
+    """Return a random joint that carries gravity: shoulder or elbow."""
     return int(rng.choice([2, 3] if arm.axes == 6 else [2, 4]))
 
 
@@ -60,11 +60,11 @@ def loaded_axis(rng: np.random.Generator, arm: Arm) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class CubicTorsion(Cause):
-    """A strain-wave gear that stiffens: torque = k1 phi + k3 phi^3 (Tuttle and Seering, IEEE Trans. Robotics and
-    Automation 12 (1996) 368).
+    """A strain-wave gear with increasing stiffness: torque = k1 phi + k3 phi^3 (Tuttle and Seering, IEEE Trans.
+    Robotics and Automation 12 (1996) 368).
 
-    k1 as of catalogue sizes 20 to 32 with their housings, 10 to 40 kNm/rad (Harmonic Drive CSF: K1 16 to 67); the
-    cubic term carries half of the torque at `half_nm`, near the catalogue's T1 to T2 (7 to 108 Nm).
+    k1 is that of catalogue sizes 20 to 32 with their housings, 10 to 40 kNm/rad (Harmonic Drive CSF: K1 16 to 67). The
+    cubic term carries half of the torque at `half_nm`, near T1 to T2 of the catalogue (7 to 108 Nm).
     """
 
     kind = "cubic torsion"
@@ -83,7 +83,7 @@ class CubicTorsion(Cause):
 
     def angle(self, torque: Array) -> Array:
         """Solve the cubic for the angle (n,) rad."""
-        # k3 phi^3 = k1 phi = half / 2 at the torque where both terms carry the same.
+        # k3 phi^3 = k1 phi = half / 2 at the torque of equal terms.
         at_half = self.half_nm / 2 / self.k1_nm_rad
         k3 = self.k1_nm_rad / at_half**2
         p, r = self.k1_nm_rad / k3, torque / k3
@@ -102,11 +102,11 @@ class CubicTorsion(Cause):
 
 @dataclass(frozen=True, kw_only=True)
 class TorsionHysteresis(Cause):
-    """Hysteresis of a strain-wave gear by Bouc and Wen, driven by gravity and by Coulomb friction of the output.
+    """Hysteresis of a strain-wave gear after Bouc and Wen, driven by gravity and by Coulomb friction of the output.
 
-    Torque = stiffness x angle + friction that follows the change of torque: the angle stays behind both ways. Its
-    hysteresis loss in the catalogue: 1 to 2 arcmin of a sound gear (CSF, by ratio); half of it each way, and twice of
-    a worn one.
+    Torque = stiffness x angle + friction that follows the change of torque, so the angle lags in both directions.
+    Hysteresis loss in the catalogue: 1 to 2 arcmin for a sound gear (CSF, by ratio). Half of it applies to each
+    direction; a worn gear has twice as much.
     """
 
     kind = "hysteresis of torsion"
@@ -125,7 +125,7 @@ class TorsionHysteresis(Cause):
             half_loss_rad=loss,
             yield_nm=yields,
             friction_nm=rng.uniform(0.0, 8.0),
-            # Softer than the friction is stiff: more torque never turns the link back.
+            # The stiffness is limited by the friction, so that more torque never turns the link back.
             stiffness_nm_rad=min(rng.uniform(0.5, 0.9) * yields / loss, 60e3),
         )
 
@@ -138,7 +138,7 @@ class TorsionHysteresis(Cause):
         return found
 
     def angle(self, torque: Array) -> Array:
-        """Return the angle (n,) rad along a course of the torque."""
+        """Return the angle (n,) rad for a sequence of torques."""
         return np.asarray(torque / self.stiffness_nm_rad - self.half_loss_rad * self._bouc_wen(torque))
 
     def _bouc_wen(self, torque: Array) -> Array:
@@ -162,11 +162,11 @@ class TorsionHysteresis(Cause):
 
 @dataclass(frozen=True, kw_only=True)
 class WanderingAxis(Cause):
-    """A joint axis that wanders: run-out and tilt of its bearing as band-limited random functions of the angle.
+    """A wandering joint axis: run-out and tilt of its bearing as band-limited random functions of the angle.
 
-    The rolling elements' cage turns at about 0.4 of the shaft, so that nothing repeats after a turn. Sizes: run-out of
-    crossed-roller bearings of 100 to 200 mm bore, normal class 10 to 25 µm radial and axial (ISO 492); the tilt is the
-    axial run-out over the raceway's diameter, worn bearings some times more.
+    The cage of the rolling elements turns at about 0.4 of the shaft speed, so nothing repeats after a turn. Sizes:
+    run-out of crossed-roller bearings of 100 to 200 mm bore, normal class 10 to 25 µm radial and axial (ISO 492). The
+    tilt is the axial run-out divided by the raceway diameter; worn bearings have several times more.
     """
 
     kind = "wandering axis"
@@ -175,7 +175,7 @@ class WanderingAxis(Cause):
     offset_mm: float
     tilt_rad: float
     waves: Array = field(repr=False)
-    """(4, m, 3): of x, y, tilt about x and about y: order, amplitude (sum of squares 1), phase."""
+    """(4, m, 3): order, amplitude (sum of squares 1) and phase of x, y, and tilt about x and y."""
 
     @classmethod
     def draw(cls, rng: np.random.Generator, arm: Arm) -> WanderingAxis:
@@ -205,10 +205,11 @@ class WanderingAxis(Cause):
 
 @dataclass(frozen=True, kw_only=True)
 class OneSidedWarmth(Cause):
-    """A link that bends because one side is warmer: curvature = expansion x difference / height of the section.
+    """A link bent by a temperature difference between its sides: curvature = expansion x difference / height of the
+    section.
 
-    Aluminium, 23.5e-6 per kelvin, section 100 to 150 mm; 2 to 8 K between the sides, which the sun, a lamp or the
-    motor's side brings within minutes, less every time that a door opens.
+    Aluminium, 23.5e-6 per kelvin, section 100 to 150 mm. The difference of 2 to 8 K builds up within minutes due to the
+    sun, a lamp or the motor, and drops whenever a door opens.
     """
 
     kind = "link bent by warmth on one side"
@@ -232,7 +233,7 @@ class OneSidedWarmth(Cause):
         )
 
     def warmth(self, t: Array) -> Array:
-        """Return the difference of temperature (n,) K: it rises, and falls by half while the door is open."""
+        """Return the temperature difference (n,) K: it rises, and drops by half while the door is open."""
         open_share = 0.5 * (1 + np.tanh(4 * np.sin(2 * np.pi * t / self.door_s)))
         return np.asarray(self.difference_k * (1 - np.exp(-np.maximum(t, 0.0) / self.rise_s)) * (1 - 0.5 * open_share))
 
@@ -253,10 +254,10 @@ class OneSidedWarmth(Cause):
 
 @dataclass(frozen=True, kw_only=True)
 class CableDrag(Cause):
-    """A hose package that pulls at the wrist once its slack is used up, by the angles of two wrist joints together.
+    """A hose package that pulls at the wrist once its slack is used up, depending on two wrist joint angles together.
 
-    Pulls of 5 to 25 Nm at the wrist (a dress pack of some kilograms on a spring of 50 to 150 N with a lever of 0.1 to
-    0.2 m), on wrist joints of 8 to 16 kNm/rad (Harmonic Drive CSF-17: K1 to K3 10 to 16) and, by the same force over
+    Torques of 5 to 25 Nm at the wrist (a dress pack of some kilograms on a spring of 50 to 150 N with a lever of 0.1 to
+    0.2 m) act on wrist joints of 8 to 16 kNm/rad (Harmonic Drive CSF-17: K1 to K3 10 to 16) and, by the same force over
     the forearm, on the elbow.
     """
 
@@ -285,7 +286,7 @@ class CableDrag(Cause):
         )
 
     def pull(self, q: Array) -> Array:
-        """Return the torques (n, 2) Nm on the two first wrist joints."""
+        """Return the torques (n, 2) Nm on the first two wrist joints."""
         away = q[:, self.axis - 1 :] - self.rest
         bent = np.stack([away[:, 0] + self.twist * away[:, 2], away[:, 1] - 0.5 * self.twist * away[:, 0]], axis=1)
         reach = np.sqrt((bent**2).sum(axis=1))
@@ -309,7 +310,7 @@ class CableDrag(Cause):
 
 @dataclass(frozen=True, kw_only=True)
 class ToolSlip(Cause):
-    """A tool that slips once on its flange, as after a knock or of a clamp that was not tight: 0.1 to 0.5 mm."""
+    """A tool that slips once on its flange by 0.1 to 0.5 mm, for example after a collision or with a loose clamp."""
 
     kind = "tool slips once"
     tests = ("pose", "touch", "circle")
@@ -335,11 +336,11 @@ class ToolSlip(Cause):
 
 @dataclass(frozen=True, kw_only=True)
 class BallStickSlip(Cause):
-    """Dry friction in the ball joint of the link: it sticks, bends the link's end, and slips by a part.
+    """Dry friction in the ball joint of the link: it sticks, bends the end of the link, and partly slips.
 
-    A sawtooth over the way that the cup slides on the ball (radius 15 mm), each tooth with its own length (1 to 8 mm)
-    and height (20 to 60 µm: a dry ball), seen unequally by the two gauges. It bends the other way when the cup
-    turns back.
+    The deflection is a sawtooth over the sliding distance of the cup on the ball (radius 15 mm). Each tooth has a
+    random length (1 to 8 mm) and height (20 to 60 µm: a dry ball), and the two gauges see it differently. It reverses
+    when the cup turns back.
     """
 
     kind = "stick-slip in the ball joint"
@@ -365,14 +366,14 @@ class BallStickSlip(Cause):
         rng = np.random.default_rng([self.seed, int(1e3 * motion.t[0])])
         R = forward(arm, motion.q).flange[:, :3, :3]
         change = np.diff(R, axis=0, prepend=R[:1])
-        # |dR| is the square root of two times the angle; which way the cup turns is seen from above.
+        # |dR| is the square root of two times the angle; the turning direction of the cup is seen from above.
         turned = np.linalg.norm(change, axis=(1, 2)) / np.sqrt(2)
         way = np.sign((np.cross(R, change, axis=1).sum(axis=2))[:, 2])
         found.gauge[:] = (self.scale * self._sawtooth(self.ball_mm * turned * way, rng))[:, None] * self.weights
         return found
 
     def _sawtooth(self, way_mm: Array, rng: np.random.Generator) -> Array:
-        """Return how far the link's end is bent (n,) mm after each step of the cup on the ball."""
+        """Return the deflection (n,) mm of the link end after each step of the cup on the ball."""
         bent, now, limit = np.zeros(len(way_mm)), 0.0, self.height_mm
         slope = self.height_mm / self.tooth_mm
         for i, step in enumerate(way_mm):
@@ -390,11 +391,11 @@ class BallStickSlip(Cause):
 
 @dataclass(frozen=True, kw_only=True)
 class InterpolationError(Cause):
-    """A controller that drives a circle as chords and follows late, while its interface reports the ideal path.
+    """A controller that drives a circle as chords and with a delay, while its interface reports the ideal path.
 
-    Chords of 3 to 8 degrees (a chord tolerance of 25 to 170 µm at 70 mm, as of programs from CAM systems), rounded
-    between them; joints cut corners by tau^2 times the acceleration (a symmetric path filter, 10 to 40 ms), which no
-    constant time shift imitates.
+    Chords of 3 to 8 degrees (a chord tolerance of 25 to 170 µm at 70 mm, as in programs from CAM systems) are rounded
+    at the corners. Joints cut corners by tau^2 times the acceleration (a symmetric path filter, 10 to 40 ms), which
+    differs from any constant time shift.
     """
 
     kind = "interpolation error"
@@ -421,7 +422,7 @@ class InterpolationError(Cause):
         bend = np.gradient(np.gradient(q, motion.phi, axis=0, edge_order=2), motion.phi, axis=0, edge_order=2)
         part = (motion.phi / self.chord_rad) % 1.0
         sagitta = part * (1 - part) / 2 * (1 - self.rounding * np.cos(2 * np.pi * part))
-        # A chord lies on the inner side of the arc, and a filter cuts the corner: both follow the second derivative.
+        # A chord lies inside the arc, and a filter cuts the corner: both are proportional to the second derivative.
         found.joint[:] = self.scale * (self.filter_s**2 * acceleration + self.chord_rad**2 * sagitta[:, None] * bend)
         return found
 

@@ -1,7 +1,7 @@
-"""Cells: an arm with healthy errors, one unknown cause or none, and the runs that were measured of it.
+"""Cells: an arm with healthy errors and at most one unknown cause, and the measured runs.
 
-Three set-ups: `pose` (a tracker measures a target at some hundred stops), `touch` (a pointer in two sockets, joints
-alone are read) and `circle` (the ball link: yaw twice each way, and the hemisphere).
+Three set-ups: `pose` (a tracker measures a target at some hundred stops), `touch` (a pointer in two sockets, only
+joints are read) and `circle` (the ball link: yaw twice in each direction, and the hemisphere).
 """
 
 from __future__ import annotations
@@ -50,14 +50,17 @@ RUN_APART_S = 180.0
 BALL_MM = np.array([50.0, 20.0, 100.0])
 SOCKETS = {"A": np.array([-600.0, -250.0, 150.0]), "B": np.array([-600.0, 150.0, 150.0])}
 LEAST_NOISES, LEAST_OF_ITSELF, LEAST_OF_OTHERS, MOST_TRIES = 3.0, 0.15, 0.3, 40
-"""What constants and set-up leave of an unknown cause is at least three times the noise, 0.15 of the whole cause, and
-0.3 of the arm's other errors (a tenth of their energy): a cause that constants imitate better is their business."""
+"""Minimum residual of an unknown cause after fitting constants and set-up: three times the noise, 0.15 of the
+complete cause, and 0.3 of the other errors of the arm (a tenth of their energy). Causes that constants imitate
+better are excluded.
+"""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of a cell: reading (mm: a tracker's coordinate or a gauge), wander of gauges (mm, over 0.5 s), scatter
-    of a stop (mm, each coordinate, of the tool), scatter of the joints from run to run (rad)."""
+    """Noise of a cell: reading (mm, of a tracker coordinate or a gauge), wander of gauges (mm, over 0.5 s), scatter
+    of a stop (mm, each coordinate of the tool), scatter of the joints between runs (rad).
+    """
 
     reading_mm: float
     wander_mm: float
@@ -67,7 +70,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Known:
-    """Healthy errors that rig's library has: constants of the arm, play (axes,) rad and compliance (axes,) rad/Nm."""
+    """Healthy errors known to rig: constants of the arm, play (axes,) rad and compliance (axes,) rad/Nm."""
 
     a: Array
     alpha: Array
@@ -76,7 +79,7 @@ class Known:
     play: Array
     compliance: Array
     gear: tuple[int, int, float, float] = (0, 0, 0.0, 0.0)
-    """Of one gear: axis, order a turn of the joint, amplitude rad, phase rad."""
+    """Wave of one gear: axis, order per turn of the joint, amplitude in rad, phase in rad."""
 
     def arm(self, nominal: Arm) -> Arm:
         """Return the arm with these constants."""
@@ -89,7 +92,7 @@ class Known:
         )
 
     def deviation(self, arm: Arm, motion: Motion) -> Deviation:
-        """Return what play, gears and compliance add along a motion."""
+        """Return the deviations by backlash, gears and compliance along a motion."""
         found = no_deviation(len(motion.t), arm.axes)
         if self.compliance.any():
             found.joint[:] += gravity_torque(arm, motion.q) * self.compliance
@@ -101,14 +104,14 @@ class Known:
         return found
 
     def names(self) -> dict[str, float]:
-        """Return the size of each error by rig's name of it, in degrees, mm and degrees per Nm."""
+        """Return the size of each error by its name in rig, in degrees, mm and degrees per Nm."""
         found: dict[str, float] = {}
         for k in range(len(self.a)):
             found[f"joint_offset {k + 1}"] = float(np.degrees(self.zero[k]))
             found[f"link_geometry {k + 1}.d"] = float(self.d[k])
             found[f"backlash {k + 1}"] = float(np.degrees(self.play[k]))
             found[f"compliance {k + 1}"] = float(np.degrees(self.compliance[k]))
-            if k + 1 < len(self.a):  # rig counts a and alpha with the axis that they lead to
+            if k + 1 < len(self.a):  # in rig a and alpha belong to the axis they lead to
                 found[f"link_geometry {k + 2}.a"] = float(self.a[k])
                 found[f"link_geometry {k + 2}.alpha"] = float(np.degrees(self.alpha[k]))
         if self.gear[0]:
@@ -117,7 +120,7 @@ class Known:
 
 
 def _play(q: Array, width: float) -> Array:
-    """Return the link's deviation (n,) in a play: half the width behind the joint's motion."""
+    """Return the deviation (n,) of a link with backlash: half the width behind the joint motion."""
     link = np.empty_like(q)
     link[0] = q[0]
     for i in range(1, len(q)):
@@ -126,7 +129,9 @@ def _play(q: Array, width: float) -> Array:
 
 
 def draw_known(rng: np.random.Generator, axes: int, rich: bool) -> Known:
-    """Draw healthy errors: lengths 0.1 mm, angles and zeros 0.01 degrees; rich cells have plays and compliances."""
+    """Draw healthy errors: lengths 0.1 mm, angles and zeros 0.01 degrees; rich cells also have backlash and
+    compliance.
+    """
     degrees = np.radians(1.0)
     play, compliance = np.zeros(axes), np.zeros(axes)
     if rich:
@@ -150,7 +155,7 @@ def no_known(axes: int) -> Known:
 
 @dataclass(frozen=True)
 class Run:
-    """A run of a cell as an instrument writes it. columns: by header, in degrees, mm and s."""
+    """A run of a cell in the format of an instrument. columns: by header, in degrees, mm and s."""
 
     name: str
     test: str
@@ -161,10 +166,10 @@ class Run:
 
 @dataclass(frozen=True)
 class Cell:
-    """A drawn cell. test: `pose`, `touch` or `circle`; seed: of its noise; frame (4, 4): of the tracker.
+    """A random cell. test: `pose`, `touch` or `circle`; seed: of the noise; frame (4, 4): of the tracker.
 
-    cause_um: rms of the cause, foreign_um: of what it leaves once constants and set-up are fitted to it, healthy_um: of
-    the arm's other errors.
+    cause_um: rms of the cause; foreign_um: its residual after fitting constants and set-up; healthy_um: rms of the
+    other errors of the arm.
     """
 
     arm_name: str
@@ -214,7 +219,7 @@ def nominal_arm(name: str, test: str) -> Arm:
 
 @cache
 def ball_paths() -> tuple[tuple[Array, Array], Targets]:
-    """Return the joints of the circle and of the hemisphere's targets, of the nominal UR10e."""
+    """Return the joints of the circle and of the hemisphere targets of the nominal UR10e."""
     arm = nominal_arm("ur10e", "circle")
     return circle_path(arm, Circle()), hemisphere_targets(arm, Hemisphere())
 
@@ -225,7 +230,7 @@ def draw_postures(arm: Arm, count: int, rng: np.random.Generator) -> Array:
 
 
 def circle_motions(tests: Sequence[str]) -> list[tuple[str, str, str, Motion]]:
-    """Return name, test, direction and motion of each run with the ball link, in the order of time."""
+    """Return name, test, direction and motion of each ball link run, in order of time."""
     path, targets = ball_paths()
     found: list[tuple[str, str, str, Motion]] = []
     for test in tests:
@@ -240,7 +245,7 @@ def circle_motions(tests: Sequence[str]) -> list[tuple[str, str, str, Motion]]:
 
 
 def touch_postures(arm: Arm, places: Array, rng: np.random.Generator, tilt: float = 0.6) -> Array:
-    """Find postures (n, axes) that put the pointer's ball at places (n, 3), tilted by up to `tilt` rad at random."""
+    """Find postures (n, axes) with the pointer's ball at places (n, 3), randomly tilted by up to `tilt` rad."""
     offset, found = np.eye(4), []
     offset[:3, 3] = BALL_MM
     for place in places:
@@ -280,7 +285,7 @@ def motions(cell: Cell) -> list[tuple[str, str, str, Motion]]:
 
 
 def runs(cell: Cell) -> list[Run]:
-    """Measure the cell: its runs with noise."""
+    """Simulate the runs of a cell with noise."""
     rng = np.random.default_rng([cell.seed, 2])
     found = []
     for name, test, direction, motion in motions(cell):
@@ -306,7 +311,7 @@ def _pose_columns(cell: Cell, _: str, motion: Motion, deviation: Deviation, rng:
 
 
 def true_points(cell: Cell, q: Array, deviation: Deviation, target: Array | None = None) -> Array:
-    """Return where the tracker's target is (n, 3) mm, in the tracker's frame."""
+    """Return the true target positions (n, 3) mm in the tracker frame."""
     flange = forward(cell.arm, q, deviation).flange
     places = point(flange, (cell.target if target is None else target) + deviation.tool)
     return places @ cell.frame[:3, :3].T + cell.frame[:3, 3]
@@ -315,7 +320,7 @@ def true_points(cell: Cell, q: Array, deviation: Deviation, target: Array | None
 def _touch_columns(
     cell: Cell, _: str, motion: Motion, deviation: Deviation, rng: np.random.Generator
 ) -> dict[str, Any]:
-    """Guide the pointer into its sockets: what is read are the joints that reach them."""
+    """Simulate touches with a pointer guided into its sockets; the readings are the joint angles."""
     sockets = np.array([SOCKETS["AB"[k % 2]] for k in range(len(motion.rows))])
     sockets = sockets + rng.normal(0, np.hypot(cell.noise.reading_mm, cell.noise.stop_mm), sockets.shape)
     q = motion.q_read.copy()
@@ -354,7 +359,7 @@ def _gauge_columns(
 
 
 def true_gauges(cell: Cell, test: str, motion: Motion, deviation: Deviation) -> Array:
-    """Return the readings (m, 1 or 2) of the gauges without noise."""
+    """Return noise-free gauge readings (m, 1 or 2) mm."""
     flange = forward(cell.arm, motion.q_read, deviation).flange
     tool = flange @ TOOL
     if cell.target.any() or deviation.tool.any():
@@ -366,7 +371,7 @@ def true_gauges(cell: Cell, test: str, motion: Motion, deviation: Deviation) -> 
 
 
 def _wander(rng: np.random.Generator, t: Array, size: float) -> Array:
-    """Return a slow common error (n,) of the gauges: an Ornstein-Uhlenbeck process of 0.5 s."""
+    """Return a slow error (n,) common to the gauges: an Ornstein-Uhlenbeck process of 0.5 s."""
     kept = np.exp(-np.diff(t, prepend=t[0]) / 0.5)
     found, now = np.empty(len(t)), size * rng.normal()
     for i in range(len(t)):
@@ -375,11 +380,11 @@ def _wander(rng: np.random.Generator, t: Array, size: float) -> Array:
     return found
 
 
-# --- how much of a cause is foreign
+# --- unexplained part of a cause
 
 
 def seen_without_noise(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
-    """Return every reading of a cell in one column (n,) mm: gauges, places of the target, or of the pointer's ball."""
+    """Return all readings as one column (n,) mm: gauges, target positions, or positions of the pointer's ball."""
     found = []
     for _, test, _, motion in planned:
         deviation = cell.deviation(motion).take(motion.rows)
@@ -395,17 +400,17 @@ def seen_without_noise(cell: Cell, planned: Sequence[tuple[str, str, str, Motion
 
 @dataclass(frozen=True)
 class Sight:
-    """What constants and set-up of a cell can imitate: an orthonormal basis (n, p) of their readings."""
+    """Readings that constants and set-up of a cell can imitate: an orthonormal basis (n, p)."""
 
     cell: Cell
     planned: Sequence[tuple[str, str, str, Motion]]
     without: Array
     basis: Array
     healthy_um: float
-    """Rms of the arm's other errors beside the set-up."""
+    """Rms of the other errors of the arm after fitting the set-up."""
 
     def with_cause(self, cause: Cause) -> Cell:
-        """Return the cell with a cause, with the rms of it and of what constants and set-up leave of it."""
+        """Return the cell with a cause, its rms, and its residual after fitting constants and set-up."""
         cell = replace(self.cell, cause=cause)
         change = seen_without_noise(cell, self.planned) - self.without
         rest = change - self.basis @ (self.basis.T @ change)
@@ -414,7 +419,7 @@ class Sight:
 
 
 def sight_of(cell: Cell) -> Sight:
-    """Return what constants and set-up of a sound cell can imitate."""
+    """Return the readings that constants and set-up of a sound cell can imitate."""
     planned = motions(cell)
     without = seen_without_noise(cell, planned)
     perfect = seen_without_noise(replace(cell, known=no_known(cell.nominal.axes)), planned)
@@ -426,7 +431,7 @@ def sight_of(cell: Cell) -> Sight:
 
 
 def size_beside_setup_um(cell: Cell, sound: Cell) -> float:
-    """Return the rms (µm) of what a cell reads differently from a sound one, beside what the set-up absorbs."""
+    """Return the rms (µm) difference between the readings of a cell and of a sound one, after fitting the set-up."""
     planned = motions(sound)
     change = seen_without_noise(cell, planned) - seen_without_noise(sound, planned)
     basis = _orthonormal(_by_setup(sound, planned))
@@ -439,7 +444,7 @@ def _orthonormal(A: Array) -> Array:
 
 
 def _by_constants(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
-    """Return the derivatives (n, p) of all readings by the arm's constants."""
+    """Return the derivatives (n, p) of all readings by the constants of the arm."""
     changed = []
     for name, step in (("a", 0.01), ("alpha", 1e-5), ("d", 0.01), ("zero", 1e-5)):
         for k in range(cell.nominal.axes):
@@ -450,7 +455,7 @@ def _by_constants(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -
 
 
 def _by_setup(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
-    """Return the derivatives (n, p) of all readings by what is found of the set-up."""
+    """Return the derivatives (n, p) of all readings by the fitted parameters of the set-up."""
     changed = []
     for k in range(3):
         step, twist = 0.01 * np.eye(3)[k], np.zeros((2, 6))
@@ -462,8 +467,7 @@ def _by_setup(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Ar
 
 
 def _derivatives(cell: Cell, changed: Sequence[Cell], planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
-    """Return the change of all readings (n, p) by each of some small changes, of length 1; none of what changes
-    nothing."""
+    """Return the normalised change (n, p) of all readings for each small change, omitting changes without effect."""
     begin = seen_without_noise(cell, planned)
     found = np.stack([seen_without_noise(one, planned) - begin for one in changed], axis=1)
     sizes = np.linalg.norm(found, axis=0)
@@ -471,7 +475,7 @@ def _derivatives(cell: Cell, changed: Sequence[Cell], planned: Sequence[tuple[st
 
 
 def _by_run(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
-    """Return what each socket, or each test's own set-up of the ball link, may shift (n, p)."""
+    """Return the possible shifts (n, p) by each socket, or by the set-up of each ball link test."""
     if cell.test == "touch":
         socket = np.arange(TOUCHES) % 2
         return np.concatenate([np.kron((socket == k)[:, None], np.eye(3)) for k in (0, 1)], axis=1)
@@ -516,13 +520,13 @@ def draw_noise(rng: np.random.Generator, test: str) -> Noise:
 
 
 def places_of(kind: type[Cause]) -> list[tuple[str, str]]:
-    """Return the arms and set-ups in which a cause can be seen."""
+    """Return the arms and set-ups in which a cause is visible."""
     every = [("ur10e", "pose"), ("elbow", "pose"), ("seven", "pose"), ("ur10e", "touch"), ("ur10e", "circle")]
     return [place for place in every if place[1] in kind.tests]
 
 
 def draw_cell(seed: int, kinds: Sequence[type[Cause]] = CAUSES) -> Cell:
-    """Draw the cell of a seed: kinds take turns, places of a kind as well. The cause can be seen in its runs."""
+    """Draw the cell for a seed. Kinds alternate, and so do the set-ups of a kind. The cause is visible in the runs."""
     rng = np.random.default_rng([seed, 0])
     kind = kinds[seed % len(kinds)]
     places = places_of(kind)
@@ -539,7 +543,8 @@ def _draw_sound(seed: int, arm_name: str, test: str, rng: np.random.Generator) -
     axes = nominal_arm(arm_name, test).axes
     turn, way = rng.normal(size=3), rng.uniform(-1, 1, 3)
     frame = small_motion(np.concatenate([2000 * way, turn])[None])[0]
-    # A tracker's target and a pointer's ball are found from the readings; the ball link's tool is as the rig file says.
+    # The tracker target and the pointer's ball are fitted to the readings; the tool of the ball link is that of the rig
+    # file.
     target = {
         "pose": rng.uniform(-60, 60, 3) + np.array([0.0, 0.0, 80.0]),
         "touch": rng.normal(0, 0.3, 3),
@@ -566,7 +571,7 @@ def noise_um(cell: Cell) -> float:
 
 
 def _with_cause(cell: Cell, kind: type[Cause], rng: np.random.Generator) -> Cell | None:
-    """Draw the cause until it can be seen; None if no draw can."""
+    """Draw the cause until it is visible; None if no draw is."""
     sight = sight_of(cell)
     for _ in range(MOST_TRIES):
         cause = kind.draw(rng, cell.nominal)
@@ -580,13 +585,14 @@ def _with_cause(cell: Cell, kind: type[Cause], rng: np.random.Generator) -> Cell
     return None
 
 
-# --- a place that had no part
+# --- an unseen place
 
 
 def elsewhere(cell: Cell) -> Motion:
-    """Return poses that no run visited: near the work with the ball or the sockets, all over the ranges otherwise.
+    """Return poses not visited by any run: near the work area with the ball or the sockets, otherwise over the full
+    ranges.
 
-    They are visited after all runs, so that what depends on time has its latest state.
+    They are visited after all runs, with the latest state of time-dependent causes.
     """
     rng = np.random.default_rng([cell.seed, 3])
     arm, begin_s = cell.nominal, float(motions(cell)[-1][3].t[-1]) + RUN_APART_S
@@ -608,7 +614,7 @@ def elsewhere(cell: Cell) -> Motion:
 
 
 def points_elsewhere(cell: Cell, motion: Motion) -> Array:
-    """Return where the tool's point truly is (n, 3) mm at the stops, in the base's frame."""
+    """Return the true tool positions (n, 3) mm at the stops, in the base frame."""
     deviation = cell.deviation(motion).take(motion.rows)
     return point(forward(cell.arm, motion.q_read, deviation).flange, tool_point(cell) + deviation.tool)
 

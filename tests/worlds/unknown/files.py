@@ -19,9 +19,10 @@ _GAUGE = (
 
 
 def craig_table(arm: Arm) -> list[dict[str, object]]:
-    """Return the axes in modified Denavit-Hartenberg (Craig): a and alpha of a row lead to the next axis there.
+    """Return the axes in modified Denavit-Hartenberg parameters (Craig), where a and alpha of a row lead to its own
+    axis.
 
-    Centres of mass move to the frame before Tx(a) Rx(alpha) of their own row.
+    Centres of mass are converted to the frame before Tx(a) Rx(alpha) of their own row.
     """
     axes: list[dict[str, object]] = []
     for k in range(arm.axes):

@@ -1,4 +1,4 @@
-"""Paths of an arm: stops at poses, and circles driven at constant speed; rad, s."""
+"""Paths of an arm: stops at poses, and circles at constant speed; rad, s."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from scipy.interpolate import CubicSpline
 from tests.worlds.unknown.arms import Array
 
 MOVE_SAMPLES = 8
-"""Samples of a move between two stops: torques and angles between them are smooth."""
+"""Samples of a move between two stops, where torques and angles are smooth."""
 SPEED_RAD_S = np.radians(30.0)
 STOP_S = 6.0
-"""Settling and reading at a stop."""
+"""Time for settling and reading at a stop."""
 FINE_S = 0.02
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A path t (n,) s, q (n, axes) rad with the rows (m,) that are read. phi (n,) rad: the angle of a circle, else
-    zeros; sense: +1 or -1 of a circle, else 0."""
+    """A path t (n,) s, q (n, axes) rad, with the rows (m,) of the readings. phi (n,) rad: circle angle, otherwise
+    zeros; sense: +1 or -1 for a circle, otherwise 0.
+    """
 
     t: Array
     q: Array
@@ -40,7 +41,7 @@ class Motion:
 
 
 def stops(q: Array, begin_s: float = 0.0) -> Motion:
-    """Visit postures q (m, axes) one after another; all joints move together, softly."""
+    """Visit postures q (m, axes) one after another with smooth synchronous joint moves."""
     share = (1 - np.cos(np.pi * np.arange(1, MOVE_SAMPLES + 1) / MOVE_SAMPLES)) / 2
     path, times, rows, now = [q[0]], [begin_s], [0], begin_s
     for last, following in pairwise(q):
@@ -53,7 +54,7 @@ def stops(q: Array, begin_s: float = 0.0) -> Motion:
 
 
 def lap(q: Array, phi: Array, sense: int, lap_s: float, begin_s: float, rate_hz: float) -> Motion:
-    """Drive one circle, whose joints q (k, axes) belong to the angles phi (k,) rad, with a lead of both ends of it."""
+    """Drive a circle with lead-in and lead-out; q (k, axes): joints at the angles phi (k,) rad."""
     arc = float(phi[-1] - phi[0])
     seconds = lap_s * arc / (2 * np.pi)
     t = np.arange(0.0, seconds, FINE_S)

@@ -1,7 +1,7 @@
-"""Cells of a UR10e with one hidden effect that rig's library has, measured by yaw alone, twice each way.
+"""Cells of a UR10e with a single hidden effect of rig's library, measured by yaw only, twice in each direction.
 
-Half of them are low-order gear errors of axis 6, which makes the circle's full turn; the others look alike: the
-scale of a gauge, the distance between the gauges, a coupling of axes 4 and 6, the form of the ball.
+Half of them are low-order gear errors of axis 6, which makes a full turn on the circle. The others are similar in
+appearance: gauge scale, gauge baseline, coupling of axes 4 and 6, form of the ball.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ OTHERS = ("gauge_scale", "gauge_baseline", "wrist_coupling", "ball_form")
 
 @dataclass(frozen=True, kw_only=True)
 class WristCoupling(Cause):
-    """One wrist joint that turns another by a share of its angle, as of a belt with a wrong ratio in the controller."""
+    """A wrist joint that turns another by a share of its angle, such as a belt with a wrong ratio in the controller."""
 
     kind = "wrist coupling"
     tests = ("circle",)
@@ -39,8 +39,9 @@ class WristCoupling(Cause):
 
 @dataclass(frozen=True)
 class SingleCell:
-    """A cell with its hidden effect by rig's name, its size (degrees, mm or a share) and what it is worth: rms of what
-    it changes beside the set-up, µm."""
+    """A cell with its hidden effect by name in rig, the size (degrees, mm or a ratio), and the rms change of the
+    readings in µm after fitting the set-up.
+    """
 
     cell: Cell
     name: str
@@ -50,7 +51,7 @@ class SingleCell:
 
 
 def draw_single(seed: int) -> SingleCell:
-    """Draw the cell of a seed: even ones have a gear error, odd ones the other effects in turn."""
+    """Return the cell for a seed: even seeds have a gear error, odd ones the other effects in turn."""
     rng = np.random.default_rng([seed, 10])
     sound = Cell(
         arm_name="ur10e",
@@ -71,14 +72,14 @@ Hidden = tuple[Cell, str, float, int]
 
 
 def _gear(cell: Cell, rng: np.random.Generator) -> Hidden:
-    """0.005 to 0.03 degrees (0.3 to 1.8 arcmin: transmission accuracy of strain-wave gears, CSF: 1 to 1.5 arcmin)."""
+    """Draw a gear error of 0.005 to 0.03 degrees (0.3 to 1.8 arcmin; strain-wave gears, CSF: 1 to 1.5 arcmin)."""
     order, size = int(rng.integers(1, 5)), log_uniform(rng, 0.005, 0.03)
     known: Known = replace(cell.known, gear=(6, order, np.radians(size), rng.uniform(0, 2 * np.pi)))
     return replace(cell, known=known), "transmission_error 6", size, order
 
 
 def _scale(cell: Cell, rng: np.random.Generator) -> Hidden:
-    """0.3 to 3 % of the reading."""
+    """Draw a gauge scale error of 0.3 to 3 % of the reading."""
     gauge, size = int(rng.integers(2)), log_uniform(rng, 0.003, 0.03) * rng.choice([-1.0, 1.0])
     scale = np.zeros(2)
     scale[gauge] = size
@@ -86,14 +87,15 @@ def _scale(cell: Cell, rng: np.random.Generator) -> Hidden:
 
 
 def _baseline(cell: Cell, rng: np.random.Generator) -> Hidden:
-    """0.3 to 3 mm of 50."""
+    """Draw a baseline error of 0.3 to 3 mm, nominally 50."""
     size = log_uniform(rng, 0.3, 3.0) * rng.choice([-1.0, 1.0])
     return replace(cell, link=replace(cell.link, baseline_mm=size)), "gauge_baseline", size, 0
 
 
 def _coupling(cell: Cell, rng: np.random.Generator) -> Hidden:
-    """Of axis 4, which sways by some degrees, 0.0005 to 0.01 in axis 6; of the full turn of axis 6 a hundredth of that
-    in axis 4."""
+    """Draw a coupling: 0.0005 to 0.01 from axis 4, which moves by some degrees, to axis 6; or a hundredth of that
+    from the full turn of axis 6 to axis 4.
+    """
     axes = (4, 6) if rng.random() < 0.5 else (6, 4)
     size = log_uniform(rng, 0.0005, 0.01) * rng.choice([-1.0, 1.0]) / (100 if axes[0] == 6 else 1)
     cause = WristCoupling(axis=axes[0], to_axis=axes[1], share=size)
@@ -101,7 +103,9 @@ def _coupling(cell: Cell, rng: np.random.Generator) -> Hidden:
 
 
 def _ball(cell: Cell, rng: np.random.Generator) -> Hidden:
-    """2 to 5 lobes of 2 to 20 µm (a grade 100 ball: 2.5 µm, ISO 3290; a worn one some times more)."""
+    """Draw a ball form of 2 to 5 lobes and 2 to 20 µm (a grade 100 ball: 2.5 µm, ISO 3290; worn balls have several
+    times more).
+    """
     lobes, size = int(rng.integers(2, 6)), log_uniform(rng, 0.002, 0.020)
     link = replace(cell.link, lobes=lobes, form_mm=size, form_phase=rng.uniform(0, 2 * np.pi))
     return replace(cell, link=link), "ball_form", size, lobes

@@ -1,4 +1,4 @@
-"""The world of unknown causes: its arms against textbooks, its causes against physics, and rig's reading of it."""
+"""Tests of the simulation of unknown causes: arms against textbooks, causes against physics, and import by rig."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def postures(arm: Arm, count: int = 20) -> Array:
 
 
 def by_screws(axes: list[tuple[Array, Array]], end: Array, q: Array) -> Array:
-    """Positions (n, 3) of the flange by a product of exponentials, the axes (point, direction) as they lie at zero."""
+    """Return positions (n, 3) of the flange by a product of exponentials of the axes (point, direction) at zero."""
     found = []
     for angles in q:
         p = end
@@ -148,7 +148,7 @@ def test_hysteresis_closes_a_loop_no_wider_than_its_loss() -> None:
 
 
 def test_a_memory_remembers_and_a_posture_does_not() -> None:
-    """The same posture twice: hysteresis differs by the way there, a wandering axis does not."""
+    """In the same posture, hysteresis depends on the direction of arrival and a wandering axis does not."""
     arm = ur10e()
     here, low, high = (np.radians([0, angle, 80, -80, -80, 0]) for angle in (-70.0, -130.0, -20.0))
     motion = stops(np.array([here, low, here, high, here]))
@@ -167,7 +167,7 @@ def perfect(request: pytest.FixtureRequest) -> Cell:
 
 
 def test_rig_reads_a_perfect_cell_without_a_residual(perfect: Cell, tmp_path: Path) -> None:
-    """The one test that sees both: same frames, signs and units. Tables are rounded to 0.1 µm."""
+    """The only test with rig: frames, signs and units agree. Tables are rounded to 0.1 µm."""
     from analysis import compare, read_table  # noqa: PLC0415
 
     for path, test, direction in write_cell(perfect, tmp_path):

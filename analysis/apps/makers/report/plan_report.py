@@ -34,7 +34,7 @@ _TITLE: dict[str, Any] = {"title_style": "bold", "title_justify": "left"}
 _MOST = 3
 """Number of further tests listed for a pair."""
 _MOST_PAIRS = 6
-"""Number of pairs listed for a group of connected names, nearest first."""
+"""Number of pairs listed for a group of effects that are hard to distinguish, hardest first."""
 
 
 def as_table(plan: CapabilityOfTests) -> RenderableType:

@@ -1,1 +1,1 @@
-"""The real world of the trial: cells as noisy as real ones, and arms that have a little of everything at full size."""
+"""Realistic cases for the trial: cells with the noise of real ones, and arms with all healthy effects at full size."""

@@ -1,4 +1,6 @@
-"""A real arm: every effect of the vocabulary at its healthy size, all at once; and faults of 5 to 100 times that."""
+"""A realistic arm: every effect of the vocabulary at its healthy size together, and faults of 5 to 100 times that
+size.
+"""
 
 from __future__ import annotations
 
@@ -15,18 +17,19 @@ from tests.worlds.stranger.real.noise import log_uniform
 TIMES = (5.0, 100.0)
 TIMES_LARGE = (8.0, 100.0)
 LARGEST = {"gauge_inclination": 25.0}
-"""Degrees: beyond, a gauge is not mounted in its holder any more."""
+"""Upper limits; a gauge tilted by more degrees would not fit in its holder."""
 OFF_GRID = ("backlash", "transmission_error", "compliance", "reversal_spike", "thermal_growth", "gauge_cyclic")
-"""Effects whose shape can lie off any grid."""
+"""Effects with a continuous shape parameter."""
 WAVES = ("transmission_error", "ball_form", "gauge_cyclic", "vibration")
-"""Of these a healthy arm may have others of the same name, with orders, lobes or periods of their own."""
+"""Effects of which a healthy arm may have several waves with different orders, lobes or periods."""
 
 
 def healthy_arm(level: float, rng: np.random.Generator) -> list[Fault]:
-    """Every effect on everything it can sit on, zero-centred normal with `level` times its healthy size as width.
+    """Return every effect at every seat, with a zero-mean normal size of standard deviation `level` times the healthy
+    size.
 
-    One-sided sizes are the normal's magnitude. A joint's gear has two or three orders, the ball two or
-    three lobes, which share their width.
+    One-sided sizes are the absolute value. A joint gear has two or three orders and the ball two or three lobes, which
+    share the variance.
     """
     found = []
     for effect, keys in everything():
@@ -44,7 +47,7 @@ def _drawn(effect: str, rng: np.random.Generator) -> float:
 
 
 def _apart(effect: str, parts: int, rng: np.random.Generator) -> list[dict[str, float]]:
-    """Shapes whose orders or lobes differ."""
+    """Return shapes with different orders or lobes."""
     found: dict[float, dict[str, float]] = {}
     while len(found) < parts:
         shape = drawn_shape(effect, rng)
@@ -53,9 +56,9 @@ def _apart(effect: str, parts: int, rng: np.random.Generator) -> list[dict[str, 
 
 
 def plant(healthy: Sequence[Fault], fault: Fault) -> tuple[Fault, list[Fault]]:
-    """The fault with the healthy share of its parameter in it, and the rest of the arm.
+    """Return the fault combined with the healthy size of the same parameter, and the other effects of the arm.
 
-    Two waves of one order are one wave: no reading can part them. Of any other order they stay in the rest.
+    Two waves of the same order are indistinguishable and combined. Waves of other orders stay among the other effects.
     """
     own = [other for other in healthy if other.name == fault.name and _without_phase(other) == _without_phase(fault)]
     rest = [other for other in healthy if other not in own]
@@ -69,12 +72,14 @@ def plant(healthy: Sequence[Fault], fault: Fault) -> tuple[Fault, list[Fault]]:
 
 
 def _without_phase(fault: Fault) -> dict[str, float]:
-    """The order, lobes, period or frequency of a wave; nothing of any other effect, which has one size."""
+    """Return order, lobes, period or frequency of a wave; empty for other effects."""
     return {key: x for key, x in fault.shape.items() if key != "phase_deg"} if fault.effect in WAVES else {}
 
 
 def drawn_fault(rng: np.random.Generator, kind: str) -> Fault | None:
-    """A fault by itself, of a size that its kind allows; None where no such cell exists. An effect is a kind too."""
+    """Return a random fault with a size according to its kind; None if there is no such cell. An effect name is also
+    a kind.
+    """
     off_grid = kind == "off_grid"
     effects = OFF_GRID if off_grid else (kind,) if kind in SIZE else None
     fault = candidate(rng, effects, (0.3, 0.9) if off_grid else (0.0, 0.25))
@@ -85,7 +90,7 @@ def drawn_fault(rng: np.random.Generator, kind: str) -> Fault | None:
 
 
 def _off_grid(fault: Fault, rng: np.random.Generator) -> dict[str, float]:
-    """Orders of gears that no list has, decays, payloads and time constants of any length."""
+    """Return continuous random shape parameters: gear orders, decay times, payloads and time constants."""
     shape = dict(fault.shape)
     if "order" in shape:
         shape["order"] = float(np.round(log_uniform(1.0, 150.0, rng), 2))
@@ -101,7 +106,7 @@ def _off_grid(fault: Fault, rng: np.random.Generator) -> dict[str, float]:
 
 
 def drawn_foreign(rng: np.random.Generator) -> Fault:
-    """An effect of no vocabulary; that of two joints' angles has any order up to 60."""
+    """Return an effect outside the vocabulary; one that depends on two joint angles has any order up to 60."""
     fault = foreign(rng)
     if fault.effect == "cross_term":
         fault = replace(fault, shape=dict(fault.shape) | {"order": float(np.round(log_uniform(2.0, 60.0, rng)))})

@@ -1,6 +1,7 @@
-"""A case of the real world: an arm with a little of everything and perhaps faults, measured in a noisy cell.
+"""A realistic case: an arm with all healthy effects and possibly faults, measured in a noisy cell.
 
-Written as `stranger.cases` writes its own: rig files, a CSV table a run, `runs.csv`; the truth in another tree.
+The files are those of `stranger.cases`: rig files, a CSV table per run and `runs.csv`; the truth is in another
+directory.
 """
 
 from __future__ import annotations
@@ -37,23 +38,23 @@ REAL_KINDS = (
     "healthy", "one", "one_large", "two", "three", "foreign_large", "foreign_third", "background_low",
     "background_high", "heavy_tails", "off_grid", "dirty", *RATES_HZ,
 )  # fmt: skip
-"""The same seed of the kinds `rate_…` is one case, read at those rates."""
+"""Kinds of cases. A seed gives the same case for all kinds `rate_…`, sampled at these rates."""
 LEVEL = {"background_low": 0.3, "background_high": 3.0}
 COUNT = {"healthy": 0, "foreign_large": 0, "two": 2, "three": 3}
 LEAST_MM = 0.003
-"""A fault moves some test by as much, and by more than one run's scatter."""
+"""Minimum effect of a fault in some test; it must also exceed the scatter of a run."""
 MOST_MM = 5.0
-"""No more: gauges have a range."""
+"""Maximum effect, because gauges have a limited range."""
 LAPS = 2
 _APPROACH_MM, _ROUNDS = 3.0, 3
 _RUN_MIN = 1.5
-"""Minutes from run to run of a set-up."""
+"""Minutes between runs of a set-up."""
 _TRIES = 300
 
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """A line of runs.csv; number: of its set-up's runs, for levels and drift."""
+    """A row of runs.csv; number: index within the set-up, for noise levels and drift."""
 
     test: str
     direction: str
@@ -67,7 +68,7 @@ class PlannedRun:
 
 @dataclass(frozen=True)
 class Day:
-    """Everything that is fixed before a run is made."""
+    """All values fixed before a run is simulated."""
 
     robot: str
     cell: Cell
@@ -82,7 +83,7 @@ class Day:
 
 
 def generate_real(kind: str, seed: int, directory: Path, truth_directory: Path, *, name: str = "") -> Path:
-    """Write a case and seal its truth; gives the case's directory, `case-SEED` or `name` in `directory`."""
+    """Write a case and its truth. Return the directory of the case, `case-SEED` or `name` in `directory`."""
     drawn_as = "rate" if kind in RATES_HZ else kind
     rng = np.random.default_rng([seed, zlib.crc32(f"real {drawn_as}".encode())])
     day, mode = drawn_day(kind, rng)
@@ -145,7 +146,7 @@ def drawn_day(kind: str, rng: np.random.Generator) -> tuple[Day, dict[str, Any]]
 
 
 def _faults(oracle: Oracle, kind: str, level: float, rng: np.random.Generator) -> tuple[list[Fault], list[Seen]]:
-    """Faults that move some test, no two of them alike, and what can be seen of them."""
+    """Return faults that change some test, no two of them similar, and their visibility."""
     count = COUNT.get(kind, 1)
     scatter = oracle.scatter_mm()
     found: list[Fault] = []
@@ -168,7 +169,9 @@ def _faults(oracle: Oracle, kind: str, level: float, rng: np.random.Generator) -
 def _foreign(
     oracle: Oracle, kind: str, everything: Sequence[Fault], hidden: Sequence[Fault], rng: np.random.Generator
 ) -> list[Fault]:
-    """`foreign_large`: 1.5 to 4 times all else in rms; `foreign_third`: a tenth to a third of the fault."""
+    """Return foreign effects. `foreign_large`: 1.5 to 4 times the rms of all others; `foreign_third`: a tenth to a
+    third of the fault.
+    """
     if not kind.startswith("foreign"):
         return []
     large = kind == "foreign_large"
@@ -188,7 +191,7 @@ def _rms(moves: Mapping[str, float]) -> float:
 
 
 def _runs(day: Day, rng: np.random.Generator) -> list[PlannedRun]:
-    """Set-up by set-up, in any order; within a set-up too, and its runs are numbered in it."""
+    """Return the runs in random order of set-ups and within each set-up, numbered within the set-up."""
     ways = [(way, k) for way in ("acw", "cw") for k in range(REPEATS)]
     blocks = []
     for test in ("yaw", "roll"):
@@ -204,7 +207,7 @@ def _runs(day: Day, rng: np.random.Generator) -> list[PlannedRun]:
 
 
 def placed_links(day: Day, faults: Sequence[Fault]) -> dict[str, Link]:
-    """The set-ups, as eccentric as they were drawn about where this arm really goes."""
+    """Return the set-ups with the drawn eccentricity relative to the true path of this arm."""
     sight, (there, track) = sight_of(day.robot), day.unseen
     found = {}
     for setup, link in day.links.items():
@@ -248,9 +251,9 @@ def _write(case: Path, day: Day, faults: Sequence[Fault], rng: np.random.Generat
 def write_readings(
     path: Path, day: Day, run: PlannedRun, made: Program, faults: Sequence[Fault], rng: np.random.Generator
 ) -> None:
-    """One run as a table: the program at the run's own instants, its scatter and its noise.
+    """Write a run as a table: the program at the reading times of the run, with its scatter and noise.
 
-    What does not depend on the instants has draws of its own, so that one case at two rates differs in nothing else.
+    Properties independent of the reading times have separate random draws, so a case at two rates differs only in them.
     """
     noise, levels = day.noise, day.levels[run.setup]
     rng, reading = rng.spawn(2)
@@ -279,7 +282,7 @@ def write_readings(
 
 
 def _hidden_json(oracle: Oracle, whole: Fault, planted: Fault, seen: Seen) -> dict[str, Any]:
-    """`parameters` are the truth: planted and healthy share."""
+    """Return the truth; `parameters` include the healthy size."""
     return fault_json(whole) | {
         "size": SIZE[whole.effect],
         "planted": planted.size,

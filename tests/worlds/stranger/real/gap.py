@@ -1,4 +1,4 @@
-"""The gap that faults make at the unseen place, without noise: what the effects of an answer should take away."""
+"""Noise-free error caused by faults at the unseen place, which the answered effects should remove."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from tests.worlds.stranger.screws import Array
 
 
 def gap_of_real(truth: Mapping[str, Any], case: Path, said: Collection[str]) -> tuple[list[Lap], list[Lap], Array]:
-    """Noise-free laps at the unseen place: what the faults add, and what the faults and all names `said` add, each with
-    the ball set anew; and where it then stands (3,) mm.
+    """Return noise-free laps at the unseen place with the faults, the same with the faults and all named effects
+    `said`, each with the ball mounted anew, and the ball position (3,) mm.
 
-    The second is what an answer is held against, for a name that is said takes out the healthy share of itself too.
+    Answers are compared with the second, because a named effect also removes its healthy size.
     """
     cell = cell_of(yaml.safe_load((case / "unseen.yaml").read_text(encoding="utf-8")))
     setup = truth["setup"]["unseen"]
@@ -41,7 +41,7 @@ def gap_of_real(truth: Mapping[str, Any], case: Path, said: Collection[str]) -> 
 
 
 def _laps(cell: Cell, watches: Sequence[Watch], there: Link, faults: Sequence[Fault]) -> list[Lap]:
-    """Every fifth instant of what faults and the ball's new place add."""
+    """Return every fifth reading of the changes by faults and the new ball position."""
     rows, found = slice(None, None, 5), []
     for watch in watches:
         added = measure(cell, watch.motion, faults, there, trace=watch.trace) - watch.plain

@@ -1,4 +1,4 @@
-"""A case whose fault and noise are given, not drawn: for what foretells how surely a fault of some size is found."""
+"""A case with given fault and noise, for predictions of the detection probability of a fault of this size."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ _QUIET = CellNoise(
     rate_hz=50.0, resolution_mm=1e-4, tail_df=0.0, outliers=0.0, bursts=False, uneven=0.1, jitter_s=1e-4,
     encoder_deg=2e-5,
 )  # fmt: skip
-"""Stamps, steps and outliers that matter less than the noise given."""
+"""Timing, resolution and outliers that are negligible compared with the given noise."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """The same for every run: white and slow noise of a gauge, the latter with a time constant; where joints and ball
-    lie from run to run; how far a stop is off its target along the gauge."""
+    """Noise of every run: white and slow noise of a gauge with its time constant, scatter of joints and ball between
+    runs, and scatter of stops along the gauge.
+    """
 
     white_mm: float
     slow_mm: float
@@ -40,8 +41,9 @@ class Noise:
 
 
 def generate_known(robot: str, fault: Fault, noise: Noise, seed: int, directory: Path) -> float:
-    """Write three runs of yaw and roll each way and of the hemisphere, each target visited twice, of a healthy arm with
-    one fault; gives the size that the arm has of it, its healthy share in it."""
+    """Write three runs of yaw and roll in each direction and of the hemisphere (each target visited twice), for a
+    healthy arm with a fault. Return the total size of the faulty parameter, including its healthy size.
+    """
     rng = np.random.default_rng([seed, ROBOTS.index(robot)])
     day = drawn_day("one", rng)[0]
     while day.robot != robot:

@@ -1,6 +1,6 @@
-"""Noise of a real cell (real-cells.md, its table): drawn for a cell, for each set-up, for each run. mm, s, degrees.
+"""Noise of a realistic cell (table of real-cells.md), drawn for a cell, each set-up and each run; mm, s, degrees.
 
-Ranges are those of the table, drawn log-uniform unless the table says otherwise.
+The ranges of the table are sampled log-uniformly unless stated otherwise.
 """
 
 from __future__ import annotations
@@ -15,20 +15,21 @@ from tests.worlds.stranger.screws import Array
 
 RESOLUTIONS_MM = (1e-4, 5e-4, 1e-3, 5e-3, 1e-2)
 ORDERS = 3
-"""What changes from run to run is smooth along a lap: half its energy is constant, the rest in so many orders."""
+"""Number of orders of the smooth variation along a lap between runs. Half of its energy is constant."""
 SLOW_STEP_S = 0.01
-"""A tenth of the quickest slow noise; between, it goes in straight lines."""
+"""Time step of slow noise, a tenth of the shortest time constant, with linear interpolation."""
 OWN_LEVELS = 4.0
-"""Levels of gauges and runs lie within this factor at most."""
+"""Largest ratio between the noise levels of gauges and runs."""
 
 
 @dataclass(frozen=True)
 class Levels:
-    """Of one set-up. white_mm: by run and gauge (runs, gauges); slow_mm: by run (runs,); the rest for all its runs.
+    """Noise levels of a set-up. white_mm: by run and gauge (runs, gauges); slow_mm: by run (runs,); the rest for all
+    its runs.
 
-    slow_s: time constant of an AR(1) process, 0: a 1/f spectrum; common: share of its energy that all gauges see;
-    joints_deg, ball_mm: from run to run; drift_mm_min (3,): of the ball; stops_mm: rms by target of a stop's distance
-    from the target's place, by its number.
+    slow_s: time constant of an AR(1) process, 0 for a 1/f spectrum; common: share of its energy common to all gauges;
+    joints_deg, ball_mm: scatter between runs; drift_mm_min (3,): of the ball; stops_mm: rms distance of stops from the
+    place of the target, by target number.
     """
 
     white_mm: Array
@@ -43,9 +44,10 @@ class Levels:
 
 @dataclass(frozen=True)
 class CellNoise:
-    """Of one cell. tail_df: degrees of freedom of a stop's t distribution, 0: normal; outliers: share of readings;
-    bursts: whether they come in rows of 3 to 10; uneven: of the time between readings, in shares of it; jitter_s: of a
-    stamp; encoder_deg: step of the angles."""
+    """Noise properties of a cell. tail_df: degrees of freedom of the t distribution of stops, 0 for normal;
+    outliers: share of readings; bursts: outliers in groups of 3 to 10 rows; uneven: relative variation of the
+    reading interval; jitter_s: of a timestamp; encoder_deg: step of the angles.
+    """
 
     rate_hz: float
     resolution_mm: float
@@ -61,14 +63,14 @@ class CellNoise:
 
 
 def log_uniform(low: float, high: float, rng: np.random.Generator, size: int | None = None) -> Any:
-    """From low to high."""
+    """Return log-uniform random numbers from low to high."""
     return np.exp(rng.uniform(np.log(low), np.log(high), size))
 
 
 def drawn_cell(rng: np.random.Generator, kind: str, rate_hz: float) -> CellNoise:
-    """A cell's own; `heavy_tails` and `dirty` are at their worst.
+    """Return random noise properties of a cell; `heavy_tails` and `dirty` are the worst cases.
 
-    Stamps stay in order: their jitter, 0.1 to 20 ms, is at most a fifth of the time between two readings.
+    The jitter of timestamps, 0.1 to 20 ms, is at most a fifth of the reading interval, so they stay in order.
     """
     worst = kind == "dirty"
     tail = 2.2 if kind == "heavy_tails" else float(rng.choice([0.0, 0.0, rng.uniform(2.5, 6.0)]))
@@ -86,7 +88,7 @@ def drawn_cell(rng: np.random.Generator, kind: str, rate_hz: float) -> CellNoise
 
 
 def drawn_levels(rng: np.random.Generator, runs: int, gauges: int, targets: list[int]) -> Levels:
-    """Of a set-up with so many runs."""
+    """Return random noise levels of a set-up with this number of runs."""
     apart = log_uniform(1.0, OWN_LEVELS, rng)
     way = rng.standard_normal(3)
     stops = log_uniform(0.003, 0.060, rng)
@@ -103,15 +105,16 @@ def drawn_levels(rng: np.random.Generator, runs: int, gauges: int, targets: list
 
 
 def stamps(noise: CellNoise, seconds: float, rng: np.random.Generator) -> Array:
-    """Instants (m,) s of readings, from zero on."""
+    """Return reading times (m,) s from zero."""
     steps = 1 + noise.uneven * rng.standard_normal(int(1.3 * seconds * noise.rate_hz) + 10)
     times = np.cumsum(np.clip(steps, 0.4, 3.0)) / noise.rate_hz
     return times[times < seconds] - times[0]
 
 
 def slow(seconds: float, tau_s: float, columns: int, rng: np.random.Generator) -> Array:
-    """(n, columns) of unit variance, each SLOW_STEP_S of a run: AR(1) of a time constant; 1/f from 0.05 Hz on where
-    that is zero."""
+    """Return (n, columns) of unit variance in steps SLOW_STEP_S: AR(1) with a time constant, or 1/f above 0.05 Hz if
+    it is zero.
+    """
     n = 2 * int(np.ceil(seconds / SLOW_STEP_S) + 2)
     f = np.fft.rfftfreq(n, SLOW_STEP_S)
     power = 1 / (1 + (2 * np.pi * f * tau_s) ** 2) if tau_s else 1 / np.maximum(f, 0.05)
@@ -123,14 +126,16 @@ def slow(seconds: float, tau_s: float, columns: int, rng: np.random.Generator) -
 
 
 def along_lap(phase: Array) -> Array:
-    """(m, 1 + 2 ORDERS): independent parts of a unit scatter of a run, at phase (m,) rad of it."""
+    """Return (m, 1 + 2 ORDERS) independent components of a run scatter of unit variance, at phase (m,) rad of the
+    lap.
+    """
     orders = np.arange(1, ORDERS + 1)
     waves = np.concatenate([np.cos(phase[:, None] * orders), np.sin(phase[:, None] * orders)], axis=1)
     return np.concatenate([np.full((len(phase), 1), np.sqrt(0.5)), waves * np.sqrt(0.5 / ORDERS)], axis=1)
 
 
 def slow_noise(levels: Levels, run: int, t: Array, seconds: float, rng: np.random.Generator) -> Array:
-    """(m, k) mm at t (m,) of a run that lasts so long: the same process however often it is read."""
+    """Return slow noise (m, k) mm at t (m,) of a run of this length; the process is independent of the sampling."""
     gauges = levels.white_mm.shape[1]
     parts = slow(seconds, levels.slow_s, gauges + 1, rng)
     grid = SLOW_STEP_S * np.arange(len(parts))
@@ -140,9 +145,9 @@ def slow_noise(levels: Levels, run: int, t: Array, seconds: float, rng: np.rando
 
 
 def stop_scatter(levels: Levels, tail_df: float, target: Array, rng: np.random.Generator) -> Array:
-    """Where the tool stops (m, 3) mm off the place it stops at on average.
+    """Return the displacements (m, 3) mm of stops from their average position.
 
-    A target's level is the rms distance of the normal's core; a t distribution adds its tails to that.
+    The level of a target is the rms distance of the normal core; a t distribution adds its tails.
     """
     draws = rng.standard_t(tail_df, (len(target), 3)) if tail_df else rng.standard_normal((len(target), 3))
     level = np.array([levels.stops_mm[int(number)] for number in target])
@@ -150,7 +155,7 @@ def stop_scatter(levels: Levels, tail_df: float, target: Array, rng: np.random.G
 
 
 def wild(noise: CellNoise, white_mm: Array, rows: int, rng: np.random.Generator) -> Array:
-    """(rows, k) mm: what outliers add, 10 to 100 times the gauge's white level."""
+    """Return outliers (rows, k) mm of 10 to 100 times the white noise of the gauge."""
     found = np.zeros((rows, len(white_mm)))
     longest = 10 if noise.bursts else 1
     mean = 6.5 if noise.bursts else 1.0

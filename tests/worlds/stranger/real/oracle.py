@@ -1,7 +1,7 @@
-"""An oracle for a real cell: what tests as noisy as these can see, and which names they cannot tell apart.
+"""An oracle for a realistic cell: visibility of faults in tests with this noise, and indistinguishable names.
 
-It knows the generator's signatures, the noise of every run and the healthy background at full size; no diagnosis can
-know more. The repeatability test, which visits targets of the hemisphere once more, is left out.
+It knows the signatures of the generator, the noise of every run and the healthy background at full size, more than any
+diagnosis can know. The repeatability test is omitted, because it visits targets of the hemisphere again.
 """
 
 from __future__ import annotations
@@ -19,16 +19,17 @@ from tests.worlds.stranger.screws import Array
 from tests.worlds.stranger.sight import REPEATS, Frame, Scales, Sight, View, by_ball, flat, setup_rows
 
 SEEN = 7.0
-"""Sigmas from which a fault is testable."""
+"""Sigma above which a fault is testable."""
 TWIN = 3.0
-"""Sigmas below which a rival that is fitted cannot be told apart."""
+"""Sigma below which a fitted rival is indistinguishable."""
 _TO_CHANNELS = np.array([[0.5, 0.5], [-1.0, 1.0]])
 
 
 @dataclass(frozen=True)
 class Seen:
-    """sigma: of a fault against noise, set-ups, healthy background and, with free sizes, the other faults; twins: names
-    that explain it as well; rival: the nearest other name, with its distance in sigma."""
+    """Visibility of a fault. sigma: against noise, set-ups, healthy background and the other faults with free sizes;
+    twins: names that explain it equally well; rival: the nearest other name and its distance in sigma.
+    """
 
     sigma: float
     twins: tuple[str, ...]
@@ -41,7 +42,7 @@ class Seen:
 
 
 class _Centred(Sight):
-    """A sight whose exact signatures are taken with the ball set anew, as a person does."""
+    """Signatures computed with the ball mounted anew, as an operator does."""
 
     def __init__(self, day: Sight) -> None:
         self.__dict__.update(day.__dict__)
@@ -62,7 +63,7 @@ class _Centred(Sight):
 
 
 class Oracle(Scales):
-    """Lengths and angles between signatures in the true noise of a cell: levels by test."""
+    """Lengths and angles between signatures in the true noise of a cell; levels by test."""
 
     def __init__(self, sight: Sight, noise: CellNoise, levels: Mapping[str, Levels], visits: int, laps: int) -> None:
         self.sight = _Centred(sight)
@@ -86,14 +87,16 @@ class Oracle(Scales):
         return out
 
     def scatter_mm(self) -> dict[str, float]:
-        """By test the rms of what differs between two runs, over one run's root of two: in mm a channel."""
+        """Return by test the rms difference between two runs divided by root two, in mm per channel."""
         found: dict[str, list[float]] = {}
         for view, runs in zip(self.sight.views, self._covariances, strict=True):
             found.setdefault(view.motion.test, []).extend(float(np.mean(np.diag(C))) for C in runs)
         return {test: float(np.sqrt(np.mean(squares))) for test, squares in found.items()}
 
     def moves_mm(self, faults: Sequence[Fault]) -> dict[str, float]:
-        """By test the rms of what faults add, set-ups fitted: in mm a channel (mean and difference of the gauges)."""
+        """Return by test the rms change by faults after fitting the set-ups, in mm per channel (mean and difference
+        of the gauges).
+        """
         x = flat(self.sight.signature(faults, exact=True))
         x = x - (x @ self._raw_setup.T) @ self._raw_setup
         squares: dict[str, list[Array]] = {}
@@ -104,14 +107,14 @@ class Oracle(Scales):
         return {test: float(np.sqrt(np.mean(np.concatenate(parts)))) for test, parts in squares.items()}
 
     def look(self, faults: Sequence[Fault], level: float) -> list[Seen]:
-        """What can be seen of each fault, in a healthy background of `level` times its width."""
+        """Return the visibility of each fault, with a healthy background of `level` times its standard deviation."""
         frame = self.frame(dict.fromkeys(self.names, level), [fault.name for fault in faults])
         rows = np.array([frame.of([fault]) for fault in faults])
         alone = 1 / np.sqrt(np.maximum(np.diag(np.linalg.pinv(rows @ rows.T)), 1e-30))
         return [_seen(frame, fault, x, float(sigma)) for fault, x, sigma in zip(faults, rows, alone, strict=True)]
 
     def unexplained(self, fault: Fault, level: float) -> tuple[float, str]:
-        """Sigmas of a foreign fault that no single name explains, and the name that comes nearest."""
+        """Return the sigma of a foreign fault unexplained by any single name, and the nearest name."""
         frame = self.frame(dict.fromkeys(self.names, level))
         x = frame.of([fault])
         alike = frame.likeness(x)
@@ -121,7 +124,7 @@ class Oracle(Scales):
 
 def _seen(frame: Frame, fault: Fault, x: Array, sigma: float) -> Seen:
     if fault.effect == "link_geometry":
-        # As the library's are: against these, second-order parts of 13 mm made an exact twin differ by 50 sigma.
+        # Linearised like the library; otherwise second-order parts of 13 mm separate an exact twin by 50 sigma.
         small = replace(fault, size=healthy_of(fault.effect, fault.keys))
         x = frame.of([small]) * fault.size / small.size
     size = float(np.linalg.norm(x))
@@ -136,7 +139,9 @@ def _seen(frame: Frame, fault: Fault, x: Array, sigma: float) -> Seen:
 
 
 def _covariances(sight: Sight, view: View, noise: CellNoise, levels: Mapping[str, Levels], laps: int) -> list[Array]:
-    """Of each run of a program, (k m, k m) mm² in the order of `flat`: channels one after the other."""
+    """Return the covariance (k m, k m) mm² of each run of a program in the order of `flat`: channels one after the
+    other.
+    """
     own = levels[view.motion.test]
     t = view.motion.t[view.motion.rows]
     step = noise.resolution_mm**2 / 12
@@ -168,7 +173,7 @@ def _covariances(sight: Sight, view: View, noise: CellNoise, levels: Mapping[str
 
 
 def _in_channels(blocks: dict[tuple[int, int], Array]) -> Array:
-    """From two gauges to their mean and their difference."""
+    """Convert covariances of two gauges to those of their mean and difference."""
     T = _TO_CHANNELS
     rows = [
         [sum(T[c, a] * T[d, b] * blocks[a, b] for a in range(2) for b in range(2)) for d in range(2)] for c in range(2)
@@ -177,7 +182,9 @@ def _in_channels(blocks: dict[tuple[int, int], Array]) -> Array:
 
 
 def slow_covariance(lag_s: Array, tau_s: float) -> Array:
-    """Of the slow noise of unit variance: AR(1), or the 1/f spectrum of `noise.slow` where tau_s is zero."""
+    """Return the covariance of slow noise of unit variance: AR(1), or the 1/f spectrum of `noise.slow` if tau_s is
+    zero.
+    """
     if tau_s:
         return np.exp(-lag_s / tau_s)
     f = np.arange(1, 4000) * 0.0125

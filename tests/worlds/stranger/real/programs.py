@@ -1,7 +1,7 @@
-"""What an arm does in one program and one set-up: readings without noise, and how they go with joints and ball.
+"""Noise-free readings of an arm in a program and a set-up, and their derivatives by joints and ball.
 
-A program is worked out once on a fine and even grid of time; a run reads it at instants of its own, so a case costs the
-same at 50 and at 4000 Hz.
+A program is computed once on a fine regular time grid and sampled at the reading times of a run, so the computing time
+is independent of the rate.
 """
 
 from __future__ import annotations
@@ -23,14 +23,16 @@ _STEP_RAD = 1e-6
 _STEP_MM = 1e-4
 
 BY_RUN = ("vibration", "gauge_scale", "gauge_inclination", "gauge_cyclic")
-"""A vibration begins with a phase of its own, and a gauge errs by where it stands, which the scatter of the run moves.
-One that sticks is left in the program, which has the way between the readings."""
+"""Effects applied per run: a vibration has a random phase, and a gauge error depends on the reading, which includes
+the scatter of the run. A sticking gauge stays in the program, because it depends on the motion between readings.
+"""
 
 
 @dataclass(frozen=True)
 class Program:
-    """readings (m, k) mm at the motion's rows, with its faults but those of `BY_RUN`; by_joint (m, k, 6) mm/rad;
-    by_ball (m, k, 3). A circle's rows are its even grid, those of targets are its stops."""
+    """Readings (m, k) mm at the rows of the motion, with its faults except those of `BY_RUN`; by_joint (m, k, 6)
+    mm/rad; by_ball (m, k, 3). The rows of a circle are its regular grid, those of targets the stops.
+    """
 
     motion: Motion
     readings: Array
@@ -47,12 +49,12 @@ class Program:
 
 
 def circle(cell: Cell, track: Track, test: str, sense: int, laps: int) -> Motion:
-    """A run of laps on an even grid."""
+    """Return a run of laps on a regular grid."""
     return lap(cell, track, test, sense, np.arange(0.0, 3600.0, GRID_S), GRID_S, laps)
 
 
 def program(cell: Cell, motion: Motion, link: Link, faults: Sequence[Fault]) -> Program:
-    """A motion with faults. Those of `BY_RUN` are left to the run."""
+    """Compute a motion with faults, except those of `BY_RUN`, which are applied per run."""
     trace = trace_of(cell, motion)
     steady = [fault for fault in faults if fault.effect not in BY_RUN]
     tool = tool_of(cell, motion, [], trace)
@@ -68,7 +70,7 @@ def program(cell: Cell, motion: Motion, link: Link, faults: Sequence[Fault]) -> 
 
 
 def at(t: Array, columns: Array) -> Array:
-    """Columns (n, …) of the even grid at t (m,) s, by cubics through four neighbours."""
+    """Interpolate columns (n, …) of the regular grid at t (m,) s, by cubics through four neighbours."""
     x = np.clip(t / GRID_S, 0, len(columns) - 1)
     k = np.clip(x.astype(int), 1, len(columns) - 3)
     u = (x - k).reshape(-1, *[1] * (columns.ndim - 1))

@@ -1,6 +1,7 @@
-"""Set-ups as people make them: the ball stands where the tool really goes round it, whatever the arm's errors.
+"""Set-ups made like those of an operator: the ball is mounted where the real tool path is centred, including the arm's
+errors.
 
-An error that only moves the whole circle is then no error of the readings, to all orders and not just the first.
+An error that only displaces the complete circle then does not change the readings, exactly and not only to first order.
 """
 
 from __future__ import annotations
@@ -22,12 +23,14 @@ _STEP_MM = 1e-4
 _NEAR_MM = 1e-4
 _ROUNDS = 8
 HARDLY = 0.05
-"""A move of the ball that shows less than this share of what shows most is not fitted."""
+"""Ball directions with less than this share of the largest effect are not fitted."""
 
 
 @dataclass(frozen=True)
 class Watch:
-    """A motion of a set-up. Without faults: place (n, 3) mm of the tool, plain (m, k) mm; by_ball (m, k, 3)."""
+    """A motion in a set-up without faults: tool positions place (n, 3) mm, readings plain (m, k) mm; by_ball (m, k,
+    3).
+    """
 
     motion: Motion
     trace: Trace
@@ -37,7 +40,7 @@ class Watch:
 
 
 def watched(cell: Cell, motion: Motion, trace: Trace, link: Link) -> Watch:
-    """A motion with this set-up, no faults."""
+    """Return a motion with this set-up and no faults."""
     tool = tool_of(cell, motion, [], trace)
     plain = read(motion, [], link, tool)
     shifted = [read(motion, [], replace(link, ball=link.ball + step), tool) for step in _STEP_MM * np.eye(3)]
@@ -45,17 +48,17 @@ def watched(cell: Cell, motion: Motion, trace: Trace, link: Link) -> Watch:
 
 
 def by_setup(watches: Sequence[Watch]) -> Array:
-    """(D, 3 + k): how the readings of all motions, one after the other, go with the ball and the zeros."""
+    """Return the derivatives (D, 3 + k) of the readings of all motions, concatenated, by the ball and the zeros."""
     ball = np.concatenate([watch.by_ball.reshape(-1, 3) for watch in watches])
     gauges = watches[0].plain.shape[1]
     return np.concatenate([ball, np.tile(np.eye(gauges), (len(ball) // gauges, 1))], axis=1)
 
 
 def centred(cell: Cell, watches: Sequence[Watch], link: Link, faults: Sequence[Fault]) -> Link:
-    """The link with its ball moved to where an arm with faults has it as eccentric as the link is without.
+    """Return the link with its ball moved so that its eccentricity with a faulty arm equals that with a perfect arm.
 
-    A circle's centre goes with the mean of the tool's places; what is left, and all of a hemisphere's, is fitted. A
-    ball that moves along a circle's normal hardly shows, and is left there.
+    The centre of a circle follows the mean tool position. The remaining displacement, and that of a hemisphere, is
+    fitted. A ball displacement along the normal of a circle is hardly visible and not fitted.
     """
     A = by_setup(watches)
     tools = [tool_of(cell, watch.motion, faults, watch.trace) for watch in watches]
