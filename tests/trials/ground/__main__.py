@@ -1,7 +1,7 @@
 """The proving ground: tasks for any program that finds or corrects the errors of robot arms, and their scorer.
 
-Tasks are plain CSV; the truth lies in a directory of its own. docs/proving-ground.md says what each task is and how to
-enter.
+Tasks are plain CSV; the truth lies in a directory of its own. docs/how-to/enter-the-proving-ground.md
+describes the tasks and how to enter.
 """
 
 from __future__ import annotations

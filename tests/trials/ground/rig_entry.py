@@ -1,4 +1,4 @@
-"""rig in the proving ground: each task is read as docs/proving-ground.md describes it and answered by the public API.
+"""rig in the proving ground: reads the tasks (docs/how-to/enter-the-proving-ground.md), answers by the public API.
 
 Poses are answered by the calibrated model, with the set-up that `calibrate` fitted; u is that of the model with frame
 and target taught at the poses given, and the noise of the readings. Faults are those by which `diagnose` stands.

@@ -137,13 +137,13 @@ def test_wrong_and_broken_answers_are_scored_as_such(
 
 def test_the_entry_of_the_page_enters(ground: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The nominal arm with its frame and target fitted, which removes nothing."""
-    page = (ROOT / "docs" / "proving-ground.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "how-to" / "enter-the-proving-ground.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"^```python\n(.*?)^```", page, re.M | re.S)
     assert len(code.splitlines()) < 15
     (tmp_path / "try").mkdir()
     (tmp_path / "try" / "ground").symlink_to(ground)
     monkeypatch.chdir(tmp_path)
-    exec(compile(code.replace("try/ground/answers", "answers"), "proving-ground.md", "exec"), {})  # noqa: S102 - our page
+    exec(compile(code.replace("try/ground/answers", "answers"), "the page", "exec"), {})  # noqa: S102 - our page
     own = scored(ground, tmp_path / "answers")["arms with joint curves, 40 poses"]
     assert own["answered"].value == 1
     assert own["removed"].value == pytest.approx(0, abs=1e-3)

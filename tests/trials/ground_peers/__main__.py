@@ -1,6 +1,6 @@
 """Other programs in the proving ground: least squares, a Gaussian process, pybotics; nothing of rig is imported.
 
-Each reads a directory of tasks as docs/proving-ground.md describes it and writes its answers. Least squares (scipy)
+Each reads a directory of tasks (docs/how-to/enter-the-proving-ground.md) and writes its answers. Least squares (scipy)
 fits a, alpha, d and zero of each axis, and frame and target of each placement; with gravity a compliance of each axis
 as well. The Gaussian process (scikit-learn) predicts what constants leave, from sines and cosines of the joints.
 pybotics fits the same constants by its own `optimize_accuracy`.
