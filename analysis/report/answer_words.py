@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+from analysis.diagnosis.evidence.contradiction import Contradiction
 from analysis.diagnosis.fit.refine import size_limits
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.result import (
@@ -129,7 +130,7 @@ class AnswerWords:
         """
         diagnosis = self.diagnosis
         if diagnosis.condition == "out_of_range":
-            return self._out_of_range()
+            return " ".join((*self.contradicted, self._out_of_range()))
         (faults, open_too), large = self._faults(), [self._large_part(part) for part in large_parts(self.diagnosis)]
         share = sum(part.share for named in diagnosis.standing if (part := part_of(diagnosis, named)))
         first = any(part.share > share for part in large_parts(diagnosis))
@@ -142,7 +143,22 @@ class AnswerWords:
         parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
         commanded = self.texts("finding_only_commanded") if diagnosis.only_commanded else ""
         moved = [movement_sentence(movement, self.texts) for movement in diagnosis.movements]
-        return " ".join(filter(None, (*moved, self.visits, *parts, commanded)))
+        return " ".join(filter(None, (*self.contradicted, *moved, self.visits, *parts, commanded)))
+
+    @property
+    def contradicted(self) -> list[str]:
+        """A sentence for each stated constant that the readings contradict."""
+        return [
+            self.texts(
+                "finding_contradicted", constant=self.stated(made), stated=str(made.stated),
+                measured=str(made.by_readings), difference=f"{abs(made.difference):.3g} {made.stated.sign}",
+            )
+            for made in self.diagnosis.contradictions
+        ]  # fmt: skip
+
+    def stated(self, made: Contradiction) -> str:
+        """Return the name of a stated constant."""
+        return self.texts(f"constant_{made.key.rpartition('.')[2]}", names=self.texts("and").join(made.names))
 
     @property
     def visits(self) -> str:

@@ -41,7 +41,7 @@ def summarise(
     act = open_acts[0] if open_acts else None
     headline = words.headline
     return Summary(
-        badge=words.texts(f"badge_{diagnosis.condition}"),
+        badge=words.texts(f"badge_{'contradicted' if diagnosis.contradictions else diagnosis.condition}"),
         headline=f"{headline[:1].upper()}{headline[1:]}",
         unknowns=tuple(words.unknowns(act)),
         error=driven_error(*driven, words.texts) if driven else words.error,
@@ -70,6 +70,11 @@ class _SummaryWords:
 
     @property
     def headline(self) -> str:
+        """The stated constants that the readings contradict; otherwise the cause."""
+        return " ".join(self.answer.contradicted) or self._cause
+
+    @property
+    def _cause(self) -> str:
         """Cause, size and certainty of the largest cause; the condition if no cause is certain."""
         if self.diagnosis.condition not in ("out_of_range", "outside_library") and (leading := self._leading()):
             first, others = leading[0], len(leading) - 1
@@ -104,9 +109,10 @@ class _SummaryWords:
     def unknowns(self, act: Act | None) -> list[str]:
         """Return the limits of the evidence, as sentences that are not in the headline."""
         diagnosis, texts = self.diagnosis, self.texts
-        sentences = [movement_sentence(movement, texts) for movement in diagnosis.movements[:_MOST_MOVEMENTS]]
+        sentences = [f"{self._cause[:1].upper()}{self._cause[1:]}"] if diagnosis.contradictions else []
+        sentences += [movement_sentence(movement, texts) for movement in diagnosis.movements[:_MOST_MOVEMENTS]]
         sentences.append(self.answer.visits)
-        if diagnosis.condition in _UNDECIDED and (sentence := self.answer.condition_sentence) != self.headline:
+        if diagnosis.condition in _UNDECIDED and (sentence := self.answer.condition_sentence) != self._cause:
             sentences.append(sentence)
         sentences.append(self.answer.follows)
         sentences.append(texts("finding_only_commanded") if diagnosis.only_commanded else "")

@@ -66,6 +66,8 @@ class JudgedPlace:
 
 
 EARLY_COMMANDED = Act("convert", "early", command=("import", "TABLE", "--test", "pose", "--joints", "commanded"))
+CHECK_STATED = Act("check", "contradicted")
+"""First action if the readings contradict a stated constant: measure the constant again."""
 EARLY = Act("wait", "early")
 """First action if joints were read before standstill: use the commanded angles of the file if present, or repeat the
 measurement."""
