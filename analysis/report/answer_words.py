@@ -344,9 +344,13 @@ class AnswerWords:
         details = []
         if part.index is not None:
             odds = self.diagnosis.effects[part.index].posterior
-            details = [self.size_of(part), self.times_usual(part), sure(odds) if odds < CERTAIN_ODDS else ""]
+            details = [self.size_of(part), self.times_usual(part), self._probability(odds)]
         in_brackets = ", ".join(filter(None, details))
         return f"{self.short_name(part)} ({in_brackets})" if in_brackets else self.short_name(part)
+
+    def _probability(self, odds: float) -> str:
+        """Return the probability of a cause; empty if it is certain."""
+        return self.texts("likely", odds=sure(odds)) if odds < CERTAIN_ODDS else ""
 
     def _listed(self, phrases: Sequence[str]) -> str:
         ending = [self.texts("and_more", count=len(phrases) - _MOST_NAMED)] if len(phrases) > _MOST_NAMED else []

@@ -8,7 +8,7 @@ from functools import partial
 
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.acts import Act
-from analysis.diagnosis.judge.result import CERTAIN_ODDS, BudgetPart, Diagnosis, Named
+from analysis.diagnosis.judge.result import CERTAIN_ODDS, BudgetPart, Diagnosis, Named, likely_rivals
 from analysis.report.act_words import ActWords, command, without_idle_mounts
 from analysis.report.answer_words import AnswerWords, has_model, is_complete, large_parts, part_of
 from analysis.report.diagnosis_words import size, sure
@@ -18,6 +18,8 @@ from analysis.report.texts import Texts, texts_of
 
 _MOST_CAUSES = 3
 """Segments of the bar with a name of their own. Chosen: as many names as fit on a phone."""
+_MOST_RIVALS = 3
+"""Rivals with a name of their own in the headline. Chosen: as many as causes."""
 _LEAST_SHARE = 0.01
 """Share of the error from which a part is a main cause. Chosen: the narrowest segment that can be seen."""
 _TENTH_PERCENT = 0.001
@@ -99,12 +101,15 @@ class _SummaryWords:
         return self.texts("probable_member", part=name, member=self.answer.noun(member.effect), odds=sure(member.odds))
 
     def _effect(self, named: Named, part: BudgetPart | None) -> str:
-        """Return an effect with size and certainty, for an effect of usual size also that."""
+        """Return an effect with size and certainty, for an effect of usual size also that, and its likely rivals."""
         is_certain = named.posterior >= CERTAIN_ODDS
         certainty = self.texts("certain") if is_certain else self.texts("likely", odds=sure(named.posterior))
         usual = self.texts("usual_size") if part and part.rank == "usual" else ""
-        name = self.answer.with_rivals(named)
-        return ", ".join(filter(None, [name, size(named), certainty, usual]))
+        first = ", ".join(filter(None, [self.answer.noun(named.effect), size(named), certainty, usual]))
+        rivals = list(dict.fromkeys(self.answer.noun(rival.effect) for rival in likely_rivals(named)))
+        more = [self.texts("and_more", count=len(rivals) - _MOST_RIVALS)] if len(rivals) > _MOST_RIVALS else []
+        others = ", ".join([self.texts("or").join(rivals[:_MOST_RIVALS]), *more])
+        return self.texts("otherwise", first=first, others=others) if rivals else first
 
     def unknowns(self, act: Act | None) -> list[str]:
         """Return the limits of the evidence, as sentences that are not in the headline."""
@@ -164,10 +169,15 @@ class _SummaryWords:
         return causes
 
     def _cause_name(self, part: BudgetPart) -> str:
-        """Return the name of a part, marked if the part is an effect that an unknown cause may imitate."""
+        """Return the name of a part, for an uncertain effect with its probability, as in the headline. A part is marked
+        if an unknown cause may imitate it.
+        """
         name = self.answer.short_name(part)
-        imitated = part.index is not None and self.diagnosis.effects[part.index].doubt == "unexplained"
-        return f"{name} ({self.texts('not_confirmed')})" if imitated else name
+        named = self.diagnosis.effects[part.index] if part.index is not None else None
+        if named is not None and named.doubt == "unexplained":
+            return f"{name} ({self.texts('not_confirmed')})"
+        is_open = named is not None and named.posterior < CERTAIN_ODDS
+        return f"{name} ({self.texts('likely', odds=sure(named.posterior))})" if named and is_open else name
 
 
 def step_of(act: Act, diagnosis: Diagnosis, texts: Texts) -> str:
