@@ -105,6 +105,15 @@ class Rig(Part):
         """Return the rig with the errors of another rig: effects and calibration."""
         return self.model_copy(update={"effects": rig.effects}).with_calibration(rig.calibration, rig._calibrated)
 
+    def with_distances_of(self, rig: Rig) -> Rig:
+        """Return the rig with the known distances that another rig states for its sockets, if both have touches."""
+        touch, other = self.tests.touch, rig.tests.touch
+        if touch is None or other is None:
+            return self
+        kept = tuple(distance for distance in other.distances if {*distance.between} <= {*touch.sockets})
+        tests = self.tests.model_copy(update={"touch": touch.model_copy(update={"distances": kept})})
+        return self.model_copy(update={"tests": tests})
+
     @field_validator("tests")
     @classmethod
     def _of_one_length(cls, tests: Tests, info: ValidationInfo) -> Tests:

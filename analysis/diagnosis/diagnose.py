@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from analysis.diagnosis.evidence.gather import Uses, gather
+from analysis.diagnosis.fit.contradictions import without_contradicted
 from analysis.diagnosis.fit.fit_evidence import fit_evidence
 from analysis.diagnosis.judge.conclude import conclude
 from analysis.diagnosis.judge.judge import judge
@@ -39,9 +40,11 @@ def diagnose(
     """
     begin_s = time.perf_counter()
     evidence = gather(rig, Uses(used, held_out, unseen), tolerance_um, progress)
+    evidence, contradictions = without_contradicted(evidence, given, progress)
     fit = fit_evidence(evidence, given, progress)
     validation = validate(evidence, fit, progress)
     verdict, findings = judge(evidence, fit, validation)
     diagnosis = conclude(evidence, fit, validation, verdict, findings)
+    diagnosis = replace(diagnosis, contradictions=contradictions)
     diagnosis = plan_next(diagnosis, evidence, fit, validation, findings, progress)
     return replace(diagnosis, seconds=time.perf_counter() - begin_s)

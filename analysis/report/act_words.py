@@ -63,6 +63,8 @@ class ActWords:
             return self._measure(act)
         if act.why == "moved":
             return act_after(self.diagnosis.movements, texts)
+        if act.why == "contradicted":
+            return self._check_stated()
         if act.effect is None:
             rig = self.diagnosis.rig
             load = "act_load" if rig.takes_programs else "act_load_targets"
@@ -145,6 +147,11 @@ class ActWords:
         """Return the parts of the error that an act reduces, separated by commas."""
         words = AnswerWords(self.diagnosis, self.texts)
         return ", ".join(words.part_name(self.diagnosis.budget[k]) for k in act.parts)
+
+    def _check_stated(self) -> str:
+        made, words = self.diagnosis.contradictions, AnswerWords(self.diagnosis, self.texts)
+        keys = ", ".join(dict.fromkeys(contradiction.key for contradiction in made))
+        return self.texts("act_check_contradicted", constants="; ".join(map(words.stated, made)), keys=keys)
 
     def _measure(self, act: Act) -> str:
         texts, test = self.texts, act.test

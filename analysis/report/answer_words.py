@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+from analysis.diagnosis.evidence.contradiction import Contradiction
 from analysis.diagnosis.fit.refine import size_limits
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.result import (
@@ -130,7 +131,7 @@ class AnswerWords:
         """
         diagnosis = self.diagnosis
         if diagnosis.condition == "out_of_range":
-            return self._out_of_range()
+            return " ".join((*self.contradicted, self._out_of_range()))
         (faults, open_too), large = self._faults(), [self._large_part(part) for part in large_parts(self.diagnosis)]
         share = sum(part.share for named in diagnosis.standing if (part := part_of(diagnosis, named)))
         first = any(part.share > share for part in large_parts(diagnosis))
@@ -145,9 +146,27 @@ class AnswerWords:
 
     @property
     def preconditions(self) -> list[str]:
-        """Movements and kinds of angles that limit the meaning of every name, as sentences. They come first."""
+        """Contradicted constants, movements and commanded angles, which limit every name, as sentences. They come
+        first.
+        """
         moved = [movement_sentence(movement, self.texts) for movement in self.diagnosis.movements[:_MOST_MOVEMENTS]]
-        return [*moved, *([self.texts("finding_only_commanded")] if self.diagnosis.only_commanded else [])]
+        commanded = [self.texts("finding_only_commanded")] if self.diagnosis.only_commanded else []
+        return [*self.contradicted, *moved, *commanded]
+
+    @property
+    def contradicted(self) -> list[str]:
+        """A sentence for each stated constant that the readings contradict."""
+        return [
+            self.texts(
+                "finding_contradicted", constant=self.stated(made), stated=str(made.stated),
+                measured=str(made.by_readings), difference=f"{abs(made.difference):.3g} {made.stated.sign}",
+            )
+            for made in self.diagnosis.contradictions
+        ]  # fmt: skip
+
+    def stated(self, made: Contradiction) -> str:
+        """Return the name of a stated constant."""
+        return self.texts(f"constant_{made.key.rpartition('.')[2]}", names=self.texts("and").join(made.names))
 
     @property
     def visits(self) -> str:
@@ -340,9 +359,13 @@ class AnswerWords:
         details = []
         if part.index is not None:
             odds = self.diagnosis.effects[part.index].posterior
-            details = [self.size_of(part), self.times_usual(part), sure(odds) if odds < CERTAIN_ODDS else ""]
+            details = [self.size_of(part), self.times_usual(part), self._probability(odds)]
         in_brackets = ", ".join(filter(None, details))
         return f"{self.short_name(part)} ({in_brackets})" if in_brackets else self.short_name(part)
+
+    def _probability(self, odds: float) -> str:
+        """Return the probability of a cause; empty if it is certain."""
+        return self.texts("likely", odds=sure(odds)) if odds < CERTAIN_ODDS else ""
 
     def _listed(self, phrases: Sequence[str]) -> str:
         ending = [self.texts("and_more", count=len(phrases) - _MOST_NAMED)] if len(phrases) > _MOST_NAMED else []

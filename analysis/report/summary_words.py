@@ -8,7 +8,7 @@ from functools import partial
 
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.acts import Act, Doubt
-from analysis.diagnosis.judge.result import CERTAIN_ODDS, BudgetPart, Diagnosis, Named
+from analysis.diagnosis.judge.result import CERTAIN_ODDS, BudgetPart, Diagnosis, Named, likely_rivals
 from analysis.report.act_words import ActWords, command, without_idle_mounts
 from analysis.report.answer_words import AnswerWords, has_model, is_complete, large_parts, part_of
 from analysis.report.diagnosis_words import size, sure
@@ -17,6 +17,8 @@ from analysis.report.texts import Texts, texts_of
 
 _MOST_CAUSES = 3
 """Maximum number of bar segments with their own names. Chosen: as many names as fit on a phone."""
+_MOST_RIVALS = 3
+"""Maximum number of rivals in the headline. Chosen: as many as causes."""
 _LEAST_SHARE = 0.01
 """Minimum share of the error for a main cause. Chosen: the narrowest visible segment."""
 _TENTH_PERCENT = 0.001
@@ -43,10 +45,9 @@ def summarise(
     words = _SummaryWords(diagnosis, texts or texts_of("en"), judged_elsewhere)
     open_acts = without_idle_mounts(diagnosis.acts) if acts is None else acts
     act = open_acts[0] if open_acts else None
-    headline = words.headline
     return Summary(
         badge=words.badge,
-        headline=" ".join([*words.answer.preconditions, f"{headline[:1].upper()}{headline[1:]}"]),
+        headline=" ".join(words.first_sentences),
         unknowns=tuple(words.unknowns(act)),
         error=driven_error(*driven, words.texts) if driven else words.error,
         causes=tuple(words.causes),
@@ -74,14 +75,26 @@ class _SummaryWords:
 
     @property
     def badge(self) -> str:
-        """The condition of the arm in a word or two, after a movement if there is one."""
-        moved = bool(self.diagnosis.movements)
-        keys = ["moved"] * moved + [self.diagnosis.condition] * (not moved or self.diagnosis.condition not in _HARMLESS)
+        """The condition of the arm in a word or two, after a contradicted constant or a movement."""
+        diagnosis = self.diagnosis
+        keys = ["contradicted"] * bool(diagnosis.contradictions) + ["moved"] * bool(diagnosis.movements)
+        if not keys or (not diagnosis.contradictions and diagnosis.condition not in _HARMLESS):
+            keys.append(diagnosis.condition)
         return ", ".join(self.texts(f"badge_{key}") for key in keys)
 
     @property
-    def headline(self) -> str:
-        """Cause, size and certainty of the largest cause; the condition if no cause is certain."""
+    def first_sentences(self) -> list[str]:
+        """The limits of every name, then the cause, which a contradicted constant leaves for later."""
+        return [*self.answer.preconditions, *([] if self.diagnosis.contradictions else [self._cause])]
+
+    @property
+    def _cause(self) -> str:
+        """Headline of the cause, with a capital letter."""
+        headline = self._lower_case_cause()
+        return f"{headline[:1].upper()}{headline[1:]}"
+
+    def _lower_case_cause(self) -> str:
+        """Return cause, size and certainty of the largest cause; the condition if no cause is certain."""
         names_open = any(named.doubt == "commanded" for named in self.diagnosis.effects)
         if self.diagnosis.condition in ("out_of_range", "outside_library") or names_open:
             return self.answer.condition_sentence
@@ -108,18 +121,22 @@ class _SummaryWords:
         return self.texts("probable_member", part=name, member=self.answer.noun(member.effect), odds=sure(member.odds))
 
     def _effect(self, named: Named, part: BudgetPart | None) -> str:
-        """Return an effect with its size and certainty, and a remark if its size is usual."""
+        """Return an effect with size and certainty, a remark if the size is usual, and the likely rivals."""
         is_certain = named.posterior >= CERTAIN_ODDS
         certainty = self.texts("certain") if is_certain else self.texts("likely", odds=sure(named.posterior))
         usual = self.texts("usual_size") if part and part.rank == "usual" else ""
-        name = self.answer.with_rivals(named)
-        return ", ".join(filter(None, [name, size(named), certainty, usual]))
+        first = ", ".join(filter(None, [self.answer.noun(named.effect), size(named), certainty, usual]))
+        rivals = list(dict.fromkeys(self.answer.noun(rival.effect) for rival in likely_rivals(named)))
+        more = [self.texts("and_more", count=len(rivals) - _MOST_RIVALS)] if len(rivals) > _MOST_RIVALS else []
+        others = ", ".join([self.texts("or").join(rivals[:_MOST_RIVALS]), *more])
+        return self.texts("otherwise", first=first, others=others) if rivals else first
 
     def unknowns(self, act: Act | None) -> list[str]:
         """Return the limits of the evidence as sentences, except those in the headline."""
         diagnosis, texts = self.diagnosis, self.texts
-        sentences = [self.answer.visits]
-        if diagnosis.condition in _UNDECIDED and (sentence := self.answer.condition_sentence) != self.headline:
+        sentences = [self._cause] if diagnosis.contradictions else []
+        sentences.append(self.answer.visits)
+        if diagnosis.condition in _UNDECIDED and (sentence := self.answer.condition_sentence) != self._cause:
             sentences.append(sentence)
         sentences.append(self.answer.follows)
         if act and (against := ActWords(diagnosis, texts).against(self._beyond_basis(act))):
@@ -170,10 +187,15 @@ class _SummaryWords:
         return causes
 
     def _cause_name(self, part: BudgetPart) -> str:
-        """Return the name of a part, marked if an unknown cause may imitate it."""
+        """Return the name of a part, marked if an unknown cause may imitate it. An uncertain effect has its
+        probability, as in the headline.
+        """
         name = self.answer.short_name(part)
-        imitated = part.index is not None and self.diagnosis.effects[part.index].doubt in _IMITATED
-        return f"{name} ({self.texts('not_confirmed')})" if imitated else name
+        named = self.diagnosis.effects[part.index] if part.index is not None else None
+        if named is not None and named.doubt in _IMITATED:
+            return f"{name} ({self.texts('not_confirmed')})"
+        is_open = named is not None and named.posterior < CERTAIN_ODDS
+        return f"{name} ({self.texts('likely', odds=sure(named.posterior))})" if named and is_open else name
 
 
 def step_of(act: Act, diagnosis: Diagnosis, texts: Texts) -> str:

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from analysis.diagnosis.evidence.blocks import Block
+from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.evidence.observation_of import observation_of
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import SetUp
@@ -51,6 +51,16 @@ class KnownDistances:
             row[terms[pair[1]][:3]] += along
         return slopes
 
+    def fitted_mm(
+        self, setups: Mapping[str, SetUp], slopes: Array, moves: Array, covariance: Array
+    ) -> tuple[Array, Array]:
+        """Return the distances (t,) mm between the sockets of set-ups moved by terms (s,), and their standard
+        uncertainties (t,), from the covariance (s, s) of the terms. `slopes` (t, s) as of `by_setup`.
+        """
+        apart = np.array([np.linalg.norm(_socket_vector(setups, pair)) for pair in self.pairs])
+        variance = np.sum(slopes @ covariance * slopes, axis=1)
+        return apart + _SD_MM * slopes @ moves, np.hypot(_SD_MM * np.sqrt(variance), _SD_MM)
+
     @property
     def scatter(self) -> Array:
         """Response (t, c) to a standard uncertainty of each distance of the rig file, in the same unit."""
@@ -59,13 +69,13 @@ class KnownDistances:
         return alike.reshape(len(self.distances), len(different)) * [distance.u_mm / _SD_MM for distance in different]
 
 
-def known_distances_of(blocks: Sequence[Block]) -> KnownDistances:
+def known_distances_of(runs: Sequence[ObservedRun]) -> KnownDistances:
     """Return the known distances between sockets touched in the same run, once for repeated runs of the same set-ups.
 
     Their rows follow the entries (N,) of the blocks.
     """
     distances: dict[tuple[str, str], KnownSocketDistance] = {}
-    touched = [block for block in blocks if observation_of(block.table).parts(block.table) is not None]
+    touched = [run for run in runs if observation_of(run.table).parts(run.table) is not None]
     for first, second in combinations(touched, 2):
         touch = first.model.rig.tests.touch
         if touch is None or first.table is not second.table:
@@ -77,10 +87,10 @@ def known_distances_of(blocks: Sequence[Block]) -> KnownDistances:
     return KnownDistances(tuple(distances), tuple(distances.values()))
 
 
-def _socket(block: Block) -> str:
-    """Return the socket name of a block of touches."""
-    sockets = observation_of(block.table).parts(block.table)
-    return "" if sockets is None else str(sockets[block.rows[0]])
+def _socket(run: ObservedRun) -> str:
+    """Return the socket name of touches of a single socket."""
+    sockets = observation_of(run.table).parts(run.table)
+    return "" if sockets is None else str(sockets[run.rows[0]])
 
 
 def _socket_vector(setups: Mapping[str, SetUp], pair: tuple[str, str]) -> Array:

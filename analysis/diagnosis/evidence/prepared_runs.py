@@ -127,6 +127,7 @@ def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
     cells: list[Rig] = []
     seen: list[ObservedRun] = []
     of_rig = any(run.rig.robot == rig.robot for run in runs)
+    is_given = all(run.rig.tests != rig.tests for run in runs)  # its distances were measured again since
     for run in runs:
         # A circle with the ball away from axis 6 has a different tool on the same arm; a tool with no runs is a
         # mistake.
@@ -138,6 +139,8 @@ def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
             remedy = "diagnose runs of a single robot, or give the original rig file with --rig"
             raise FileError(str(run.path), f"belongs to a different robot than {rig.name} ({differing})", remedy)
         cell = run.rig.model_copy(update={"name": rig.name, "description": ""}).modelled_as(rig)
+        if is_given:
+            cell = cell.with_distances_of(rig)
         if cell not in cells:
             cells.append(cell)
         observed = observe_run(model_of(cell), run.table, str(run.path))

@@ -69,6 +69,8 @@ class JudgedPlace:
 EARLY_COMMANDED = Act("convert", "early", command=("import", "TABLE", "--test", "pose", "--joints", "commanded"))
 MOVED = Act("mount", "moved")
 """First action after a movement between or within the runs."""
+CHECK_STATED = Act("check", "contradicted")
+"""First action if the readings contradict a stated constant: measure the constant again."""
 EARLY = Act("wait", "early")
 """First action if joints were read before standstill: use the commanded angles of the file if present, or repeat the
 measurement."""

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import pyarrow as pa
 
+from analysis.diagnosis.evidence.contradiction import Contradiction
 from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.judge.acts import Act, Doubt, JudgedOn
 from analysis.diagnosis.judge.remains import ResidualSummary, Unexplained
@@ -516,6 +517,8 @@ class Diagnosis(Verdict, Tabular):
     """Recommended actions in order; every report prints this list."""
     movements: tuple[Movement, ...] = ()
     """Movements between the runs or between rows of a run."""
+    contradictions: tuple[Contradiction, ...] = ()
+    """Stated constants that the readings contradict. The diagnosis does not use them."""
 
     @property
     def next_act(self) -> Act | None:
@@ -549,6 +552,7 @@ class Diagnosis(Verdict, Tabular):
                 "budget": [part.to_dict() for part in self.budget],
                 "acts": [act.to_dict() for act in self.acts],
                 "movements": [movement.to_dict() for movement in self.movements],
+                **({"contradictions": [made.to_dict() for made in self.contradictions]} if self.contradictions else {}),
                 "runs_to_decide": self.runs_to_decide,
                 "rig": self.rig.name,
                 "runs": self.runs,

@@ -8,7 +8,7 @@ from functools import cache, partial
 
 from analysis.diagnosis.evidence.gather import Evidence
 from analysis.diagnosis.fit.fit_evidence import Fit
-from analysis.diagnosis.judge.act_list import EARLY, EARLY_COMMANDED, JudgedPlace, acts_of
+from analysis.diagnosis.judge.act_list import CHECK_STATED, EARLY, EARLY_COMMANDED, JudgedPlace, acts_of
 from analysis.diagnosis.judge.acts import Act
 from analysis.diagnosis.judge.judge import Findings
 from analysis.diagnosis.judge.result import Diagnosis, Named, NextTest, fault_rivals
@@ -48,7 +48,9 @@ def plan_next(
     tests = naming_tests(further, fit.result, diagnosis.budget, named, judged_runs) if asks else []
     runs = validation.elsewhere or validation.judges or validation.sound
     place = JudgedPlace(diagnosis.accuracy.place, validation.fitted, runs, validation.stages, validation.gaps.judged)
-    acts = acts_of(diagnosis, place, tests, _before(evidence.uses.used) if findings.early else ())
+    stated = (CHECK_STATED,) if diagnosis.contradictions else ()
+    before = (*stated, *(_before(evidence.uses.used) if findings.early else ()))
+    acts = acts_of(diagnosis, place, tests, before)
     return replace(diagnosis, next_test=next_test, doubts=(*diagnosis.doubts, *why_none), acts=acts)
 
 

@@ -82,8 +82,18 @@ def test_the_headline_is_cause_size_and_certainty() -> None:
     assert several.headline.endswith("certain, and 2 more.")
     usual = summarise(diagnosis("nothing_unusual", effects=(replace(PLAY, doubt="usual"),)))
     assert usual.headline.endswith("certain, normal for this arm.")
-    open_cause = summarise(diagnosis("ambiguous", effects=(ZERO,))).headline
-    assert open_cause.endswith("62 % likely.") and " or " in open_cause
+
+
+def test_headline_and_causes_state_the_same_probability_and_the_share_separately() -> None:
+    """A headline with "28 % likely" above a cause with 99.7 % reads as a contradiction."""
+    part = BudgetPart("effect", 1.0, 0.1, 0.997, axis=2, name="joint_offset 2", index=0, odds=ZERO.posterior)
+    for language in LANGUAGES:
+        texts = texts_of(language)
+        summary = summarise(diagnosis("ambiguous", effects=(ZERO,), budget=(part,)), texts)
+        probability = texts("likely", odds="62 %")
+        assert f", {probability}; " in summary.headline and f"({probability})" in summary.causes[0].name
+        assert summary.causes[0].percent == "99.7 %" and "%" not in texts("main_causes")
+    assert "share of the error" in EN("main_causes")
 
 
 def test_the_headline_names_the_largest_cause_also_if_it_is_no_fault() -> None:
