@@ -14,6 +14,7 @@ from analysis.diagnosis.judge.comparison import Disagreement
 from analysis.diagnosis.judge.residuals import Map
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.report.chart import Chart
+from analysis.report.effect_names import name_in_words
 from analysis.report.model_charts import MOST_MAPS, maps_of, strand_charts, target_chart
 from analysis.report.run_pictures import draw_hemisphere
 from analysis.report.stairs import Stairs, left_words, stairs_of, stairs_of_model
@@ -45,7 +46,8 @@ def picture(diagnosis: Diagnosis, *, in_session: bool = False) -> Figure:
     error, is_next = summary.error, summary.next and not (in_session and diagnosis.acts[0].kind == "load")
     lines = [*summary.unknowns, f"{error.title}: {error.words}. {error.basis} {error.standing}"]
     lines += [f"Do next: {summary.next} {summary.command}".rstrip()] if is_next else []
-    lines += [f"These tests cannot distinguish: {' or '.join(group)}" for group in diagnosis.groups[:_MOST_GROUPS]]
+    groups = diagnosis.groups[:_MOST_GROUPS]
+    lines += [f"These tests cannot separate {'; '.join(map(name_in_words, group))}." for group in groups]
     others = len(diagnosis.groups) - _MOST_GROUPS
     lines += [f"and {others} more groups"] * (others > 0)
     lines += _not_shown(quiet)
@@ -62,7 +64,7 @@ def disagreement_picture(disagreement: Disagreement) -> Figure:
     parts, quiet = _parts(disagreement, stairs_of_model(disagreement), disagreement.floor_um)
     words = _not_shown(quiet)
     parts.append((0.2 + 0.17 * len(words), lambda sheet: _draw_words(sheet, words)))
-    return Sheet.of_parts([f"Disagreement of model and readings · {disagreement.rig.name}"], parts, _WIDTH)
+    return Sheet.of_parts([f"Where model and readings disagree · {disagreement.rig.name}"], parts, _WIDTH)
 
 
 def _parts(residuals: Diagnosis | Disagreement, stairs: Stairs | None, floor_um: float) -> tuple[list[Part], int]:
