@@ -14,7 +14,6 @@ from analysis.diagnosis.judge.comparison import Disagreement
 from analysis.diagnosis.judge.residuals import Map
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.report.chart import Chart
-from analysis.report.effect_names import name_in_words
 from analysis.report.model_charts import MOST_MAPS, maps_of, strand_charts, target_chart
 from analysis.report.run_pictures import draw_hemisphere
 from analysis.report.stairs import Stairs, left_words, stairs_of, stairs_of_model
@@ -23,6 +22,7 @@ from analysis.report.summary_words import summarise
 from analysis.report.texts import texts_of
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.readings import rms
+from rigs.schema.effect_names import name_in_words
 
 _WIDTH = 11.0
 _MOST_GROUPS = 5

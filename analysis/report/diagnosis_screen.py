@@ -29,12 +29,12 @@ from analysis.report.diagnosis_words import (
     sure,
     with_uncertainty,
 )
-from analysis.report.effect_names import name_in_words, names_in_words, parameter_in_words
 from analysis.report.plain_console import bare_table, right
 from analysis.report.stairs import stairs_of, stairs_table
 from analysis.report.summary_screen import on_screen
 from analysis.report.summary_words import summarise
 from analysis.report.texts import texts_of
+from rigs.schema.effect_names import name_in_words, names_in_words, parameter_in_words
 from rigs.schema.vocabulary import CIRCLES
 from rigs.text import counted
 
@@ -53,7 +53,7 @@ def places_table(where: Sequence[ResidualPlace]) -> list[RenderableType]:
     circles = any(place.test in CIRCLES for place in where)
     notes = [f"and {unlisted} more (all with --json)"] * (unlisted > 0)
     notes += [
-        "distance: mean of both gauges; angle: difference of the gauges; a jump is the step where an axis reverses"
+        "distance: mean of both gauges; angle: difference of the gauges; an axis reverses where one is given"
     ] * circles
     return [table, *(Text(note, style="dim") for note in notes)]
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from analysis.diagnosis.judge.result import Diagnosis, Named, Rival, likely_rivals
 from analysis.report.answer_words import AnswerWords, fields_of, part_of, shown_parts
 from analysis.report.diagnosis_words import beside_u, micrometres, percent, size, sure
-from analysis.report.effect_names import name_in_words
 from analysis.report.stairs import left_words, stairs_of
 from analysis.report.texts import Texts
 from rigs.effects import Effect
+from rigs.schema.effect_names import name_in_words
 from rigs.schema.vocabulary import CIRCLES
 
 _MOST_GROUPS = 3
