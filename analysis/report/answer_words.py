@@ -39,6 +39,7 @@ from analysis.report.movement_words import movement_sentence
 from analysis.report.texts import Texts, texts_of
 from rigs.effects import Effect
 from rigs.schema.effect import name_of, size_field, whole_order
+from rigs.schema.effect_names import name_in_words
 
 SMALL_SHARE = 0.001
 """Share of the error below which ordinary parts are counted together."""
@@ -196,7 +197,7 @@ class AnswerWords:
         if part.index is not None:
             return self.noun(self.diagnosis.effects[part.index].effect)
         if part.kind == "effect":
-            return part.name
+            return name_in_words(part.name)
         joint = self.texts.axis(self.diagnosis.rig.robot, part.axis) if part.axis else ""
         return self.texts(f"part_{part.kind}", joint=joint)
 
@@ -256,7 +257,7 @@ class AnswerWords:
             largest = max((place.rms_um for place in diagnosis.where), default=0.0)
             places = len(diagnosis.where)
             values |= {"count": str(places), "largest": micrometres(largest)}
-            nearly = "nearly_complete_one" if places == 1 else "nearly_complete"
+            nearly = "nearly_complete_single" if places == 1 else "nearly_complete"
             repeated = nearly if places else "model_complete"
             which = repeated if diagnosis.repeated and len(diagnosis.runs) > 1 else "model_sufficient"
         if diagnosis.unexplained and (scatter_um := diagnosis.unexplained.scatter_um):

@@ -160,7 +160,7 @@ class Texts:
 
     def counted(self, key: str, count: int, **values: object) -> str:
         """Return the text for a count, in the singular if the language has one for 1."""
-        singular = f"{key}_one"
+        singular = f"{key}_single"
         return self(singular if count == 1 and singular in self.words else key, count=count, **values)
 
     def test(self, name: str) -> str:

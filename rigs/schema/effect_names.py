@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from rigs.schema.effect import waves_in_words
+
 
 @dataclass(frozen=True)
 class _KindName:
@@ -96,15 +98,15 @@ def kind_in_words(kind: str) -> str:
 def name_in_words(label: str) -> str:
     """Return one name or label in words: `zero of axis 5` for `joint_offset 5`, with the order of a gear error."""
     label, _, order = label.partition(" order ")
-    return names_in_words([label]) + (f", {order} per turn" if order else "")
+    return names_in_words([label]) + (f", {waves_in_words(float(order))}" if order else "")
 
 
 def names_in_words(names: Iterable[str]) -> str:
-    """Return names in words, each kind once: `play of axes 1 and 6; bending of links 1, 4, 5 and 6`."""
-    seats: dict[str, list[str]] = {}
+    """Return names in words, each kind once and without orders: `play of axes 1 and 6; bending of links 1, 4 and 5`."""
+    seats: dict[str, set[str]] = {}
     for name in names:
-        kind, seat = _split(name)
-        seats.setdefault(kind, []).append(seat)
+        kind, seat = _split(name.partition(" order ")[0])
+        seats.setdefault(kind, set()).add(seat)
     return "; ".join(_with_seats(kind, sorted(filter(None, of_kind))) for kind, of_kind in seats.items())
 
 

@@ -74,7 +74,7 @@ def verdict_sentence(verdict: PageVerdict, texts: Texts) -> str:
     limits = [f"{texts(key)} {bound:g} {worst.figure.sign}" for key, bound in bounds if bound is not None]
     limits += [texts("not_proven")] if worst.straddled else []
     figure = texts("bad_figure", figure=figure_title(worst, texts), value=worst.figure, limits=", ".join(limits))
-    key = f"verdict_{verdict.overall}{'_one' * (len(bad) == 1)}"
+    key = f"verdict_{verdict.overall}{'_single' * (len(bad) == 1)}"
     return texts(key, bad=len(bad), count=len(verdict.judged), worst=figure)
 
 

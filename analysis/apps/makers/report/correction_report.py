@@ -99,7 +99,7 @@ def _first(corrections: Corrections) -> str:
         first = controller_report.first_sentence(corrections.at_controller, entered=corrections.entered)
         return first + _never_both(corrections) + of_work
     if corrections.programs and all(program.held for program in corrections.programs) and not corrections.path:
-        return "No program was written: some targets were not corrected, and --all-or-nothing writes only complete programs."
+        return "No program was written: some targets were not corrected (--all-or-nothing requires all of them)."
     errors, options = corrections.errors, "--program FILE, or " * corrections.rig.takes_programs + "--path TARGETS.csv"
     send = "Move the robot to the corrected targets of"
     sentences = [_falls(f"{send} {path.name}", error, of_work=False) for path, error in errors.items() if error]
