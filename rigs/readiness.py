@@ -97,8 +97,10 @@ def readiness_lines(rig: Rig) -> list[str]:
         for missing in missing_for(rig, test):
             lacks.setdefault(missing, []).append(test)
     ready = ", ".join(test for test in get_args(TestName) if not missing_for(rig, test)) or "none"
-    lines = [f"ready for these tests: {ready}; tables of poses and touches can be imported with any rig file"]
-    return lines + [f"not {', '.join(tests)}: {missing.problem}; {missing.remedy}" for missing, tests in lacks.items()]
+    lines = [f"possible tests: {ready}; tables of poses and touches can be imported with any rig file"]
+    return lines + [
+        f"not possible: {', '.join(tests)}: {missing.problem}; {missing.remedy}" for missing, tests in lacks.items()
+    ]
 
 
 def require_test(rig: Rig, test: TestName) -> None:

@@ -71,8 +71,8 @@ def _check_runs(paths: Sequence[Path], *, as_json: bool) -> None:
                 where = f"{', '.join(finding.runs[:3])}{' …' * (len(finding.runs) > 3)}: " if len(runs) > 1 else ""
                 say(f"{name:14}{where}{finding.words}")
             if not convention.findings:
-                nothing = f"no objection ({convention.convention.asks})"
-                say(f"{name:14}{f'not shown: {convention.cannot}' if convention.cannot else nothing}")
+                nothing = f"no problem found ({convention.convention.asks})"
+                say(f"{name:14}{f'cannot be checked: {convention.cannot}' if convention.cannot else nothing}")
     contradicted = any(convention.findings for convention in checked)
     end_with(max(worst(errors), FileError.exit_code if contradicted else 0))
 
@@ -93,12 +93,12 @@ def _check_rig(rig_file: str) -> None:
     with_lacks = [FileError(rig_file, missing.problem, missing.remedy) for missing in unmeasurable(rig)]
     errors = [*with_lacks, *errors]
     gauges = ", ".join(f"{name} {gauge.interface}" for name, gauge in rig.gauges.recorded.items())
-    say(f"{find(rig_file)}: {'valid, but not all tests can be driven' if errors else 'good'}")
-    places = "touches of sockets" if rig.tests.touch else "poses of a tracker"
+    say(f"{find(rig_file)}: {'valid, but not all tests can be driven' if errors else 'valid'}")
+    places = "touching sockets" if rig.tests.touch else "a tracker"
     robot = "" if isinstance(rig.feedback, NoFeedback) else f"; robot by {rig.feedback.interface}"
-    say(f"  {rig.robot.name}; {gauges or f'no gauges: for {places}'}{robot}")
+    say(f"  {rig.robot.name}; {gauges or f'no gauges; measured by {places}'}{robot}")
     if rig.effects:
-        say(f"  the model starts with {begins_with(rig.effects)}")
+        say(f"  the model already contains {begins_with(rig.effects)}")
     for line in in_calibration(rig.calibrated) if rig.calibrated else ():
         say(f"  {line}")
     parts = [*(name for name, _ in rig.gauges), "ball", "link"]

@@ -182,7 +182,7 @@ def say_correct(diagnosis: Diagnosis, model: Path) -> None:
     from rigs.calibration import verdict_of
 
     calibrated = diagnosis.calibrated
-    kinds = {act.kind for act in diagnosis.acts} & {"load", "none"}
-    holds_some = kinds != {"none"} and bool(diagnosis.written or (calibrated and calibrated.effects))
+    is_correctable = any(act.kind == "load" for act in diagnosis.acts)
+    holds_some = is_correctable and bool(diagnosis.written or (calibrated and calibrated.effects))
     if holds_some and (calibrated is None or verdict_of(calibrated) == "correct"):
         say(f"next: rig correct {as_argument(model)} -o corrections", err=True)

@@ -105,7 +105,7 @@ def _proposed(files: Sequence[Path], rig_file: str, join: str, run: Path, *, top
 
 
 def _say_map(table_map: TableMap) -> None:
-    say("read by this map, which the run keeps:", err=True)
+    say("The columns were read with this map, which is stored in the run:", err=True)
     for line in map_text(table_map).splitlines():
         say(f"  {line}", err=True)
 

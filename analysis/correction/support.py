@@ -152,7 +152,7 @@ ANYWAY = "written although rig advises against a correction by this model"
 def why_nothing(rig: Rig) -> str:
     """Return the sentence that refuses corrections by a rig's model; empty if the model may be used."""
     reason = reason_against_model(rig)
-    return f"do not correct by this model: {reason}" if reason else ""
+    return f"do not correct with this model: {reason}" if reason else ""
 
 
 def reason_against_model(rig: Rig) -> str:
@@ -163,13 +163,15 @@ def reason_against_model(rig: Rig) -> str:
     assert judged is not None  # noqa: S101 - without it the verdict is to correct
     if ground_of(rig.calibrated) == "not_shown":
         return "the runs cannot show the cause, and the remaining error elsewhere is unknown"
-    remainder = f"it leaves {judged.handed_um:.0f} of {judged.before_um:.0f} µm rms"
+    remainder = f"{judged.handed_um:.0f} of {judged.before_um:.0f} µm rms remain"
     if ground_of(rig.calibrated) == "no_gain_elsewhere":
-        return f"on runs that it did not use {remainder}, not less than the nominal arm"
+        return f"{remainder} in runs not used to fit it, no less than with the nominal arm"
     where = (
-        "on the runs used, without validation elsewhere" if judged.place == "used" else "on runs that it did not use"
+        "in the runs used to fit it, without validation elsewhere"
+        if judged.place == "used"
+        else "in runs not used to fit it"
     )
-    return f"an unknown cause remains, {judged.unexplained_um:.0f} µm; {remainder} {where}"
+    return f"{judged.unexplained_um:.0f} µm have an unknown cause; {remainder} {where}"
 
 
 def require_usable_model(rig: Rig, rig_file: str, *, anyway: bool) -> None:

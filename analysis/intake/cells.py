@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 
 import numpy as np
@@ -30,17 +30,31 @@ _SHOWN = 20
 
 @dataclass(frozen=True, order=True)
 class TableProblem:
-    """A mistake in a table: line number from 1, column or "" for the complete row, and reason."""
+    """A mistake in a table: line number from 1, column or "" for the complete row, reason, and number of rows that
+    have it.
+    """
 
     line: int
     column: str
     message: str
+    rows: int = 1
 
     def __str__(self) -> str:
+        message = self.message if self.rows == 1 else f"{self.message} ({self.rows} rows, the first is given)"
         if not self.column:
-            return f"line {self.line}: {self.message}"
+            return f"line {self.line}: {message}"
         column = self.column if self.column.isprintable() else quoted(self.column)
-        return f"line {self.line}, {column}: {self.message}"
+        return f"line {self.line}, {column}: {message}"
+
+
+def _without_repeats(problems: Iterable[TableProblem]) -> list[TableProblem]:
+    """Return problems in order, each column and message once, at its first line."""
+    together: dict[tuple[str, str], TableProblem] = {}
+    for problem in sorted(problems):
+        first = together.setdefault((problem.column, problem.message), problem)
+        if first is not problem:
+            together[problem.column, problem.message] = replace(first, rows=first.rows + problem.rows)
+    return list(together.values())
 
 
 @dataclass
@@ -61,7 +75,7 @@ class Problems:
     @property
     def first(self) -> list[TableProblem]:
         """The reported problems in order."""
-        return sorted(self._kept)[:_SHOWN]
+        return _without_repeats(self._kept)[:_SHOWN]
 
 
 class TableFileError(FileError):
@@ -71,11 +85,12 @@ class TableFileError(FileError):
         self, path: str, problems: list[TableProblem], remedy: str = "correct the file", count: int | None = None
     ) -> None:
         """Create the error. count: number of all mistakes, if problems is a part of it."""
-        total = len(problems) if count is None else count
-        self.problems = sorted(problems)[:_SHOWN]
+        total = sum(problem.rows for problem in problems) if count is None else count
+        self.problems = _without_repeats(problems)[:_SHOWN]
         shown = [str(problem) for problem in self.problems]
-        if total > _SHOWN:
-            shown.append(f"… and {total - _SHOWN} more, {total} mistakes in all")
+        unlisted = total - sum(problem.rows for problem in self.problems)
+        if unlisted > 0:
+            shown.append(f"… and {unlisted} more, {total} mistakes in all")
         mistakes = counted(total, "mistake")
         super().__init__(path, f"{mistakes}: " + " | ".join(shown), remedy)
         self.shown = shown

@@ -75,13 +75,13 @@ class TableReading:
     def line(self, next_best: TableReading | None = None) -> str:
         """Return the interpretation and the residual as text, with the next best for comparison."""
         text = f"{self.words}{self._leaves()}"
-        return f"{text}; the next best, {next_best.words}{next_best._leaves()}" if next_best else text
+        return f"{text}. The next best reading: {next_best.words}{next_best._leaves()}" if next_best else text
 
     def _leaves(self) -> str:
         if np.isnan(self.left):
             return ""
-        of = f" of {_plain(self.left / self.share)}" if self.share else ""
-        return f": leaves {_plain(self.left)}{of} {self.unit}"
+        of = f"; the positions spread over {_plain(self.left / self.share)} {self.unit}" if self.share else ""
+        return f" (they fit the arm to {_plain(self.left)} {self.unit}{of})"
 
     @property
     def fits(self) -> bool:

@@ -25,8 +25,9 @@ from analysis.runs.tables import PlaceTable
 from rigs.errors import FileError
 
 ONE_RUN = (
-    "single run, so u lacks the scatter between runs: repeat the run. Between runs the ball moves by "
-    f"{1e3 * BALL_MM.low:g} to {1e3 * BALL_MM.high:g} µm and each joint by {JOINT_DEG.low:g} to {JOINT_DEG.high:g}°"
+    "single run: repeat it, because u does not include the scatter between runs (typically "
+    f"{1e3 * BALL_MM.low:g} to {1e3 * BALL_MM.high:g} µm of the ball and {JOINT_DEG.low:g} to {JOINT_DEG.high:g}° of "
+    "each joint)"
 )
 _SPREADS = 5.0
 """A ball further from the others than `BALL_ELSEWHERE_MM`, and than this multiple of the usual distance in these runs,
@@ -179,7 +180,7 @@ def pairs_of(group: Sequence[Result]) -> Pairs | None:
             runs.append((acw, cw))
         except FileError as error:
             refused += error.lines()
-    without = (f"{run.name}: a run of the other direction is missing" for run, _ in acw_runs + cw_runs)
+    without = (f"no run in the other direction belongs to {run.name}" for run, _ in acw_runs + cw_runs)
     refused = [*without, *refused]
     if not pairs:
         return Pairs((), {}, None, tuple(refused))

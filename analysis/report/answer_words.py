@@ -40,6 +40,7 @@ from analysis.report.movement_words import movement_sentence
 from analysis.report.texts import Texts, texts_of
 from rigs.effects import Effect
 from rigs.schema.effect import name_of, size_field, whole_order
+from rigs.schema.effect_names import name_in_words
 
 SMALL_SHARE = 0.001
 """Share of the error below which ordinary parts are counted together."""
@@ -138,8 +139,7 @@ class AnswerWords:
         wrong = [*large, *faults] if first else [*faults, *large]
         sure_too = [self._measured(part) for part in sure_parts(diagnosis)]
         measured = [self.texts("finding_sure", parts=self._listed(sure_too))] if sure_too else []
-        clauses = "; ".join([*wrong, *open_too, *measured])
-        sentence = f"{clauses[:1].upper()}{clauses[1:]}." if clauses else ""
+        sentence = " ".join(f"{clause[:1].upper()}{clause[1:]}." for clause in [*wrong, *open_too, *measured])
         condition = self._condition()
         parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
         return " ".join(filter(None, (*self.preconditions, self.visits, *parts)))
@@ -221,7 +221,7 @@ class AnswerWords:
         if part.index is not None:
             return self.noun(self.diagnosis.effects[part.index].effect)
         if part.kind == "effect":
-            return part.name
+            return name_in_words(part.name)
         joint = self.texts.axis(self.diagnosis.rig.robot, part.axis) if part.axis else ""
         return self.texts(f"part_{part.kind}", joint=joint)
 
@@ -279,8 +279,10 @@ class AnswerWords:
         which: str = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
         if is_complete(diagnosis):
             largest = max((place.rms_um for place in diagnosis.where), default=0.0)
-            values |= {"count": str(len(diagnosis.where)), "largest": micrometres(largest)}
-            repeated = "nearly_complete" if diagnosis.where else "model_complete"
+            places = len(diagnosis.where)
+            values |= {"count": str(places), "largest": micrometres(largest)}
+            nearly = "nearly_complete_single" if places == 1 else "nearly_complete"
+            repeated = nearly if places else "model_complete"
             which = repeated if diagnosis.repeated and len(diagnosis.runs) > 1 else "model_sufficient"
         if diagnosis.unexplained and (scatter_um := diagnosis.unexplained.scatter_um):
             which, values = "scatter", {"um": _length(scatter_um)}
@@ -350,7 +352,7 @@ class AnswerWords:
             which = "large_part_almost" if part.index is not None and part.share >= _ALMOST_ALL else "large_part"
             return self.texts(which, share=share, part=self._with_cancelled(part, self._measured(part)))
         sizes = {id(part.cause): f"{size(part.cause)}, "} if part.cause else {}
-        members = ", ".join(
+        members = self.texts("or").join(
             f"{self.noun(member.effect)} ({sizes.get(id(member), '')}{sure(member.odds)})" for member in likely
         )
         return self.texts("large_group", share=share, part=self.part_name(part), members=members)
@@ -360,8 +362,7 @@ class AnswerWords:
         if part.index is not None:
             odds = self.diagnosis.effects[part.index].posterior
             details = [self.size_of(part), self.times_usual(part), self._probability(odds)]
-        in_brackets = ", ".join(filter(None, details))
-        return f"{self.short_name(part)} ({in_brackets})" if in_brackets else self.short_name(part)
+        return ", ".join(filter(None, [self.short_name(part), *details]))
 
     def _probability(self, odds: float) -> str:
         """Return the probability of a cause; empty if it is certain."""

@@ -22,6 +22,7 @@ from analysis.report.summary_words import summarise
 from analysis.report.texts import texts_of
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.readings import rms
+from rigs.schema.effect_names import name_in_words
 
 _WIDTH = 11.0
 _MOST_GROUPS = 5
@@ -45,7 +46,8 @@ def picture(diagnosis: Diagnosis, *, in_session: bool = False) -> Figure:
     error, is_next = summary.error, summary.next and not (in_session and diagnosis.acts[0].kind == "load")
     lines = [*summary.unknowns, f"{error.title}: {error.words}. {error.basis} {error.standing}"]
     lines += [f"Do next: {summary.next} {summary.command}".rstrip()] if is_next else []
-    lines += [f"These tests cannot distinguish: {' or '.join(group)}" for group in diagnosis.groups[:_MOST_GROUPS]]
+    groups = diagnosis.groups[:_MOST_GROUPS]
+    lines += [f"These tests cannot separate {'; '.join(map(name_in_words, group))}." for group in groups]
     others = len(diagnosis.groups) - _MOST_GROUPS
     lines += [f"and {others} more groups"] * (others > 0)
     lines += _not_shown(quiet)
@@ -62,7 +64,7 @@ def disagreement_picture(disagreement: Disagreement) -> Figure:
     parts, quiet = _parts(disagreement, stairs_of_model(disagreement), disagreement.floor_um)
     words = _not_shown(quiet)
     parts.append((0.2 + 0.17 * len(words), lambda sheet: _draw_words(sheet, words)))
-    return Sheet.of_parts([f"Disagreement of model and readings · {disagreement.rig.name}"], parts, _WIDTH)
+    return Sheet.of_parts([f"Where model and readings disagree · {disagreement.rig.name}"], parts, _WIDTH)
 
 
 def _parts(residuals: Diagnosis | Disagreement, stairs: Stairs | None, floor_um: float) -> tuple[list[Part], int]:

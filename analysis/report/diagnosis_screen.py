@@ -20,10 +20,10 @@ from analysis.report.diagnosis_words import (
     beside_size,
     beside_u,
     closed,
+    micrometres,
     percent,
     remains_lines,
     runs_of,
-    shortened,
     size,
     stretch,
     sure,
@@ -34,7 +34,7 @@ from analysis.report.stairs import stairs_of, stairs_table
 from analysis.report.summary_screen import on_screen
 from analysis.report.summary_words import summarise
 from analysis.report.texts import texts_of
-from rigs.schema.effect import label_of, name_of
+from rigs.schema.effect_names import name_in_words, names_in_words, parameter_in_words
 from rigs.schema.vocabulary import CIRCLES
 from rigs.text import counted
 
@@ -44,7 +44,7 @@ _MOST_PLACES = 6
 def places_table(where: Sequence[ResidualPlace]) -> list[RenderableType]:
     """Return a table of the worst places, each with the axis that reverses there."""
     if not where:
-        return [Text("nowhere by more than the noise")]
+        return [Text("They agree everywhere within the noise.")]
     table = bare_table("test", "part", "where", right("axis"), "difference", right("µm rms"), right("sigma"))
     for place in sorted(where, key=lambda place_of_error: -place_of_error.sigma)[:_MOST_PLACES]:
         row = (runs_of(place), place.part, stretch(place), f"{place.joint or ''}", place.why)
@@ -53,7 +53,7 @@ def places_table(where: Sequence[ResidualPlace]) -> list[RenderableType]:
     circles = any(place.test in CIRCLES for place in where)
     notes = [f"and {unlisted} more (all with --json)"] * (unlisted > 0)
     notes += [
-        "distance: mean of both gauges, angle: difference of the gauges; a jump is the step at a reversal"
+        "distance: mean of both gauges; angle: difference of the gauges; an axis reverses where one is given"
     ] * circles
     return [table, *(Text(note, style="dim") for note in notes)]
 
@@ -75,25 +75,27 @@ _MOST_NAMES = 40
 
 def as_screen(diagnosis: Diagnosis) -> RenderableType:
     """Return verdicts, budget, faults, gaps, acts, indistinguishable effects, places and remarks."""
-    words = AnswerWords(diagnosis)
-    parts = on_screen(summarise(diagnosis), texts_of("en"), _COLOUR[diagnosis.condition])
+    words, texts = AnswerWords(diagnosis), texts_of("en")
+    parts = on_screen(summarise(diagnosis), texts, _COLOUR[diagnosis.condition])
     stairs = stairs_of(diagnosis)
     unexplained = []
     if diagnosis.is_testable:
         remainder = diagnosis.remainder
-        unexplained = [Text(f"{remainder.um:.1f} µm ({percent(remainder.share)} of the gap): {remainder.words}")]
+        share = percent(remainder.share)
+        unexplained = [Text(f"{remainder.um:.1f} µm rms, {share} of the error: {remainder.words}")]
         unexplained += [Text(f"{runs_of(band)}, {band.part}: {band.words}", style="dim") for band in diagnosis.left]
-        unexplained += map(Text, remains_lines(diagnosis.remains, texts_of("en")) if diagnosis.remains else ())
+        unexplained += map(Text, remains_lines(diagnosis.remains, texts) if diagnosis.remains else ())
     sections = (
         ("Details", [Text(words.headline), Text(words.accuracy)]),
         ("Error budget", _budget(diagnosis)),
         ("Fitted effects" if diagnosis.given else "Faults", _faults(diagnosis)),
-        ("All steps", [Text(f"{k + 1}. {act}") for k, act in enumerate(acts_in_words(diagnosis, texts_of("en")))]),
-        ("Reduction of the residual", ([stairs_table(stairs)] if stairs else [])),
-        ("Residual of the model", _gaps(diagnosis)),
-        ("Still unexplained", unexplained),
-        ("Effects that these tests cannot distinguish", _cannot(diagnosis)),
-        ("Disagreement of model and readings", places_table(diagnosis.where)),
+        ("All steps", [Text(f"{k + 1}. {act}") for k, act in enumerate(acts_in_words(diagnosis, texts))]),
+        (texts("steps"), ([stairs_table(stairs)] if stairs else [])),
+        (texts("diagnosis"), _gaps(diagnosis)),
+        ("Unexplained error", unexplained),
+        ("Causes that these tests cannot separate", _inseparable(diagnosis)),
+        ("Causes that these tests cannot detect", _undetectable(diagnosis)),
+        ("Where model and readings disagree", places_table(diagnosis.where)),
         ("Remarks on the data", [Text(doubt, style="yellow") for doubt in diagnosis.doubts]),
     )
     shown: list[RenderableType] = [*parts]
@@ -110,7 +112,7 @@ def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
     """Return the table of the error budget. Parts below a thousandth of the error are counted together."""
     if not diagnosis.budget:
         return []
-    table = bare_table("part", *map(right, ("µm rms", "share", "× usual")), "class")
+    table = bare_table("part", *map(right, ("µm rms", "share", "× usual")), "size")
     words, (large, small) = AnswerWords(diagnosis), shown_parts(diagnosis)
     for part in large:
         name = ", ".join(filter(None, [words.short_name(part), words.size_of(part)]))
@@ -121,56 +123,62 @@ def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
             table.add_row(f"  {words.short_name(line)}, alone", beside_u(line.um, line.u_um), "", "", "", style="dim")
     if small:
         share = sum(part.share for part in small)
-        table.add_row(f"{len(small)} smaller parts (all with --json)", "", percent(share), "", "", style="dim")
-    cut_off = f"× usual: ratio to the typical size in a healthy arm; unusual above {FAULT:g}"
+        table.add_row(
+            f"{counted(len(small), 'smaller part')} (all with --json)", "", percent(share), "", "", style="dim"
+        )
+    cut_off = f"× usual: multiple of the typical size in a healthy arm; a size is unusual above {FAULT:g}"
     return [table, Text(cut_off, style="dim")]
 
 
 def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
+    words, texts = AnswerWords(diagnosis), texts_of("en")
     # Fitted effects that are doubted for a reason other than their usual size
     by_reason: dict[Doubt, list[str]] = {}
     for named in diagnosis.effects:
         if named.doubt is not None and named.doubt != "usual":
-            by_reason.setdefault(named.doubt, []).append(f"{label_of(named.effect)} ({named.worth_um:.1f} µm)")
+            name = words.noun(named.effect)
+            by_reason.setdefault(named.doubt, []).append(f"{name} ({micrometres(named.worth_um)})")
     doubted = [
-        Text(f"no fault, {texts_of('en')(f'doubt_{why}')}: {', '.join(names)}", style="dim")
+        Text(texts("unconfirmed", why=texts(f"doubt_{why}"), names="; ".join(names)), style="dim")
         for why, names in by_reason.items()
     ]
     if not (diagnosis.written or diagnosis.standing):
         return list(doubted)
     times, bound = (2.0, "± 2u") if diagnosis.condition == "ambiguous" else (1.0, "± u")
-    numbers = (f"size {bound}", "µm rms", "how sure", "alone leaves")
-    table = bare_table("effect", *map(right, numbers))
+    numbers = (f"size {bound}", "µm rms", "probability", "remaining µm rms")
+    table = bare_table("cause", *map(right, numbers))
     for named in diagnosis.written or diagnosis.standing:
-        name = " + ".join([name_of(named.effect), *(name_of(twin) for twin in named.twins)])
+        name = " + ".join(map(words.noun, (named.effect, *named.twins)))
         odds = "" if diagnosis.given else sure(named.posterior)
         row = (size(named, times), f"{named.worth_um:.1f}", odds, _number(named.alone_um))
         table.add_row(Text(name, style="bold"), *row)
         for field in beside_size(named):
-            table.add_row(f"  {field}", with_uncertainty(named.effect, field, named.sd, times), "", "", "")
+            table.add_row(
+                f"  {parameter_in_words(field)}", with_uncertainty(named.effect, field, named.sd, times), "", "", ""
+            )
         for rival in named.rivals:
-            cells = f"  or {name_of(rival.effect)}", size(rival, times), "", sure(rival.posterior), ""
+            cells = f"  or {words.noun(rival.effect)}", size(rival, times), "", sure(rival.posterior), ""
             table.add_row(*cells, style="dim")
-    likeliest = Text("the first of each is the likeliest; -o adds this effect to the rig file", style="dim")
+    likeliest = Text("The first of each group is the most likely; -o adds it to the rig file.", style="dim")
     return [table, *([likeliest] if diagnosis.condition == "ambiguous" else []), *doubted]
 
 
 def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
-    effects = bool(diagnosis.standing)
+    texts, effects = texts_of("en"), bool(diagnosis.standing)
     floor = "noise floor" if diagnosis.shows_noise else "assumed noise"
     last = ("calibrated", floor) if diagnosis.is_modelled else (floor,)
-    headings = ("before", "after", *last, "closed") if effects else ("rms", *last)
+    headings = ("before", "with named effects", *last, "explained") if effects else ("before", *last)
     table = bare_table("µm rms", *map(right, headings))
-    places = (("runs used", diagnosis.train), ("held-out runs", diagnosis.held_out), ("unseen place", diagnosis.unseen))
-    for name, gap in places:
+    places = (("used", diagnosis.train), ("held_out", diagnosis.held_out), ("unseen", diagnosis.unseen))
+    for place, gap in places:
         if gap is not None:
             ends = (gap.calibrated_um, gap.noise_floor_um) if diagnosis.is_modelled else (gap.noise_floor_um,)
             cells = (gap.before_um, gap.after_um, *ends) if effects else (gap.before_um, *ends)
             how = "" if gap.keeps_setup else ", separate set-up"
             share = closed(gap)
             percents = [f"{100 * share:.1f} %" if math.isfinite(share) else ""] if effects else []
-            table.add_row(f"{name}{how}", *map(_number, cells), *percents)
-    assumed = [] if diagnosis.shows_noise else [Text(texts_of("en")("noise_assumed"), style="dim")]
+            table.add_row(f"{texts(f'runs_{place}')}{how}", *map(_number, cells), *percents)
+    assumed = [] if diagnosis.shows_noise else [Text(texts("noise_assumed"), style="dim")]
     return [table, *assumed]
 
 
@@ -178,13 +186,17 @@ def _number(value: float) -> str:
     return f"{value:.1f}" if math.isfinite(value) else ""
 
 
-def _cannot(diagnosis: Diagnosis) -> list[RenderableType]:
-    lines = [Text(f"{' or '.join(group)}: alike here") for group in diagnosis.groups[:_MOST_GROUPS]]
+def _inseparable(diagnosis: Diagnosis) -> list[RenderableType]:
+    lines = [Text(" or ".join(map(name_in_words, group))) for group in diagnosis.groups[:_MOST_GROUPS]]
     others = len(diagnosis.groups) - _MOST_GROUPS
     lines += [Text(f"and {others} more groups (all with --json)", style="dim")] if others > 0 else []
-    if names := diagnosis.not_testable:
-        unnamed = len(names) - _MOST_NAMES
-        told_all = shortened(names[:_MOST_NAMES]) + (f", and {unnamed} more" if unnamed > 0 else "")
-        unseen = f"not detectable by these tests, even at {LARGEST_FAULT:g} times healthy sizes: {told_all}"
-        lines.append(Text(unseen, style="dim"))
     return list(lines)
+
+
+def _undetectable(diagnosis: Diagnosis) -> list[RenderableType]:
+    names = diagnosis.not_testable
+    if not names:
+        return []
+    unnamed = len(names) - _MOST_NAMES
+    listed = names_in_words(names[:_MOST_NAMES]) + (f"; and {unnamed} more" if unnamed > 0 else "")
+    return [Text(f"Not even at {LARGEST_FAULT:g} times their size in a healthy arm: {listed}", style="dim")]

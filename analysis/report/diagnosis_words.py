@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 from analysis.diagnosis.judge.remains import ResidualSummary
 from analysis.diagnosis.judge.residuals import Curve, ResidualBand, ResidualPlace
@@ -118,15 +118,6 @@ def closed(gap: Gap) -> float:
     zero.
     """
     return 1 - (gap.calibrated_um / gap.before_um) ** 2 if gap.before_um > 0 else math.nan
-
-
-def shortened(names: Iterable[str]) -> str:
-    """Return the names of effects, each kind once, followed by the axes or gauges."""
-    seats: dict[str, list[str]] = {}
-    for name in names:
-        kind, _, seat = name.partition(" ")
-        seats.setdefault(kind, []).append(seat)
-    return ", ".join(" ".join([kind, *sorted(filter(None, axes))]) for kind, axes in seats.items())
 
 
 _FOUND = 0.02

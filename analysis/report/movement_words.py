@@ -87,13 +87,13 @@ def headline(moved: MovementResult) -> str:
     """Return the answer: the moved item, the size and direction of the movement, and the odds."""
     named = moved.named
     if not moved.readings:
-        return f"New readings are missing: {moved.reference_readings} readings of the reference."
+        return f"There are no new readings yet; the reference has {moved.reference_readings}."
     if named is None:
         rivals = [
             f"{name_of(cause.cause, of_tracker=moved.of_tracker)} ({100 * cause.posterior:.0f} %)"
             for cause in moved.cannot_separate
         ]
-        return f"Not decided by {moved.readings} readings: {_listed(rivals)}."
+        return f"{moved.readings} readings cannot decide between {_listed(rivals)}."
     certain = f"odds {odds(named.posterior)}"
     if named.what == "nothing":
         agree = f"{moved.readings} readings agree with the reference within their scatter of {moved.scatter_mm:.2f} mm"
@@ -106,7 +106,7 @@ def headline(moved: MovementResult) -> str:
 
 
 def _listed(words: Sequence[str]) -> str:
-    return " or ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
+    return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
 
 
 def what_to_do(moved: MovementResult) -> str:
@@ -139,20 +139,20 @@ def _act(moved: Cause | Movement, name: str, texts: Texts, *, of_tracker: bool) 
 
 def next_words(posture: ReferencePosture) -> str:
     """Return the posture to touch next."""
-    angles = ", ".join(f"J{k} {np.degrees(angle):.1f}" for k, angle in enumerate(posture.angles, start=1))
+    angles = ", ".join(f"{np.degrees(angle):.1f}" for angle in posture.angles)
     place = posture.setup.rpartition("socket ")[2] if "socket " in posture.setup else ""
     where = f"touch socket {place}" if place else "measure the pose"
-    return f"Next: {where} as in row {posture.row + 1} of the reference ({angles} °)."
+    return f"Next: {where} in the posture of row {posture.row + 1} of the reference (joint angles {angles} °)."
 
 
 def hidden_words(lever: Lever) -> str:
     """Return the reason why a cause is not observable, and the remedy."""
     typical = f"{np.degrees(lever.cause.scale[0]):.2f}°" if lever.cause.what == "zero" else "the typical size"
     name = name_of(lever.cause)
-    scatter = f"their scatter is {lever.scatter_mm:.2f} mm"
-    small = f"{typical} moves the readings by {lever.moves_mm:.2f} mm at most, {scatter}"
+    scatter = f"less than they scatter ({lever.scatter_mm:.2f} mm)"
+    small = f"{typical} moves the readings by at most {lever.moves_mm:.2f} mm, {scatter}"
     remedy = f"Mount the ball farther from axis {lever.cause.axis}" if lever.cause.what == "zero" else "Add postures"
-    return f"{name[0].upper()}{name[1:]} is not shown here: {small}. {remedy}."
+    return f"{name[0].upper()}{name[1:]} cannot be detected here: {small}. {remedy}."
 
 
 def remarks(moved: MovementResult) -> list[str]:
@@ -160,11 +160,11 @@ def remarks(moved: MovementResult) -> list[str]:
     lines = list(moved.doubts)
     named = moved.named
     if moved.wild_row is not None:
-        lines.append(f"New reading {moved.wild_row} fits nothing: repeat it.")
+        lines.append(f"New reading {moved.wild_row} does not fit any cause: repeat it.")
     if named is not None and named.what == "zero" and named.cause.axis == 1:
-        lines.append("A base that turned about axis 1 and nothing else looks the same.")
+        lines.append("A base that only turned about axis 1 would look the same.")
     if named is not None and named.what == "nothing":
         wide = [f"{k} up to {b:.2f}°" for k, b in enumerate(moved.zero_bounds_deg, start=1) if b > _WIDE_DEG]
-        lines += [f"Not excluded by these readings: errors of the zero of axis {', '.join(wide)}."] if wide else []
+        lines += [f"These readings do not exclude errors of the zero of axis {', '.join(wide)}."] if wide else []
         lines += map(hidden_words, moved.hidden)
     return lines

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from rigs.calibration import CalibratedModel
 from rigs.effects import Effect
 from rigs.schema.effect import name_of
+from rigs.schema.effect_names import name_in_words
 from rigs.text import counted
 
 _MOST_NAMED = 5
@@ -23,7 +24,7 @@ def begins_with(effects: Sequence[Effect]) -> str:
             if effect.found is None
             else f"found on {effect.found.date} in {_listed(effect.found.runs)}"
         )
-        origins.setdefault(origin, []).append(name_of(effect))
+        origins.setdefault(origin, []).append(name_in_words(name_of(effect)))
     listed = "; ".join(f"{origin}: {_listed(names)}" for origin, names in origins.items())
     return f"{counted(len(effects), 'effect')}, {listed}"
 
@@ -31,17 +32,15 @@ def begins_with(effects: Sequence[Effect]) -> str:
 def in_calibration(model: CalibratedModel) -> list[str]:
     """Return the terms of a calibrated model, the accuracy on the runs, and the covered joint ranges."""
     runs = _listed([run.name for run in model.runs])
-    accuracy = f"it leaves {model.calibrated_um:.0f} of {model.before_um:.0f} µm rms of its runs"
+    accuracy = f"error in its runs {model.before_um:.0f} µm rms, with the calibration {model.calibrated_um:.0f} µm"
     if model.held_out_um is not None:
-        accuracy += f" and {model.held_out_um:.0f} µm on runs that the model did not use"
+        accuracy += f" ({model.held_out_um:.0f} µm in readings not used to fit it)"
     if model.widened > 1:
-        accuracy += (
-            f"; the uncertainty is {model.widened:.2g} times what the readings used state, as these poses showed"
-        )
+        accuracy += f"; its uncertainty was increased {model.widened:.2g} times, because these readings required it"
     joints = ", ".join(f"{axis}: {low:.0f}° to {high:.0f}°" for axis, (low, high) in enumerate(model.joints_deg, 1))
     return [
         f"calibrated on {model.date} from {runs}: {len(model.terms)} terms; {accuracy}",
-        f"the joints were driven {joints}; outside, the calibration knows no more than a healthy arm's errors",
+        f"valid for these joint angles, axis by axis: {joints}; outside, typical errors are assumed",
     ]
 
 
@@ -52,10 +51,11 @@ def simulated_runs(simulated: int, runs: int) -> str:
     if not simulated:
         return ""
     if simulated == runs:
-        which, whose = "This run is" if runs == 1 else "All runs are", "no real robot was measured"
+        which, whose = "This run was" if runs == 1 else "All runs were", "No real robot was measured."
     else:
-        which, whose = f"{simulated} of {runs} runs {'is' if simulated == 1 else 'are'}", "that measured no robot"
-    return f"{which} simulated or of an emulated cell; {whose}."
+        which = f"{simulated} of {runs} runs {'was' if simulated == 1 else 'were'}"
+        whose = "These do not show a real robot."
+    return f"{which} simulated or recorded in an emulated cell. {whose}"
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from analysis.report.texts import in_order, whole_label
 from analysis.runs.tabular import for_json
 from rigs.errors import FileError
 from rigs.files import read_bytes
+from rigs.text import counted
 
 _LARGEST_OF_NOISE = ("hysteresis_max_deg", "hysteresis_max_mm")
 _BEYOND = 4.0
@@ -32,8 +34,8 @@ def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
     """Return the meaning of the uncertainties of a group, for means and for single runs."""
     if not repeated:
         return ONE_RUN
-    runs = " and ".join(f"{len(mean.runs)} runs {mean.title}" for mean in repeated)
-    means = f"{runs}: mean ± standard uncertainty of the mean, sd between the runs"
+    runs = " and ".join(f"{len(mean.runs)} {mean.title} runs" for mean in repeated)
+    means = f"mean of {runs} ± standard uncertainty of the mean; sd: standard deviation between the runs"
     titles = dict.fromkeys(result.title for result in group)
     single = [title for title in titles if title not in {mean.title for mean in repeated}]
     return f"{means}; {' and '.join(single)}: {ONE_RUN}" if single else means
@@ -45,6 +47,24 @@ def figure_in_words(name: str, figure: Quantity | BetweenRuns) -> str:
     if name in _LARGEST_OF_NOISE and value.value < value.u < np.inf:
         return f"≤ {value.rounded_u} {value.sign}"
     return str(figure)
+
+
+def similar_once(runs_of_doubt: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
+    """Return each doubt with the names of its runs as text. Doubts that differ only in figures appear once, with the
+    figures of the first run.
+    """
+    together: dict[str, tuple[str, Sequence[str], int]] = {}
+    for doubt, names in runs_of_doubt.items():
+        kind = _FIGURE.sub("0", doubt)
+        first, of_first, others = together.get(kind, (doubt, names, -len(names)))
+        together[kind] = (first, of_first, others + len(names))
+    return [
+        (doubt, ", ".join(names) + (f" (similar in {counted(others, 'more run')})" if others else ""))
+        for doubt, names, others in together.values()
+    ]
+
+
+_FIGURE = re.compile(r"-?\d+\.\d+")
 
 
 def eccentricities_in_words(group: Sequence[Result]) -> list[str]:
@@ -63,19 +83,17 @@ def eccentricities_in_words(group: Sequence[Result]) -> list[str]:
     away = max(apart)
     return [
         f"the two estimates of the ball's place, by angle and by distance, differ by {1000 * away:.0f} µm: take "
-        "that as the uncertainty"
+        "this as the uncertainty of the place"
     ]
 
 
 def pairs_in_words(both: Pairs | None) -> list[str]:
-    """Return a line that compares acw and cw, if such a pair exists."""
+    """Return a heading and a line for each figure that compares acw and cw, if such a pair exists."""
     if both is None or both.lag is None:
         return []
-    figures = "; ".join(
-        f"{whole_label(name)} {figure_in_words(name, both.figures[name])}" for name in in_order(both.figures)
-    )
+    figures = [f"  {whole_label(name)}: {figure_in_words(name, both.figures[name])}" for name in in_order(both.figures)]
     count = f" ({len(both.runs)} pairs)" if len(both.runs) > 1 else ""
-    return [f"acw against cw{count}: {figures}"]
+    return [f"acw against cw{count}:", *figures]
 
 
 def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
@@ -88,7 +106,7 @@ def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
     if lag is None:
         return lines
     if abs(lag.value) < 2 * lag.u:
-        return [*lines, f"a lag of the gauges behind the robot is not detected: {lag}"]
+        return [*lines, f"no significant lag between gauges and robot: {lag}"]
     driven = both.runs[0][0].found
     rad_s = abs(driven.curve.rate) if isinstance(driven, CircleResult) else 0.0
     words = f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by "

@@ -18,6 +18,7 @@ from analysis.report.run_object import (
     eccentricities_in_words,
     lag_in_words,
     pairs_in_words,
+    similar_once,
     verdict,
     warmth_in_words,
     what_u_is,
@@ -61,7 +62,7 @@ def as_tables(
             parts.append(_table_of_means(repeated))
         if each or truths or len(repeated) < len({result.title for result in group}):
             parts.append(_Abreast(group, truth_of))
-        each_word = "; ± of single runs with --each" if repeated and not each else ""
+        each_word = "; --each shows the single runs" if repeated and not each else ""
         parts.append(Text(what_u_is(group, repeated) + each_word, style="dim"))
         both = pairs_of(group)
         lines = (
@@ -74,7 +75,10 @@ def as_tables(
         doubts += [(result, why) for means in together for result, why in means.left_out]
     if truths:
         parts.append(Text(verdict(truths), style="green" if all_agree(truths) else "bold red"))
-    parts += [Text(f"{result.title}, {result.name}: {doubt}", style="yellow") for result, doubt in doubts]
+    runs_of_doubt: dict[str, list[str]] = {}
+    for result, doubt in doubts:
+        runs_of_doubt.setdefault(doubt, []).append(f"{result.title}, {result.name}")
+    parts += [Text(f"{names}: {doubt}", style="yellow") for doubt, names in similar_once(runs_of_doubt)]
     return Group(*parts)
 
 

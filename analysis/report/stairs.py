@@ -21,10 +21,11 @@ _BAR = 16
 
 @dataclass(frozen=True)
 class Stair:
-    """A step by name, with the residual at each place."""
+    """A step by name, with the part that it adds (empty for the first step) and the residual at each place."""
 
     name: str
     left: tuple[ModelResidual, ...]
+    part: str = ""
 
 
 @dataclass(frozen=True)
@@ -46,12 +47,12 @@ def stairs_of(diagnosis: Diagnosis, texts: Texts | None = None) -> Stairs | None
         return None
     texts = texts or texts_of("en")
     words = AnswerWords(diagnosis, texts)
-    names = []
+    parts = []
     for step in diagnosis.staircase.steps[1:]:
         count = len(step.parts)
-        part = texts("smaller_parts", count=count) if count > 1 else words.part_name(diagnosis.budget[step.parts[0]])
-        names.append(texts("step_with", part=part))
-    return _name_stairs(diagnosis.staircase, [texts("step_first"), *names])
+        single = words.part_name(diagnosis.budget[step.parts[0]]) if count == 1 else ""
+        parts.append(single or texts.counted("smaller_parts", count))
+    return _name_stairs(diagnosis.staircase, texts("step_first"), parts, texts)
 
 
 def stairs_of_model(disagreement: Disagreement) -> Stairs | None:
@@ -60,13 +61,14 @@ def stairs_of_model(disagreement: Disagreement) -> Stairs | None:
         return None
     texts, rig = texts_of("en"), disagreement.rig
     parts = [*(plain(rig, effect) for effect in rig.effects), texts("step_calibration")]
-    names = [texts("step_with", part=parts[step.parts[0]]) for step in disagreement.staircase.steps[1:]]
-    return _name_stairs(disagreement.staircase, [texts("step_bare"), *names])
+    added = [parts[step.parts[0]] for step in disagreement.staircase.steps[1:]]
+    return _name_stairs(disagreement.staircase, texts("step_bare"), added, texts)
 
 
-def _name_stairs(staircase: Staircase, names: Sequence[str]) -> Stairs:
+def _name_stairs(staircase: Staircase, first: str, parts: Sequence[str], texts: Texts) -> Stairs:
     lefts = [tuple(filter(None, (step.used, step.held_out, step.unseen))) for step in staircase.steps]
-    return Stairs(staircase.places, tuple(map(Stair, names, lefts)))
+    names = [first, *(texts("step_with", part=part) for part in parts)]
+    return Stairs(staircase.places, tuple(map(Stair, names, lefts, ["", *parts])))
 
 
 def left_words(residue: ModelResidual) -> str:
@@ -80,7 +82,7 @@ def stairs_table(stairs: Stairs) -> Table:
     """Return the staircase as a table with a bar for the residual on the runs used."""
     texts = texts_of("en")
     places = (right(texts(f"runs_{place}")) for place in stairs.places)
-    table = bare_table("µm rms left", *places, Column("", no_wrap=True))
+    table = bare_table("remaining µm rms", *places, Column("", no_wrap=True))
     for step in stairs.steps:
         width = max(1, round(_BAR * step.left[0].um / stairs.largest_um))
         table.add_row(step.name, *map(left_words, step.left), "█" * width)

@@ -158,6 +158,11 @@ class Texts:
         """Return a text with values inserted."""
         return self.words[key].format(**values)
 
+    def counted(self, key: str, count: int, **values: object) -> str:
+        """Return the text for a count, in the singular if the language has one for 1."""
+        singular = f"{key}_single"
+        return self(singular if count == 1 and singular in self.words else key, count=count, **values)
+
     def test(self, name: str) -> str:
         """Return the name of a test; for a test of an external package, the identifier."""
         return self.words.get(f"test_{name}", name)

@@ -19,7 +19,7 @@ import numpy as np
 from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of
 from analysis.runs.tables import PlaceTable, Table
 from rigs.rig import Rig
-from rigs.text import listed
+from rigs.text import counted, listed
 
 _TURN = 2 * np.pi
 _SLACK_RAD = float(np.radians(0.1))
@@ -102,12 +102,17 @@ def _has_fractional_wave(rig: Rig, axis: int) -> bool:
 def _counted_further(table: Table, axis: int, turns: Integers, count: int) -> str:
     """Return the message about rows in which a joint has this number of excess turns."""
     rows = turns == count
-    way = f"{abs(count)} whole turn{'s' * (abs(count) > 1)} {'further' if count > 0 else 'back'}"
-    low, high = np.degrees([table.q[rows, axis - 1].min(), table.q[rows, axis - 1].max()])
+    turns_off = f"{counted(abs(count), 'whole turn')} {'higher' if count > 0 else 'lower'}"
+    ends = _ends(table.q[rows, axis - 1])
     return (
-        f"axis {axis} is counted {way} {_row_words(table, rows)} ({low:.1f}° to {high:.1f}°): the postures "
-        "are equal, and the angles are reduced to a single turn; check the export of the angle"
+        f"axis {axis} is {turns_off} {_row_words(table, rows)} ({ends}) than in the other rows: the posture is the "
+        "same, so the turn was removed; check how the angle is exported"
     )
+
+
+def _ends(angles: Array) -> str:
+    """Return the range of angles in degrees, a single value if both ends are the same."""
+    return " to ".join(dict.fromkeys(f"{np.degrees(angle):.1f}°" for angle in (angles.min(), angles.max())))
 
 
 def _row_words(table: Table, chosen: Mask) -> str:

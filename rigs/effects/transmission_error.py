@@ -20,6 +20,7 @@ from rigs.schema.effect import (
     StretchedShape,
     shape,
     size,
+    waves_in_words,
     whole_order,
 )
 from rigs.schema.part import Axis
@@ -83,7 +84,7 @@ class TransmissionError(Effect):
         return self.order % 1 == 0
 
     def plain(self, joint: str) -> str:
-        return f"gear error of {joint}, {whole_order(self.order):.4g} a turn"
+        return f"gear error of {joint}, {waves_in_words(self.order)}"
 
     def remedy(self) -> str:
         return (

@@ -373,6 +373,12 @@ def whole_order(order: float) -> float:
     return float(round(order)) if abs(order - round(order)) < _OF_A_WAVE and round(order) > 0 else order
 
 
+def waves_in_words(order: float) -> str:
+    """Return the order of a gear wave as text: `8 waves per turn`."""
+    waves = f"{whole_order(order):.4g}"
+    return f"{waves} wave{'s' * (waves != '1')} per turn"
+
+
 def phases(effect: _E) -> tuple[_E, ...]:
     """Return an effect, and for a wave also the effect shifted by a quarter. Together they span every phase."""
     if not is_wave(effect):

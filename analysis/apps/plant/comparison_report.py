@@ -53,9 +53,9 @@ def as_tables(compared: Compared) -> RenderableType:
     where: list[RenderableType] = []
     # the model of all runs with the fitted set-ups, and the residual after each of the effects
     if compared.disagreement is not None:
-        where = [Text("\nDisagreement of model and readings", style="bold"), *places_table(compared.disagreement.where)]
+        where = [Text("\nWhere model and readings disagree", style="bold"), *places_table(compared.disagreement.where)]
         if stairs := stairs_of_model(compared.disagreement):
-            where += [Text("\nReduction of the residual", style="bold"), stairs_table(stairs)]
+            where += [Text("\nHow much of the error each part explains", style="bold"), stairs_table(stairs)]
         where.append(Text())
     lines = []
     for name, setup in compared.setups.items():

@@ -50,7 +50,7 @@ def limits(postures: Postures, texts: Texts) -> list[str]:
     if postures.knowledge != "calibrated":
         lines.append(texts(f"postures_{postures.knowledge}"))
     if postures.outside:
-        lines.append(texts("postures_outside", count=postures.outside, total=len(postures.best.rows)))
+        lines.append(texts.counted("postures_outside", postures.outside, total=len(postures.best.rows)))
     return lines
 
 
@@ -60,7 +60,7 @@ def gain_words(postures: Postures, texts: Texts) -> str:
         return texts("postures_none")
     key = "postures_gain_given" if postures.is_given else "postures_gain_short"
     best, usual = (f"{sequence.rms_mm:.3f}" for sequence in (postures.best, postures.usual))
-    return texts(key, count=len(postures.best.rows), best=best, usual=usual)
+    return texts.counted(key, len(postures.best.rows), best=best, usual=usual)
 
 
 def way_words(postures: Postures, texts: Texts) -> str:

@@ -204,7 +204,7 @@ class Guide:
             case Recorded(run, minutes):
                 changed, actions = _recorded(state, run, minutes)
             case Answered(None, why):
-                changed, actions = replace(state, inferring=None), (Say((f"  not understood yet: {why}",)),)
+                changed, actions = replace(state, inferring=None), (Say((f"  no diagnosis yet: {why}",)),)
             case Answered(answer):
                 changed, actions = _answered(replace(state, inferring=None), _of(answer))
             case CorrectionMade(correction, programs):
@@ -230,7 +230,12 @@ class Guide:
                 driving = replace(state, stage=stage.name, driving=number)
                 if stage.name == state.stage:
                     return driving, (asked, Drive(number))
-                return driving, (Say((f"-- {stage.name}: {stage.words}",)), SetUpStage(stage), asked, Drive(number))
+                return driving, (
+                    Say((f"-- set up {stage.name}: {stage.words}",)),
+                    SetUpStage(stage),
+                    asked,
+                    Drive(number),
+                )
             case Infer(joins):
                 begun, actions = (state, ()) if state.inferring else _begun(state, joins=joins)
                 return begun, (*actions, "await")
@@ -397,7 +402,7 @@ def _answered(state: GuideState, answer: Answer) -> Outcome:
     return changed, actions
 
 
-_ANSWERED, _OPEN = "the question is answered", "the question is open"
+_ANSWERED, _OPEN = "the causes are known", "the causes are not certain any more"
 """Reasons for skipping and reopening steps."""
 
 

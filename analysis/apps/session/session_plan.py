@@ -166,9 +166,9 @@ def drives(rig: Rig) -> bool:
 def _set_up(test: DrivenTest, place: str | None) -> str:
     """Describe the set-up of a test for the operator."""
     if test not in CIRCLES:
-        return "the ball at the centre of the hemisphere, one gauge on the link of the hemisphere"
-    where = f"the ball {place}" if place else "the ball at the centre of the circle of the rig file"
-    return f"{where}, the gauges for {test}"
+        return "mount the ball at the centre of the hemisphere, and one gauge on its link"
+    where = f"mount the ball {place}" if place else "mount the ball at the centre of the circle of the rig file"
+    return f"{where}, and the gauges for {test}"
 
 
 def _circles(programs: Sequence[SessionProgram], purpose: Purpose, repeats: int) -> tuple[ProgramStep, ...]:

@@ -58,7 +58,7 @@ def step_lines(session: Session, number: int) -> Iterator[str]:
 def answer_lines(answer: Answer, before: Answer | None) -> Iterator[str]:
     """Yield the current diagnosis, unless it is unchanged."""
     if before is None or (answer.runs, answer.headline) != (before.runs, before.headline):
-        yield f"  {counted(answer.runs, 'run shows', 'runs show')}: {answer.headline}"
+        yield f"  after {counted(answer.runs, 'run')}: {answer.headline}"
         yield from (f"    {line}" for line in budget_lines(answer.parts))
 
 
@@ -97,19 +97,19 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
             )
             yield f"validation at the second place: {at_other_place}"
         if answer.joined:
-            yield f"then its {counted(answer.joined, 'run')} joined the last diagnosis, of {answer.runs} runs"
+            yield f"the last diagnosis used all {answer.runs} runs, including the {answer.joined} of the second place"
     if correction:
         first, *further_lines = correction_lines(correction, session.sides)
         yield f"corrected: {first}"
         yield from further_lines
     for number, act in enumerate(session.to_do):
-        first = "for the cause" if session.is_corrected else "next"
+        first = "to remove the cause" if session.is_corrected else "next"
         yield f"  then: {act}" if number else f"{first}: {act}"
     if session.is_corrected and correction and session.to_do:
         yield f"  {texts_of('en')(f'after_cause_{correction.way}')}"
     programs = sum(len(step.tries) for step in session.steps)
     driven = f"{counted(programs, 'run')}, {counted(round(session.driven_minutes), 'minute')} of driving"
-    yield f"{driven}, {session.minutes:g} available"
+    yield f"{driven} ({session.minutes:g} minutes were available)"
     yield f"report: {directory / session.report}"
     if answer and answer.level != 1:
         rig_file = as_argument(Path(session.rig_file))
@@ -157,7 +157,7 @@ def status_lines(session: Session, following: Following, directory: Path) -> Ite
         yield f"{number:3} {step.program:{_WIDTH}} {state}"
     if session.answer:
         shown = "" if session.report else f" {session.answer.headline}"  # the lines of the end include it
-        yield f"{counted(session.answer.runs, 'run shows', 'runs show')}:{shown}"
+        yield f"after {counted(session.answer.runs, 'run')}:{shown}"
         yield from (f"  {line}" for line in budget_lines(session.answer.parts))
     if session.report:
         yield from end_lines(session, directory)

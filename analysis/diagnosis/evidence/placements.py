@@ -89,8 +89,8 @@ def split_by_frame(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[l
 def _of_frames(setup: str, frames: Sequence[Sequence[str]]) -> str:
     """Return the message about runs of a set-up with several frames."""
     runs = "; ".join(", ".join(names) for names in frames)
-    message = f"runs of {setup} do not share a frame: fitted as {len(frames)} placements ({runs})"
-    return f"{message}, which rig relabel --placement can name"
+    message = f"the {setup} runs do not share a frame, so they were fitted as {len(frames)} placements ({runs})"
+    return f"{message}; rig relabel --placement can name them"
 
 
 def split_by_target(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[list[ObservedRun], list[str]]:
@@ -119,8 +119,8 @@ def split_by_target(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[
         of_runs = "; ".join(", ".join(its_names) for _, its_names in sorted(targets.items()))
         count = len({placement_of(setup) for setup in named})
         stood = "one place of the instrument" if count == 1 else f"{count} places of the instrument"
-        message = f"the poses show {len(targets)} places of the target on the tool ({of_runs}) and {stood}: each is a "
-        return split_up, [message + "set-up of its own, as of several reflectors, and the arm is one"]
+        message = f"the poses show {len(targets)} places of the target on the tool ({of_runs}) and {stood}: each "
+        return split_up, [message + "was fitted as a separate set-up of one arm, as for several reflectors"]
     frames: dict[str, list[list[str]]] = {}
     for setup, its_names in sorted(named.items()):
         frames.setdefault(setup.partition(FRAME)[0], []).append(its_names)

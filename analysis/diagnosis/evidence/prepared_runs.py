@@ -209,23 +209,23 @@ def without_wild(
                 far_mm[run.setup] = max(far_mm.get(run.setup, 0.0), float(distance_mm.max()))
         elif wild.any():
             doubts.append(
-                f"{wild.sum()} of {len(run.rows)} readings of {run.setup} lie far from all others, up "
-                f"to {distance_mm.max():.1f} mm, and are not ignored: so many, or all in one range of a joint, are no "
-                "lost points; check the signs, order and zeros of the joints, and whether instrument or base moved"
+                f"{wild.sum()} of {len(run.rows)} readings of {run.setup} differ from all others by up to "
+                f"{distance_mm.max():.1f} mm. They were kept: so many, or all in one range of a joint, are not "
+                "outliers. Check the signs, order and zeros of the joints, and whether instrument or base moved"
             )
     for setup, most_mm in far_mm.items():
         members = [k for k, run in enumerate(runs) if run.setup == setup]
         count = sum(len(runs[k].rows) for k in members)
         wild_count = count - sum(len(sound[k].rows) for k in members)
-        kind, check = f"poses of {setup}", "check that the robot stood and that the tracker had the target"
+        kind, check = f"poses of {setup}", "check that the robot was at rest and that the tracker saw the target"
         if not facts_of(runs[members[0]].table.test).of_places:
             kind = f"readings at the targets of {setup}"
             check = (
                 "check that the robot is at rest during a reading, that the clocks agree, and that the plunger touches"
             )
-        are = "is wild" if wild_count == 1 else "are wild"
+        are = "is an outlier" if wild_count == 1 else "are outliers"
         doubts.append(
-            f"{wild_count} of {count} {kind} {are}, up to {most_mm:.1f} mm off, and not counted in the rms of {use}: "
+            f"{wild_count} of {count} {kind} {are}, up to {most_mm:.1f} mm off, and not included in the rms of {use}: "
             f"{check}"
         )
     return [run for run in sound if len(run.rows)], doubts

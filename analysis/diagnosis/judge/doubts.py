@@ -20,7 +20,8 @@ from analysis.diagnosis.judge.verdict import shows_time
 from analysis.procedures.facts import labels_of
 from analysis.robot.kinematics.arm import rail_mm
 from rigs.rig import Rig
-from rigs.schema.effect import label_of, name_of
+from rigs.schema.effect import label_of
+from rigs.schema.effect_names import name_in_words
 
 _BETTER = 0.97
 """Ratio of the gap without an effect of the rig file to that with it, below which the effect is doubted. Chosen: 3 % of
@@ -40,8 +41,8 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     once = {block.name: shows_noise(block) for block in unrepeated if not labels_of(block.table.test).no_repeats}
     doubts += [words for block in unrepeated if (words := labels_of(block.table.test).no_repeats)]
     for name, shows in once.items():
-        scatter = "is what the model leaves" if shows else "is assumed"
-        doubts.append(f"no target of {name} was visited twice: its scatter {scatter}; visit targets again")
+        scatter = "taken from the remaining error of the model" if shows else "assumed"
+        doubts.append(f"no target of {name} was measured twice, so its scatter is {scatter}; measure targets again")
     ways: dict[str, set[str]] = {}
     for block in blocks:
         table = block.table
@@ -57,8 +58,10 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
         doubts.append(f"{test} was driven {way} only: effects that change with the direction cannot be detected")
     if not circles:
         sides = any(block.table.sides is not None for block in blocks)
-        back = "" if sides else ", or on how a joint turns back,"
-        doubts.append(f"the robot stood at every reading: effects that depend on the speed{back} hardly show")
+        back = "" if sides else " or on reversals"
+        doubts.append(
+            f"the robot was at rest at every reading, so errors that depend on speed{back} are barely visible"
+        )
     return tuple(dict.fromkeys(doubts))  # each socket of a run is a separate block
 
 
@@ -68,8 +71,8 @@ def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
     for named in names:
         if named.stands and ended_at_limit(named.effect):
             doubts.append(
-                f"{label_of(named.effect)} ended at the limit of the size, so it is not to be trusted: check the rig "
-                "file, the cables of the gauges and the placements, and repeat the diagnosis"
+                f"the {name_in_words(label_of(named.effect))} reached the limit of its size, so it is unreliable: "
+                "check the rig file, the cables of the gauges and the placements, and repeat the diagnosis"
             )
     return tuple(doubts)
 
@@ -85,7 +88,7 @@ def doubts_of_rig(rig: Rig, fitted: FittedRuns) -> tuple[str, ...]:
         without = rms(fit_run_setups([replace(run, model=replace(run.model, effects=bare)) for run in fitted.runs])[1])
         if without < _BETTER * whole:
             doubts.append(
-                f"without {name_of(effect)} of the rig file the gap is {1e3 * without:.1f} instead of "
-                f"{1e3 * whole:.1f} µm: remove it and repeat the diagnosis"
+                f"the model fits better without the {name_in_words(label_of(effect))} of the rig file (error "
+                f"{1e3 * without:.1f} instead of {1e3 * whole:.1f} µm): remove it and repeat the diagnosis"
             )
     return tuple(doubts)

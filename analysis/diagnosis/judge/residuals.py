@@ -20,6 +20,7 @@ from analysis.runs.laps import laps_of
 from analysis.runs.tables import CircleTable
 from analysis.runs.tabular import Tabular
 from rigs.schema.vocabulary import Direction, TestName
+from rigs.text import counted
 
 
 @dataclass(frozen=True)
@@ -147,11 +148,13 @@ def bands_above_noise(blocks: Sequence[Block], residual: Array) -> tuple[Residua
             if ratio <= max(_LEAST, 1 + _CLEAR * np.sqrt(2 / len(rows))):
                 continue  # chance explains it
             words = f"{np.sqrt(ratio):.1f} times the noise"
-            words = f"{orders[0]} to {orders[1]} cycles a lap, {words}" if orders else f"targets scatter by {words}"
+            words = (
+                f"{orders[0]} to {orders[1]} waves per lap, {words}" if orders else f"the targets scatter by {words}"
+            )
             correlation = parity.get((table.test, part), 0.0)
             if abs(correlation) > 0.5:
                 words += (
-                    ", alike in both directions" if correlation > 0 else ", of opposite sign in the other direction"
+                    ", the same in both directions" if correlation > 0 else ", of opposite sign in the other direction"
                 )
             energy_mm2 = float(((of_block[rows] * block.sd_mm[rows]) ** 2).sum())
             clear.append((energy_mm2, ResidualBand(table.test, table.driven_direction, part, orders, ratio, words)))
@@ -257,7 +260,7 @@ def _on_circle(block: Block, residual: Array, scatter_mm: Array) -> list[Residua
                 ResidualPlace(table.test, direction, part, a % 360, b % 360, joint, why, 1e3 * rms, sigma)
             )
         for phi, joint, jump, sigma in _jumps(values, where, alike, scattered):
-            why = f"reversal: jumps by {1e3 * jump:.1f} µm"
+            why = f"step of {1e3 * jump:.1f} µm at a reversal"
             low, high = (phi - _NEAR_DEG) % 360, (phi + _NEAR_DEG) % 360
             places_there.append(
                 ResidualPlace(table.test, direction, part, low, high, joint, why, 1e3 * jump / 2, sigma)
@@ -318,8 +321,8 @@ def _why(where: Sequence[tuple[float, int]], values: Array, begin_deg: float, en
     power = np.abs(np.fft.rfft(values)) ** 2
     order = int(np.argmax(power))
     if power[order] > 0.5 * power.sum():
-        return None, "all along, constant" if order == 0 else f"wave of {order} cycle{'s' * (order > 1)} a lap"
-    return None, "all along the circle" if end_deg - begin_deg > 300 else "stretch"
+        return None, "constant over the lap" if order == 0 else f"{counted(order, 'wave')} per lap"
+    return None, "over the whole circle" if end_deg - begin_deg > 300 else "part of the circle"
 
 
 def _at_targets(block: Block, residual: Array, scatter_mm: Array) -> list[ResidualPlace]:
@@ -330,7 +333,8 @@ def _at_targets(block: Block, residual: Array, scatter_mm: Array) -> list[Residu
     over = size > _SIGMA * noise
     if not over.any():
         return []
-    why = f"{over.sum()} of {len(size)} {labels_of(table.test).rows} differ, most {number[int(np.argmax(size))]}"
+    rows, worst = labels_of(table.test).rows, number[int(np.argmax(size))]
+    why = f"{over.sum()} of {len(size)} {rows} differ, most of all number {worst}"
     low, high = float(number[over].min()), float(number[over].max())
     rms_um, sigma = 1e3 * float(np.sqrt(np.mean(size[over] ** 2))), float((size / noise).max())
     return [ResidualPlace(table.test, None, "distance", low, high, None, why, rms_um, sigma)]

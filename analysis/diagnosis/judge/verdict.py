@@ -46,6 +46,7 @@ from rigs.calibration import ModelAssessment
 from rigs.errors import RigError
 from rigs.rig import Rig
 from rigs.schema.effect import is_wave, label_of, name_of, size_field, size_of
+from rigs.schema.effect_names import name_in_words
 from rigs.schema.limits import Limit, Limits, Standing
 from rigs.schema.scene import OUTSIDE_ARM
 from rigs.schema.vocabulary import TestName
@@ -396,7 +397,7 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
     share = (um / train.before_um) ** 2 if train.before_um else 0.0
     healthy = rms_by_block(linear, posterior.healthy_share)
     words = (
-        _in_words(result, imitating) if is_material else "within the noise, the scatter and the errors of a healthy arm"
+        _in_words(result, imitating) if is_material else "no more than noise, scatter and the errors of a healthy arm"
     )
     return Remainder(um, share, words, healthy.whole_um, at_new_places=um == missed_um > 0), is_material
 
@@ -427,11 +428,11 @@ def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
     alike = []
     for named in imitating:
         if not named.is_term:
-            shown = " and ".join(f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in named.shares)
-            alike.append(f"{label_of(named.effect)} is similar, but the readings show {shown}")
-    series = Counter(name_of(named.effect) for named in imitating if named.is_term)
-    alike += [f"{count} waves of {name} together resemble it, as they do any error" for name, count in series.items()]
-    return "; ".join([*where, seen[0] if seen else "of no simple form", *alike])
+            shown = " and ".join(f"{share.value:.2f} ± {share.sd:.2f} times in {share.setup}" for share in named.shares)
+            alike.append(f"similar to {name_in_words(label_of(named.effect))}, but the readings show it {shown}")
+    series = Counter(name_in_words(name_of(named.effect)) for named in imitating if named.is_term)
+    alike += [f"also fitted by {count} waves of {name}, which fit any error" for name, count in series.items()]
+    return "; ".join([*where, seen[0] if seen else "without a simple form", *alike])
 
 
 def condition_of(
@@ -470,7 +471,7 @@ def as_scatter(budget: Sequence[BudgetPart], remainder: Remainder) -> tuple[tupl
     um = float(np.sqrt(sum(part.um**2 for part in merged)))
     scatter = BudgetPart("scatter", um, 0.0, sum(part.share for part in merged))
     parts = [*(part for part in budget if part not in merged), scatter]
-    of_scatter = replace(remainder, um=0.0, share=0.0, words="without a pattern, like scatter")
+    of_scatter = replace(remainder, um=0.0, share=0.0, words="no pattern, it looks like scatter")
     return tuple(sorted(parts, key=lambda part: -part.share)), of_scatter
 
 

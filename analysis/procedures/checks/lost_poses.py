@@ -233,7 +233,8 @@ def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Ar
 def _sample(rows: Integers, xyz_mm: Array) -> Integers:
     """Return at most FITTED of the rows (m,), at places xyz_mm (n, 3); the same ones for any order of the rows."""
     by_place = rows[np.lexsort(xyz_mm[rows].T)]
-    return by_place[np.unique(np.linspace(0, len(rows) - 1, min(FITTED, len(rows))).astype(int))]
+    chosen: Integers = by_place[np.unique(np.linspace(0, len(rows) - 1, min(FITTED, len(rows))).astype(int))]
+    return chosen
 
 
 def without_lost(table: PoseTable, bare: Arm, fit: Fit) -> RemainingPoses:

@@ -36,13 +36,14 @@ robot has this size and direction only by chance.
 def _notes(result: CircleResult) -> tuple[str, ...]:
     height = result.laps.frame.radius * np.tan(result.sine.A)
     note = (
-        f"the offset is the ball {height:.3f} mm along n, or the gauges' zeros, or both: roll cannot distinguish them"
+        "roll cannot separate two causes of the offset: the ball is mounted "
+        f"{height:.3f} mm off along n, or the gauges have wrong zeros"
     )
     as_yaw, by_distance = eccentricities(result)
     size = float(np.linalg.norm(by_distance))
     if size < _CLEAR_MM or np.linalg.norm(as_yaw - by_distance) > _ALIKE * size:
         return (note,)
-    as_of_yaw = f"the angle's sine is that of the {size:.2f} mm that the ball is off centre"
+    as_of_yaw = f"the sine of the angle matches the ball being {size:.2f} mm off centre"
     return note, f"this looks like a yaw run: {as_of_yaw}"
 
 

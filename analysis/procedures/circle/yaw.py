@@ -47,8 +47,8 @@ def _notes(result: CircleResult) -> tuple[str, ...]:
     if apart < max(_APART_MM, _APART * max(float(np.linalg.norm(e)) for e in (by_angle, by_distance))):
         return ()
     return (
-        f"the eccentricity by the angle and by the distance lie {apart:.2f} mm apart: "
-        "a gauge's sign, scale or order may be wrong, or the robot errs by as much",
+        f"the eccentricities by angle and by distance differ by {apart:.2f} mm: the sign, scale or order of the gauges "
+        "may be wrong, or the robot has an error of this size",
     )
 
 

@@ -16,6 +16,6 @@ LABELS = Labels(
     setup="the places of the instrument and of the target on the tool",
     joints_fit="poses fit",
     rows="poses",
-    distance_from="from where the arm was",
+    distance_from="from the position computed from the joints",
     outlier_check="check that the tracker saw the target and that the robot was at rest",
 )

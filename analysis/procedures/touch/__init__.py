@@ -18,7 +18,7 @@ LABELS = Labels(
     further=("touch", "one place in many postures, without gauges"),
     setup="the places of the sockets and of the ball on the tool",
     no_repeats=(
-        "no posture was touched twice: how much a seated ball scatters is judged by what the model leaves of it; "
+        "no posture was touched twice, so the scatter of a seated ball is taken from the remaining error of the model; "
         "touch some postures again to measure it"
     ),
     rows="touches",

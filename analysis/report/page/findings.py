@@ -14,6 +14,7 @@ from analysis.report.diagnosis_words import beside_u, micrometres, percent, size
 from analysis.report.stairs import left_words, stairs_of
 from analysis.report.texts import Texts
 from rigs.effects import Effect
+from rigs.schema.effect_names import name_in_words
 from rigs.schema.vocabulary import CIRCLES
 
 _MOST_GROUPS = 3
@@ -88,10 +89,11 @@ def _where(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
 def diagnosis_words(diagnosis: Diagnosis) -> str:
     """Return the unexplained rest, the indistinguishable effects and the next test, as English sentences."""
     remainder = diagnosis.remainder
-    lines = [f"Unexplained: {micrometres(remainder.um)}, {remainder.words}."]
-    lines += [f"These tests cannot distinguish {' from '.join(group)}." for group in diagnosis.groups[:_MOST_GROUPS]]
+    lines = [f"Unexplained error: {micrometres(remainder.um)} rms, {remainder.words}."]
+    groups = diagnosis.groups[:_MOST_GROUPS]
+    lines += [f"These tests cannot separate {'; '.join(map(name_in_words, group))}." for group in groups]
     if diagnosis.next_test:
-        lines.append(f"Next test: {diagnosis.next_test.test}, {diagnosis.next_test.why}.")
+        lines.append(f"Most useful next test: {diagnosis.next_test.test} ({diagnosis.next_test.why}).")
     return " ".join(lines)
 
 
@@ -125,7 +127,7 @@ def budget_rows(diagnosis: Diagnosis, texts: Texts) -> list[BudgetRow]:
     for k, (share, tenths) in enumerate(zip(shares, _tenths(shares), strict=True)):
         width, shown = 100 * share / max(shares), f"{tenths / 10:.1f} %"
         if k == len(large):
-            rows.append(BudgetRow(texts("smaller_parts", count=len(small)), (), "", shown, width, "", "", ""))
+            rows.append(BudgetRow(texts.counted("smaller_parts", len(small)), (), "", shown, width, "", "", ""))
             continue
         part = large[k]
         doubt = [texts(f"doubt_{part.doubt}")] if part.doubt and part.doubt != "usual" else []
@@ -184,6 +186,11 @@ def step_table(diagnosis: Diagnosis, texts: Texts) -> StepTable | None:
     rows = []
     for number, step in enumerate(stairs.steps):
         widths = tuple(100 * residue.um / stairs.largest_um for residue in step.left)
-        sentence = texts("step_now", number=number, count=len(stairs.steps) - 1, name=step.name)
+        last = len(stairs.steps) - 1
+        sentence = (
+            texts("step_now", number=number, count=last, part=step.part)
+            if step.part
+            else texts("step_start", count=last, name=step.name)
+        )
         rows.append(StepRow(step.name, tuple(map(left_words, step.left)), widths, sentence))
     return StepTable(tuple(texts(f"runs_{place}") for place in stairs.places), tuple(rows))

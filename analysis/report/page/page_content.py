@@ -28,7 +28,6 @@ from rigs.schema.limits import COVERAGE, Limits, Standing
 from rigs.schema.vocabulary import TestName
 
 Overall = Standing | Literal["unjudged"]
-_MOST_NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -68,18 +67,15 @@ def verdict_sentence(verdict: PageVerdict, texts: Texts) -> str:
     if verdict.overall == "pass":
         return texts("verdict_pass", count=len(verdict.judged))
     bad = verdict.with_standing(verdict.overall)
-    worst = []
-    for figure in bad[:_MOST_NAMED]:
-        # The limit that failed, or the limits around the figure, and a remark if the uncertainty reaches across one
-        watch = None if figure.standing == "fail" else figure.limit.watch
-        bounds = (("watch_above", watch), ("fail_above", figure.limit.fail))
-        limits = [f"{texts(key)} {bound:g} {figure.figure.sign}" for key, bound in bounds if bound is not None]
-        limits += [texts("not_proven")] if figure.straddled else []
-        values = {"figure": figure_title(figure, texts), "value": figure.figure, "limits": ", ".join(limits)}
-        worst.append(texts("bad_figure", **values))
-    ending = [texts("and_more", count=len(bad) - len(worst))] if len(bad) > len(worst) else []
-    numbers = {"bad": len(bad), "count": len(verdict.judged), "worst": "; ".join([*worst, *ending])}
-    return texts(f"verdict_{verdict.overall}", **numbers)
+    worst = bad[0]
+    # The limit that failed, or the limits around the figure, and a remark if the uncertainty reaches across one
+    watch = None if worst.standing == "fail" else worst.limit.watch
+    bounds = (("watch_above", watch), ("fail_above", worst.limit.fail))
+    limits = [f"{texts(key)} {bound:g} {worst.figure.sign}" for key, bound in bounds if bound is not None]
+    limits += [texts("not_proven")] if worst.straddled else []
+    figure = texts("bad_figure", figure=figure_title(worst, texts), value=worst.figure, limits=", ".join(limits))
+    key = f"verdict_{verdict.overall}{'_single' * (len(bad) == 1)}"
+    return texts(key, bad=len(bad), count=len(verdict.judged), worst=figure)
 
 
 def figure_title(figure: JudgedFigure, texts: Texts) -> str:

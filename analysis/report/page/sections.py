@@ -17,7 +17,7 @@ from analysis.report.chart import Picture
 from analysis.report.model_charts import simulated_charts
 from analysis.report.page.page_content import Report, title_of
 from analysis.report.run_charts import circle_charts, joint_chart, target_charts
-from analysis.report.run_object import eccentricities_in_words, figure_in_words, lag_in_words, what_u_is
+from analysis.report.run_object import eccentricities_in_words, figure_in_words, lag_in_words, similar_once, what_u_is
 from analysis.report.texts import LEADING, Texts, in_order
 from rigs.schema.vocabulary import TestName
 
@@ -148,7 +148,7 @@ def _doubts(group: Sequence[Result]) -> tuple[str, ...]:
     for means in pooled(group):
         for result, why in means.left_out:
             runs_of_doubt.setdefault(why, []).append(result.name)
-    return tuple(f"{', '.join(names)}: {doubt}" for doubt, names in runs_of_doubt.items())
+    return tuple(f"{names}: {doubt}" for doubt, names in similar_once(runs_of_doubt))
 
 
 def _reversals(result: Result, texts: Texts) -> tuple[ReversalRow, ...]:

@@ -181,7 +181,7 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
     span = days[0] if days[0] == days[-1] else f"{days[0]} – {days[-1]}"
     return pages.get_template("report.html").render(
         t=texts,
-        measured_on=texts("measured_on", days=span, count=len(runs)),
+        measured_on=texts.counted("measured_on", len(runs), days=span),
         heading=fields_of(heading, report.results, texts),
         report=report,
         verdict=verdict,

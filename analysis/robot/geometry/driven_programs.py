@@ -25,6 +25,7 @@ from rigs.readiness import missing_arm, require_part
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, Hemisphere, Repeatability
 from rigs.schema.vocabulary import Direction
+from rigs.text import counted
 
 _ACCELERATION_MM_S2 = 200.0
 """Acceleration of a controller on a calibration circle, a moderate value."""
@@ -307,17 +308,17 @@ def feasible_tests(rig: Rig, file: str | Path) -> tuple[list[str], list[FileErro
 def _circle_lines(rig: Rig) -> list[str]:
     circle = rig.tests.circle
     if circle is None:
-        return ["no circle is declared"] if rig.gauges.recorded else []
+        return ["the rig file declares no circle"] if rig.gauges.recorded else []
     seconds = circle_program(rig, "acw").t_s[-1]
-    laps = "1 lap" if circle.laps == 1 else f"{circle.laps} laps and the ways back"
+    laps = f"{counted(circle.laps, 'lap')} with lead-in and lead-out"
     turns = reversals(circle, arm_of(rig.robot), RigPlace.of(rig.name, "tests.circle"))
     by_axis: dict[int, list[str]] = {}
     for turn in turns:
         by_axis.setdefault(turn.axis, []).append(f"{np.degrees(turn.phi):.0f}°")
     listed = "; ".join(f"{rig.robot.axis_words(axis)} {' '.join(marks)}" for axis, marks in by_axis.items())
     return [
-        f"circle of {circle.radius_mm:g} mm: reachable, {seconds:.0f} s for {laps} in one direction",
-        f"axes turn back: {listed}",
+        f"circle of radius {circle.radius_mm:g} mm: reachable; {seconds:.0f} s in each direction ({laps})",
+        f"angles on the circle at which axes reverse: {listed}",
     ]
 
 
@@ -325,13 +326,17 @@ def _hemisphere_lines(rig: Rig) -> list[str]:
     hemisphere = rig.tests.hemisphere
     if hemisphere is None:
         return []
-    named, program = f"hemisphere of {hemisphere.radius_mm:g} mm", radial_program(rig)
+    named, program = f"hemisphere of radius {hemisphere.radius_mm:g} mm", radial_program(rig)
     return [f"{named}: {program.target.max()} targets in {program.orientation.max()} orientations, all reachable"]
 
 
 def _repeatability_lines(rig: Rig) -> list[str]:
     if rig.tests.hemisphere is None:
-        return ["repeatability: needs tests.hemisphere, which its targets are of"] if rig.tests.repeatability else []
+        return (
+            ["repeatability: needs tests.hemisphere, because its targets lie on the hemisphere"]
+            if rig.tests.repeatability
+            else []
+        )
     repeatability_targets(rig)
     return []
 

@@ -80,10 +80,21 @@ def test_every_bad_row_is_told_in_order_and_not_without_end() -> None:
         "line 4, q1_deg",
         "line 4, z_mm",
     ]
-    rows["y_mm"] = ["?"] * len(rows["y_mm"])
+    rows["y_mm"] = [f"?{row}" for row in range(len(rows["y_mm"]))]
     told = refusal(csv_text(rows), "pose")
     assert len(told) == 21
     assert told[-1] == "t.csv, … and 7 more, 27 mistakes in all; correct the file"
+
+
+def test_the_same_mistake_of_many_rows_is_told_once_with_its_first_line() -> None:
+    rows = {name: list(cells) for name, cells in plain("pose").items()}
+    rows["y_mm"], rows["x_mm"][3] = ["?"] * len(rows["y_mm"]), "?"
+    told = refusal(csv_text(rows), "pose")
+    many = f"({len(rows['y_mm'])} rows, the first is given)"
+    assert told == [
+        f"t.csv, line 2, y_mm: '?' is not a number {many}",
+        "t.csv, line 5, x_mm: '?' is not a number; correct the file",
+    ]
 
 
 def test_lines_are_those_an_editor_shows() -> None:

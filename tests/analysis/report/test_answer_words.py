@@ -43,8 +43,8 @@ def test_a_fault_is_in_the_first_sentence_with_its_size_and_what_it_makes_of_the
     words = AnswerWords(diagnosis("named"))
     assert words.headline == "One fault was found: play of axis 1 (Theta), 0.0521 ± 0.0011 °, 90 % of the error."
     assert ActWords(words.diagnosis).next == (
-        "Inspect and repair the cause of the play of axis 1 (Theta), 0.0521 ± 0.0011 °. The error then falls from "
-        "6.1 µm to 2.0 ± 0.2 µm rms on runs that the model did not use."
+        "Find and repair the cause of the play of axis 1 (Theta) (0.0521 ± 0.0011 °). The error then falls from "
+        "6.1 µm to 2.0 ± 0.2 µm rms in readings not used to fit the model."
     )
     many = AnswerWords(diagnosis("named", effects=(PLAY, PLAY, PLAY, PLAY, PLAY)))
     assert many.headline.startswith("5 faults were found: ") and many.headline.endswith("; and 2 more.")
@@ -81,7 +81,7 @@ def test_nothing_is_missing_only_where_runs_repeat_and_no_place_differs() -> Non
 
 def test_a_usual_part_that_makes_most_of_the_error_is_said_whatever_the_condition() -> None:
     usual = replace(PLAY, doubt="usual", times_usual=2.0)
-    said = "90 % of the error is play of axis 1 (Theta) (0.0521 ± 0.0011 °, 2.0 × usual)."
+    said = "90 % of the error is play of axis 1 (Theta), 0.0521 ± 0.0011 °, 2.0 × usual."
     undecided = AnswerWords(diagnosis("undecided", effects=(usual,)))
     assert undecided.headline.startswith(said)  # what is certain comes before what is not known
     assert ActWords(undecided.diagnosis).next == "Run each test 3 times."
@@ -94,7 +94,7 @@ def test_what_makes_most_and_may_be_one_of_a_few_is_said_with_all_of_them() -> N
     usual = replace(ZERO, doubt="usual")
     headline = AnswerWords(diagnosis("uncalibrated", effects=(usual,))).headline
     assert headline.startswith(
-        "90 % of the error is zero of axis 5 (beta) or length a of axis 5 (beta) in the rig file. No part was"
+        "90 % of the error is zero of axis 5 (beta) or length a of axis 5 (beta) in the rig file. No worn,"
     )
 
 
@@ -107,8 +107,8 @@ def test_an_unusual_part_that_is_no_fault_is_said_too() -> None:
 def test_what_remains_after_the_calibration_is_said_of_where_it_was_found() -> None:
     words = AnswerWords(diagnosis())
     assert words.accuracy == (
-        "The error is 6.1 µm rms, at most 21 µm. A calibration reduces the error from 6.3 µm to 1.9 µm rms on runs "
-        "that the model did not use."
+        "The error is 6.1 µm rms, at most 21 µm. A calibration reduces the error from 6.3 µm to 1.9 µm rms in "
+        "readings that were not used to fit the model."
     )
     used = replace(words.diagnosis.accuracy, place="used")
     assert "The error elsewhere is unknown" in AnswerWords(diagnosis(accuracy=used)).accuracy
@@ -124,7 +124,7 @@ def test_what_is_sure_is_counted_first_and_what_has_a_rival_is_said_of_it_alone(
     headline = AnswerWords(diagnosis("named", effects=(PLAY, PLAY, ZERO))).headline
     assert headline.startswith("2 faults were found: play of axis 1")
     assert headline.endswith(
-        "; one further cause could not be identified: zero of axis 5 (beta) or length a of axis 5 (beta) in the rig "
+        ". One further cause could not be identified: zero of axis 5 (beta) or length a of axis 5 (beta) in the rig "
         "file, 30 % of the error."
     )
     alone = AnswerWords(diagnosis("ambiguous", effects=(ZERO,))).headline
@@ -138,17 +138,17 @@ def test_a_group_above_a_third_names_its_likeliest_members_and_the_test_that_nam
     act = Act("measure", "group", (0,), cost=Cost(4.8), test=test)
     found = diagnosis("named", effects=(), budget=(part,), acts=(act,))
     assert AnswerWords(found).headline == (
-        "77 % of the error is geometry and zeros, probably from zero of axis 5 (beta) (62 %)."
+        "77 % of the error comes from geometry and zeros, most likely from zero of axis 5 (beta) (62 %)."
     )
     sure = replace(part, members=(replace(members[0], odds=0.9999, u_um=2.0), members[1]))
     assert AnswerWords(replace(found, budget=(sure,))).headline.endswith(
-        "probably from zero of axis 5 (beta) (0.1032 ± 0.0052 °, > 99.9 %)."
+        "most likely from zero of axis 5 (beta) (0.1032 ± 0.0052 °, > 99.9 %)."
     )
     none = replace(part, members=(replace(members[1], odds=0.004),))
     assert AnswerWords(replace(found, budget=(none,))).headline == "77 % of the error is geometry and zeros."
     assert ActWords(found).next == (
-        "Run roll on the circle (5 min) to identify the cause of 77 % of the error among geometry and zeros. The cause "
-        "is then 99.8 % certain."
+        "Run roll on the circle (5 min). It shows which cause within geometry and zeros produces 77 % of the error, "
+        "with a probability of 99.8 %."
     )
 
 
@@ -194,7 +194,7 @@ def test_what_imitates_something_else_is_no_cause_of_the_error() -> None:
 def test_what_speaks_against_an_act_stands_within_its_last_sentence() -> None:
     doubted = replace(REPAIR, place="used", against=(Against("not_judged_elsewhere"),))
     said = ActWords(diagnosis(acts=(doubted,))).next
-    assert said.endswith("rms on the runs used (the gain elsewhere is unknown).") and ". (" not in said
+    assert said.endswith("in the readings used to fit the model (the gain elsewhere is unknown).") and ". (" not in said
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -264,7 +264,7 @@ def test_what_another_place_judged_is_said_where_its_runs_joined() -> None:
 
 
 def test_noise_that_no_run_repeats_is_said_to_be_assumed() -> None:
-    told = "The noise is assumed: each run was driven once"
+    told = "The noise is assumed, because nothing was measured twice"
     for shows_noise in (True, False):
         screen = io.StringIO()
         Console(width=200, file=screen).print(as_screen(diagnosis("named", shows_noise=shows_noise)))

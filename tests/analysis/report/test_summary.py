@@ -72,12 +72,12 @@ def test_the_headline_is_cause_size_and_certainty() -> None:
     assert summary.headline == "Play of axis 1 (Theta), 0.0521 ± 0.0011 °, certain."
     assert (summary.error.now, summary.error.after) == ("6.3 ± 1.9", "1.9 ± 1.9")
     assert summary.error.title == "Error now → after repair and correction"
-    assert summary.error.basis == "Measured on runs that the model did not use."
+    assert summary.error.basis == "Measured with readings that were not used to fit the model."
     assert [(cause.name, cause.percent) for cause in summary.causes] == [
-        ("play of axis 1 (Theta)", "90.0 %"), ("scatter from run to run, and noise", "7.0 %"),
+        ("play of axis 1 (Theta)", "90.0 %"), ("scatter between runs and noise", "7.0 %"),
         ("geometry and zeros", "3.0 %"),
     ]  # fmt: skip
-    assert summary.next.startswith("Inspect and repair") and summary.command == ""
+    assert summary.next.startswith("Find and repair") and summary.command == ""
     several = summarise(diagnosis("named", effects=(PLAY, PLAY, PLAY)))
     assert several.headline.endswith("certain, and 2 more.")
     usual = summarise(diagnosis("nothing_unusual", effects=(replace(PLAY, doubt="usual"),)))
@@ -115,7 +115,7 @@ def test_the_headline_names_the_largest_cause_also_if_it_is_no_fault() -> None:
         ({"condition": "outside_library"}, "is unexplained"),
         ({"condition": "out_of_range"}, "out of range"),
         ({"condition": "not_testable_here"}, "cannot show"),
-        ({"condition": "named", "only_commanded": True}, "Only commanded angles"),
+        ({"condition": "named", "only_commanded": True}, "only commanded angles"),
         ({"condition": "named", "movements": (MOVED,)}, "The base moved"),
         ({"condition": "ambiguous", "acts": (REMASTER, APART)}, "Uncertain: "),
     ],
@@ -184,7 +184,7 @@ def test_the_next_step_is_an_imperative_with_its_command_apart() -> None:
         for act in acts:
             assert "rig correct" not in step_of(act, diagnosis(condition), EN)
     summary = summarise(diagnosis("uncalibrated", acts=(replace(LOAD, command=("correct", "m.yaml", "-o", "D")),)))
-    assert summary.command == "rig correct m.yaml -o D" and summary.next.startswith("Correct the robot.")
+    assert summary.command == "rig correct m.yaml -o D" and summary.next.startswith("Correct the robot:")
 
 
 def test_an_error_and_its_uncertainty_have_the_same_decimals() -> None:
@@ -205,7 +205,7 @@ def test_the_error_says_where_it_was_measured_or_that_it_is_unknown() -> None:
     driven = (Deviation(um=93.0, largest_um=200, u_um=1.0, runs=2), Deviation(um=4.0, largest_um=9, u_um=1.0, runs=2))
     assert summarise(found, driven=driven).error.words == "93.0 ± 1.0 → 4.0 ± 1.0 µm rms"
     held = replace(found, rig=found.rig.model_copy(update={"effects": (PLAY.effect,)}))
-    assert summarise(held).error.now_label == "error left by the model in the rig file"
+    assert summarise(held).error.now_label == "error with the model of the rig file"
 
 
 def test_a_summary_survives_the_file_of_a_session() -> None:

@@ -75,16 +75,16 @@ def as_table(entries: ControllerEntries, rig: Rig, entered: bool = False) -> Ren
     if bool(entries.controller.scale) and any(entry.unit == "deg" for entry in entries.entries):
         parts.append(Text(f"with --scale, six {entries.controller.scale}: in the units of {entries.controller.unit}"))
     parts += [
-        Text(f"determined only as a sum, therefore divided by typical sizes: {', '.join(group)}")
+        Text(f"only the sum of these is known, so it was divided by typical sizes: {', '.join(group)}")
         for group in entries.twins
     ]
     kept = [each for each in entries.not_entered if each.worth_um >= _REPORTED_UM]
-    stays = "µm rms: neither a constant nor a target can correct this"
+    stays = "µm rms; neither a constant nor a target can correct it"
     parts += [Text(f"not entered: {plain(rig, each.effect)}, {each.worth_um:.0f} {stays}") for each in kept]
     before, after = entries.elsewhere_um
     if entries.entries:
         parts.append(Text(carried(entries), style="bold"))
-        elsewhere = f"outside the work area, at other joint angles covered by the model: {before:.0f} µm before, "
+        elsewhere = f"outside the work area, at other measured joint angles: {before:.0f} µm before, "
         elsewhere += f"{after:.0f} µm after"
         worse = ": larger, so enter the values for this work area only" if after > before else ""
         parts.append(Text(elsewhere + worse, style="yellow" if worse else ""))
@@ -94,18 +94,18 @@ def as_table(entries: ControllerEntries, rig: Rig, entered: bool = False) -> Ren
 def carried(entries: ControllerEntries) -> str:
     """Return a sentence comparing the error removed by the entries with the error removed by corrected targets."""
     return (
-        f"entries correct {entries.carried_um:.0f} of {entries.before_um:.0f} µm over the work area (rms, "
-        f"in a frame taught with the robot); corrected targets correct {entries.carried_by_targets_um:.0f}"
+        f"the entries correct {entries.carried_um:.0f} of {entries.before_um:.0f} µm rms over the work area "
+        f"(in a frame taught with the robot); corrected targets correct {entries.carried_by_targets_um:.0f} µm"
     )
 
 
 def _entries(entries: ControllerEntries, entered: bool) -> Table:
-    state = "entered already" if entered else "to be entered together, only once,"
+    state = "already entered" if entered else "to be entered together, and only once,"
     where = f"{state} at the controller ({entries.controller.maker})"
-    title = f"{where}; worth and leaves: rms of the tool over the tests"
+    title = f"{where}; gain and remaining: error of the tool over the tests, rms"
     lengths = any(entry.now is not None for entry in entries.entries)
     numbers = (*["now"] * lengths, "value", "± u")
-    sizes = map(right, ("reading", "worth", "leaves"))
+    sizes = map(right, ("reading", "gain", "remaining"))
     columns: tuple[str | Column, ...] = ("add to", *map(right, numbers), "unit", *sizes)
     table = Table(*columns, title=title, title_style="bold", title_justify="left", header_style="bold")
     for entry in entries.entries:

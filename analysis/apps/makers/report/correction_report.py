@@ -51,7 +51,7 @@ _ONE = "Use only one: zeros and constants, or the parameters of the controller, 
 
 def as_table(corrections: Corrections) -> RenderableType:
     """Return the report for the screen: a sentence of advice, the effects, the values to change, and the benefit."""
-    columns = ("effect", right("value"), "corrected as", Column("why", ratio=1))
+    columns = ("error", right("value"), "corrected by", Column("reason", ratio=1))
     effects = Table(*columns, title="value ± standard uncertainty", title_style="dim", header_style="bold")
     for support in (*corrections.effects, *corrections.calibrated):
         field = size_field(support.effect)
@@ -61,12 +61,14 @@ def as_table(corrections: Corrections) -> RenderableType:
         effects.add_row(plain(corrections.rig, support.effect), value, use, support.reason)
     parts: list[RenderableType] = [Text(_first(corrections), style="bold")]
     if calibrated := corrections.rig.calibrated:
-        of_runs = f"the diagnosis states that of its runs, {calibrated.before_um:.0f} µm rms, which cover a part of it"
-        parts.append(Text(f"The error over the work area refers to the whole area; {of_runs}."))
+        of_runs = (
+            f"The diagnosis states {calibrated.before_um:.0f} µm rms, because its runs cover only a part of this area."
+        )
+        parts.append(Text(of_runs))
     if effects.row_count:
         parts += [Text(), fold_long_words(effects)]
     if why := why_nothing(corrections.rig):
-        parts.insert(0, Text(f"This contradicts the verdict: {why}.", style="bold red"))
+        parts.insert(0, Text(f"The diagnosis advises against this: {why}.", style="bold red"))
     # The entries of a controller already cover the complete model. Listing these values too would correct twice.
     if not corrections.at_controller:
         instead = [
@@ -79,7 +81,7 @@ def as_table(corrections: Corrections) -> RenderableType:
             f"(± {constant.u:.2g})"
             for constant in corrections.constants
         ]
-        parts += [Text(f"to enter instead: {line}") for line in instead]
+        parts += [Text(f"alternatively, {line}") for line in instead]
     parts += [Text(line) for line in _path_lines(corrections)]
     if corrections.at_controller:
         parts += [Text(), controller_report.as_table(corrections.at_controller, corrections.rig, corrections.entered)]
@@ -90,17 +92,18 @@ def as_table(corrections: Corrections) -> RenderableType:
 def _first(corrections: Corrections) -> str:
     work, of_work = corrections.work, texts_of("en").not_known(corrections.work.unknown)
     if all(support.use == "none" for support in corrections.effects) and work.model_um < GAIN_UM:
-        head = f"The tool error of {work.before_um:.0f} µm over the work area cannot be corrected"
-        return f"{head}; the table gives why.{of_work}"
+        head = f"None of the tool error over the work area ({work.before_um:.0f} µm rms) can be corrected"
+        reason = "; the table gives the reasons" if corrections.effects else ""
+        return f"{head}{reason}.{of_work}"
     if corrections.at_controller:
         first = controller_report.first_sentence(corrections.at_controller, entered=corrections.entered)
         return first + _never_both(corrections) + of_work
     if corrections.programs and all(program.held for program in corrections.programs) and not corrections.path:
-        return "No program is written: some places are uncorrected, and --all-or-nothing writes only complete programs."
+        return "No program was written: some targets were not corrected (--all-or-nothing requires all of them)."
     errors, options = corrections.errors, "--program FILE, or " * corrections.rig.takes_programs + "--path TARGETS.csv"
-    send = "Send the controller to the corrected targets of"
+    send = "Move the robot to the corrected targets of"
     sentences = [_falls(f"{send} {path.name}", error, of_work=False) for path, error in errors.items() if error]
-    sentences = sentences or [_falls(f"Send the controller to corrected targets ({options})", work, of_work=True)]
+    sentences = sentences or [_falls(f"Move the robot to corrected targets ({options})", work, of_work=True)]
     gains = any(error.gains for error in errors.values() if error) if errors else work.gains
     return " ".join(sentences) + (_never_both(corrections) if gains else "")
 
@@ -114,8 +117,10 @@ def _falls(how: str, error: WorkError, *, of_work: bool) -> str:
     where, unknown = "over the work", texts_of("en").not_known(error.unknown)
     if not of_work:
         where, share = "at these targets", max(100 * error.unknown, 1)
-        guess = f" The uncertainty of the other {share:.0f} % of these targets is unknown: a guess of the model "
-        guess += "corrects them, and the error may become larger. Measure there first, or keep them unchanged."
+        guess = (
+            f" The other {share:.0f} % of these targets lie outside the measured area, so their correction is a guess "
+        )
+        guess += "and may increase the error. Measure there first, or keep them unchanged."
         unknown = guess if error.unknown else ""
     falls = f"{how}: the tool error {where} falls from"
     if error.before_um - error.after_um >= GAIN_UM:
@@ -129,10 +134,10 @@ def _falls(how: str, error: WorkError, *, of_work: bool) -> str:
             f"in a frame taught with the robot the error remains {before} µm.{unknown}"
         )
     return (
-        f"Do not change the targets: the correctable effects move the tool by {error.model_um:.0f} µm rms {where} "
-        f"(standard uncertainty {error.u_um:.0f} µm), with frame and tool taught with the robot. The error would go "
-        f"from {before} to {after} µm. More runs, at a different place or of a different test, would reduce the "
-        f"uncertainty.{unknown}"
+        f"Do not change the targets: a correction would move the tool by only {error.model_um:.0f} ± {error.u_um:.0f} "
+        f"µm rms {where}, with frame and tool taught with the robot. The error would change from {before} to {after} "
+        "µm. "
+        f"More runs, at a different place or of a different test, would reduce the uncertainty.{unknown}"
     )
 
 
@@ -175,10 +180,10 @@ def _path_lines(corrections: Corrections) -> list[str]:
         each = [(words[name], mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
         if each:
             parts = ", ".join(f"{name} {_small(mm)}" for name, mm in each)
-            lines.append(f"not corrected, rms of both sides, cold and warm, at the worst target: {parts}")
+            lines.append(f"not corrected (rms at the worst target, from both sides, cold and warm): {parts}")
         lines += targets.doubts
         if targets.left:
-            lines.append(f"{_count(len(targets.left))} not corrected and left unchanged (no in the column corrected)")
+            lines.append(f"{_count(len(targets.left))} left unchanged (marked no in the column corrected)")
     return lines
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -28,11 +27,21 @@ from analysis.procedures.shared.quantity import quantity_of
 from analysis.report.plain_console import fold_long_words, right
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import name_of
+from rigs.schema.effect_names import kind_in_words, name_in_words, names_in_words
 from rigs.schema.vocabulary import CIRCLES, TestName
+from rigs.text import counted
 
 _TITLE: dict[str, Any] = {"title_style": "bold", "title_justify": "left"}
 _MOST = 3
 """Number of further tests listed for a pair."""
+_NOISE = {
+    "gauges, white": "gauges",
+    "along a lap, slow": "slow drift along a lap",
+    "the ball, from run to run": "position of the ball between runs",
+    "a target, from stop to stop": "a target, between stops",
+    "a touch, each coordinate": "each coordinate of a touch",
+}
+"""Words on the screen for the parts of the noise, whose names are keys of the JSON."""
 _MOST_PAIRS = 6
 """Number of pairs listed for a group of effects that are hard to distinguish, hardest first."""
 
@@ -41,25 +50,32 @@ def as_table(plan: CapabilityOfTests) -> RenderableType:
     """Return detectable, indistinguishable and undetectable effects, and the most useful further test."""
     tests = ", ".join(plan.tests)
     ways = ", circles in both directions" if set(CIRCLES) & set(plan.tests) else ""
-    head = Text(f"{tests}: {plan.runs} run{'s' * (plan.runs > 1)} each{ways}", style="bold")
+    head = Text(f"{tests}: {counted(plan.runs, 'run')} of each test{ways}", style="bold")
     unseen = len(plan.undetectable)
     small = sum(all(map(_small, forms)) for forms in plan.names.values())
-    words = f"{len(plan.names)} names: {small} are detected as soon as they are faults (gears at every order), "
-    words += f"{len(plan.names) - small - unseen} at more, {unseen} at none; {len(plan.pairs)} pairs look alike\n"
-    columns = ("effect", "unit", right("healthy"), right("shows from"))
-    table = Table(*columns, title=_title("the rest"), header_style="bold", **_TITLE)
+    larger = len(plan.names) - small - unseen
+    words = (
+        f"Of {len(plan.names)} possible errors, these tests detect {small} as soon as they are faults, {larger} only "
+    )
+    words += (
+        f"if they are larger, and {unseen} at no size. {counted(len(plan.pairs), 'pair looks', 'pairs look')} alike.\n"
+    )
+    columns = ("error", "unit", right("usual"), right("detected from"))
+    table = Table(*columns, title=_title("Base, ball, gauges and clocks"), header_style="bold", **_TITLE)
     for kind, seats in _by_seat(plan, joints=False).items():
         for seat, sights in seats.items():
             effect = sights[0].effect
-            table.add_row(f"{kind} {seat}".rstrip(), _unit(effect), f"{healthy_size(effect):g}", _limit(sights))
-    advice = [Text(f"not possible here: {test}: {reason}", style="dim") for test, reason in plan.impossible]
+            table.add_row(
+                name_in_words(f"{kind} {seat}".rstrip()), _unit(effect), f"{healthy_size(effect):g}", _limit(sights)
+            )
+    advice = [Text(f"Not possible here: {test}: {reason}", style="dim") for test, reason in plan.impossible]
     best = next((gain for gain in plan.gains if gain.parts + gain.shows), None)
     if best is None:
-        none = "no further test would add information" if plan.gains else "the rig file has no further test"
+        none = "No further test would add information." if plan.gains else "The rig file declares no further test."
         advice.append(Text(none))
     else:
-        text = f"most useful further test: {best.test}: distinguishes {best.parts} of {len(plan.pairs)} pairs"
-        text += f", detects {best.shows} of {len(plan.undetectable)} hidden names; {best.why}"
+        text = f"Most useful further test: {best.test} ({best.why}). It separates {best.parts} of the "
+        text += f"{len(plan.pairs)} pairs and detects {best.shows} of the {len(plan.undetectable)} hidden errors."
         advice.append(Text(text, style="bold"))
     assumed = (Text(noise_in_words(plan.tests)), Text(arm_in_words(plan.level)))
     tables = (_axes(plan), Text(), fold_long_words(table), _alike(plan), _hidden(plan))
@@ -68,18 +84,18 @@ def as_table(plan: CapabilityOfTests) -> RenderableType:
 
 def noise_in_words(tests: Sequence[TestName]) -> str:
     """Return the assumed noise for a plan of these tests."""
-    um = ", ".join(f"{name} {um:.1f} µm" for name, um in assumed_um(tests).items())
-    return f"noise assumed, rms of one run: {um}, each joint, from run to run {ASSUMED_JOINT_DEG:.4f}°"
+    um = [f"{_NOISE.get(name, name)} {um:.1f} µm" for name, um in assumed_um(tests).items()]
+    return f"Assumed noise of one run (rms): {'; '.join(um)}; each joint, between runs {ASSUMED_JOINT_DEG:.4f}°"
 
 
 def arm_in_words(level: float) -> str:
     """Return the assumed level of all other errors of the arm, among which an effect has to be detected."""
     if level == 1:
         return (
-            "arm assumed: all other errors have their usual size; --level is for an arm with a level found by a "
-            "diagnosis, or for an emulated arm, with only hidden effects"
+            "Assumed arm: all its other errors have their usual size. Use --level for the level that a diagnosis "
+            "found, or for an emulated arm."
         )
-    return f"arm assumed: all other errors have {level:g} times their usual size"
+    return f"Assumed arm: all its other errors have {level:g} times their usual size."
 
 
 def _small(sight: Detectability) -> bool:
@@ -93,15 +109,15 @@ def _axes(plan: CapabilityOfTests) -> Table:
     most = max([6, *(int(axis) for by_axis in kinds.values() for axis in by_axis)])
     axes = range(1, most + 1)
     table = Table(
-        "effect", right("healthy"), *(right(f"axis {axis}") for axis in axes),
-        title=_title("joints and links"), header_style="bold", box=box.SIMPLE_HEAD, padding=0, show_edge=False,
+        "error", right("usual"), *(right(f"axis {axis}") for axis in axes),
+        title=_title("Joints and links"), header_style="bold", box=box.SIMPLE_HEAD, padding=0, show_edge=False,
         **_TITLE,
     )  # fmt: skip
     for kind, by_axis in kinds.items():
         first = next(iter(by_axis.values()))[0]
         cells = [_limit(by_axis.get(str(axis), ()), "\n") for axis in axes]
-        below = "\n  its worst order" if any("\n" in cell.plain for cell in cells) else ""
-        table.add_row(f"{kind} {_unit(first.effect)}{below}", f"{healthy_size(first.effect):g}", *cells)
+        below = "\n  worst waves per turn" if any("\n" in cell.plain for cell in cells) else ""
+        table.add_row(f"{kind_in_words(kind)} {_unit(first.effect)}{below}", f"{healthy_size(first.effect):g}", *cells)
     return fold_long_words(table)
 
 
@@ -110,7 +126,7 @@ def _unit(effect: Effect) -> str:
 
 
 def _title(of: str) -> str:
-    return f"{of}: smallest size that shows at {DETECTABLE:g} σ"
+    return f"{of}: smallest size that is detected ({DETECTABLE:g} σ)"
 
 
 def _by_seat(plan: CapabilityOfTests, *, joints: bool) -> dict[str, dict[str, list[Detectability]]]:
@@ -137,27 +153,32 @@ def _limit(sights: Sequence[Detectability], between: str = " … ") -> Text:
 
 def _alike(plan: CapabilityOfTests) -> RenderableType:
     if not plan.pairs:
-        return Text("all detectable effects can be distinguished", style="green")
-    title = f"cannot be distinguished ({ODDS:g} to 1, at the size at which they show as faults)"
-    table = Table("names", right("distance"), Column("separated by", ratio=1), title=title, **_TITLE)
+        return Text("All detectable errors can be separated.", style="green")
+    title = f"Look alike (odds below {ODDS:g} to 1 at the size of a fault)"
+    table = Table("errors", right("distance"), Column("separated by", ratio=1), title=title, **_TITLE)
     symbols = {sight.name: sight.effect.symbol for sight in plan.detectabilities if sight.effect.symbol}
     for group in plan.groups:
         pairs = [pair for pair in plan.pairs if _kind(pair.names[0]) in group]
         for pair in pairs[:_MOST_PAIRS]:
-            names = "\n".join((f"{name} ({symbols[name]})" if name in symbols else name) for name in pair.names)
+            words = ((name_in_words(name), symbols.get(name)) for name in pair.names)
+            names = "\n".join(f"{name} ({symbol})" if symbol else name for name, symbol in words)
             names += f"\n(and {pair.others} more)" if pair.others else ""
             helps = [parting for parting in pair.further if is_separable(parting.sigma)]
             if helps:
                 parted = Text("\n".join(f"{parting.test}: {parting.sigma:.0f} σ" for parting in helps[:_MOST]))
             elif pair.further and pair.further[0].sigma > 0.05:
-                parted = Text(f"none; best {pair.further[0].test}: {pair.further[0].sigma:.1f} σ", style="yellow")
+                parted = Text(
+                    f"no test; the best is {pair.further[0].test}: {pair.further[0].sigma:.1f} σ", style="yellow"
+                )
             else:
-                none = "none of the further tests" if pair.further else "the rig file has no further test"
+                none = "none of the further tests" if pair.further else "the rig file declares no further test"
                 parted = Text(none, style="yellow")
             table.add_row(names, f"{pair.sigma:.1f} σ", parted)
         if len(pairs) > _MOST_PAIRS:
-            kinds = ", ".join(group)
-            table.add_row("", "", Text(f"{len(pairs) - _MOST_PAIRS} more pairs, with --json, of {kinds}", style="dim"))
+            kinds = names_in_words(group)
+            table.add_row(
+                "", "", Text(f"{len(pairs) - _MOST_PAIRS} more pairs (all with --json): {kinds}", style="dim")
+            )
         table.add_section()
     return fold_long_words(table)
 
@@ -169,22 +190,22 @@ def _kind(name: str) -> str:
 
 def _hidden(plan: CapabilityOfTests) -> RenderableType:
     if not plan.hidden:
-        return Text("every effect is detected", style="green")
-    columns = ("names", Column("why", ratio=1), Column("shown by", ratio=1))
-    table = Table(*columns, title=f"not seen at {LARGEST_FAULT:g} healthy sizes", **_TITLE)
+        return Text("Every error can be detected.", style="green")
+    columns = (Column("errors", ratio=1), Column("reason", ratio=1), Column("detected by", ratio=1))
+    title = f"Not detected, even at {LARGEST_FAULT:g} times the usual size"
+    table = Table(*columns, title=title, **_TITLE)
     together: dict[tuple[str, str], list[Detectability]] = {}
     for sight in plan.hidden:
         helps = [parting.test for parting in sight.further if parting.sigma and is_detectable(1 / parting.sigma)]
         together.setdefault((sight.hidden, helps[0] if helps else ""), []).append(sight)
     for (why, test), sights in together.items():
-        orders = Counter(_kind(sight.name) for sight in sights)
-        names = [name if count == 1 else f"{name}, {count} forms" for name, count in orders.items()]
-        text = "no test here"
+        names = names_in_words(dict.fromkeys(_kind(sight.name) for sight in sights))
+        text = "no further test"
         if test:
             sigmas = [sight.further[0].sigma for sight in sights]
             ends = dict.fromkeys((f"{min(sigmas):.2g}", f"{max(sigmas):.2g}"))  # a single value if both are equal
-            text = f"{test}, {' … '.join(ends)} σ at a healthy size"
-        table.add_row("\n".join(names), why, text)
+            text = f"{test} ({' … '.join(ends)} σ at the usual size)"
+        table.add_row(names.replace("; ", "\n"), why, text)
     return fold_long_words(table)
 
 

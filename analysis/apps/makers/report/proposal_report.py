@@ -16,6 +16,7 @@ from analysis.report.plain_console import fold_long_words, right
 from analysis.runs.written_files import refuse_existing
 from rigs.edit import Keys, Value, with_values
 from rigs.rig import Rig
+from rigs.schema.effect_names import name_in_words, names_in_words
 from rigs.schema.vocabulary import CIRCLES
 
 _MOST_REASONS = 3
@@ -27,31 +28,33 @@ _MOST_DIGITS = 2
 
 def as_table(proposal: CircleProposal) -> RenderableType:
     """Return the proposed circles, their benefit, and the effects that stay untestable."""
-    head = f"beside {', '.join(proposal.tests)}, {proposal.runs} runs each: circles within {proposal.minutes:g} min"
+    head = (
+        f"Circles within {proposal.minutes:g} min, in addition to {proposal.runs} runs of {', '.join(proposal.tests)}"
+    )
     parts: list[RenderableType] = [Text(head, style="bold"), Text(noise_in_words(CIRCLES))]
     reasons = ", ".join(f"{count} {reason}" for reason, count in list(proposal.refused.items())[:_MOST_REASONS])
     tried = proposal.feasible + sum(proposal.refused.values())
     parts.append(Text(f"{proposal.feasible} of {tried} circles can be driven" + (f" ({reasons})" if reasons else "")))
     if proposal.circles:
-        title = f"{proposal.used_min:.0f} min in all, with {SET_UP_MIN:g} min to set up each"
-        columns = ("circle", right("min"), Column("makes testable", ratio=1), Column("separates", ratio=1))
+        title = f"{proposal.used_min:.0f} min in total, including {SET_UP_MIN:g} min to set up each circle"
+        columns = ("circle", right("min"), Column("also detects", ratio=1), Column("separates", ratio=1))
         table = Table(*columns, title=title, title_style="dim")
         for number, circle in enumerate(proposal.circles, start=1):
-            pairs = ", ".join(" and ".join(pair) for pair in _separated(proposal, circle))
-            names = ", ".join(_testable(proposal, circle))
+            pairs = "; ".join(" and ".join(map(name_in_words, pair)) for pair in _separated(proposal, circle))
+            names = names_in_words(_testable(proposal, circle))
             table.add_row(
                 f"{number}. {circle.candidate.words}", f"{circle.candidate.minutes:.0f}", names or "–", pairs or "–"
             )
         parts.append(fold_long_words(table))
     else:
-        parts.append(Text("within this time, further circles do not make more effects detectable", style="yellow"))
-    judgements = {"before": proposal.before} | ({"with them": proposal.after} if proposal.circles else {})
+        parts.append(Text("Within this time, no further circle makes more errors detectable.", style="yellow"))
+    judgements = {"before": proposal.before} | ({"with these circles": proposal.after} if proposal.circles else {})
     for when, judgement in judgements.items():
         count, hidden = len(judgement.names), len(judgement.undetectable)
         alike = "1 pair looks" if len(judgement.pairs) == 1 else f"{len(judgement.pairs) or 'no'} pairs look"
-        parts.append(Text(f"{when}: {count - hidden} of {count} names are testable, {alike} alike"))
+        parts.append(Text(f"{when}: {count - hidden} of {count} errors are detectable, {alike} alike"))
     if proposal.after.undetectable:
-        parts.append(Text(f"still not testable: {', '.join(proposal.after.undetectable)}", style="yellow"))
+        parts.append(Text(f"still not detectable: {names_in_words(proposal.after.undetectable)}", style="yellow"))
     return Group(*parts)
 
 

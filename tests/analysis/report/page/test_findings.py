@@ -21,7 +21,7 @@ def test_a_finding_says_what_where_and_how_much() -> None:
     (one,) = findings_of(diagnosis("named"), ENGLISH)
     assert one.what == "Axis 1 (Theta) has play of 0.0521 ± 0.0011 °."
     assert "at 237° of the circle" in one.where
-    assert one.share == "It moves the readings by 5.8 µm (rms), 90 % of the error."
+    assert one.share == "It accounts for 5.8 µm rms, 90 % of the error."
     assert one.others == ()
 
 
@@ -56,7 +56,7 @@ def test_an_effect_without_a_sentence_is_said_by_its_noun_and_its_number() -> No
 def test_nothing_unknown_is_shown_as_a_number() -> None:
     assert micrometres(math.nan) == "–"
     assert (micrometres(9.96), micrometres(9.94)) == ("10 µm", "9.9 µm")
-    assert "Next test: circle of radius 140 mm" in diagnosis_words(diagnosis("ambiguous"))
+    assert "Most useful next test: circle of radius 140 mm" in diagnosis_words(diagnosis("ambiguous"))
 
 
 def _percents(table: list[BudgetRow]) -> list[float]:
@@ -80,7 +80,7 @@ def test_small_parts_share_a_line_and_what_is_unusual_never_does() -> None:
     )
     table = budget_rows(diagnosis(budget=parts), texts_of("en"))
     assert [row.part for row in table] == [
-        "scatter from run to run, and noise", "deflection under load", "2 smaller parts together"
+        "scatter between runs and noise", "deflection under load", "2 smaller parts"
     ]  # fmt: skip
     assert (table[1].rank, table[1].rank_words, table[1].times) == ("unusual", "unusual", "12.0 × usual")
 

@@ -1,0 +1,30 @@
+"""Names of effects in words: every kind of the vocabulary has a name without identifiers, and kinds are listed once."""
+
+import pytest
+
+from rigs.effects import VOCABULARY
+from rigs.schema.effect_names import kind_in_words, name_in_words, names_in_words
+
+_FIELDS = {"link_geometry": (" a", " alpha", " beta", " d")}
+
+
+@pytest.mark.parametrize("kind", VOCABULARY)
+def test_every_kind_has_words(kind: str) -> None:
+    for field in _FIELDS.get(kind, ("",)):
+        assert "_" not in kind_in_words(f"{kind}{field}")
+
+
+def test_a_kind_is_listed_once_with_all_its_seats() -> None:
+    names = ["link_bending 4", "backlash 1", "link_bending 1", "link_geometry 1.alpha", "link_geometry 6.d"]
+    assert names_in_words(names) == (
+        "bending of links 1 and 4; play of axis 1; twist alpha of axis 1; offset d of axis 6"
+    )
+    assert names_in_words(["base_yields xy", "base_yields x", "wrist_coupling 4>6", "time_lag"]) == (
+        "tilt of the base under load (about x, between x and y); coupling between wrist axes (4 to 6); "
+        "delay of the gauges"
+    )
+
+
+def test_a_label_keeps_the_order_of_a_gear_and_an_unknown_kind_its_name() -> None:
+    assert name_in_words("transmission_error 5 order 2") == "gear error of axis 5, 2 waves per turn"
+    assert name_in_words("stranger 3") == "stranger 3"
