@@ -141,7 +141,7 @@ def test_a_movement_comes_first_in_badge_headline_and_next_step() -> None:
 def test_with_commanded_angles_alone_a_large_cause_is_not_confirmed() -> None:
     found = diagnosis("undecided", only_commanded=True, effects=(replace(PLAY, doubt="commanded"),))
     summary = summarise(found)
-    assert "certain" not in summary.headline and summary.headline.startswith("Only commanded angles are known")
+    assert "certain" not in summary.headline and summary.headline.startswith(EN("finding_only_commanded"))
     assert summary.causes[0].name.endswith("(not confirmed)")
 
 
