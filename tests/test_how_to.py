@@ -94,7 +94,7 @@ def test_the_stream_of_the_page_passes_the_checks_and_its_tests(grown: tuple[Pag
 
 
 MOST_CHANGED = 3
-"""Files outside of the new ones that a page asks a person to edit: registration, contract tests, and the user's page."""
+"""Files that a page asks a person to edit besides the new ones: registration, contract tests, and the user's page."""
 
 
 @pytest.mark.parametrize("page", sorted(path.name for path in HOW_TO.glob("add-*.md")))
