@@ -91,3 +91,14 @@ def test_the_stream_of_the_page_passes_the_checks_and_its_tests(grown: tuple[Pag
     checked(tree, files)
     said = output(tree, sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files[-1:])
     assert "4 passed" in said
+
+
+MOST_CHANGED = 3
+"""Files that a page asks a person to edit besides the new ones: registration, contract tests, and the user's page."""
+
+
+@pytest.mark.parametrize("page", sorted(path.name for path in HOW_TO.glob("add-*.md")))
+def test_a_page_changes_few_files(page: str) -> None:
+    text = (HOW_TO / page).read_text(encoding="utf-8").partition("\n## A figure of a test with stops")[0]
+    changed = set(re.findall(r"^\+\+\+ (\S+)$", text, re.M))
+    assert 1 <= len(changed) <= MOST_CHANGED, changed

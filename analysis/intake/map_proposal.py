@@ -8,7 +8,7 @@ next. All other cases become a question.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
@@ -405,22 +405,27 @@ def _readings(
 ) -> list[tuple[TableReading, PlaceColumns]]:
     """Return all interpretations of joints and place, best first. stated: trust the units stated in the file."""
     candidates = []
+    for pose, angles, lengths, words in _in_each_unit(joints, seen, stated=stated):
+        of_residual = None
+        if residual:
+            (unit, *_) = _units(residual.unit if stated else "", (lengths.unit,))
+            of_residual = Residual(columns=residual.columns, unit=unit, meaning="target - measured")
+        candidates.append((judge.reading(judge.map_of(angles, lengths, of_residual), words), pose))
+    return _judged(judge, candidates)
+
+
+def _in_each_unit(
+    joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns], units: Sequence[str] = _LENGTHS, *, stated: bool = True
+) -> Iterator[tuple[PlaceColumns, Angles, Lengths, str]]:
+    """Yield all joints and places in all possible units, described as text. stated: trust the units of the file."""
     for group, pose in product(joints, seen):
         if set(group.columns) & set(pose.place.columns):
             continue
         angles = _units(group.unit if stated else "", _ANGLES)
-        for angle, length in product(angles, _units(pose.place.unit if stated else "", _LENGTHS)):
-            beside_residual = None
-            if residual:
-                (unit, *_) = _units(residual.unit if stated else "", (length,))
-                beside_residual = Residual(columns=residual.columns, unit=unit, meaning="target - measured")
-            columns = pose.place.columns
-            table_map = judge.map_of(
-                Angles(columns=group.columns, unit=angle), Lengths(columns=columns, unit=length), beside_residual
-            )
-            words = f"joints {_short(group.columns)} in {angle}, place {_short(columns)} in {length}"
-            candidates.append((judge.reading(table_map, words), pose))
-    return _judged(judge, candidates)
+        for angle, length in product(angles, _units(pose.place.unit if stated else "", tuple(units))):
+            words = f"joints {_short(group.columns)} in {angle}, place {_short(pose.place.columns)} in {length}"
+            place = Lengths(columns=pose.place.columns, unit=length)
+            yield pose, Angles(columns=group.columns, unit=angle), place, words
 
 
 def _judged(
@@ -437,19 +442,11 @@ def _from_tool(
 ) -> list[tuple[TableReading, PlaceColumns]]:
     """Return interpretations for an instrument on the tool that observes the cell: camera and hand-eye pairs."""
     candidates = []
-    for group, pose in product(joints, seen):
-        for angle, length in product(_units(group.unit, _ANGLES), _units(pose.place.unit, ("mm", "m"))):
-            for turn in _turns(pose):
-                columns = pose.place.columns
-                table_map = judge.map_of(
-                    Angles(columns=group.columns, unit=angle),
-                    Lengths(columns=columns, unit=length),
-                    turn=turn,
-                    sees="from the tool",
-                )
-                words = f"joints {_short(group.columns)} in {angle}, place {_short(columns)} in {length}"
-                words = f"seen from the tool: {words}, turn as {_turn_words(turn)}"
-                candidates.append((judge.reading(table_map, words), pose))
+    for pose, angles, lengths, words in _in_each_unit(joints, seen, ("mm", "m")):
+        for turn in _turns(pose):
+            table_map = judge.map_of(angles, lengths, turn=turn, sees="from the tool")
+            with_turn = f"seen from the tool: {words}, turn as {_turn_words(turn)}"
+            candidates.append((judge.reading(table_map, with_turn), pose))
     return _judged(judge, candidates)
 
 
@@ -466,13 +463,9 @@ def _otherwise(
     if only a change of the rig file would fit.
     """
     ways = []
-    for group, pose in product(joints, seen):
-        for angle, length in product(_units(group.unit, _ANGLES), _units(pose.place.unit, _LENGTHS)):
-            base = judge.map_of(
-                Angles(columns=group.columns, unit=angle), Lengths(columns=pose.place.columns, unit=length)
-            )
-            named = f"joints {_short(group.columns)} in {angle}, place {_short(pose.place.columns)} in {length}"
-            ways += [(way, base, named, pose) for way in meant(judge.raw, judge.bare, base)]
+    for pose, angles, lengths, named in _in_each_unit(joints, seen):
+        base = judge.map_of(angles, lengths)
+        ways += [(way, base, named, pose) for way in meant(judge.raw, judge.bare, base)]
     ways.sort(key=lambda way: way[0].share)
     # A zero wrong by 180° is equivalent to a reversed next axis; a map can state the latter.
     if any(way[0].share < AS_WELL * ways[0][0].share and not way[0].remedy for way in ways):

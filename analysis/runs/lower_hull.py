@@ -7,6 +7,8 @@ distance (for the straight line: Olson, A Passive Solution to the Sensor Synchro
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from analysis.robot.kinematics.arm import Array, Integers
@@ -21,13 +23,14 @@ def highest_under(pull: Array, right: Integers, share: Array, corners: Array) ->
     pull (k,): at least 0. right, share, corners (m,): a corner lies between knots right - 1 and right, at the relative
     position share, and has the ordinate corners, in the unit of the heights.
     """
-    from scipy.optimize import linprog  # noqa: PLC0415 - slow to import, needed for long runs only
-    from scipy.sparse import csr_array  # noqa: PLC0415 - as above
+    from scipy import optimize, sparse  # noqa: PLC0415 - slow to import, needed for long runs only
 
     size, rows = float(np.abs(corners).max()) or 1.0, np.arange(len(corners))
     places = np.concatenate([rows, rows]), np.concatenate([right - 1, right])
-    at_corners = csr_array((np.concatenate([1 - share, share]), places), shape=(len(corners), len(pull)))
-    best = linprog(  # type: ignore[call-overload]  # the stubs know dense matrices only
+    at_corners: Any = sparse.csr_array(  # the stubs know dense matrices only
+        (np.concatenate([1 - share, share]), places), shape=(len(corners), len(pull))
+    )
+    best = optimize.linprog(
         -pull / pull.sum(),
         at_corners,
         corners / size,

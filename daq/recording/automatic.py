@@ -34,7 +34,7 @@ from daq.recording.machine import RecordingRequest
 from daq.recording.recorder import Recorder
 from daq.store.ledger import Ending
 from rigs.errors import RigError
-from rigs.schema.declared_tests import NEAR_DEG, STILL_DEG, STOOD_S, Automatic, Rule, When
+from rigs.schema.declared_tests import NEAR_DEG, STILL_DEG, STOOD_S, Automatic, Rule, When, largest_difference_deg
 
 _S = 1_000_000_000
 _SETTLED_NS = _S // 10
@@ -145,7 +145,7 @@ class _Standstill:
         self._at: Sequence[float] = (math.inf,) * AXES
 
     def feed(self, joints: Sequence[float], at_ns: int) -> None:
-        if _largest_difference_deg(joints, self._at) > STILL_DEG:
+        if largest_difference_deg(joints, self._at) > STILL_DEG:
             self._at, self.since_ns = joints, at_ns
 
 
@@ -181,7 +181,7 @@ class _Departure:
 
     def feed(self, joints: Sequence[float], stands_since_ns: int, at_ns: int) -> int | None:
         """Return the time of departure once the robot is halfway to the next posture, otherwise None."""
-        if _largest_difference_deg(joints, self._from) <= NEAR_DEG:
+        if largest_difference_deg(joints, self._from) <= NEAR_DEG:
             if at_ns - stands_since_ns >= _STOOD_NS:
                 self._left_ns = at_ns
             return None
@@ -190,10 +190,6 @@ class _Departure:
         if arrives or math.dist(joints, self._from) > 2 * self._way:
             self._left_ns = None
         return left_ns if arrives else None
-
-
-def _largest_difference_deg(a_deg: Sequence[float], b_deg: Sequence[float]) -> float:
-    return max(abs(a - b) for a, b in zip(a_deg, b_deg, strict=True))
 
 
 log = logging.getLogger("rigd")

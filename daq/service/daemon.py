@@ -39,7 +39,7 @@ from daq.service.control import ControlServer
 from daq.service.maintenance import Maintenance, RunRetention
 from daq.service.metrics import metrics_text
 from daq.service.trust import InstanceLock
-from daq.store import RunWriter
+from daq.store import RunWriter, new_manifest
 from daq.store.ledger import Ending
 from daq.store.startup_recovery import StartupRecovery
 from daq.wire.links import Link, open_link
@@ -254,17 +254,19 @@ class Daemon:
     def _create(self, label: RunLabel, follows: str) -> RunWriter:
         return RunWriter.create(
             self._runs,
-            name=label.name,
-            test=label.test,
-            direction=label.direction,
-            rig_name=self._rig.name,
-            rig_text=self._rig_text,
-            operator=label.operator,
-            placement=label.placement,
-            corrected=label.corrected,
-            view_zero_mm=label.view_zero_mm,
-            streams={stream.name: stream.columns for stream in self._streams},
-            follows=follows,
+            new_manifest(
+                name=label.name,
+                test=label.test,
+                direction=label.direction,
+                rig_name=self._rig.name,
+                rig_text=self._rig_text,
+                operator=label.operator,
+                placement=label.placement,
+                corrected=label.corrected,
+                view_zero_mm=label.view_zero_mm,
+                streams={stream.name: stream.columns for stream in self._streams},
+                follows=follows,
+            ),
             companions=self._rig.companion_files,
         )
 

@@ -10,7 +10,7 @@ chunk, `table-0001.parquet`. `marks.json` records exports and protection from de
 
 from daq.store.imported import table_run, write_table_run
 from daq.store.ledger import Chunk, Relabelling
-from daq.store.manifest import Manifest, load_manifest
+from daq.store.manifest import Manifest, load_manifest, new_manifest
 from daq.store.marks import mark_exported, mark_kept, relabel
 from daq.store.recover import Recovery, recover
 from daq.store.retention import RunInfo, survey
@@ -36,6 +36,7 @@ __all__ = [
     "load_manifest",
     "mark_exported",
     "mark_kept",
+    "new_manifest",
     "read_run",
     "recover",
     "relabel",

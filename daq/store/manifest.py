@@ -238,7 +238,10 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
     follows: str = "",
     table: ImportedTable | None = None,
 ) -> Manifest:
-    """Create the manifest of a run that starts now on this host. Raises FileError if the name is invalid."""
+    """Create the manifest of a run that starts now on this host. Raises FileError if the name is invalid.
+
+    streams: value columns of each sample stream. follows: the run that this run continues.
+    """
     try:
         return Manifest(
             name=name,

@@ -26,7 +26,7 @@ from daq.protocol.conversation import Fault, FaultKind, Sample
 from daq.store import durable
 from daq.store.chunk import FAULTS, schema_of, with_opening
 from daq.store.ledger import Clock, Ending, Ledger, LedgerEntry, Seal, iso_now
-from daq.store.manifest import DrivenWith, Manifest, ViewZero, clock_now, new_manifest
+from daq.store.manifest import Manifest, clock_now
 from daq.store.run_directory import (
     MARGIN_BYTES,
     RunRemoved,
@@ -37,7 +37,6 @@ from daq.store.run_directory import (
 )
 from daq.store.stream_writer import StreamWriter
 from rigs.errors import CellError
-from rigs.schema.vocabulary import Direction, TestName
 from rigs.text import as_argument
 
 CHUNK_ROWS = 200_000
@@ -84,43 +83,19 @@ class RunWriter:
     """After `close`: number of unsaved samples per stream, including drops with unsaved counts."""
 
     @classmethod
-    def create(  # noqa: PLR0913 - what a manifest needs to know
+    def create(
         cls,
         runs: Path,
+        manifest: Manifest,
         *,
-        name: str,
-        test: TestName,
-        direction: Direction | None,
-        rig_name: str,
-        rig_text: str,
-        operator: str,
-        streams: Mapping[str, tuple[str, ...]],
-        placement: str = "",
-        corrected: DrivenWith = "",
-        view_zero_mm: ViewZero | None = None,
-        follows: str = "",
         companions: Mapping[str, bytes] | None = None,
         chunk_rows: int = CHUNK_ROWS,
     ) -> RunWriter:
         """Start a run in a new directory `<UTC time>_<name>` under runs, with manifest and ledger on the disk.
 
-        A name that starts with a UTC time is used unchanged. streams: value columns of each sample stream. follows: the
-        run that this run continues. companions: content of the files next to the rig file, by name. Raises FileError if
-        a name is invalid, CellError if the disk refuses, and NearlyFull if it soon would.
+        A name that starts with a UTC time is used unchanged. companions: content of the files next to the rig file, by
+        name. Raises CellError if the disk refuses, and NearlyFull if it soon would.
         """
-        manifest = new_manifest(
-            name=name,
-            test=test,
-            direction=direction,
-            rig_name=rig_name,
-            rig_text=rig_text,
-            operator=operator,
-            streams=streams,
-            placement=placement,
-            corrected=corrected,
-            view_zero_mm=view_zero_mm,
-            follows=follows,
-        )
         try:
             path, lock, ledger = create_run_directory(runs, manifest, companions or {})
         except OSError as error:

@@ -235,7 +235,7 @@ class When(Part):
             raise ValueError("a motion needs both from_deg and to_deg; rig automatic RUN writes them")
         if (self.signal is None) == (self.from_deg is None):
             raise ValueError("give either signal, or from_deg and to_deg")
-        if self.from_deg and self.to_deg and _largest_difference_deg(self.from_deg, self.to_deg) < _LEAST_MOVE_DEG:
+        if self.from_deg and self.to_deg and largest_difference_deg(self.from_deg, self.to_deg) < _LEAST_MOVE_DEG:
             raise ValueError(f"to_deg is less than {_LEAST_MOVE_DEG:g}° from from_deg; give a more distant posture")
         return self
 
@@ -243,7 +243,7 @@ class When(Part):
         """Return whether a single event can satisfy both conditions."""
         if self.from_deg and self.to_deg and when.from_deg and when.to_deg:
             reach = (math.dist(self.from_deg, self.to_deg) + math.dist(when.from_deg, when.to_deg)) / 2
-            same_start = _largest_difference_deg(self.from_deg, when.from_deg) <= 2 * NEAR_DEG
+            same_start = largest_difference_deg(self.from_deg, when.from_deg) <= 2 * NEAR_DEG
             return same_start and math.dist(self.to_deg, when.to_deg) < reach
         return self.signal is not None and self.signal == when.signal
 
@@ -315,6 +315,6 @@ class Retention(Part):
         return self
 
 
-def _largest_difference_deg(a_deg: Sequence[float], b_deg: Sequence[float]) -> float:
+def largest_difference_deg(a_deg: Sequence[float], b_deg: Sequence[float]) -> float:
     """Return the largest joint difference in degrees."""
     return max(abs(a - b) for a, b in zip(a_deg, b_deg, strict=True))

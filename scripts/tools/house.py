@@ -68,6 +68,7 @@ def counts() -> dict[str, int]:
     texts = [(ROOT / name).read_text(encoding="utf-8") for name in sources()]
     functions, once = _functions()
     return {
+        "core lines": sum(text.count("\n") for name, text in zip(sources(), texts, strict=True) if not _is_app(name)),
         "product lines": sum(text.count("\n") for text in texts),
         "product files": len(texts),
         "private functions used once, per mille": round(1000 * once / len(functions)),
@@ -79,6 +80,10 @@ def counts() -> dict[str, int]:
         "suppressions": sum(text.count("# noqa") + text.count("# type: ignore") for text in texts),
         "lines of the longest file": max(text.count("\n") for text in texts),
     }
+
+
+def _is_app(name: str) -> bool:
+    return name.split("/")[1] == "apps"
 
 
 def _functions() -> tuple[list[int], int]:
@@ -203,8 +208,8 @@ def _that_run(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def sizes() -> dict[str, tuple[int, int]]:
-    """Return lines and files of core, apps, tests, trials and documents."""
-    of_apps = [file for file in sources() if file.split("/")[1] == "apps"]
+    """Return the lines and files of the core, of the apps, of tests, of trials and of documents."""
+    of_apps = [file for file in sources() if _is_app(file)]
     files = {
         "core": sorted(sources().keys() - set(of_apps)),
         "apps": of_apps,

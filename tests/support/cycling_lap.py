@@ -13,7 +13,7 @@ from daq import feedback, gauges
 from daq.acquisition.streams import streams_of
 from daq.apps.emulate.timed import Unsteady, timed_device, timed_read
 from daq.protocol.conversation import Sample
-from daq.store import RunWriter
+from daq.store import RunWriter, new_manifest
 from rigs.load import load, parse
 from rigs.rig import Rig
 from tests.support.stamped import S
@@ -51,13 +51,9 @@ def record(runs: Path, rig: Rig, rig_text: str, driven: Trace, wires: dict[str, 
     columns = {stream.name: stream.columns for stream in streams_of(rig)}
     writer = RunWriter.create(
         runs,
-        name="lap",
-        test="yaw",
-        direction="acw",
-        rig_name=rig.name,
-        rig_text=rig_text,
-        operator="",
-        streams=columns,
+        new_manifest(
+            name="lap", test="yaw", direction="acw", rig_name=rig.name, rig_text=rig_text, operator="", streams=columns
+        ),
     )
 
     # np.interp copies non-contiguous columns at each of the many thousand times.

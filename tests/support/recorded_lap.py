@@ -11,7 +11,7 @@ import yaml
 from analysis.procedures.simulate import simulate
 from analysis.runs.tables import CircleTable
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.store import RunWriter
+from daq.store import RunWriter, new_manifest
 from rigs.load import load, load_hidden
 from rigs.schema.vocabulary import Direction
 
@@ -36,13 +36,15 @@ def recorded(
     streams = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": tuple(f"q{axis}_deg" for axis in range(1, 7))}
     writer = RunWriter.create(
         runs,
-        name="lap",
-        test="yaw",
-        direction=label,
-        rig_name="ur10e",
-        rig_text=yaml.safe_dump(data),
-        operator="",
-        streams=streams,
+        new_manifest(
+            name="lap",
+            test="yaw",
+            direction=label,
+            rig_name="ur10e",
+            rig_text=yaml.safe_dump(data),
+            operator="",
+            streams=streams,
+        ),
     )
     driven = int(part * len(table.t_s))
     beat_s = float(np.median(np.diff(table.t_s)))

@@ -23,7 +23,7 @@ from daq.recording.active_run import RunLabel
 from daq.recording.machine import RecordingRequest
 from daq.recording.recorder import Recorder
 from daq.service.client import Client
-from daq.store import RunWriter, verify
+from daq.store import RunWriter, new_manifest, verify
 from tests.support.bench import Bench, rig_text
 from tests.support.replugging import Clockwork, swallow
 
@@ -101,7 +101,7 @@ def accelerated(folder: Path, minutes: float, times: float, every_s: float) -> I
 
 def _create(folder: Path, label: RunLabel) -> RunWriter:
     about = {"rig_name": "soak", "rig_text": rig_text(), "operator": "", "streams": COLUMNS}
-    return RunWriter.create(folder, name=label.name, test=label.test, direction=label.direction, **about)  # type: ignore[arg-type]
+    return RunWriter.create(folder, new_manifest(name=label.name, test=label.test, direction=label.direction, **about))  # type: ignore[arg-type]
 
 
 def _deliver(buffers: dict[str, StreamBuffer], paces: dict[str, SteadyRate], until_ns: int) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from analysis.robot.geometry.driven_programs import radial_program, stops
 from analysis.robot.kinematics.arm import Array, arm_of, forward
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.store import Run, RunWriter, read_run
+from daq.store import Run, RunWriter, new_manifest, read_run
 from rigs.load import load
 from rigs.rig import Rig
 
@@ -37,7 +37,10 @@ def _written(runs: Path, text: str, t_s: Array, q: Array, g_mm: Array | None) ->
     if g_mm is not None:
         streams["g1"] = ("g1_mm",)
     writer = RunWriter.create(
-        runs, name="ball", test="radial", direction=None, rig_name="ur10e", rig_text=text, operator="", streams=streams
+        runs,
+        new_manifest(
+            name="ball", test="radial", direction=None, rig_name="ur10e", rig_text=text, operator="", streams=streams
+        ),
     )
     for k, ns in enumerate(((5 + t_s) * 1e9).astype(int).tolist()):
         writer.append("robot", [Sample(tuple(np.degrees(q[k])), NO_TIME, ns, ns, 63, ns / 1e9)])

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
-from daq.store import Run, RunWriter
+from daq.store import Run, RunWriter, new_manifest
 
 RIG_TEXT = "name: cell\r\n# ü, exactly as it was \n"
 STREAMS = {"g1": ("g1_mm",), "robot": ("q1_deg", "q2_deg")}
@@ -44,13 +44,15 @@ def fault(number: int = 1) -> Fault:
 def start(runs: Path, chunk_rows: int = 1000, rig_text: str = RIG_TEXT) -> RunWriter:
     return RunWriter.create(
         runs,
-        name="yaw-cw",
-        test="yaw",
-        direction="cw",
-        rig_name="cell",
-        rig_text=rig_text,
-        operator="ada",
-        streams=STREAMS,
+        new_manifest(
+            name="yaw-cw",
+            test="yaw",
+            direction="cw",
+            rig_name="cell",
+            rig_text=rig_text,
+            operator="ada",
+            streams=STREAMS,
+        ),
         chunk_rows=chunk_rows,
     )
 

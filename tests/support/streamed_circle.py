@@ -15,7 +15,7 @@ import yaml
 from analysis.procedures.simulate import simulate
 from analysis.runs.tables import CircleTable
 from daq.protocol.conversation import NO_TIME, SampleBlock
-from daq.store import RunWriter
+from daq.store import RunWriter, new_manifest
 from rigs.load import load, load_hidden
 from rigs.schema.vocabulary import Direction
 
@@ -53,13 +53,15 @@ def streamed_circle(
         data["gauges"][f"g{number}"] = gauge | {"offset_mm": offset_mm, "accuracy_mm": 0.002}
     writer = RunWriter.create(
         runs,
-        name="circle",
-        test="yaw",
-        direction=label,
-        rig_name="ur10e",
-        rig_text=yaml.safe_dump(data),
-        operator="",
-        streams=STREAMS,
+        new_manifest(
+            name="circle",
+            test="yaw",
+            direction=label,
+            rig_name="ur10e",
+            rig_text=yaml.safe_dump(data),
+            operator="",
+            streams=STREAMS,
+        ),
         chunk_rows=4000,
     )
     for stream in STREAMS:

@@ -17,7 +17,7 @@ import yaml
 from analysis.procedures.simulate import simulate
 from analysis.runs.tables import CircleTable
 from daq.protocol.conversation import NO_TIME
-from daq.store import RunWriter
+from daq.store import RunWriter, new_manifest
 from daq.store.chunk import Salvage, schema_of
 from daq.store.ledger import LedgerEntry
 from daq.store.stream_writer import store_chunk
@@ -44,13 +44,15 @@ def main(runs: Path, rows: int) -> None:
     assert isinstance(table, CircleTable)
     writer = RunWriter.create(
         runs,
-        name=f"rows-{rows}",
-        test="yaw",
-        direction="acw",
-        rig_name="ur10e",
-        rig_text=yaml.safe_dump(data),
-        operator="rows",
-        streams=STREAMS,
+        new_manifest(
+            name=f"rows-{rows}",
+            test="yaw",
+            direction="acw",
+            rig_name="ur10e",
+            rig_text=yaml.safe_dump(data),
+            operator="rows",
+            streams=STREAMS,
+        ),
     )
     # private _writers, _ledger: chunks of millions of rows are stored at once, and not as they would come
     for stream, columns in STREAMS.items():

@@ -185,7 +185,7 @@ def export_urdf(
 
     What is not geometry stays behind (all but MJCF leave plays, too), and the command says how much that is.
     """
-    from analysis.correction.exported_arm import geometric_share, simulated_arm
+    from analysis.apps.interchange.exported_arm import geometric_share, simulated_arm
     from analysis.robot.model.predict import geometric_arm, model_of
     from rigs.load import load
 
@@ -208,11 +208,11 @@ def export_urdf(
         friction = _friction(friction_of, nm_per_a) if friction_of and nm_per_a else {}
         text, carried = simulated_arm(rig, arm, rig_file, carried, friction)
     elif reader == "urdf":
-        from analysis.robot.description.urdf_text import urdf_text
+        from analysis.apps.interchange.urdf_text import urdf_text
 
         text = urdf_text(rig.robot, arm, rig_file, [carried])
     elif reader == "xacro":
-        from analysis.robot.description.urdf_text import xacro_text
+        from analysis.apps.interchange.urdf_text import xacro_text
 
         text = xacro_text(rig.robot, arm, rig_file, [carried])
     else:
@@ -238,7 +238,7 @@ def _friction(run: Path, nm_per_a: str) -> dict[int, float]:
     Raises FileError if the run does not show the friction.
     """
     import analysis
-    from analysis.correction.exported_arm import friction_nm, torques_of
+    from analysis.apps.interchange.exported_arm import friction_nm, torques_of
     from rigs.errors import FileError
 
     torques = torques_of(nm_per_a)

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 import yaml
 
-from analysis.robot.description.urdf_text import joint_origins, joint_senses, metres_and_rpy
+from analysis.apps.interchange.urdf_text import joint_origins, joint_senses, metres_and_rpy
 from analysis.robot.kinematics.arm import Arm, Array, arm_of, transform
 from rigs.errors import FileError, UseError
 from rigs.schema.robot import Pose, Robot

@@ -25,7 +25,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 from numpy.typing import NDArray
 
-from analysis.robot.description.urdf_text import urdf_text
+from analysis.apps.interchange.urdf_text import urdf_text
 from analysis.robot.kinematics.arm import arm_of
 from analysis.runs.written_files import ROWS_AT_ONCE
 from daq.store import Run

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from analysis.apps.interchange.exported_arm import joint_traits
 from analysis.correction.calibrated_arm import CalibratedArm
-from analysis.correction.exported_arm import joint_traits
 from analysis.correction.work import rest_mm
 from analysis.robot.kinematics.arm import Array, pose_error
 from analysis.robot.model.predict import geometric_arm, model_of

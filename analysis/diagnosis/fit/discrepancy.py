@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from analysis.diagnosis.fit.free_forms import discrepancy_evidence, discrepancy_functions
+from analysis.diagnosis.fit.joint_curves import is_of_curve
 from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.fit.selection_state import SelectionState, beginnings
-from rigs.effects import Effect
-from rigs.schema.effect import is_wave
 
 _LEFT = 1.5
 """Strength of a band above which a cause outside the library is tried. Chosen: cells with no such cause have up to
@@ -23,7 +22,7 @@ def beside_discrepancy(selection: Selection, state: SelectionState) -> tuple[Sel
     imitates such a cause leaves a residual, to which the next effect is fitted. Named effects are therefore reassessed
     together with functions of every angle, direction, time and place of the ball. The readings determine the amplitude.
     """
-    waves = [effect for effect in state.possible_faults(state.effects) if _is_wave_of_joint(effect)]
+    waves = [effect for effect in state.possible_faults(state.effects) if is_of_curve(effect)]
     is_suspect = bool(state.free_forms) or (state.strength > _LEFT).any() or len(waves) > 1
     if not selection.shows_free_forms or not is_suspect:
         return selection, state
@@ -51,7 +50,7 @@ def without_imitators(selection: Selection, state: SelectionState) -> SelectionS
     """Remove the named effects that causes outside the library explain equally well: first all waves of joints
     together, which approximate any function of angles, and then single named effects.
     """
-    waves = [k for k, effect in enumerate(state.effects) if _is_wave_of_joint(effect)]
+    waves = [k for k, effect in enumerate(state.effects) if is_of_curve(effect)]
     if len(waves) > 1:
         without = state
         for place in reversed(waves):
@@ -66,7 +65,3 @@ def without_imitators(selection: Selection, state: SelectionState) -> SelectionS
         else:
             place += 1
     return selection.renewed(selection.refitted(state))
-
-
-def _is_wave_of_joint(effect: Effect) -> bool:
-    return is_wave(effect) and effect.STAGE == "joint"

@@ -19,9 +19,10 @@ the rest of the readings.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -42,6 +43,7 @@ from rigs.rig import Rig
 from rigs.schema.scene import play
 from rigs.schema.vocabulary import TestName
 
+T = TypeVar("T")
 ORDER, SIGN = "gauge order", "gauge sign"
 EXCHANGED = "g1 and g2 may be exchanged"
 _ORDER_ROWS = 5000
@@ -201,20 +203,23 @@ def repeat_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
     that contradicts the circles of the opposite direction is reported.
     """
     laps = laps_on_grid(runs)
-    groups: dict[tuple[object, ...], list[Lap]] = {}
-    for lap in laps:
-        direction = lap.run.run.manifest.direction
-        group_of_lap = next(
-            (group for (way, *_), group in groups.items() if way == direction and group[0].place == lap.place), None
-        )
-        if group_of_lap is None:
-            groups[(direction, len(groups))] = [lap]
-        else:
-            group_of_lap.append(lap)
-    for group in groups.values():
+    for group in _grouped(laps, lambda lap: (lap.run.run.manifest.direction, lap.place)):
         direction = group[0].run.run.manifest.direction
         reverse = [lap for lap in laps if lap.place == group[0].place and lap.run.run.manifest.direction != direction]
         yield from _contradicting(group, reverse)
+
+
+def _grouped(items: Iterable[T], key: Callable[[T], object]) -> list[list[T]]:
+    """Return the items in groups of equal keys, which need no hash."""
+    groups: list[tuple[object, list[T]]] = []
+    for item in items:
+        key_of_item = key(item)
+        group = next((group for key_of_group, group in groups if key_of_group == key_of_item), None)
+        if group is None:
+            groups.append((key_of_item, [item]))
+        else:
+            group.append(item)
+    return [group for _, group in groups]
 
 
 def _contradicting(repeats: Sequence[Lap], reverse: Sequence[Lap]) -> Iterator[Finding]:
@@ -284,15 +289,7 @@ _STEP = 1e-4
 def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
     """Yield findings about the sign of the gauges in runs of a robot."""
     gauged = [run for run in runs if format_of(run.table.test).gauges]
-    groups: list[list[Measured]] = []
-    for run in gauged:
-        cell = run.rig.gauges, run.rig.robot
-        group_of_run = next((group for group in groups if (group[0].rig.gauges, group[0].rig.robot) == cell), None)
-        if group_of_run is None:
-            groups.append([run])
-        else:
-            group_of_run.append(run)
-    for group in groups:
+    for group in _grouped(gauged, lambda run: (run.rig.gauges, run.rig.robot)):
         by_effects = [finding for run in group for finding in _known_effects(run)]
         yield from by_effects
         if not by_effects:

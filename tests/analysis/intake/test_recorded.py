@@ -18,7 +18,7 @@ from analysis.runs.loading import measured_of
 from analysis.runs.tables import CircleTable, RepeatabilityTable
 from analysis.runs.written_files import write_csv, write_new
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.store import RunWriter, read_run, recover, verify
+from daq.store import RunWriter, new_manifest, read_run, recover, verify
 from rigs.errors import FileError
 from rigs.load import load
 from rigs.schema.vocabulary import Direction, TestName
@@ -37,13 +37,15 @@ def recorded(
     g_mm = g_mm[:, ::-1] if exchanged else g_mm
     writer = RunWriter.create(
         runs,
-        name="lap",
-        test=test,
-        direction=direction,
-        rig_name=RIG_FILE,
-        rig_text=load(RIG_FILE)[1],
-        operator="ada",
-        streams=STREAMS,
+        new_manifest(
+            name="lap",
+            test=test,
+            direction=direction,
+            rig_name=RIG_FILE,
+            rig_text=load(RIG_FILE)[1],
+            operator="ada",
+            streams=STREAMS,
+        ),
     )
     for k, at in enumerate((t_s * 1e9).astype(int).tolist()):
         for g in (0, 1):
@@ -126,13 +128,15 @@ def stopped(runs: Path, *, share: float = 1.0) -> Path:
     silent after a share of it. For the first third of each stand the arm still swings, by 1 mm."""
     writer = RunWriter.create(
         runs,
-        name="stops",
-        test="repeatability",
-        direction=None,
-        rig_name="paper-errors",
-        rig_text=load("paper-errors")[1],
-        operator="ada",
-        streams=STREAMS,
+        new_manifest(
+            name="stops",
+            test="repeatability",
+            direction=None,
+            rig_name="paper-errors",
+            rig_text=load("paper-errors")[1],
+            operator="ada",
+            streams=STREAMS,
+        ),
     )
     t_s, q = stops(repeatability_stops(load("paper-errors")[0]), dwell_s=1.0)
     stopped_s = t_s[np.flatnonzero(np.diff(t_s) > 0.9)]

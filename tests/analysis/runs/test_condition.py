@@ -12,7 +12,7 @@ from analysis.apps.plant.records import record_of
 from analysis.runs.loading import measured_of
 from analysis.runs.robot_condition import condition_of
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.store import RunWriter, read_run
+from daq.store import RunWriter, new_manifest, read_run
 from rigs.load import load
 from rigs.schema.condition import CONDITION, TEMPERATURES, UNDISTURBED, ProgramState, SafetyState
 from tests.support.table_cases import JOINTS, RIG_FILE, circle_values
@@ -118,13 +118,15 @@ def test_a_recorded_run_has_the_doubt_and_its_temperatures_go_to_the_history(tmp
     beside = ("safety_state", *TEMPERATURES)
     writer = RunWriter.create(
         tmp_path,
-        name="lap",
-        test="yaw",
-        direction="acw",
-        rig_name=RIG_FILE,
-        rig_text=load(RIG_FILE)[1],
-        operator="ada",
-        streams={"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": (*JOINTS, *beside)},
+        new_manifest(
+            name="lap",
+            test="yaw",
+            direction="acw",
+            rig_name=RIG_FILE,
+            rig_text=load(RIG_FILE)[1],
+            operator="ada",
+            streams={"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": (*JOINTS, *beside)},
+        ),
     )
     for k, at in enumerate((t_s * 1e9).astype(int).tolist()):
         for g in (0, 1):

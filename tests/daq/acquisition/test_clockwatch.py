@@ -17,7 +17,7 @@ from daq.protocol.conversation import Sample
 from daq.recording.active_run import RunLabel
 from daq.recording.machine import RecordingRequest
 from daq.recording.recorder import Recorder
-from daq.store import RunWriter, read_run
+from daq.store import RunWriter, new_manifest, read_run
 from daq.store.ledger import Clock
 
 S = 1_000_000_000
@@ -83,13 +83,15 @@ def test_a_run_keeps_the_step_and_tells_the_right_time_after_it(tmp_path: Path, 
     def create(label: RunLabel, follows: str) -> RunWriter:
         return RunWriter.create(
             tmp_path,
-            name=label.name,
-            test=label.test,
-            direction=None,
-            rig_name="cell",
-            rig_text="name: cell\n",
-            operator="",
-            streams={"g1": ("g1_mm",)},
+            new_manifest(
+                name=label.name,
+                test=label.test,
+                direction=None,
+                rig_name="cell",
+                rig_text="name: cell\n",
+                operator="",
+                streams={"g1": ("g1_mm",)},
+            ),
         )
 
     recorder = Recorder({"g1": buffer}, create, lambda: None)

@@ -16,7 +16,7 @@ from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
 from daq.recording.active_run import RunLabel
 from daq.recording.machine import RecordingRequest
 from daq.recording.recorder import Recorder
-from daq.store import RunWriter, read_run
+from daq.store import RunWriter, new_manifest, read_run
 from tests.support.drivers import PLAIN, modbus
 from tests.support.simulated_line import SimulatedLine
 
@@ -160,7 +160,7 @@ def test_a_doubt_about_the_last_readings_before_a_stop_is_in_that_run(tmp_path: 
 def _create(folder: Path, label: RunLabel) -> RunWriter:
     streams = {"g1": G1, "robot": ROBOT}
     about = {"rig_name": "x", "rig_text": "", "operator": "", "streams": streams}
-    return RunWriter.create(folder, name=label.name, test=label.test, direction=label.direction, **about)  # type: ignore[arg-type]
+    return RunWriter.create(folder, new_manifest(name=label.name, test=label.test, direction=label.direction, **about))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("factor", [1 / 25.4, 25.4])

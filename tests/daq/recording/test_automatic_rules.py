@@ -16,7 +16,7 @@ from analysis.cli import app
 from analysis.runs.recording_rule import rule_of
 from daq.protocol.conversation import NO_TIME, Sample
 from daq.recording.automatic import StartRun, StopRun, Trigger
-from daq.store import RunWriter, read_run
+from daq.store import RunWriter, new_manifest, read_run
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
 from rigs.problems import RigFileError
@@ -113,13 +113,15 @@ def lap(runs: Path, q1_deg: Sequence[float], signal: Sequence[float] = (), test:
     joints = [f"q{axis}_deg" for axis in range(1, 7)]
     writer = RunWriter.create(
         runs,
-        name="lap",
-        test=test,  # type: ignore[arg-type]
-        direction="cw",
-        rig_name="ur10e",
-        rig_text=UR10E,
-        operator="ada",
-        streams={"robot": (*joints, "signal") if len(signal) else tuple(joints)},
+        new_manifest(
+            name="lap",
+            test=test,
+            direction="cw",
+            rig_name="ur10e",
+            rig_text=UR10E,
+            operator="ada",
+            streams={"robot": (*joints, "signal") if len(signal) else tuple(joints)},
+        ),
     )
     writer.append("robot", samples(q1_deg, signal))
     writer.close("complete", "", {})

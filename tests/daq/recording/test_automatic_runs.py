@@ -19,7 +19,7 @@ from daq.protocol.conversation import NO_TIME, Sample
 from daq.recording.active_run import RunLabel
 from daq.recording.automatic import Arbiter
 from daq.recording.recorder import Recorder
-from daq.store import Manifest, RunWriter, durable, load_manifest, read_run, verify
+from daq.store import Manifest, RunWriter, durable, load_manifest, new_manifest, read_run, verify
 from rigs.errors import CellError
 from rigs.load import parse
 from tests.support.bench import OFF, Bench, rig_text
@@ -140,7 +140,7 @@ def _by_hand(tmp_path: Path) -> tuple[Recorder, Arbiter, dict[str, StreamBuffer]
 
     def create(label: RunLabel, follows: str) -> RunWriter:
         more = {"rig_name": rig.name, "rig_text": text, "streams": columns, "follows": follows}
-        return RunWriter.create(tmp_path, **label.model_dump(), **more)
+        return RunWriter.create(tmp_path, new_manifest(**label.model_dump(), **more))
 
     recorder = Recorder(buffers, create, lambda: None)
     return recorder, Arbiter(recorder, rig.automatic), buffers

@@ -25,7 +25,7 @@ from daq.protocol.conversation import Sample
 from daq.recording.active_run import RunLabel
 from daq.recording.machine import RecordingRequest, Waiting
 from daq.recording.recorder import Recorder
-from daq.store import RunWriter, durable, load_manifest, read_run, recover, verify
+from daq.store import RunWriter, durable, load_manifest, new_manifest, read_run, recover, verify
 from rigs.errors import CellError
 from tests.support.failing_disk import COLUMNS, failing
 
@@ -44,7 +44,9 @@ class Written:
 
     def _create(self, label: RunLabel, follows: str) -> RunWriter:
         who = {"rig_name": "r", "rig_text": "", "operator": "", "streams": COLUMNS, "follows": follows}
-        return RunWriter.create(self.runs, name=label.name, test=label.test, direction=label.direction, **who)
+        return RunWriter.create(
+            self.runs, new_manifest(name=label.name, test=label.test, direction=label.direction, **who)
+        )
 
     def deliver(self, count: int = 10) -> None:
         """From every reader."""
@@ -170,7 +172,7 @@ def test_a_disk_that_fails_ends_the_run_and_another_follows_when_it_is_back(
         written.retry()
         assert written.round()["waiting"] == "lap"
         with pytest.raises(CellError):
-            RunWriter.create(written.runs, **_plain())
+            RunWriter.create(written.runs, new_manifest(**_plain()))
     written.until_it_goes_on()
     former, _ = written.accounted()
     assert load_manifest(former).exit_status in ("failed", "recovered")

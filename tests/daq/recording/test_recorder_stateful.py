@@ -28,7 +28,7 @@ from daq.protocol.conversation import Sample
 from daq.recording.active_run import RunLabel
 from daq.recording.machine import Beginning, RecordingRequest, Waiting
 from daq.recording.recorder import Recorder
-from daq.store import RunWriter, load_manifest, read_run, recover, verify
+from daq.store import RunWriter, load_manifest, new_manifest, read_run, recover, verify
 from rigs.errors import CellError
 from tests.support.failing_disk import COLUMNS, failing
 from tests.support.nightly import cases
@@ -86,7 +86,7 @@ class Recordings(RuleBasedStateMachine):
     def _create(self, label: RunLabel, follows: str) -> RunWriter:
         who: dict[str, Any] = {"rig_name": "r", "rig_text": "", "operator": "", "streams": COLUMNS}
         about = {"name": label.name, "test": label.test, "direction": label.direction, "follows": follows}
-        return RunWriter.create(self.folder, **about, **who, chunk_rows=20)
+        return RunWriter.create(self.folder, new_manifest(**about, **who), chunk_rows=20)
 
     def _drained(self) -> None:
         self.taken += self.waiting if self.recorder.recording else 0

@@ -14,7 +14,7 @@ from daq.recording.active_run import RunLabel
 from daq.service.client import Client, find_socket
 from daq.service.control import ControlServer, reply
 from daq.service.trust import InstanceLock
-from daq.store import RunWriter, load_manifest
+from daq.store import RunWriter, load_manifest, new_manifest
 from rigs.errors import CellError
 
 
@@ -89,6 +89,8 @@ def test_an_operator_of_another_encoding_is_recorded(tmp_path: Path) -> None:
     operator = json.loads(json.dumps(os.fsdecode("Müller".encode("latin-1"))))
     label = RunLabel(name="lap", test="radial", operator=operator)
     who = {"rig_name": "r", "rig_text": "", "streams": {"g1": ("g1_mm",)}}
-    writer = RunWriter.create(tmp_path, name="lap", test="radial", direction=None, operator=operator, **who)
+    writer = RunWriter.create(
+        tmp_path, new_manifest(name="lap", test="radial", direction=None, operator=operator, **who)
+    )
     writer.close("interrupted", f"{label.operator} started another", {})
     assert load_manifest(writer.path).operator == label.operator == r"M\udcfcller"

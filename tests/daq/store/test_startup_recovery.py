@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from daq.protocol.conversation import Sample
-from daq.store import RunWriter, durable, load_manifest, read_run, verify
+from daq.store import RunWriter, durable, load_manifest, new_manifest, read_run, verify
 from daq.store.run_directory import MARGIN_BYTES, TO_BEGIN_BYTES
 from daq.store.startup_recovery import StartupRecovery
 from tests.support.bench import PATIENCE_S, Bench, rig_text
@@ -86,7 +86,7 @@ def test_a_directory_that_nobody_may_look_into_keeps_no_run_from_being_recovered
 ) -> None:
     """As lost+found, which belongs to root, on a disk that the runs have to themselves."""
     (tmp_path / "lost+found").mkdir()
-    writer = RunWriter.create(tmp_path, name="lap", test="radial", direction=None, **WHO)
+    writer = RunWriter.create(tmp_path, new_manifest(name="lap", test="radial", direction=None, **WHO))
     writer.append("g1", [Sample((0.5,), 1, 2, 3, 8)])
     writer.sync()
     # private _writers, _lock: files and lock are given up as the system does it when a process is killed

@@ -12,7 +12,7 @@ import pytest
 import daq.store.run_directory
 import daq.store.writer
 from daq.protocol.conversation import Sample
-from daq.store import NearlyFull, RunWriter, load_manifest, read_run, verify
+from daq.store import NearlyFull, RunWriter, load_manifest, new_manifest, read_run, verify
 from daq.store.run_directory import MARGIN_BYTES
 from tests.support.powercut import BLOCK, watched
 from tests.support.store_cases import assert_holds, record, samples, start, sync
@@ -102,6 +102,6 @@ def test_a_run_may_have_any_number_of_chunks(tmp_path: Path) -> None:
 
 def test_the_run_that_follows_names_the_former(tmp_path: Path) -> None:
     common = {"test": "yaw", "direction": None, "rig_name": "r", "rig_text": "", "operator": "", "streams": {}}
-    writer = RunWriter.create(tmp_path, name="x", follows="20261120T093000Z_x", **common)  # type: ignore[arg-type]
+    writer = RunWriter.create(tmp_path, new_manifest(name="x", follows="20261120T093000Z_x", **common))  # type: ignore[arg-type]
     writer.close("complete", "", {})
     assert load_manifest(writer.path).follows == "20261120T093000Z_x"

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.store import Manifest, RunWriter, durable, load_manifest, read_run, recover, verify
+from daq.store import Manifest, RunWriter, durable, load_manifest, new_manifest, read_run, recover, verify
 from daq.store.ledger import sha256
 from rigs.errors import FileError
 from tests.support.nightly import examples
@@ -100,10 +100,10 @@ def test_chunks_rotate_by_age(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_bad_names_are_refused(tmp_path: Path, name: str) -> None:
     common = {"test": "yaw", "direction": None, "rig_name": "r", "rig_text": "", "operator": ""}
     with pytest.raises(FileError):
-        RunWriter.create(tmp_path, name=name, streams={"g1": ("g1_mm",)}, **common)  # type: ignore[arg-type]
+        RunWriter.create(tmp_path, new_manifest(name=name, streams={"g1": ("g1_mm",)}, **common))  # type: ignore[arg-type]
     for streams in ({"faults": ()}, {name: ("x",)}, {"g1": ("x", "x")}, {"g1": ("status",)}):
         with pytest.raises(FileError):
-            RunWriter.create(tmp_path, name="ok", streams=streams, **common)  # type: ignore[arg-type]
+            RunWriter.create(tmp_path, new_manifest(name="ok", streams=streams, **common))  # type: ignore[arg-type]
     assert list(tmp_path.iterdir()) == []
 
 

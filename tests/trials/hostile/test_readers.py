@@ -20,7 +20,7 @@ import typer
 import analysis.intake.read
 from analysis import cli
 from analysis.intake.read import read_file
-from daq.store import RunWriter, chunk, read_run, recover, verify
+from daq.store import RunWriter, chunk, new_manifest, read_run, recover, verify
 from daq.store.chunk import FAULTS, from_parquet, salvage, schema_of
 from rigs.errors import CellError, FileError
 from rigs.load import load
@@ -35,7 +35,7 @@ SOON_S = 200.0
 def run(tmp_path: Path) -> Path:
     """A run without a row."""
     who = {"rig_name": "r", "rig_text": "", "streams": {"g1": ("g1_mm",)}, "operator": "ada"}
-    writer = RunWriter.create(tmp_path, name="lap", test="radial", direction=None, **who)
+    writer = RunWriter.create(tmp_path, new_manifest(name="lap", test="radial", direction=None, **who))
     writer.close("complete", "", {})
     return writer.path
 

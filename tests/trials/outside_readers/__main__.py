@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from analysis.apps.interchange.driver_kinematics import LINKS, driver_kinematics, ur_driver_text
+from analysis.apps.interchange.mjcf_text import JointTraits, mjcf_text
+from analysis.apps.interchange.urdf_text import macro_name, urdf_text, xacro_text
 from analysis.correction.work import tool_poses
-from analysis.robot.description.mjcf_text import JointTraits, mjcf_text
-from analysis.robot.description.urdf_text import macro_name, urdf_text, xacro_text
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import geometric_arm, model_of
 from rigs.rig import Rig

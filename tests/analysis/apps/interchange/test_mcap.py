@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from analysis.apps.interchange.mcap_export import write_mcap
 from analysis.runs.written_files import write_new
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
-from daq.store import Manifest, Run, RunWriter, read_run
+from daq.store import Manifest, Run, RunWriter, new_manifest, read_run
 from rigs.errors import FileError
 from tests.support.table_cases import RIG_FILE, csv_text, plain
 from tests.support.written_runs import import_table
@@ -27,13 +27,15 @@ def recorded(runs: Path) -> Run:
     """A run of two streams that interleave in time, with faults, doubtful readings and nans."""
     writer = RunWriter.create(
         runs,
-        name="m",
-        test="yaw",
-        direction="acw",
-        rig_name="cell",
-        rig_text="name: cell # ü\n",
-        operator="ada",
-        streams={"g1_g2": ("g1_mm", "g2_mm"), "robot": ("q1_deg",)},
+        new_manifest(
+            name="m",
+            test="yaw",
+            direction="acw",
+            rig_name="cell",
+            rig_text="name: cell # ü\n",
+            operator="ada",
+            streams={"g1_g2": ("g1_mm", "g2_mm"), "robot": ("q1_deg",)},
+        ),
     )
     at = writer.manifest.clock.monotonic_ns
     for k in range(40):
@@ -115,13 +117,9 @@ def test_what_a_plotter_reads_first(tmp_path: Path) -> None:
 def test_a_channel_without_rows_is_there(tmp_path: Path) -> None:
     writer = RunWriter.create(
         tmp_path,
-        name="m",
-        test="yaw",
-        direction=None,
-        rig_name="cell",
-        rig_text="",
-        operator="",
-        streams={"g1": ("g1_mm",)},
+        new_manifest(
+            name="m", test="yaw", direction=None, rig_name="cell", rig_text="", operator="", streams={"g1": ("g1_mm",)}
+        ),
     )
     writer.close("interrupted", "", {})
     assert written(read_run(writer.path), tmp_path / "run.mcap") == {}

@@ -12,7 +12,7 @@ import yaml
 from scipy.interpolate import CubicSpline
 
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.store import RunWriter
+from daq.store import RunWriter, new_manifest
 from rigs.load import SHIPPED, load
 from rigs.schema.condition import CURRENTS
 from tests.support.command_line import ran
@@ -37,13 +37,15 @@ def recorded(folder: Path, day: int, third_a: float) -> None:
     current += rng.normal(0, 0.05, current.shape)
     writer = RunWriter.create(
         folder,
-        name=f"lap-{day}",
-        test="yaw",
-        direction="acw",
-        rig_name=RIG_FILE,
-        rig_text=load(RIG_FILE)[1],
-        operator="ada",
-        streams={"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": (*JOINTS, *CURRENTS)},
+        new_manifest(
+            name=f"lap-{day}",
+            test="yaw",
+            direction="acw",
+            rig_name=RIG_FILE,
+            rig_text=load(RIG_FILE)[1],
+            operator="ada",
+            streams={"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": (*JOINTS, *CURRENTS)},
+        ),
     )
     for k, at in enumerate((t_s * 1e9).astype(int).tolist()):
         for g in (0, 1):

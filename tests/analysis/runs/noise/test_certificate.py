@@ -29,7 +29,7 @@ from analysis.runs.noise.certificate import (
 )
 from analysis.runs.tables import CircleTable, RadialTable
 from daq.protocol.conversation import Sample
-from daq.store import Run, RunWriter, read_run
+from daq.store import Run, RunWriter, new_manifest, read_run
 from rigs.load import load, parse
 from rigs.rig import Rig
 from rigs.schema.probe import GaugeCertificate, Temperature
@@ -247,13 +247,15 @@ def _recorded(
     t_s = driven.t_s
     writer = RunWriter.create(
         runs,
-        name=test,
-        test=test,
-        direction=direction,
-        rig_name="ur10e",
-        rig_text=text,
-        operator="",
-        streams={"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": tuple(f"q{axis}_deg" for axis in range(1, 7))},
+        new_manifest(
+            name=test,
+            test=test,
+            direction=direction,
+            rig_name="ur10e",
+            rig_text=text,
+            operator="",
+            streams={"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": tuple(f"q{axis}_deg" for axis in range(1, 7))},
+        ),
     )
     for at_s in np.arange(0.0, t_s[-1], 0.02):
         ns = int((5 + at_s) * 1e9)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.correction.exported_arm import geometric_share
+from analysis.apps.interchange.exported_arm import geometric_share
 from analysis.correction.work import tool_poses, work_angles
 from analysis.robot.kinematics.arm import forward
 from analysis.robot.model.predict import geometric_arm, model_of

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analysis.robot.description.urdf_text import (
+from analysis.apps.interchange.urdf_text import (
     RAIL_JOINT,
     add_remarks,
     joint_origins,

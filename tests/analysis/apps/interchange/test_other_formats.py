@@ -13,10 +13,10 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from analysis.apps.interchange.driver_kinematics import driver_kinematics
-from analysis.correction.exported_arm import friction_nm, joint_traits, torques_of
+from analysis.apps.interchange.exported_arm import friction_nm, joint_traits, torques_of
+from analysis.apps.interchange.mjcf_text import JointTraits, mjcf_text
+from analysis.apps.interchange.urdf_text import urdf_text, xacro_text
 from analysis.correction.work import tool_poses
-from analysis.robot.description.mjcf_text import JointTraits, mjcf_text
-from analysis.robot.description.urdf_text import urdf_text, xacro_text
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import geometric_arm, model_of
 from analysis.runs.robot_condition import Friction
