@@ -288,7 +288,6 @@ class Selection:
                     # further names would only describe the residual of a series approximating an error of a different
                     # form
                     break
-                self.effort.rounds += 1
                 posterior = self.posterior(state)
                 # Effects that pay nothing are removed first, and only then is an effect added. If none gains, doubtful
                 # effects are removed.
@@ -303,14 +302,22 @@ class Selection:
                         newest = changed.effects[-1]
                         is_new = not any(is_alike(effect, newest) for effect in self.linear.reference)
                         if stops and with_free_form is None and is_new and not self.is_valid_for(changed):
+                            self._note_round(state, changed)
                             return changed, None
                         changed = self.settled(*beginnings(changed))
                 changed = changed or self._backward_step(state, posterior, below=_SURE_EVIDENCE)
                 changed = changed or self._without_free_form(state)
                 if changed is None:
                     break
-                state = self.renewed(changed)
+                before, state = state, self.renewed(changed)
+                self._note_round(before, state)
         return self.renewed(self.refitted(state)), with_free_form
+
+    def _note_round(self, before: SelectionState, after: SelectionState) -> None:
+        """Note the effort of a round of the search, by its gain of log evidence and of unexplained energy."""
+        count = self.columns.count
+        unexplained = [float(count @ np.maximum(state.strength - 1, 0)) / count.sum() for state in (before, after)]
+        self.effort.note(self.evidence(after) - self.evidence(before), *unexplained)
 
     def posterior(self, state: SelectionState) -> CoefficientPosterior:
         """Return the posterior of all coefficients in a state."""
