@@ -239,24 +239,25 @@ def _placed(runs: Sequence[ObservedRun], starts: Mapping[str, SetUp]) -> dict[st
     tables = {run.setup: run.table for run in runs}
     columns = columns_of(tables)
     poses, count = facts_of(runs[0].table.test).of_places, 1 + max(map(max, columns.values()))
-    scenes = [moved(run.model, run.path) for run in runs]
+    observed = [(run, moved(run.model, run.path)) for run in runs]
 
-    def at(change: Array) -> dict[str, SetUp]:
-        return {name: moved_setup(starts[name], table, change[columns[name]]) for name, table in tables.items()}
+    def residual_at(run: ObservedRun, scene: ModelScene, terms: Array) -> Array:
+        setup = moved_setup(starts[run.setup], run.table, terms)
+        return (run.values - predicted_in_scene(run.model, run, scene, setup)).ravel()
 
-    def residual(change: Array) -> Array:
-        placed = at(change)
-        return np.concatenate([
-            (run.values - predicted_in_scene(run.model, run, scene, placed[run.setup])).ravel()
-            for run, scene in zip(runs, scenes, strict=True)
-        ])  # fmt: skip
+    def slopes(run: ObservedRun, scene: ModelScene, terms: Array) -> Array:
+        steps = [terms, *(terms + _STEP_MM * np.eye(len(terms)))]
+        here, *moved_by_step = (residual_at(run, scene, step) for step in steps)
+        J = np.zeros((len(here), count))  # zero for the terms of other set-ups
+        J[:, columns[run.setup]] = (here[:, None] - np.stack(moved_by_step, axis=1)) / _STEP_MM
+        return J
 
     ball = np.arange(count) < (0 if poses else 3)
     so_far, change, J = np.zeros(count), np.zeros(count), np.empty(0)
     for turn in range(_MOST_STEPS):
-        r = residual(so_far)
+        r = np.concatenate([residual_at(run, scene, so_far[columns[run.setup]]) for run, scene in observed])
         if turn == 0 or np.abs(change).max() > _STRAIGHT_MM:
-            J = np.stack([(r - residual(step)) / _STEP_MM for step in so_far + _STEP_MM * np.eye(count)], axis=1)
+            J = np.concatenate([slopes(run, scene, so_far[columns[run.setup]]) for run, scene in observed])
         # The prior variance is scaled by the part of the residual that set-ups cannot fit. If scaled by the full
         # residual, a ball that is a centimetre off would stay there.
         kept = r - J @ np.linalg.lstsq(J, r)[0]
@@ -267,7 +268,7 @@ def _placed(runs: Sequence[ObservedRun], starts: Mapping[str, SetUp]) -> dict[st
         so_far = so_far + change
         if np.abs(change).max() < _ENOUGH_MM:
             break
-    return at(so_far)
+    return {name: moved_setup(starts[name], table, so_far[columns[name]]) for name, table in tables.items()}
 
 
 # ----------------------------------------------------------------------------------------------------------------------

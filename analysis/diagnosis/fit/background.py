@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Columns, Form, fault_sizes
+from analysis.diagnosis.fit.candidates import LARGEST_FAULT, BandWeights, Columns, Form, fault_sizes
 from analysis.diagnosis.fit.responses import Response
 from analysis.robot.kinematics.arm import Array, Integers
 
@@ -41,6 +41,10 @@ class MarginalValues:
     def products(self, right: MarginalValues) -> Array:
         """Return the products (k, l) values' C⁻¹ right of whitened values (N, k) and (N, l)."""
         return self.weighted.T @ right.values - self.absorbed.T @ right.absorbed
+
+    def part(self, columns: slice) -> MarginalValues:
+        """Return some of the columns."""
+        return MarginalValues(self.values[:, columns], self.weighted[:, columns], self.absorbed[:, columns])
 
 
 @dataclass(frozen=True)
@@ -93,6 +97,10 @@ class Background:
         return np.sqrt(self.variance)
 
     @cached_property
+    def _weights(self) -> BandWeights:
+        return self.columns.by_band(self.weight)
+
+    @cached_property
     def _chol(self) -> Array:
         """Lower Cholesky factor (p, p) of M."""
         from scipy.linalg import cholesky  # noqa: PLC0415 - slow to import
@@ -130,25 +138,31 @@ class Background:
     def _marginal_means(self) -> MarginalValues:
         return self.marginal(self.at_mean[:, None])
 
-    def _marginal_response(self, response: Response) -> MarginalValues:
-        if response not in self._marginals:
-            weighted = self.weight[:, None] * response.columns
-            products = self.columns.weighted_products(response, self.weight)
-            self._marginals[response] = self._absorbing(response.columns, weighted, products)
-        return self._marginals[response]
+    def _prepare(self, responses: Sequence[Response]) -> list[MarginalValues]:
+        """Return responses prepared for products; all that are new are prepared together."""
+        new = [response for response in dict.fromkeys(responses) if response not in self._marginals]
+        if new:
+            values = np.concatenate([response.columns for response in new], axis=1)
+            products = self.columns.weighted_products(new, self._weights)
+            together = self._absorbing(values, self.weight[:, None] * values, products)
+            ends = np.cumsum([0, *(response.columns.shape[1] for response in new)]).tolist()
+            for response, begin, end in zip(new, ends, ends[1:], strict=False):
+                self._marginals[response] = together.part(slice(begin, end))
+        return [self._marginals[response] for response in responses]
 
     def marginal_residual(self, residual: Array) -> MarginalValues:
         """Return a prepared whitened residual (N,) minus the readings at the prior means, as (N, 1).
 
-        The part independent of the weights is cached while the residual is in use.
+        The part that needs no prior means is cached while the residual is in use.
         """
-        whole, mean = self._marginal_response(self.columns.response_of(residual)), self._marginal_means
+        (whole,), mean = self._prepare([self.columns.response_of(residual)]), self._marginal_means
         weighted, absorbed = whole.weighted - mean.weighted, whole.absorbed - mean.absorbed
         return MarginalValues(whole.values - mean.values, weighted, absorbed)
 
     def marginal_responses(self, responses: Sequence[Response], residual: Array | None = None) -> MarginalValues:
         """Return the columns of responses and, last, a whitened residual (N,) at the prior means, prepared together."""
-        parts = [self._marginal_response(response) for response in responses]
+        last = [] if residual is None else [self.columns.response_of(residual)]
+        parts = self._prepare([*responses, *last])[: len(responses)]
         parts += [] if residual is None else [self.marginal_residual(residual)]
         if len(parts) == 1:
             return parts[0]

@@ -127,8 +127,6 @@ WEIGHT_DIGITS, _UNEVEN, _RESIDUALS = 9, 4, 8
 """Digits for distinguishing reading weights, number of cached weighted products of a band, about 8 MB each, and of
 residuals.
 """
-_EQUAL = np.ones(1)
-"""Relative weights of a band with equal weights."""
 _SIZE_RATIO = 1.85
 """Ratio of consecutive fault sizes, giving the sizes 6, 11, 20, 37 and 68 in a healthy arm. Chosen: the evidence is
 an average over sizes and smooth in their logarithm.
@@ -154,6 +152,19 @@ class Form(Candidate):
 
 
 @dataclass(frozen=True, eq=False)
+class BandWeights:
+    """Weights of the N entries: the largest of each band, `scale` (b,), and the shares of it, `shape` (N,).
+
+    `equal` (b,): the weight of each band with equal weights, zero for the others, whose indices are `uneven`.
+    """
+
+    scale: Array
+    shape: Array
+    equal: Array
+    uneven: list[int]
+
+
+@dataclass(frozen=True, eq=False)
 class Columns:
     """The columns of a linearisation.
 
@@ -176,7 +187,7 @@ class Columns:
     constants_apart: bool = False
     turned: tuple[float, ...] = ()
     functions: int = 0
-    _products: WeakKeyDictionary[Response, dict[tuple[int, bytes], Array]] = field(
+    _products: WeakKeyDictionary[Response, tuple[bytes, Array]] = field(
         default_factory=WeakKeyDictionary, init=False, repr=False
     )
     _residuals: dict[int, tuple[Array, Response]] = field(default_factory=dict, init=False, repr=False)
@@ -257,69 +268,67 @@ class Columns:
 
     def weighted_gram(self, weight: Array) -> Array:
         """Return the products X'WX (p, p), from bandwise products for equal weights (N,)."""
-        equal, uneven = self._by_band(weight)
+        weights = self.by_band(weight)
         gram = self.gram.copy()
-        for band in np.flatnonzero(equal != 1).tolist():  # most weights are 1
-            gram += (equal[band] - 1) * self.K[band]
-        for band in uneven:
-            gram += self._uneven_gram(band, weight)
+        for band in np.flatnonzero(weights.equal != 1).tolist():  # most weights are 1
+            gram += (weights.equal[band] - 1) * self.K[band]
+        for band in weights.uneven:
+            gram += self._uneven_gram(band, weights)
         return gram
 
     def weighted_spent(self, weight: Array, covariance: Array) -> Array:
         """Return the weighted energy of each band (b,), for weights (N,), hidden by a covariance (p, p) of the
         coefficients.
         """
-        equal, uneven = self._by_band(weight)
-        spent: Array = equal * np.tensordot(self.K, covariance, axes=2)
-        for band in uneven:
-            spent[band] = np.vdot(self._uneven_gram(band, weight), covariance)
+        weights = self.by_band(weight)
+        spent: Array = weights.equal * np.tensordot(self.K, covariance, axes=2)
+        for band in weights.uneven:
+            spent[band] = np.vdot(self._uneven_gram(band, weights), covariance)
         return spent
 
-    def _uneven_gram(self, band: int, weight: Array) -> Array:
-        """Return the weighted products (p, p) of the columns of a band with unequal weights (N,).
+    def _uneven_gram(self, band: int, weights: BandWeights) -> Array:
+        """Return the weighted products (p, p) of the columns of a band with unequal weights.
 
         The result is cached, because a search for the noise strength scales all weights of a band equally.
         """
-        scale, shape = self._shape(band, weight)
+        shape = weights.shape[self.rows[band]]
 
         def compute() -> Array:
             part = np.sqrt(shape)[:, None] * self.parts[band]
             return np.asarray(part.T @ part, dtype=float)
 
-        return np.asarray(scale * recent(self._uneven, (band, shape.tobytes()), compute, _UNEVEN), dtype=float)
+        gram = recent(self._uneven, (band, shape.tobytes()), compute, _UNEVEN)
+        return np.asarray(weights.scale[band] * gram, dtype=float)
 
-    def _shape(self, band: int, weight: Array) -> tuple[float, Array]:
-        """Return the largest of the weights (N,) of a band, and the relative weights (n,)."""
-        weights = weight[self.rows[band]]
-        return float(weights.max()), np.round(weights / weights.max(), WEIGHT_DIGITS)
+    def by_band(self, weight: Array) -> BandWeights:
+        """Return weights (N,) as the largest of each band and the shares of it."""
+        scale = np.zeros(len(self.count))
+        np.maximum.at(scale, self.band, weight)
+        shape = np.round(weight / scale[self.band], WEIGHT_DIGITS)
+        uneven = np.unique(self.band[shape != 1])
+        equal = scale.copy()
+        equal[uneven] = 0.0
+        return BandWeights(scale, shape, equal, uneven.tolist())
 
     def response_of(self, residual: Array) -> Response:
         """Return a whitened residual (N,) as a response, cached per residual."""
         kept = recent(self._residuals, id(residual), lambda: (residual, Response(residual[:, None])), _RESIDUALS)
         return kept[1]
 
-    def weighted_products(self, response: Response, weight: Array) -> Array:
-        """Return the products (k, p) of a response with the columns, weighted by (N,). Products by band are cached
-        with the response.
+    def weighted_products(self, responses: Sequence[Response], weights: BandWeights) -> Array:
+        """Return the weighted products (k, p) of the columns of responses with all columns. The products by band are
+        cached with each response, and those of all new responses are computed together.
         """
-        kept = self._products.setdefault(response, {})
-        products = np.zeros((response.columns.shape[1], self.X.shape[1]))
-        for band, equal in enumerate(self._by_band(weight)[0].tolist()):
-            scale, shape = (equal, _EQUAL) if equal else self._shape(band, weight)
-
-            def compute(rows: NDArray[np.int64] = self.rows[band], shape: Array = shape, band: int = band) -> Array:
-                return np.asarray((shape[:, None] * response.columns[rows]).T @ self.parts[band], dtype=float)
-
-            products += scale * recent(kept, (band, shape.tobytes()), compute, len(self.rows) + _UNEVEN)
-        return products
-
-    def _by_band(self, weight: Array) -> tuple[Array, list[int]]:
-        """Return the weight (b,) of each band with equal weights (N,), zero for the others, and the indices of the
-        others.
-        """
-        each = [weight[rows] for rows in self.rows]
-        equal = np.array([weights[0] if np.ptp(weights) == 0 else 0.0 for weights in each])
-        return equal, [band for band, weights in enumerate(each) if np.ptp(weights) > 0]
+        key = weights.shape.tobytes()
+        new = [response for response in responses if self._products.get(response, (b"",))[0] != key]
+        if new:
+            whole = weights.shape[:, None] * np.concatenate([response.columns for response in new], axis=1)
+            products = np.stack([whole[rows].T @ part for rows, part in zip(self.rows, self.parts, strict=True)])
+            ends = np.cumsum([response.columns.shape[1] for response in new])
+            for response, part in zip(new, np.split(products, ends[:-1], axis=1), strict=True):
+                self._products[response] = key, part.copy()
+        by_band = (self._products[response][1] for response in responses)
+        return np.concatenate([np.tensordot(weights.scale, products, axes=1) for products in by_band])
 
     def variance(self, level: float, curves: JointCurves | None = None, discrepancy: float = 0.0) -> Array:
         """Return the prior variance (p,) of the coefficients in an arm with `level` times the healthy size of every

@@ -66,10 +66,19 @@ class EffectPrices:
         """Return the index of the form of an effect, for waves the form of the nearest order; None if the effect has
         no form.
         """
-        forms, order = self.columns.forms, order_of(effect)
-        of_name = [k for k, form in enumerate(forms) if form.name == name_of(effect)]
-        apart = np.nan_to_num([abs(order_of(forms[k].effect) - order) for k in of_name])
-        return of_name[int(np.argmin(apart))] if of_name else None
+        indices, orders = self._forms_of_name.get(name_of(effect), ([], np.empty(0)))
+        if not indices:
+            return None
+        return indices[int(np.argmin(np.nan_to_num(np.abs(orders - order_of(effect)))))]
+
+    @cached_property
+    def _forms_of_name(self) -> dict[str, tuple[list[int], Array]]:
+        """Indices of the forms of each name, and their orders (n,), NaN for effects that are no waves."""
+        indices: dict[str, list[int]] = {}
+        for k, form in enumerate(self.columns.forms):
+            indices.setdefault(form.name, []).append(k)
+        orders = np.array([order_of(form.effect) for form in self.columns.forms])
+        return {name: (of_name, orders[of_name]) for name, of_name in indices.items()}
 
     def choice_cost(self, effect: Effect) -> float:
         """Return the log evidence required for choosing an effect among several possible forms.

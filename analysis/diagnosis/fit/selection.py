@@ -189,7 +189,6 @@ class Selection(SelectionSteps):
                     # further names would only describe the residual of a series approximating an error of a different
                     # form
                     break
-                self.effort.rounds += 1
                 posterior = self.posterior(state)
                 # Effects that pay nothing are removed first, and only then is an effect added. If none gains, doubtful
                 # effects are removed.
@@ -204,11 +203,19 @@ class Selection(SelectionSteps):
                         newest = changed.effects[-1]
                         is_new = not any(is_alike(effect, newest) for effect in self.linear.reference)
                         if stops and with_free_form is None and is_new and not self.is_valid_for(changed):
+                            self._note_round(state, changed)
                             return changed, None
                         changed = self.settled(*beginnings(changed))
                 changed = changed or self.backward_step(state, posterior, below=_SURE_EVIDENCE)
                 changed = changed or self.without_free_form(state)
                 if changed is None:
                     break
-                state = self.renewed(changed)
+                before, state = state, self.renewed(changed)
+                self._note_round(before, state)
         return self.renewed(self.refitted(state)), with_free_form
+
+    def _note_round(self, before: SelectionState, after: SelectionState) -> None:
+        """Note the effort of a round of the search, by its gain of log evidence and of unexplained energy."""
+        count = self.columns.count
+        unexplained = [float(count @ np.maximum(state.strength - 1, 0)) / count.sum() for state in (before, after)]
+        self.effort.note(self.evidence(after) - self.evidence(before), *unexplained)

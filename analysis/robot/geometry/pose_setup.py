@@ -59,8 +59,9 @@ def moved_by(T: Array, shift: Array, turn: Array) -> Array:
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     moved = T.copy()
-    moved[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ T[:3, :3]
     moved[:3, 3] += shift
+    if turn.any():
+        moved[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ T[:3, :3]
     return moved
 
 
