@@ -384,7 +384,7 @@ def _run(run: AnyRun) -> Measured:
         return load_run(run)
     if not isinstance(run, Measured):
         remedy = "give a run of load_run, read_table or simulate, or the path of a run directory"
-        raise UseError("run", f"a {type(run).__name__} is no run", remedy)
+        raise UseError("run", f"a {type(run).__name__} is not a run", remedy)
     return run
 
 

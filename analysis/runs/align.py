@@ -320,7 +320,7 @@ def _left_out(name: str, count: int) -> str:
     return f"{name}: {counted(count, 'row is', 'rows are')} ignored"
 
 
-def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
+def robot_only(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
     """Return times (n,) s since the first row, reported angles (n, 6) rad, and doubts of a recorded run.
 
     Gauges are ignored. Raises FileError if the robot was not recorded.

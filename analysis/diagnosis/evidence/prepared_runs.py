@@ -28,7 +28,7 @@ from analysis.robot.kinematics.arm import Array, Mask
 from analysis.robot.model.predict import model_of
 from analysis.runs.loading import Measured
 from analysis.runs.noise.cell_noise import TARGET_MM
-from analysis.runs.noise.wild import by_accident
+from analysis.runs.noise.outliers import by_accident
 from analysis.runs.tables import Table
 from rigs.effects import Effect
 from rigs.errors import FileError
@@ -115,7 +115,7 @@ def _doubts_of_gauges(findings: Sequence[Finding], counted: Sequence[tuple[str, 
     wild, readings = sum(circle[1] for circle in circles), sum(circle[2] for circle in circles)
     if wild > _FEW * readings:
         worst, most, _ = max(circles, key=lambda circle: circle[1])
-        message = f"{wild} of {readings} readings of circles are wild and were replaced by interpolation"
+        message = f"{wild} of {readings} readings of circles are outliers and were replaced by interpolation"
         doubts.append(f"{message} (most, {most}, in {worst})")
     return doubts
 
@@ -184,7 +184,7 @@ all readings, the set-up hid one outlier in nine.
 """
 
 
-def without_wild(
+def without_outliers(
     runs: Sequence[ObservedRun], effects: Sequence[Effect], use: str
 ) -> tuple[list[ObservedRun], list[str]]:
     """Return runs, omitting readings (m, k) mm at targets and poses distant from all others, relative to a model with
@@ -206,24 +206,24 @@ def without_wild(
                 far_mm[run.setup] = max(far_mm.get(run.setup, 0.0), float(distance_mm.max()))
         elif wild.any():
             doubts.append(
-                f"{wild.sum()} of {len(run.rows)} readings of {run.setup} lie far from all others, up "
-                f"to {distance_mm.max():.1f} mm, and are not ignored: so many, or all in one range of a joint, are no "
-                "lost points; check the signs, order and zeros of the joints, and whether instrument or base moved"
+                f"{wild.sum()} of {len(run.rows)} readings of {run.setup} are up to {distance_mm.max():.1f} mm from "
+                "all others but are not ignored: they are too many, or all in one range of a joint, for lost points; "
+                "check the signs, order and zeros of the joints, and whether instrument or base moved"
             )
     for setup, most_mm in far_mm.items():
         members = [k for k, run in enumerate(runs) if run.setup == setup]
         count = sum(len(runs[k].rows) for k in members)
-        wild_count = count - sum(len(sound[k].rows) for k in members)
+        outlier_count = count - sum(len(sound[k].rows) for k in members)
         kind, check = f"poses of {setup}", "check that the robot stood and that the tracker had the target"
         if not facts_of(runs[members[0]].table.test).of_places:
             kind = f"readings at the targets of {setup}"
             check = (
                 "check that the robot is at rest during a reading, that the clocks agree, and that the plunger touches"
             )
-        are = "is wild" if wild_count == 1 else "are wild"
+        are = "is an outlier" if outlier_count == 1 else "are outliers"
         doubts.append(
-            f"{wild_count} of {count} {kind} {are}, up to {most_mm:.1f} mm off, and not counted in the rms of {use}: "
-            f"{check}"
+            f"{outlier_count} of {count} {kind} {are}, up to {most_mm:.1f} mm from the others, and not counted in the "
+            f"rms of {use}: {check}"
         )
     return [run for run in sound if len(run.rows)], doubts
 

@@ -28,12 +28,12 @@ from analysis.diagnosis.fit.selection_state import (
     Hyperparameters,
     SelectionState,
     beginnings,
+    has_compliant_base_only,
     is_alike,
     is_duplicate,
     is_one,
-    series_among,
     settled,
-    stands_softly,
+    spurious_wave_series,
     starting_effects,
 )
 from analysis.procedures.facts import facts_of
@@ -287,7 +287,7 @@ class Selection:
             if level_cap > 1.0 and state.level == level:
                 break
             for _ in range(_SEARCH_ROUNDS):
-                if series_among(state.effects) or self.effort.is_spent:
+                if spurious_wave_series(state.effects) or self.effort.is_spent:
                     # further names would only describe the residual of a series approximating an error of a different
                     # form
                     break
@@ -403,7 +403,7 @@ class Selection:
         evidence = self.backgrounds.of(state).evidence(state.refined.fitted_terms)
         prices = sum(self.prices.price(effect, state.level) for effect in state.effects)
         prices += sum(whole_order_gain(state.refined, place) for place in range(len(state.effects)))
-        if stands_softly(state.effects):
+        if has_compliant_base_only(state.effects):
             prices -= HEALTHY_PRICE  # the softness of the shoulder is then free, as if it were fitted
         return evidence + prices - FREE_PRICE * len(state.free_forms)
 

@@ -55,7 +55,7 @@ class Stages:
         """Whether the calibrated model contains more than the named effects."""
         return self.calibrated.effects != self.named.effects
 
-    def names_alone(self) -> Stages:
+    def without_calibration(self) -> Stages:
         """Return these models with the names in place of the complete model."""
         return replace(self, calibrated=self.named)
 

@@ -368,11 +368,11 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     """
     if {run.run.manifest.direction for run in runs} < {"acw", "cw"}:
         return
-    energies, values = np.zeros(len(_MEANT)), 0.0
+    energies, values = np.zeros(len(_GAUGE_CONTENTS)), 0.0
     for rig, test, both in _pairs(runs):
         acw, cw = (_mean(both[way]) for way in ("acw", "cw"))
         slopes = _slopes(rig, test, acw, cw)
-        energies += [_left_of_plays(slopes, _as(acw, meant), _as(cw, meant)) for meant in _MEANT]
+        energies += [_left_of_plays(slopes, _as(acw, meant), _as(cw, meant)) for meant in _GAUGE_CONTENTS]
         values += 2 * GRID / _ALIKE
     if not values or not energies.all():
         return
@@ -383,7 +383,7 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     if gain < _DECISIVE or labelled < _FITS * least or as_labelled < _RESOLVED_MM:
         return
     # Backlash does not distinguish these meanings; the eccentricities from mean and difference of the gauges decide.
-    alike = [meant for meant, energy in zip(_MEANT, energies, strict=True) if energy < _FITS * least]
+    alike = [meant for meant, energy in zip(_GAUGE_CONTENTS, energies, strict=True) if energy < _FITS * least]
     seen = {finding.meant for run in runs for finding in findings_against(ORDER, run.table, run.rig)}
     if EXCHANGED in seen:
         alike = [meant for meant in alike if meant.columns == (1, 0)] or alike
@@ -404,7 +404,7 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
 
 
 @dataclass(frozen=True)
-class _Meant:
+class _GaugeContent:
     """Alternative content of the two gauge columns: the gauge in each column (2,), and its sign (2,)."""
 
     words: str
@@ -412,17 +412,17 @@ class _Meant:
     signs: tuple[float, float]
 
 
-_MEANT = (
-    _Meant("both as labelled", (0, 1), (1.0, 1.0)),
-    _Meant("both gauges counting the other way", (0, 1), (-1.0, -1.0)),
-    _Meant("g1 counting the other way", (0, 1), (-1.0, 1.0)),
-    _Meant("g2 counting the other way", (0, 1), (1.0, -1.0)),
-    _Meant("g1 and g2 exchanged", (1, 0), (1.0, 1.0)),
-    _Meant("g1 and g2 exchanged and counting the other way", (1, 0), (-1.0, -1.0)),
+_GAUGE_CONTENTS = (
+    _GaugeContent("both as labelled", (0, 1), (1.0, 1.0)),
+    _GaugeContent("both gauges counting the other way", (0, 1), (-1.0, -1.0)),
+    _GaugeContent("g1 counting the other way", (0, 1), (-1.0, 1.0)),
+    _GaugeContent("g2 counting the other way", (0, 1), (1.0, -1.0)),
+    _GaugeContent("g1 and g2 exchanged", (1, 0), (1.0, 1.0)),
+    _GaugeContent("g1 and g2 exchanged and counting the other way", (1, 0), (-1.0, -1.0)),
 )
 
 
-def _as(way: _Way, meant: _Meant) -> _Way:
+def _as(way: _Way, meant: _GaugeContent) -> _Way:
     """Return the laps of a direction with an alternative meaning of the gauge columns."""
     signs, columns = np.array(meant.signs), list(meant.columns)
     return replace(way, g_mm=way.g_mm[:, columns] * signs, stuck=way.stuck[:, columns] * signs)

@@ -59,7 +59,7 @@ def running_median(values: Array) -> Array:
     return medians
 
 
-def is_wild(values: Array) -> Mask:
+def is_outlier(values: Array) -> Mask:
     """Return a mask of readings (n,), in order of time, that differ from their neighbours, as after chips, oil or a
     knock.
 

@@ -147,7 +147,7 @@ def test_a_rail_that_one_of_rig_file_and_table_does_not_know_is_told(case: Case,
     with pytest.raises(FileError, match="has no rail"):
         measured_of(run, standing)
     bare = replace(run, table=columns_of(PoseTable(case.table.q[:, :6], case.table.xyz_mm, None)))
-    with pytest.raises(FileError, match="has no e1_mm, and the arm of the rig file is on a rail"):
+    with pytest.raises(FileError, match="lacks e1_mm, but the arm of the rig file is on a rail"):
         measured_of(bare, rig)
 
 

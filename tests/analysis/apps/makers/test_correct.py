@@ -338,7 +338,7 @@ def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: 
     [
         (HEAD, "A,0,20,ten,0,60,0", "line 2, q3_deg: 'ten' is not a number"),
         (HEAD, "A,0,20,10,0,60", "line 2: has 6 fields, but the header has 7"),
-        (HEAD, "A,0,20,10,0,200,0", "line 2: axis 5 would be at 200.000°, the limits are -140° and 140°"),
+        (HEAD, "A,0,20,10,0,200,0", "line 2: axis 5 would be at 200.000°, beyond the limits -140° and 140°"),
         ("x_mm,y_mm,z_mm", "900,0,0", "has no column rx_deg, ry_deg, rz_deg"),
         ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", "9000,0,0,0,180,0", "line 2: is out of the nominal arm's reach"),
         (f"{HEAD},u_um", "A,0,20,10,0,60,0,1", "is the path already corrected?"),
