@@ -22,14 +22,14 @@ _ARM_LEVELS = np.array([0.2, 0.5, 1.0, 2.0, 5.0, 25.0])
 _UNEXPLAINED_MM = np.array([0.0, 0.05, 0.2, 0.8])
 """Sizes of the unexplained part; calibrated arms have 0.03 to 0.5 mm (UR10, Panda, iiwa)."""
 _UNEXPLAINED_SHARES = np.array([0.7, 0.1, 0.1, 0.1])
-"""Prior probabilities of these sizes. Chosen: a reference without repeats cannot separate scatter from a part that
-depends on the posture, and scatter is the cautious assumption.
+"""Prior probabilities of the sizes in _UNEXPLAINED_MM. Chosen: a reference with no repeats cannot separate scatter
+from a part that depends on the posture, and scatter is the cautious assumption.
 """
 _SCATTERS = np.geomspace(0.03, 10.0, 25)
 """Multiples of the assumed scatter of a kind of reading."""
 _SCATTER_PRIOR = -0.5 * (np.log(_SCATTERS / 0.7) / np.log(2.0)) ** 2
-"""Log prior of these multiples: the assumed scatter includes a part of the model error, and cells differ by a factor
-of two.
+"""Log prior of the multiples in _SCATTERS. The assumed scatter includes a part of the model error, and cells differ
+by a factor of two.
 """
 _NEAR_RAD = (0.6, 1.5)
 """Correlation lengths of the unexplained part in joint space, in equal parts. Chosen: the once-per-turn error of a

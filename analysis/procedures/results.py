@@ -44,8 +44,8 @@ class Result(Tabular):
 
     Example:
 
-        result = evaluate(simulate("ur10e", "yaw", "acw"))
-        print(result.title, result.figures["band_deg"])
+        result = evaluate(simulate("ur10e", "radial"))
+        print(result.title, result.figures["band_mm"])
         table = result.curve.to_table()
     """
 

@@ -245,7 +245,7 @@ def _likely(inside: Array, by_chance: Array) -> Array:
 
 
 def _sampled(bounds: Bounds, line_ns: Array) -> tuple[Array, Array]:
-    """Return bounds (m,) relative to the line, for as many changes as needed."""
+    """Return the lower and upper bounds (m,) ns relative to a line, at up to `_SAMPLE` evenly spaced changes."""
     each = np.linspace(0, len(line_ns) - 1, min(len(line_ns), _SAMPLE)).astype(int)
     return bounds.low_ns[each] - line_ns[each], bounds.high_ns[each] - line_ns[each]
 

@@ -116,7 +116,7 @@ def test_every_example_runs(
     monkeypatch.chdir(tmp_path)
     if value is not save_run:
         save_run(laps[0], "runs/monday-acw")
-    pyarrow.csv.write_csv(laps[0].to_table(), "yaw.csv")
+    pyarrow.csv.write_csv(laps[0].to_table(), "roll.csv")
     if value is not diagnose:
         exec(code, {name: getattr(analysis, name) for name in analysis.__all__})  # noqa: S102 - examples of our own
 

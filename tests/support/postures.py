@@ -61,7 +61,7 @@ def _ur_singular(n: int) -> dict[str, Array]:
 
 
 def everywhere(name: str) -> Array:
-    """Return all of these angles as one stack."""
+    """Return the angles (n, 6) rad of all functions above: random, at the limits and near singularities."""
     return np.concatenate([random_angles(11), at_limits(name), *singular(name).values()])
 
 

@@ -67,7 +67,7 @@ def ask_baseline(answers: Answers, options: Options, dialogue: Dialogue) -> Answ
 
 
 def reports_of(ports: Sequence[str], options: Options, doing: Callable[[str], None]) -> list[PortReport]:
-    """Search these ports, each with the options given for it."""
+    """Search ports for gauges, each with the options given for this port."""
     named = {}
     for name, place in zip(_NAMES, options.places, strict=False):
         if "interface" in options.keys[name]:

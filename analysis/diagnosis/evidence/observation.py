@@ -221,7 +221,10 @@ def outside_coverage(covered: Sequence[JointRange], q_rad: Array, run: str) -> l
 
 
 def outside_effect_coverage(effects: Sequence[Effect], q_rad: Array, run: str) -> list[str]:
-    """Return these messages for the effects of a rig file, each with a separate range; angles are (n, 6) rad."""
+    """Return the messages of `outside_coverage` for the effects of a rig file, each with the joint range of its runs.
+
+    q_rad: joint angles (n, 6) in rad.
+    """
     covered = [effect.found.joints_deg for effect in effects if effect.found and effect.found.joints_deg]
     if not covered:
         return []

@@ -445,7 +445,10 @@ def remaining_variance_shares(forms: Sequence[Form], effect: Effect) -> Array:
 
 
 def remaining_column_shares(forms: Sequence[Form], effect: Effect, count: int) -> Array:
-    """Return these shares for each of `count` columns (p,); columns after the forms keep their full variance."""
+    """Return the shares of `remaining_variance_shares` for each of `count` columns (p,).
+
+    Columns after those of the forms keep their full variance.
+    """
     shares = np.ones(count)
     of_forms = np.repeat(remaining_variance_shares(forms, effect), [len(form.columns) for form in forms])
     shares[: len(of_forms)] = of_forms

@@ -522,7 +522,7 @@ def scatter_um(linear: Linearisation) -> Array:
 
 
 def noise_um(linear: Linearisation) -> Array:
-    """Return the same rms difference (b,) µm including the stamp noise of repeated circles."""
+    """Return the rms difference (b,) µm of `scatter_um`, but including the stamp noise of repeated circles."""
     return np.asarray(np.sqrt(_scatter_squares(linear, [block.apart_mm for block in linear.blocks])[0]), dtype=float)
 
 

@@ -80,8 +80,8 @@ _MARGIN = 1.2
 Chosen.
 """
 _TRIED, _CLOSE = 3, 0.5
-"""Largest number of named effects fitted before a named effect is added, and the share of the largest gain that the
-others must have. Chosen: each fit costs a fraction of a round.
+"""Maximum number of candidate effects that are fitted before the best is named, and the minimum linear gain of each
+as a share of the largest gain. Chosen: each fit costs a fraction of a round.
 """
 _BENT, _PLAIN_TO_SEE = -5.0, 10.0
 """Minimum log evidence of a form whose effect is also fitted if no effect gains much, and minimum sigmas of the form

@@ -35,8 +35,8 @@ _MOST_MEMBERS = 3
 _DOUBTED_SIGMA = 2.0
 """Significance in sigmas below which the contribution of a part is unknown: it may be absent."""
 _INVISIBLE_UM = 1e-3
-"""Contribution in µm of an effect of healthy size below which these runs do not show it, so that a multiple of it is
-meaningless, such as backlash of a joint that always approaches from the same side.
+"""Contribution in µm of a healthy effect below which the runs do not show the effect. A multiple of it then has no
+meaning, for example for the backlash of a joint that always approaches from one side.
 """
 _NO_FREEDOM = 1e-14
 """Ratio of mean squares below which a combination of set-up terms has no influence."""
@@ -284,8 +284,8 @@ class Budget:
 
     @cached_property
     def _not_shown(self) -> set[tuple[int, ...]]:
-        """Columns of forms not testable in these runs: invisible effects, and waves of which a joint covered few
-        cycles, indistinguishable from a zero.
+        """Columns of forms that the runs cannot test: invisible effects, and waves of which a joint covered only a
+        few cycles, because a wrong zero looks like them.
         """
         hidden = self.result.selection.not_testable(self.result.state, self.result.posterior)
         of_curves = zip(self.result.columns.forms, *self.result.selection.prices.waves_of_curves, strict=True)

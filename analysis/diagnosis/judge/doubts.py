@@ -23,8 +23,9 @@ from rigs.rig import Rig
 from rigs.schema.effect import label_of, name_of
 
 _BETTER = 0.97
-"""Ratio of the gap without an effect of the rig file to that with it, below which the effect is doubted. Chosen: 3 % of
-the rms is more than a refitted set-up gains by chance."""
+"""Ratio of the residual without an effect of the rig file to the residual with it, below which the effect is
+doubted. Chosen: a refitted set-up gains less than 3 % of the rms by chance.
+"""
 
 
 def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:

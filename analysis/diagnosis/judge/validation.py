@@ -56,7 +56,7 @@ class Stages:
         return self.calibrated.effects != self.named.effects
 
     def without_calibration(self) -> Stages:
-        """Return these models with the names in place of the complete model."""
+        """Return the models with the named effects alone in place of the calibrated model."""
         return replace(self, calibrated=self.named)
 
 

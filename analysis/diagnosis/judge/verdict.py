@@ -159,7 +159,9 @@ _ENOUGH = 3
 readings.
 """
 _HEALTHY = 0.05
-"""Odds of a healthy arm showing the same, above which an effect is not reported as a fault: 5 % of the cases."""
+"""Probability that a healthy arm shows an effect this large, above which the effect is not reported as a fault.
+Chosen: 5 % of the cases.
+"""
 _LIKELY = 0.2
 """Odds among rivals below which a named effect is not confirmed: three named effects with the same response have a
 third each, and all remain above this limit.

@@ -259,8 +259,9 @@ def planned_blocks(
 
 @dataclass(frozen=True)
 class ExpectedPosterior:
-    """Posterior of runs of a linearisation about their set-ups, at a level of the healthy background, with unknown
-    readings.
+    """Expected posterior of the effects for planned runs, before any reading is known.
+
+    linear: linearisation of the runs. level: size of the healthy background.
     """
 
     linear: Linearisation

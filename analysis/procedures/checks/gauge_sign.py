@@ -51,8 +51,8 @@ _WHOLE = 0.9
 _CLOSER = 0.5
 """Maximum ratio of the distance between the two eccentricities with exchanged gauges to that as labelled."""
 _BEYOND = 2.0
-"""Minimum distance between them as a multiple of the rms of all other orders. Both factors are chosen: `scripts/dev
-exchanged` counts wrong doubts and missed exchanges.
+"""Minimum distance between the two eccentricities as a multiple of the rms of all other orders. This factor and
+_CLOSER are chosen: `scripts/dev exchanged` counts wrong doubts and missed exchanges.
 """
 _SEEN_MM, _NEGATED = 0.2, 0.25
 """With one gauge inverted, the two eccentricities agree within this share, if they exceed this size. Chosen: an

@@ -52,9 +52,9 @@ splits that are tried first.
 SPARE, FITTED = 30, 300
 """Minimum number of redundant readings for a fit of all constants, and number of poses that is sufficient."""
 _SHARE, _SHARE_OF_FEW = 0.6, 0.3
-"""Largest ratio of the residuals with and without a second placement, and the same for fewer rows or redundant
-readings than these two. For a UR10 and a UR5 measured over hours, the best of all splits leaves at least 0.86 for
-30 to 1495 poses in order, and at least 0.51 for 272 sets of 20 to 40 poses.
+"""Largest ratio of the residuals with and without a second placement, and the ratio for few rows or few redundant
+readings (_MANY_ROWS, _MANY_SPARE). For a UR10 and a UR5 measured over hours, the best of all splits leaves at
+least 0.86 for 30 to 1495 poses in order, and at least 0.51 for 272 sets of 20 to 40 poses.
 """
 _MANY_ROWS, _MANY_SPARE = 8, 120
 _LEAST_MM = 0.05

@@ -280,9 +280,10 @@ def _figures(cells: Cells, best: Array, free: Sphere, scatter: Scatter | None, r
 def _plain(
     cell_mm: Array, best: Array, free: Sphere, radius_mm: float, length_mm: Array | float = 0.0
 ) -> dict[str, Array]:
-    """Return the figures (m,) of draws cell_mm (m, t, o) of the readings around best (t, o), those of the sphere.
+    """Return the figures (m,) of m draws of the readings, including those of the fitted sphere.
 
-    length_mm (m,): added to every distance. The sphere is updated linearly by its slopes.
+    cell_mm (m, t, o): draws of the readings. best (t, o): readings about which they are drawn. length_mm (m,): added to
+    every distance. The sphere is updated linearly by its slopes.
     """
     length = np.broadcast_to(length_mm, len(cell_mm))
     mean = _mean(cell_mm)

@@ -191,7 +191,7 @@ def outliers_of(phi: Array, rough: Array, lap: Integers, rounds: int = 2 * NODES
 
 
 def of_rows(laps: Laps, rows: LapRows) -> Reduced:
-    """Return the readings at NODES circle angles of laps with these combined rows."""
+    """Return the readings at NODES circle angles, as curves through the combined rows of the laps."""
     added = _waves(PHI) @ rows.base
     hats, nodes = rows.hats, rows.hats.lines() + added
     odd: Mask = np.any([bursts(of_gauge) for of_gauge in np.moveaxis(nodes, 2, 0)], axis=0)
