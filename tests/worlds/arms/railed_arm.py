@@ -17,8 +17,9 @@ from tests.worlds.arms.seven_axes import APPROACH_RAD, Array, Truth, corrected, 
 
 @dataclass(frozen=True)
 class RailTruth:
-    """Errors in mm per metre of travel along the rail, sideways and in height. waves: for each of them number of
-    waves per metre, amplitude (mm) and phase.
+    """Errors of a rail, in mm per metre of travel.
+
+    waves: periodic errors, each with its direction (0 to 2), number of waves per metre, amplitude in mm, and phase.
     """
 
     along: float

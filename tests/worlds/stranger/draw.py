@@ -41,8 +41,11 @@ _TRIES = 200
 
 @dataclass(frozen=True)
 class Hidden:
-    """A fault with its SNR against noise and background, its SNR against noise only, the names it cannot be
-    distinguished from in these tests, and the nearest other name with its distance in sigma (noise only).
+    """A hidden fault and its visibility in the runs.
+
+    snr: signal-to-noise ratio against noise and background. snr_noise: the same against noise only. twins: names of
+    effects that the tests cannot distinguish from it. rival, rival_sigma: the nearest other effect, and its distance in
+    sigma with noise only.
     """
 
     fault: Fault
