@@ -21,7 +21,7 @@ from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import TestName
 
-_GIVE_TEST = "choose with --test"
+_GIVE_TEST = "choose the test: --test, or test= in Python"
 
 
 def read_any_table(

@@ -54,7 +54,7 @@ def controller_constants(arm: LibraryArm, q: Array, xyz_mm: Array, R: Array | No
             "give at least 20 in which all joints move",
         )
     if fitted.rms_mm > _LEFT_MM:
-        problem = f"the flange poses fit no constants of {arm.name}: {fitted.rms_mm:.3g} mm rms remain"
+        problem = f"no link constants of {arm.name} match the flange poses: {fitted.rms_mm:.3g} mm rms remain"
         raise FileError(where, problem, "set the tool of the controller to none, and give flange poses and joints")
     axes = tuple(
         axis.model_copy(
