@@ -127,7 +127,7 @@ def visits_of(
     fits, doubts = [k for k, _ in pairs], list[str]()
     if len(fits) < _FOLLOWED * len(places):
         fits = list(range(len(places)))
-        doubts.append("targets were visited in a different order than in the rig file: all stands are used")
+        doubts.append("targets were visited in a different order than in the rig file: all standstills are used")
     elif others := len(places) - len(fits):
         outside = "outside the order of the program (before, after, or repeated) are not used"
         doubts.append(f"{others} stops {outside}")

@@ -218,7 +218,7 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     q, g_mm, within = (np.concatenate(parts) for parts in zip(*stands, strict=True))
     places = forward(arm_of(rig.robot), q)[:, :3, 3]
     if (apart := len(distinct(places))) < 4:
-        problem = f"the robot stood at {apart} places, but a ball needs four that are not in a plane"
+        problem = f"the robot was at rest at {apart} places, but a ball needs four that are not in a plane"
         raise FileError(where, problem, "rest at more places all over the hemisphere, a second at each")
     # Drop stops far off the sphere of the others one by one.
     near = np.ones(len(places), dtype=bool)

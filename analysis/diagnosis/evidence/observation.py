@@ -213,7 +213,7 @@ def outside_coverage(covered: Sequence[JointRange], q_rad: Array, run: str) -> l
     for axis, ((low, high), angle) in enumerate(zip(covered, joints.T, strict=True), start=1):
         outside = int(((angle < low - BEYOND_DEG) | (angle > high + BEYOND_DEG)).sum())
         if outside:
-            stands = f"axis {axis} stands at {angle.min():z.1f}° to {angle.max():z.1f}°"
+            stands = f"axis {axis} is at {angle.min():z.1f}° to {angle.max():z.1f}°"
             lines.append(
                 f"{run}: {stands}, {outside} of {len(angle)} outside {low:z.1f}° to {high:z.1f}°, where it was found"
             )

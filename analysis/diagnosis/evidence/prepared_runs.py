@@ -214,7 +214,7 @@ def without_outliers(
         members = [k for k, run in enumerate(runs) if run.setup == setup]
         count = sum(len(runs[k].rows) for k in members)
         outlier_count = count - sum(len(sound[k].rows) for k in members)
-        kind, check = f"poses of {setup}", "check that the robot stood and that the tracker had the target"
+        kind, check = f"poses of {setup}", "check that the robot was at rest and that the tracker had the target"
         if not facts_of(runs[members[0]].table.test).of_places:
             kind = f"readings at the targets of {setup}"
             check = (

@@ -51,15 +51,13 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
             ways.setdefault(table.test, set()).add(direction)
     rails = [rail_mm(block.model.arm, block.table.q) for block in blocks if block.model.arm.rail is not None]
     if rails and np.ptp(stands := np.concatenate(rails)) == 0:
-        doubts.append(
-            f"the rail stood at {stands[0]:g} mm throughout, so the rail is not tested; measure along the rail"
-        )
+        doubts.append(f"the rail was at {stands[0]:g} mm throughout, so the rail is not tested; measure along the rail")
     for test, way in [(test, next(iter(seen))) for test, seen in ways.items() if len(seen) == 1]:
         doubts.append(f"{test} was driven {way} only: effects that change with the direction cannot be detected")
     if not circles:
         sides = any(block.table.sides is not None for block in blocks)
         back = "" if sides else ", or on how a joint turns back,"
-        doubts.append(f"the robot stood at every reading: effects that depend on the speed{back} hardly show")
+        doubts.append(f"the robot was at rest at every reading: effects that depend on the speed{back} hardly show")
     return tuple(dict.fromkeys(doubts))  # each socket of a run is a separate block
 
 

@@ -86,7 +86,9 @@ def further_tests(rig: Rig, tests: Sequence[TestName]) -> list[FurtherTest]:
         apart = touch.model_copy(update={"distances": (KnownSocketDistance(between=between, distance_mm=_APART_MM),)})
         measured = rig.model_copy(update={"tests": rig.tests.model_copy(update={"touch": apart})})
         words = f"touch, with tests.touch.distances of {' and '.join(between)} measured"
-        further.append(FurtherTest(("touch",), "touches alone do not show the scale of the arm", ((words, measured),)))
+        further.append(
+            FurtherTest(("touch",), "touches by themselves do not show the scale of the arm", ((words, measured),))
+        )
     # The first of equally useful tests is reported, so tests of the rig file precede new set-ups.
     return further + (_other_circles(rig, rig.tests.circle, tests) if rig.tests.circle else [])
 

@@ -181,7 +181,7 @@ def stand_findings(run: Measured) -> Iterator[Finding]:
         "means are used, one for each"
     )
     remedy = "if the robot moved in between, give the rows of a pose after those of another"
-    yield Finding(STANDS, "likely", (), "readings of one stand", fact, remedy)
+    yield Finding(STANDS, "likely", (), "readings of one standstill", fact, remedy)
 
 
 SOURCE = "source"

@@ -193,7 +193,7 @@ def _of_visits(
         turned = np.degrees(_padded(twisted, group, again))
         turn = scatter_of(turned, 0.0)
         figures |= of_scatter(turn_figures, turned, turn)
-    few = f"{len(again)} poses visited again, at most {counts.max()} times; ISO 9283 asks {RP_VISITS}"
+    few = f"{len(again)} poses visited again, at most {counts.max()} times; ISO 9283 requires {RP_VISITS}"
     notes = [few] if counts.max() < RP_VISITS else []
     if instrument is not None:
         for name in [name for name, figure in figures.items() if name[:3] == "ap_" and figure.unit == "mm"]:

@@ -248,4 +248,4 @@ def test_a_rail_that_nobody_moved_is_said(case: Case, rig: Rig) -> None:
     arm = arm_of(rig.robot)
     table = replace(still, q=q, xyz_mm=forward(arm, q)[:, :3, 3] + np.random.default_rng(6).normal(0, 0.02, (40, 3)))
     found = diagnose(rig, [run_of(rig, table)], [], [], lambda _: None)
-    assert any("the rail stood at 0 mm throughout" in doubt for doubt in found.doubts)
+    assert any("the rail was at 0 mm throughout" in doubt for doubt in found.doubts)

@@ -1,5 +1,7 @@
-"""Stands of a recorded motion, with bad rows of the robot's feedback among them; several readings of one stand are one
-reading, and figures are those of the stands."""
+"""Standstills of a recorded motion, also with bad rows of the feedback.
+
+Several readings of one standstill count as one reading, and the figures are those of the standstills.
+"""
 
 from __future__ import annotations
 

@@ -264,7 +264,7 @@ def test_targets_where_nothing_was_measured_are_doubted(tmp_path: Path) -> None:
     targets = correct_rig(_rig(ZERO_3.model_copy(update={"found": near})), _path(tmp_path)).path
     assert targets and len(targets[2].doubts) == 2
     assert "2 of 3 targets are at places without a known uncertainty" in targets[2].doubts[0]
-    assert "axis 6 stands at 0.0° to 100.0°, 2 of 3 outside 0.0° to 5.0°" in targets[2].doubts[1]
+    assert "axis 6 is at 0.0° to 100.0°, 2 of 3 outside 0.0° to 5.0°" in targets[2].doubts[1]
     assert targets[2].covered is not None and targets[2].covered.tolist() == [True, False, False]
     assert np.isnan(targets[2].u_mm).tolist() == np.isnan(targets[2].u_frame_mm).tolist() == [False, True, True]
 

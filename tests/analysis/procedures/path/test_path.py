@@ -215,7 +215,7 @@ def test_what_comes_before_and_after_is_no_path() -> None:
     found = path.evaluate(PathTable(table.t_s[late], table.xyz_mm[late]), CUBE, None, "path")
     counts = {name: len(one.places) for name, one in found.driven.paths.items()}
     assert counts["line"] == CYCLES - 1 and counts["small_circle"] == CYCLES - 1 and counts["circle"] == CYCLES
-    assert any("ISO 9283 asks 10" in note for note in found.notes)
+    assert any("ISO 9283 requires 10" in note for note in found.notes)
 
 
 @pytest.mark.parametrize(
