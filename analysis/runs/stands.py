@@ -221,7 +221,10 @@ def standstill_starts(q: Array, differs: Mask) -> Mask:
 
 
 def standstill_starts_of_visits(q: Array, differs: Mask) -> Mask:
-    """Return a mask (n,) like `standstill_starts`, of rows without times, which may be visits in any order."""
+    """Return the mask (n,) of `standstill_starts` for rows without times.
+
+    If the rows seem to be visits in any order, each row starts a standstill.
+    """
     starts = standstill_starts(q, differs)
     return np.ones(len(q), dtype=bool) if len(q) and not _standstills_are_adjacent(q, starts[1:]) else starts
 

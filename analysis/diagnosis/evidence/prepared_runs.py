@@ -229,8 +229,7 @@ def without_outliers(
 
 
 def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]:
-    """Return the set-ups whose outlying poses `wild` (m,) are too frequent for accidents, or occupy an exclusive joint
-    range.
+    """Return the set-ups whose outliers `wild` (m,) cannot be accidents: they are too frequent, or fill a joint range.
 
     Gauge readings at targets are excluded: a robot read in motion has many outliers.
     """
