@@ -8,7 +8,7 @@ import threading
 from queue import Empty, SimpleQueue
 from typing import TypeVar
 
-_LOOK_S = 0.5
+_POLL_S = 0.5
 _End = TypeVar("_End")
 
 
@@ -20,7 +20,7 @@ def end_from(ends: SimpleQueue[_End]) -> _End:
     """
     while True:
         with contextlib.suppress(Empty):
-            return ends.get(timeout=_LOOK_S)
+            return ends.get(timeout=_POLL_S)
 
 
 def ignore_interrupts() -> None:

@@ -96,7 +96,7 @@ def read_table(
 
     Example:
 
-        run = read_table("yaw.csv", "ur10e", test="yaw", direction="acw")
+        run = read_table("roll.csv", "ur10e", test="roll", direction="acw")
         print(run.to_table().column_names)
 
     Source: docs/tables.md.
@@ -127,7 +127,7 @@ def save_run(run: Measured, directory: str | Path) -> Path:
 
     Example:
 
-        run = simulate("ur10e", "yaw", "acw")
+        run = simulate("ur10e", "roll", "acw")
         save_run(run, "runs/monday-acw")
 
     Source: docs/recording.md (run directories).
@@ -167,7 +167,7 @@ def simulate(
 
     Example:
 
-        run = simulate("ur10e", "yaw", "cw", seed=7)
+        run = simulate("ur10e", "roll", "cw", seed=7)
         print(run.table.g_mm.shape, run.table.q.shape)
 
     Source: docs/simulation.md.
@@ -196,7 +196,7 @@ def evaluate(run: AnyRun, like: Result | None = None) -> Result:
 
     Example:
 
-        result = evaluate(simulate("ur10e", "yaw", "acw"))
+        result = evaluate(simulate("ur10e", "roll", "acw"))
         band = result.figures["band_deg"]
         print(band.value, band.u, band.unit)
 
@@ -216,7 +216,7 @@ def evaluate_runs(runs: AnyRun | Sequence[AnyRun]) -> list[Result]:
 
     Example:
 
-        runs = [simulate("ur10e", "yaw", way) for way in ("acw", "cw")]
+        runs = [simulate("ur10e", "roll", way) for way in ("acw", "cw")]
         for result in evaluate_runs(runs):
             print(result.title, result.figures["band_deg"])
 
@@ -243,7 +243,7 @@ def compare(
 
     Example:
 
-        compared = compare(simulate("ur10e", "yaw", "acw"))
+        compared = compare(simulate("ur10e", "roll", "acw"))
         print(compared.runs[0].rms_um)
 
     Source: docs/simulation.md.
@@ -285,7 +285,7 @@ def calibrate(
 
     Example:
 
-        runs = [simulate("ur10e", "yaw", way, seed=seed) for seed in (1, 2) for way in ("acw", "cw")]
+        runs = [simulate("ur10e", "roll", way, seed=seed) for seed in (1, 2) for way in ("acw", "cw")]
         found = calibrate(runs, "backlash:1")
         print(found.train.before_um, found.train.calibrated_um)
 
@@ -325,7 +325,7 @@ def diagnose(
 
     Example:
 
-        runs = [simulate("ur10e", "yaw", way, seed=seed) for seed in (1, 2) for way in ("acw", "cw")]
+        runs = [simulate("ur10e", "roll", way, seed=seed) for seed in (1, 2) for way in ("acw", "cw")]
         found = diagnose(runs)
         print(found.condition, [cause.effect for cause in found.standing])
 
@@ -383,7 +383,7 @@ def _run(run: AnyRun) -> Measured:
         return load_run(run)
     if not isinstance(run, Measured):
         remedy = "give a run of load_run, read_table or simulate, or the path of a run directory"
-        raise UseError("run", f"a {type(run).__name__} is no run", remedy)
+        raise UseError("run", f"a {type(run).__name__} is not a run", remedy)
     return run
 
 

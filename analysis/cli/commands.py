@@ -131,7 +131,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 @contextmanager
 def _without_what_is_never_shown() -> Iterator[None]:
-    """Replace these modules by empty classes during the import of typer's help pages."""
+    """Replace the modules in `_NEVER_SHOWN` by empty ones while typer's help pages are imported."""
     absent = [name for name in _NEVER_SHOWN if name not in sys.modules]
     for name in absent:
         sys.modules[name] = ModuleType(name)

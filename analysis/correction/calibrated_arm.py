@@ -103,8 +103,8 @@ class CalibratedArm:
         angles = angles[None] if angles.ndim == 1 else angles
         widths = (self._axes, self._axes + 1) if self.rig.robot.rail else (self._axes,)
         if angles.ndim != 2 or angles.shape[1] not in widths or not np.isfinite(angles).all():
-            problem = f"shape {angles.shape} is not that of finite joint angles (n, {widths[-1]})"
-            raise FileError("q_deg", problem, "give a row for each posture")
+            problem = f"must be finite joint angles (n, {widths[-1]}) in degrees, but has the shape {angles.shape}"
+            raise FileError("q_deg", problem, "give one row per posture")
         q = np.radians(angles)
         q[:, self._axes :] = angles[:, self._axes :]
         return ArmPoses(tool_poses(self._model, q), self._u_mm(q), covered(self._pose_uncertainty, q))
@@ -120,7 +120,9 @@ class CalibratedArm:
         poses = _numbers(T, "T")
         poses = poses[None] if poses.ndim == _ONE_FRAME else poses
         if poses.ndim != 3 or poses.shape[1:] != (4, 4) or not np.isfinite(poses).all():
-            raise FileError("T", f"shape {poses.shape} is not that of finite frames (n, 4, 4)", "give a frame a pose")
+            raise FileError(
+                "T", f"must be finite frames (n, 4, 4), but has the shape {poses.shape}", "give one frame per pose"
+            )
         R = poses[:, :3, :3]
         off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
         last_row_off = np.abs(poses[:, 3] - [0, 0, 0, 1]).max(initial=0.0)
@@ -131,7 +133,7 @@ class CalibratedArm:
         start = middle if near_deg is None else np.radians(_numbers(near_deg, "near_deg"))
         if start.shape != middle.shape:
             raise FileError(
-                "near_deg", f"shape {start.shape} does not match a single posture", f"give {self._axes} angles"
+                "near_deg", f"must be a single posture, but has the shape {start.shape}", f"give {self._axes} angles"
             )
         q, reached = np.full((len(poses), self._axes), np.nan), np.zeros(len(poses), dtype=bool)
         solved = self._solved if self._axes >= DRIVEN_AXES else self._solved_in_part

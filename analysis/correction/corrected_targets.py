@@ -279,7 +279,7 @@ def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
     first = f"{counted}: the column covered is no and u is empty; measure there for an uncertainty"
     rail = RAIL_MM * uncertainty.joints_rad[axes:]
     stands = [
-        f"the model: the rail stands at {mm.min():.0f} to {mm.max():.0f} mm, in the runs at {low:.0f} to {high:.0f} mm"
+        f"the model: the rail is at {mm.min():.0f} to {mm.max():.0f} mm, in the runs at {low:.0f} to {high:.0f} mm"
         for (low, high), mm in zip(rail, RAIL_MM * q[:, axes:].T, strict=False)
         if mm.min() < low - BEYOND_MM or mm.max() > high + BEYOND_MM
     ]
@@ -298,7 +298,7 @@ def _turned(rig: Rig, supported: Sequence[Support], q: Array, at: Array) -> list
     really = tool_poses(model_of(rig, used_effects(rig, supported)), at)
     most_deg = float(np.degrees(turned_rad(really, forward(arm_of(rig.robot), q)).max()))
     return [
-        f"an arm of {axes} axes turns its tool in {axes - 3} ways where it stands: each place is corrected, and the "
+        f"an arm of {axes} axes turns its tool in {axes - 3} ways at a position: each position is corrected, and the "
         f"tool stays turned by up to {most_deg:.2g}°"
     ]
 

@@ -8,7 +8,7 @@ backlash on the way and not immediately. This part of the error remains.
 
 from __future__ import annotations
 
-from analysis.correction.support import CERTAIN_U, supports, supports_beside
+from analysis.correction.support import CERTAIN_U, supports, supports_of_usual_size
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import is_play
@@ -25,7 +25,7 @@ def known_plays(rig: Rig) -> tuple[Effect, ...]:
     ]
     plays += [
         support.effect
-        for support in supports_beside(rig)
+        for support in supports_of_usual_size(rig)
         if support.effect.STAGE == "joint" and is_play(support.effect) and support.value >= CERTAIN_U * support.u
     ]
     return tuple(plays)

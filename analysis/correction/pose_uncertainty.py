@@ -57,7 +57,7 @@ class CalibratedUncertainty:
 
     @cached_property
     def _root(self) -> Array:
-        """Root (p, r) of the covariance of these parameters."""
+        """Matrix root (p, r) of the covariance of the parameters that affect the tool."""
         rows = self.calibrated.root[self._effective_parameters]
         values, vectors = np.linalg.eigh(rows @ rows.T)
         root: Array = vectors * np.sqrt(np.maximum(values, 0.0))

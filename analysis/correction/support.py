@@ -52,7 +52,7 @@ def supports(rig: Rig) -> list[Support]:
     ]
 
 
-def supports_beside(rig: Rig) -> list[Support]:
+def supports_of_usual_size(rig: Rig) -> list[Support]:
     """Return the certain effects of the calibration that are not named in the rig file because their size is usual,
     with their use.
     """

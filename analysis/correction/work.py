@@ -81,8 +81,9 @@ def spread_angles(rig: Rig, joints_rad: Array | None) -> Array:
 
 
 def work_or_spread(rig: Rig, joints_rad: Array | None) -> Array:
-    """Return the joint angles (n, 6) rad of the work area, or if too few, those spread over the joint angles (6, 2)
-    rad of the runs."""
+    """Return the postures (n, 6) rad of the work area. If there are too few, return postures spread over the joint
+    angles (6, 2) rad of the runs.
+    """
     work = work_angles(rig)
     return work if len(work) >= _FEWEST else spread_angles(rig, joints_rad)
 

@@ -21,7 +21,7 @@ from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import TestName
 
-_GIVE_TEST = "choose with --test"
+_GIVE_TEST = "choose the test: --test, or test= in Python"
 
 
 def read_any_table(source: Path, *, rig_file: str | Path, test: TestName | None, **label: Any) -> Measured:
@@ -49,7 +49,7 @@ def test_of(source: Path, rig: Rig) -> TestName:
     """Return the test of a table, inferred from the columns. Raises FileError if several tests match, or none."""
     where, axes, head = str(source), len(rig.robot.axes), read_head(source)
     if reader_of(head):
-        raise FileError(where, "is a bag, which may hold poses or a circle", _GIVE_TEST)
+        raise FileError(where, "is a bag, which may contain poses or a circle", _GIVE_TEST)
     names = header_names(head)
     layouts = {test: set(format_of(test).layout(axes).required) - {"direction"} for test in TESTS}
     ours = [test for test, required in layouts.items() if required <= names]
@@ -57,7 +57,7 @@ def test_of(source: Path, rig: Rig) -> TestName:
     if len(ours) == 1:
         return ours[0]
     if ours:
-        raise FileError(where, f"may be of {' or '.join(ours)}, which have the same columns", _GIVE_TEST)
+        raise FileError(where, f"may belong to {' or '.join(ours)}, which have the same columns", _GIVE_TEST)
     if any(name.lower() == SOCKET for name in names):
         return next(test for test in TESTS if SOCKET in format_of(test).layout().required)
     lines, text_layout = text_of(read_whole(source), where)

@@ -39,11 +39,11 @@ def with_joints(raw: RawTable, place: Lengths, cube: Cube) -> RawTable:
     xyz_mm = raw.numbers(place.columns) * TO_MM[place.unit]
     pose = poses_of_stops(xyz_mm, cube)
     if pose is None:
-        problem = "lacks columns of joints, and the places are not stops of the cube in the order P5 P4 P3 P2 P1"
-        remedy = "check tests.iso9283 of the rig file and the unit; of other poses add the joint angles (--join)"
+        problem = "lacks columns of joints, and the positions are not stops at the cube in the order P5 P4 P3 P2 P1"
+        remedy = "check tests.iso9283 of the rig file and the unit; for other poses add the joint angles (--join)"
         raise FileError(raw.where, problem, remedy)
     if (pose == 0).any():
-        problem = "this place is none of the cube's poses"
+        problem = "this position is not one of the cube's poses"
         lines = raw.lines[pose == 0].tolist()
         raise TableFileError(raw.where, [TableProblem(line, place.columns[0], problem) for line in lines[:20]])
     columns = dict(zip(joint_columns(cube.q.shape[1]), np.degrees(cube.q[pose - 1]).T, strict=True))

@@ -126,14 +126,14 @@ def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, st
         stands = reader.stands_of(data, where, rig, topic)
         return stands.text, stands.topic, stands.doubts
     if topic:
-        raise UseError("--topic", f"is of a bag, and {where} is none", "remove it")
+        raise UseError("--topic", f"applies only to bags, and {where} is not a bag", "remove it")
     return data, "", ()
 
 
 def _refuse_rail(rig: Rig, where: str) -> None:
     """Raise FileError for an arm on a rail, since a map does not contain the position of the rail."""
     if rig.robot.rail:
-        problem = "has columns other than those of docs/tables.md, and a map does not give the position of the rail"
+        problem = "has columns other than those of docs/tables.md, but a map cannot give the position of the rail"
         raise FileError(where, problem, "name the columns q1_deg …, e1_mm, x_mm, y_mm, z_mm")
 
 
@@ -155,7 +155,7 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
     rig, rig_text = load(rig_file)
     where = str(files[0])
     if len(files) != len(table_map.files):
-        fact = f"describes {len(table_map.files)} files, and {len(files)} are given"
+        fact = f"describes {len(table_map.files)} files, but {len(files)} are given"
         raise FileError("the map", fact, "give the files of one measurement in order; several are joined (--join)")
     if joints == "commanded" and not table_map.only_commanded:
         if table_map.commanded is None:

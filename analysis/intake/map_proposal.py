@@ -236,7 +236,9 @@ def _without_spots(raw: RawTable, groups: Groups) -> Groups:
     spots = [pose.place.columns for pose in groups.seen if all(map(is_of_spot, pose.place.columns))]
     seen = tuple(pose for pose in groups.seen if pose.place.columns not in spots)
     if spots and not seen:
-        problem = f"has the places of spots ({_short(spots[0])}), touched by the tool, not measured by an instrument"
+        problem = (
+            f"has only positions of spots ({_short(spots[0])}) touched by the tool, but none measured by an instrument"
+        )
         remedy = "name the spot of each row in a column socket, and import the table with --test touch"
         raise FileError(raw.where, problem, remedy)
     return replace(groups, seen=seen)
@@ -248,7 +250,7 @@ def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
     if not groups.joints:
         if groups.near:
             nears = f"{len(groups.near)} columns of joints ({groups.near[0]} … {groups.near[-1]})"
-            problem = f"has {nears}, the arm of the rig file {axes} axes"
+            problem = f"has {nears}, but the arm of the rig file has {axes} axes"
             raise FileError(raw.where, problem, "give the rig file of the measured arm")
         problem = f"has no {axes} columns that may be joints; {has}"
         remedy = (
@@ -331,7 +333,7 @@ def _accept_faulty_arm(judge: _Judge, best: TableReading, readings: Sequence[Tab
     """
     plain = next(reading for reading in readings if reading.value.sees == "the tool")
     if part := fits_in_parts(judge.raw, judge.bare, plain.value):
-        problem = f"fits the arm of the rig file in {part}, and not as a whole; {plain.line()}"
+        problem = f"fits the arm of the rig file in {part}, but not as a whole; {plain.line()}"
         remedy = "give measurements with a different place of target or instrument as separate files, one run each"
         raise FileError(judge.raw.where, problem, remedy)
     nominal = f"{RIGHT_MM:g} mm and {100 * RIGHT_SHARE:g} % of the extent of the places"

@@ -53,7 +53,7 @@ def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
     """
     problems = Problems()
     if table_map.joints is None or table_map.place is None:
-        problem = f"states no {'joints' if table_map.joints is None else 'place'}, which every pose needs"
+        problem = f"lacks {'joints' if table_map.joints is None else 'place'}, which every pose needs"
         raise FileError("the map", problem, "add the columns and the unit")
     q = _radians(raw, table_map.joints, problems)
     commanded = _radians(raw, table_map.commanded, problems) if table_map.commanded else None
@@ -69,7 +69,9 @@ def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
         raise TableFileError(raw.where, problems.first, count=problems.count)
     if table_map.sees == "from the tool":
         if turn is None:
-            raise FileError("the map", "sees from the tool and lacks a turn", "add it, or `sees: the tool`")
+            raise FileError(
+                "the map", "has `sees: from the tool` but no `turn`", "add the turn, or write `sees: the tool`"
+            )
         turn = turn.inv()
         xyz = -turn.apply(xyz)
     return MappedPoses(q, xyz, turn, commanded)
@@ -125,7 +127,7 @@ def table_by(
     if test == MAPPED:
         for part in filter(None, (table_map.joints, table_map.commanded)):
             if len(part.columns) != axes:
-                fact = f"names {len(part.columns)} columns of joints, and the arm of the rig file has {axes} axes"
+                fact = f"names {len(part.columns)} columns of joints, but the arm of the rig file has {axes} axes"
                 remedy = "name a column for each axis, in order, or give the rig file of that arm"
                 raise FileError("the map", fact, remedy)
         poses = poses_of(raw, table_map)
@@ -161,8 +163,8 @@ def _mapped_columns(
         problem = f"does not name a column for {', '.join(missing[:6]) or 'the joints'}, which a {test} table needs"
         raise FileError("the map", problem, "add columns: {NAME: {column: COLUMN OF THE FILE, unit: UNIT}}")
     if unknown := [name for name in (*stated, *table_map.constants) if name not in layout.known_columns]:
-        problem = f"names {unknown[0]}, which no {test} table has"
-        raise UseError("the map", problem, f"known are {', '.join(layout.known_columns)}")
+        problem = f"names {unknown[0]}, which is not a column of a {test} table"
+        raise UseError("the map", problem, f"choose from {', '.join(layout.known_columns)}")
     problems = Problems()
     angles = np.degrees(_radians(raw, table_map.joints, problems)) if table_map.joints else np.empty((0, 0))
     named: Columns = {}
@@ -185,7 +187,9 @@ def _column(raw: RawTable, name: str, column: str, unit: str | None, problems: P
     if name not in (*WORDS, *COUNTS, SOCKET):
         our_unit = name.rpartition("_")[2]
         if unit and unit not in TO_UNIT[our_unit]:
-            raise FileError("the map", f"gives {name} the unit {unit}", f"give one of {', '.join(TO_UNIT[our_unit])}")
+            raise FileError(
+                "the map", f"states the unit {unit} for {name}", f"give one of {', '.join(TO_UNIT[our_unit])}"
+            )
         return pa.array(raw.numbers([column], problems)[:, 0] * (TO_UNIT[our_unit][unit] if unit else 1.0))
     if column not in raw.names:
         raise FileError(raw.where, f"has no column {column!r}", f"it has {', '.join(raw.names[:30])}")

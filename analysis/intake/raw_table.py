@@ -179,7 +179,7 @@ def text_of(data: bytes, where: str, layout: FileLayout | None = None) -> tuple[
             ) from None
         encoding, text = "cp1252", data.decode("cp1252", errors="replace")
     if "\0" in text:
-        raise FileError(where, "contains zero bytes, which a text file cannot", "give the table as UTF-8 text")
+        raise FileError(where, "contains zero bytes, so it is not a text file", "give the table as UTF-8 text")
     return re.split(r"\r\n|\n|\r", text), FileLayout(encoding=encoding)
 
 
@@ -347,7 +347,7 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
     for table in others:
         if join == "rows":
             if len(table.lines) != len(lines):
-                problem = f"has {len(table.lines)} rows, {first.where} {len(lines)}"
+                problem = f"has {len(table.lines)} rows, but {first.where} has {len(lines)}"
                 raise FileError(table.where, problem, "join the files by a common column: --join COLUMN")
             places.append(np.arange(len(lines)))
             continue

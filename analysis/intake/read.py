@@ -382,7 +382,7 @@ def _require_text(where: str, data: bytes) -> None:
         line = data.count(b"\n", 0, error.start) + 1
         raise FileError(where, f"line {line} is not UTF-8", "save the file as UTF-8") from None
     if b"\0" in data:
-        raise FileError(where, "contains zero bytes, which a text file cannot", "give the table as UTF-8 text")
+        raise FileError(where, "contains zero bytes, so it is not a text file", "give the table as UTF-8 text")
 
 
 def _rows(data: bytes, where: str) -> Iterator[Row]:

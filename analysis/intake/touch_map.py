@@ -68,7 +68,7 @@ def _joints(raw: RawTable, rig: Rig, optional: set[str]) -> Angles:
     group = next((group for group in groups if group.role == "measured"), groups[0] if groups else None)
     if group is None:
         axes = len(rig.robot.axes)
-        problem = f"lacks the columns of the {axes} joints of the arm: {', '.join(raw.names[:20])}"
+        problem = f"lacks columns for the {axes} joints of the arm; it has {', '.join(raw.names[:20])}"
         raise FileError(raw.where, problem, f"name the columns q1_deg … q{axes}_deg, or J1 … J{axes}")
     is_small = np.nanmax(np.abs(raw.numbers(group.columns))) <= _FULL_TURN
     is_radians = group.unit == "rad" if group.unit else is_small

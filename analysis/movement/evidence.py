@@ -22,14 +22,14 @@ _ARM_LEVELS = np.array([0.2, 0.5, 1.0, 2.0, 5.0, 25.0])
 _UNEXPLAINED_MM = np.array([0.0, 0.05, 0.2, 0.8])
 """Sizes of the unexplained part; calibrated arms have 0.03 to 0.5 mm (UR10, Panda, iiwa)."""
 _UNEXPLAINED_SHARES = np.array([0.7, 0.1, 0.1, 0.1])
-"""Prior probabilities of these sizes. Chosen: a reference without repeats cannot separate scatter from a part that
-depends on the posture, and scatter is the cautious assumption.
+"""Prior probabilities of the sizes in _UNEXPLAINED_MM. Chosen: a reference with no repeats cannot separate scatter
+from a part that depends on the posture, and scatter is the cautious assumption.
 """
 _SCATTERS = np.geomspace(0.03, 10.0, 25)
 """Multiples of the assumed scatter of a kind of reading."""
 _SCATTER_PRIOR = -0.5 * (np.log(_SCATTERS / 0.7) / np.log(2.0)) ** 2
-"""Log prior of these multiples: the assumed scatter includes a part of the model error, and cells differ by a factor
-of two.
+"""Log prior of the multiples in _SCATTERS. The assumed scatter includes a part of the model error, and cells differ
+by a factor of two.
 """
 _NEAR_RAD = (0.6, 1.5)
 """Correlation lengths of the unexplained part in joint space, in equal parts. Chosen: the once-per-turn error of a
@@ -37,7 +37,7 @@ gear and the gravity torque change over about a radian.
 """
 _NEGLIGIBLE = 1e-3
 """Weight relative to the largest below which a grid point is dropped."""
-_WILD = 0.01
+_OUTLIER_ODDS = 0.01
 """Prior probability of an outlier in the new readings: a ball not seated, a disturbed tracker. Chosen."""
 _OTHER_LEVELS = np.array([3.0, 10.0, 30.0, 100.0, 300.0])
 """Multiples of the scatter for changes explained by neither causes nor noise."""
@@ -266,28 +266,31 @@ def posterior(
     estimates = {cause: _estimate(predictions, columns[cause], cause.scale, LEVELS) for cause in columns}
     estimates[NOTHING] = _estimate(predictions, none, np.empty(0), LEVELS[:1])
     estimates[OTHER] = _estimate_other(predictions)
-    wild_log, wild_row = {}, {}
+    outlier_log, wild_row = {}, {}
     for cause in [NOTHING, *columns]:
         own = columns.get(cause, none)
-        wild_log[cause], wild_row[cause] = _with_wild(predictions, own, cause, estimates[cause], row)
-    probability = _normalised(single, estimates, wild_log)
+        outlier_log[cause], wild_row[cause] = _with_outlier(predictions, own, cause, estimates[cause], row)
+    probability = _normalised(single, estimates, outlier_log)
     best = max(probability, key=lambda cause: probability[cause])
     if probability[OTHER] > 1 / 21 or not _fits(predictions, columns, estimates, best):
         estimates |= _pair_estimates(predictions, columns)
-        probability = _normalised(list(estimates), estimates, wild_log)
+        probability = _normalised(list(estimates), estimates, outlier_log)
         best = max(probability, key=lambda cause: probability[cause])
-    wild = wild_row.get(best) if wild_log.get(best, -np.inf) > estimates[best].log_evidence + np.log(20) else None
+    wild = wild_row.get(best) if outlier_log.get(best, -np.inf) > estimates[best].log_evidence + np.log(20) else None
     ordered = dict(sorted(probability.items(), key=lambda item: -item[1]))
     return CausePosterior(ordered, estimates, wild)
 
 
 def _normalised(
-    causes: list[Cause], estimates: Mapping[Cause, Estimate], wild_log: Mapping[Cause, float]
+    causes: list[Cause], estimates: Mapping[Cause, Estimate], outlier_log: Mapping[Cause, float]
 ) -> dict[Cause, float]:
     prior = prior_of(causes)
     logs = {
         cause: np.log(prior[cause])
-        + np.logaddexp(np.log(1 - _WILD) + estimates[cause].log_evidence, np.log(_WILD) + wild_log.get(cause, -np.inf))
+        + np.logaddexp(
+            np.log(1 - _OUTLIER_ODDS) + estimates[cause].log_evidence,
+            np.log(_OUTLIER_ODDS) + outlier_log.get(cause, -np.inf),
+        )
         for cause in causes
     }
     most = max(logs.values())
@@ -348,7 +351,7 @@ def _estimate_other(predictions: Sequence[Prediction]) -> Estimate:
     return Estimate(_log_sum(np.concatenate(logs)), np.empty(0), np.empty((0, 0)), np.ones(1))
 
 
-def _with_wild(
+def _with_outlier(
     predictions: Sequence[Prediction], shift: Shift, cause: Cause, alone: Estimate, row: Integers
 ) -> tuple[float, int]:
     """Return the log evidence of a cause with an outlier, and the row of the outlier. The size level is that of the
@@ -361,17 +364,19 @@ def _with_wild(
         entries = np.flatnonzero(row == number)
         own = np.eye(len(row))[:, entries]
         both = Shift(np.concatenate([shift.columns, own], axis=1), shift.offset)
-        scale = np.concatenate([cause.scale * level, np.full(len(entries), _WILD_UNITS * _scatter(predictions))])
-        log = _estimate(predictions, both, scale, _WILD_LEVELS[:, None] ** (np.arange(len(scale)) >= len(cause.scale)))
+        scale = np.concatenate([cause.scale * level, np.full(len(entries), _OUTLIER_UNITS * _scatter(predictions))])
+        log = _estimate(
+            predictions, both, scale, _OUTLIER_LEVELS[:, None] ** (np.arange(len(scale)) >= len(cause.scale))
+        )
         logs.append(log.log_evidence)
     of_level = np.log(len(LEVELS)) if len(cause.scale) else 0.0
     total = _log_sum(np.array(logs)) - np.log(len(numbers)) - of_level
     return total, int(numbers[int(np.argmax(logs))])
 
 
-_WILD_UNITS = 10.0
+_OUTLIER_UNITS = 10.0
 """Typical size of an outlier in units of the scatter."""
-_WILD_LEVELS = np.array([0.5, 3.0, 30.0])
+_OUTLIER_LEVELS = np.array([0.5, 3.0, 30.0])
 
 
 def _scatter(predictions: Sequence[Prediction]) -> float:

@@ -48,7 +48,7 @@ _STRAIGHT_MM = 0.3
 """Change of a reading above which the derivatives are recomputed. Chosen: a rotation that moves a point at a metre
 by 5 mm deviates from the linear path by 0.01 mm.
 """
-_WILD_SDS = 8.0
+_OUTLIER_SDS = 8.0
 """Robust standard deviations from which a reading of the reference is an outlier."""
 _LARGE_MM = 2.0
 """Movement of the new readings above which the derivatives of a cause are recomputed at the estimate."""
@@ -141,7 +141,7 @@ def _near(left: Array, readings: LinearReadings) -> Mask:
     """Return a mask (m,) of the rows that are not outliers."""
     rows = np.zeros(int(readings.row.max()) + 1)
     np.maximum.at(rows, readings.row, np.abs(left) / readings.sd_mm)
-    return np.asarray(rows < _WILD_SDS * 1.4826 * np.median(np.abs(left) / readings.sd_mm) + 1e-6)
+    return np.asarray(rows < _OUTLIER_SDS * 1.4826 * np.median(np.abs(left) / readings.sd_mm) + 1e-6)
 
 
 @dataclass(frozen=True)

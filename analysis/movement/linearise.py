@@ -251,7 +251,9 @@ def corrected_arm(arm: Arm, times: Array) -> Arm:
 
 
 def _joint_shapes(run: ObservedRun) -> Array:
-    """Return a prior standard deviation (m, axes, k) of the joint error over the angle and under gravity, in rad."""
+    """Return the prior joint errors (m, axes, k) rad at the readings of a run: waves of the joint angle, and
+    deflection under gravity, each at one standard deviation.
+    """
     q = angles_of(run)
     curves = [_CURVE / order * f(order * q) for order in _ORDERS for f in (np.sin, np.cos)]
     torque = pull(run.model.arm, run.model.load, run.path.q[run.samples]).torque

@@ -127,13 +127,16 @@ def what_moved(reference_runs: list[ObservedRun], new: list[ObservedRun], *, pla
     shared = [run for run in new if run.setup in known]
     if new and not shared:
         remedy = "touch the same sockets, or give the same --placement at import (rig relabel)"
-        raise FileError(f"set-up {new[0].setup}", "is in no reference run", remedy)
-    doubts = [f"{name} is in no reference run and is ignored" for name in sorted({run.setup for run in new} - known)]
+        raise FileError(f"set-up {new[0].setup}", "does not occur in any reference run", remedy)
+    doubts = [
+        f"{name} does not occur in any reference run and is ignored"
+        for name in sorted({run.setup for run in new} - known)
+    ]
     if reference.wild:
-        doubts.append(f"{reference.wild} wild readings of the reference are ignored")
+        doubts.append(f"{reference.wild} readings of the reference are outliers and are ignored")
     compared = compare(reference, shared) if shared else None
     if compared is not None and compared.distance_mm > MOST_MM:
-        far = f"the readings are {compared.distance_mm:.0f} mm from where the reference has them"
+        far = f"the readings are {compared.distance_mm:.0f} mm from the positions of the reference"
         remedy = "check that sockets, targets and placement are those of the reference"
         raise FileError(f"set-up {shared[0].setup}", far, remedy)
     return moved_of(reference, compared, plan=plan, doubts=tuple(doubts))

@@ -30,11 +30,13 @@ ONE_RUN = (
     "each joint)"
 )
 _SPREADS = 5.0
-"""A ball further from the others than `BALL_ELSEWHERE_MM`, and than this multiple of the usual distance in these runs,
-which includes joint scatter, was remounted; …"""
+"""A ball counts as remounted if its distance from the others exceeds both `BALL_ELSEWHERE_MM` and this multiple of
+the usual distance in the runs, which includes the scatter of the joints.
+"""
 _TWO_MM = 0.35
-"""… for two runs, without information about the scatter: 2 √2 times the table's largest at the end of a one-metre
-arm."""
+"""Limit in mm used for two runs, which give no information about the scatter: 2 √2 times the largest scatter of the
+table, at the end of an arm of one metre.
+"""
 _SAME_POSE_RAD = math.radians(1.0)
 """Joint difference below which poses of a table are equal. Chosen: far above the differences between runs, and far
 below those between poses."""

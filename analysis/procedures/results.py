@@ -22,7 +22,7 @@ from analysis.procedures.shared.evaluate import Evaluated, evaluate
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.reduction import Reduced
 from analysis.procedures.shared.result_curves import JointReversal, ResultCurve, reversals_of_rig
-from analysis.runs.align import robot_alone
+from analysis.runs.align import robot_only
 from analysis.runs.batch.fetched import fetched
 from analysis.runs.loading import Measured, load_measured, measured_in, measured_of
 from analysis.runs.noise.spectrum import LapNoise
@@ -44,8 +44,8 @@ class Result(Tabular):
 
     Example:
 
-        result = evaluate(simulate("ur10e", "yaw", "acw"))
-        print(result.title, result.figures["band_deg"])
+        result = evaluate(simulate("ur10e", "radial"))
+        print(result.title, result.figures["band_mm"])
         table = result.curve.to_table()
     """
 
@@ -278,7 +278,7 @@ def fitness(run: Path) -> Fitness:
     try:
         recorded = read_run(run)
         with suppress(FileError):
-            t_s, q, _ = robot_alone(run, recorded)
+            t_s, q, _ = robot_only(run, recorded)
             still_driving = bool(np.ptp(q[t_s >= t_s[-1] - _END_S], axis=0).max() > _MOVES_RAD)
         if recorded.manifest.test not in WITHOUT_GAUGES:  # these have tables of their own
             measured = measured_of(recorded)

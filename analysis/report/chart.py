@@ -26,7 +26,7 @@ _SAME_DEG = 8.0
 
 
 @dataclass(frozen=True)
-class Look:
+class RoleStyle:
     """Appearance of a role: colours on light and dark paper, dashes, and symbol of points.
 
     Orange, blue and green are distinguishable with colour blindness (Okabe and Ito); the dashes differ in black and
@@ -40,15 +40,15 @@ class Look:
     width: float = 1.2
 
 
-LOOKS: dict[Role, Look] = {
-    "acw": Look("#b34700", "#ffa14d", "solid", "circle"),
-    "cw": Look("#0060a8", "#6cb8ff", "dash", "square"),
-    "measured": Look("#e08a4a", "#b0703c", "solid", "circle", 3.2),
-    "model": Look("#0060a8", "#6cb8ff", "dash", "square"),
-    "after": Look("#004d36", "#7fe8c4", "dot", "diamond"),
-    "quiet": Look("#6b6b6b", "#a8a8a8", "dot", "circle"),
-    "fifth": Look("#7d2c83", "#dd9fe2", "dashdot", "square"),
-    "sixth": Look("#1c1c1c", "#ececec", "solid", "diamond", 0.8),
+ROLE_STYLES: dict[Role, RoleStyle] = {
+    "acw": RoleStyle("#b34700", "#ffa14d", "solid", "circle"),
+    "cw": RoleStyle("#0060a8", "#6cb8ff", "dash", "square"),
+    "measured": RoleStyle("#e08a4a", "#b0703c", "solid", "circle", 3.2),
+    "model": RoleStyle("#0060a8", "#6cb8ff", "dash", "square"),
+    "after": RoleStyle("#004d36", "#7fe8c4", "dot", "diamond"),
+    "quiet": RoleStyle("#6b6b6b", "#a8a8a8", "dot", "circle"),
+    "fifth": RoleStyle("#7d2c83", "#dd9fe2", "dashdot", "square"),
+    "sixth": RoleStyle("#1c1c1c", "#ececec", "solid", "diamond", 0.8),
 }
 
 

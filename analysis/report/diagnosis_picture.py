@@ -16,7 +16,7 @@ from analysis.diagnosis.judge.result import Diagnosis
 from analysis.report.chart import Chart
 from analysis.report.model_charts import MOST_MAPS, maps_of, strand_charts, target_chart
 from analysis.report.run_pictures import draw_hemisphere
-from analysis.report.stairs import Stairs, left_words, stairs_of, stairs_of_model
+from analysis.report.stairs import Stairs, residual_words, stairs_of, stairs_of_model
 from analysis.report.still_chart import Part, Sheet, part_of
 from analysis.report.summary_words import summarise
 from analysis.report.texts import texts_of
@@ -131,7 +131,7 @@ def _draw_stairs(stairs: Stairs, floor_um: float, sheet: SubFigure) -> None:
     for y, step in zip(place, stairs.steps, strict=True):
         at = (max(residue.um + residue.u_um for residue in step.left), y)
         axes.annotate(
-            " · ".join(map(left_words, step.left)), at, (5, 0), textcoords="offset points", va="center", fontsize=8
+            " · ".join(map(residual_words, step.left)), at, (5, 0), textcoords="offset points", va="center", fontsize=8
         )
     # The name of a part with many cancelling parts takes three lines, which would squeeze the bars.
     names = [textwrap.wrap(step.name, _NAME_COLUMNS, max_lines=2, placeholder=" …") for step in stairs.steps]

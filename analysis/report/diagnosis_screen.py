@@ -17,8 +17,6 @@ from analysis.diagnosis.judge.result import Condition, Diagnosis
 from analysis.report.act_words import acts_in_words
 from analysis.report.answer_words import AnswerWords, shown_parts
 from analysis.report.diagnosis_words import (
-    beside_size,
-    beside_u,
     closed,
     micrometres,
     percent,
@@ -27,6 +25,7 @@ from analysis.report.diagnosis_words import (
     size,
     stretch,
     sure,
+    um_with_u,
     with_uncertainty,
 )
 from analysis.report.plain_console import bare_table, right
@@ -118,9 +117,9 @@ def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
         name = ", ".join(filter(None, [words.short_name(part), words.size_of(part)]))
         times = f"{part.times_usual:.1f}" if part.times_usual is not None else ""
         style = "bold" if part.rank == "unusual" else ""
-        table.add_row(name, beside_u(part.um, part.u_um), percent(part.share), times, words.rank_of(part), style=style)
+        table.add_row(name, um_with_u(part.um, part.u_um), percent(part.share), times, words.rank_of(part), style=style)
         for line in part.shown_together:  # individual sizes of parts that partly cancel and share the line above
-            table.add_row(f"  {words.short_name(line)}, alone", beside_u(line.um, line.u_um), "", "", "", style="dim")
+            table.add_row(f"  {words.short_name(line)}, alone", um_with_u(line.um, line.u_um), "", "", "", style="dim")
     if small:
         share = sum(part.share for part in small)
         table.add_row(
@@ -152,7 +151,7 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
         odds = "" if diagnosis.given else sure(named.posterior)
         row = (size(named, times), f"{named.worth_um:.1f}", odds, _number(named.alone_um))
         table.add_row(Text(name, style="bold"), *row)
-        for field in beside_size(named):
+        for field in other_parameters(named):
             table.add_row(
                 f"  {parameter_in_words(field)}", with_uncertainty(named.effect, field, named.sd, times), "", "", ""
             )

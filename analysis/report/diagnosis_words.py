@@ -18,7 +18,7 @@ from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES
 _WHOLE_LAP_DEG = 350.0
 LEAST_ODDS = 0.01
 """Odds below which a cause is shown as "< 1 %" and not listed among the likeliest."""
-_BY_FAR = 1 / 3
+_UPPER_BOUND = 1 / 3
 """Ratio to the standard uncertainty below which a figure is shown as an upper bound."""
 
 
@@ -41,7 +41,7 @@ def size(named: Named | Rival | GroupMember, times: float = 1.0) -> str:
     return with_uncertainty(named.effect, size_field(named.effect), named.sd, times)
 
 
-def beside_size(named: Named) -> list[str]:
+def other_parameters(named: Named) -> list[str]:
     """Return the parameters of an effect other than its size: the fitted ones, and the required ones such as a
     gear's order.
     """
@@ -80,11 +80,11 @@ def micrometres(um: float) -> str:
     return f"{um:.0f} µm" if um >= 9.95 else f"{um:.1f} µm"
 
 
-def beside_u(um: float, u_um: float) -> str:
+def um_with_u(um: float, u_um: float) -> str:
     """Return a size in µm ± standard uncertainty to a tenth, for a table column; "< u" if much smaller than u."""
     if not math.isfinite(um):
         return "–"
-    if um < _BY_FAR * u_um:
+    if um < _UPPER_BOUND * u_um:
         return f"< {u_um:.1f}"
     return f"{um:.1f} ± {u_um:.1f}" if u_um > 0 else f"{um:.1f}"
 
@@ -93,7 +93,7 @@ def size_in_words(um: float, u_um: float) -> str:
     """Return a size in µm ± standard uncertainty; "< u" if much smaller than u."""
     if not math.isfinite(um):
         return "–"
-    if um < _BY_FAR * u_um:
+    if um < _UPPER_BOUND * u_um:
         return f"< {micrometres(u_um)}"
     return f"{micrometres(um).removesuffix(' µm')} ± {micrometres(u_um)}" if u_um > 0 else micrometres(um)
 

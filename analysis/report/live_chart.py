@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.report.chart import LOOKS, Chart, ChartLine, Picture, SphereChart
+from analysis.report.chart import ROLE_STYLES, Chart, ChartLine, Picture, SphereChart
 from analysis.robot.kinematics.arm import Array
 from rigs.text import plain_values
 
@@ -24,7 +24,7 @@ def live(picture: Picture) -> dict[str, Any]:
 
 def colours(*, dark: bool) -> dict[str, str]:
     """Return the colour of each role."""
-    return {role: look.dark if dark else look.light for role, look in LOOKS.items()}
+    return {role: look.dark if dark else look.light for role, look in ROLE_STYLES.items()}
 
 
 def _numbers(values: Array) -> dict[str, Any]:
@@ -64,7 +64,7 @@ def _chart(chart: Chart) -> dict[str, Any]:
 
 
 def _trace(line: ChartLine, unit: str) -> dict[str, Any]:
-    look = LOOKS[line.role]
+    look = ROLE_STYLES[line.role]
     trace: dict[str, Any] = {
         "type": "scatter",
         "name": line.name,
@@ -86,7 +86,7 @@ def _trace(line: ChartLine, unit: str) -> dict[str, Any]:
 def _polar(chart: Chart) -> dict[str, Any]:
     hole, data = chart.hole, []
     for line in chart.lines:
-        look, order = LOOKS[line.role], np.append(np.arange(len(line.x)), 0)  # closed
+        look, order = ROLE_STYLES[line.role], np.append(np.arange(len(line.x)), 0)  # closed
         around: dict[str, Any] = {
             "type": "scatterpolar",
             "name": line.name,

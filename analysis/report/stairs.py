@@ -71,7 +71,7 @@ def _name_stairs(staircase: Staircase, first: str, parts: Sequence[str], texts: 
     return Stairs(staircase.places, tuple(map(Stair, names, lefts, ["", *parts])))
 
 
-def left_words(residue: ModelResidual) -> str:
+def residual_words(residue: ModelResidual) -> str:
     """Return a residual ± standard uncertainty in µm; "< u" if much smaller than u."""
     if residue.um < residue.u_um / 2:
         return f"< {residue.u_um:.1f}"
@@ -85,5 +85,5 @@ def stairs_table(stairs: Stairs) -> Table:
     table = bare_table("remaining µm rms", *places, Column("", no_wrap=True))
     for step in stairs.steps:
         width = max(1, round(_BAR * step.left[0].um / stairs.largest_um))
-        table.add_row(step.name, *map(left_words, step.left), "█" * width)
+        table.add_row(step.name, *map(residual_words, step.left), "█" * width)
     return table

@@ -24,7 +24,7 @@ from matplotlib.path import Path
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.text import Text
 
-from analysis.report.chart import LOOKS, Chart, ChartLine, Frame, Picture, SphereChart
+from analysis.report.chart import ROLE_STYLES, Chart, ChartLine, Frame, Picture, SphereChart
 from analysis.robot.kinematics.arm import Array
 from rigs.text import plain_lines
 
@@ -202,7 +202,7 @@ def _lay_out(axes: Axes, chart: Chart, *, shared: bool = False) -> None:
 
 
 def _draw(axes: Axes, line: ChartLine) -> None:
-    look = LOOKS[line.role]
+    look = ROLE_STYLES[line.role]
     if not line.points:
         every = max(1, len(line.x) // _MOST_NODES)
         axes.plot(
@@ -216,7 +216,7 @@ def _draw(axes: Axes, line: ChartLine) -> None:
         places[1::2, 0] += 1e-6 * max(float(np.ptp(line.x)), 1e-9)
         steps = Path(places, [Path.MOVETO, Path.LINETO] * len(line.x))
         steps.should_simplify = False
-        colour = LOOKS[line.role].light
+        colour = ROLE_STYLES[line.role].light
         axes.add_patch(PathPatch(steps, fill=False, lw=3.0, capstyle="round", ec=colour, snap=False))
         axes.plot([], [], "o", ms=3, color=colour, label=line.name)
         axes.autoscale_view()
@@ -235,7 +235,7 @@ def _polar(sheet: FigureBase, chart: Chart) -> None:
     hole, circle = chart.hole, np.linspace(0.0, 2 * np.pi, 181)
     axes.plot(circle, np.full(181, hole), color=_GREY, lw=0.8, ls=":")
     for line in chart.lines:
-        look, order = LOOKS[line.role], np.append(np.arange(len(line.x)), 0)
+        look, order = ROLE_STYLES[line.role], np.append(np.arange(len(line.x)), 0)
         turned: Array = np.radians(line.x[order])
         axes.plot(turned, hole + line.y[order], ls=_DASHES[look.dash], lw=look.width, color=look.light, label=line.name)
     axes.set_rlim(0, hole + 1.4 * chart.largest)
@@ -255,7 +255,7 @@ def _sphere(sheet: FigureBase, chart: SphereChart) -> None:
     sphere, surface, targets = chart.words
     axes.plot_wireframe(*np.moveaxis(chart.grid * chart.radius_mm, -1, 0), color=_GREY, lw=0.4, label=sphere)
     measured = np.moveaxis(chart.chart_points(chart.grid, chart.grid_deviation_mm), -1, 0)
-    axes.plot_wireframe(*measured, color=LOOKS["measured"].light, lw=0.8, label=surface)
+    axes.plot_wireframe(*measured, color=ROLE_STYLES["measured"].light, lw=0.8, label=surface)
     at = np.moveaxis(chart.chart_points(chart.targets, chart.deviation_mm), -1, 0)
     axes.plot(*at, ls="", marker="o", ms=2.5, color="black", label=targets)
     axes.set_box_aspect((2.0, 2.0, 1.0), zoom=0.85)  # proportions of a hemisphere

@@ -68,8 +68,8 @@ MOVES_NS = 25e6
 JUMPS_NS = 5e6
 """Shortest gap of a gauge: at a reversal, backlash is crossed in about ten milliseconds."""
 _OFTEN = 0.05
-"""Share of rows in gauge gaps above which they are reported. Fewer are reported only if one gap is as long as a
-robot's, because rigd itself occasionally delays polled gauges (daq.protocol.polled).
+"""Minimum share of rows in gaps of a gauge for the gaps to be reported. A smaller share is reported only if a gap is
+as long as a gap of the robot, because rigd itself occasionally delays polled gauges (daq.protocol.polled).
 """
 _BLOCK = 1 << 14
 """Rows per block, to fit the processor's cache."""
@@ -320,7 +320,7 @@ def _left_out(name: str, count: int) -> str:
     return f"{name}: {counted(count, 'row is', 'rows are')} ignored"
 
 
-def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
+def robot_only(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
     """Return times (n,) s since the first row, reported angles (n, 6) rad, and doubts of a recorded run.
 
     Gauges are ignored. Raises FileError if the robot was not recorded.

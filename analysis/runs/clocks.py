@@ -57,7 +57,7 @@ _SPARSE = (
     "the readings are {:.0f} ms apart, too far to follow a joint that turns back: a band may be too large by what the "
     "other gauge shows earlier; drive the circle slower"
 )
-_STANDS = "the instrument clock does not advance and is not used; check the instrument"
+_NOT_ADVANCING = "the instrument clock does not advance and is not used; check the instrument"
 _FOUND = (
     "the readings repeat with a separate cycle of {:.2f} ms; each takes the time of its tick; "
     "state the cycle as timing.cycle_ms in the rig file"
@@ -137,7 +137,7 @@ def _without_standing_clock(stream: Columns) -> tuple[Columns, tuple[TimingDoubt
     """Ignore an instrument clock that does not advance, and report it as a doubt."""
     if not is_stalled(stream["device_time_s"]):
         return stream, ()
-    return {**stream, "device_time_s": np.full(len(stream["device_time_s"]), np.nan)}, (TimingDoubt(_STANDS),)
+    return {**stream, "device_time_s": np.full(len(stream["device_time_s"]), np.nan)}, (TimingDoubt(_NOT_ADVANCING),)
 
 
 def _requested(stream: Columns, went_through: Array, set_out: Array, timing: Timing) -> Instants:

@@ -86,7 +86,7 @@ def beyond_limits(table: Table, rig: Rig) -> tuple[str, ...]:
         if outside.any():
             farthest = np.degrees(angle[np.argmax(np.abs(angle - (low + high) / 2))])
             doubts.append(
-                f"axis {axis} is outside the limits of {np.degrees(low):.6g}° to {np.degrees(high):.6g}°: it stands at "
+                f"axis {axis} is outside the limits of {np.degrees(low):.6g}° to {np.degrees(high):.6g}°: it is at "
                 f"{farthest:.1f}° {_row_words(table, outside)}; check the column, the zero, and limits_deg of the rig "
                 "file"
             )

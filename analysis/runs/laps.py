@@ -17,7 +17,7 @@ from analysis.robot.geometry.circle import SENSE, CircleFrame, frame_of
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward
 from analysis.runs.noise.readings import rms
-from analysis.runs.stands import STOOD_RAD
+from analysis.runs.stands import STILL_RUN_RAD
 from analysis.runs.tables import CircleTable
 from rigs.errors import DirectionError, FileError
 from rigs.rig import Rig
@@ -27,7 +27,7 @@ from rigs.schema.vocabulary import Direction
 from rigs.text import as_argument
 
 _RADIUS_OFF_MM = 2.0
-_AWAY_S = 0.1
+_SHORTEST_ABSENCE_S = 0.1
 """Shortest time away from the circle. Shorter deviations are faulty rows of the feedback."""
 _GAP_RAD, _WIDEST_RAD = np.radians(5.0), np.radians(10.0)
 _STEPS = 4.0
@@ -42,7 +42,7 @@ _REPORTS_S = 0.002
 """Shortest reporting interval of controllers: 2 ms (RTDE of the e-Series). Gauges may be faster."""
 _BLOCK = 4096
 """Number of rows per block of poses, which limits the memory for a long run."""
-_HARDLY = 0.01
+_MISSING_SHARE = 0.01
 """Share of a lap that may be missing at the end. A wider gap would be refused in any case."""
 _JUMP_RAD = np.radians(1.0)
 _JUMP_SPEEDS = 3.0
@@ -105,7 +105,7 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
     if not np.isfinite(table.q).all():
         row = int(np.argmin(np.isfinite(table.q).all(axis=1))) + 1
         raise FileError(where, f"row {row} has a joint angle that is not a number", "remove such rows")
-    if np.ptp(table.q[:: max(1, len(table.q) // _SEEN)], axis=0).max() < STOOD_RAD:
+    if np.ptp(table.q[:: max(1, len(table.q) // _SEEN)], axis=0).max() < STILL_RUN_RAD:
         raise FileError(where, "the robot stood still", "start the recording before the circle program")
     laps = _cut_out(table, rig, where)
     asked: Callable[[], Laps | None] = ref(laps) if len(table.q) > _KEPT_ROWS else lambda: laps
@@ -129,7 +129,7 @@ def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
     for rows, ahead in ways:
         if ahead[-1] > ahead[0]:
             first = _turns_before(ahead, lead)
-            count = int((ahead.max() - first) / (2 * np.pi) + _HARDLY)
+            count = int((ahead.max() - first) / (2 * np.pi) + _MISSING_SHARE)
             laps += [_lap_from(rows, ahead, first + 2 * np.pi * lap) for lap in range(count)]
     if not laps:
         rows, ahead = max(ways, key=lambda way: float(way[1][-1] - way[1][0]))
@@ -243,7 +243,7 @@ def _on_circle(t_s: Array, tool: Array, frame: CircleFrame, seen: Integers) -> l
     if not len(on):
         return []
     rows = seen[on]
-    away = np.flatnonzero((np.diff(on) > 1) & (np.diff(t_s[rows]) > _AWAY_S))
+    away = np.flatnonzero((np.diff(on) > 1) & (np.diff(t_s[rows]) > _SHORTEST_ABSENCE_S))
     begins, ends = np.append(rows[0], rows[away + 1]), np.append(rows[away], rows[-1])
     return [slice(begin, end + 1) for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from analysis.robot.kinematics.arm import Array
-from analysis.runs.align import align, robot_alone
+from analysis.runs.align import align, robot_only
 from analysis.runs.batch.fetched import fetched
 from analysis.runs.csv_tables import columns_of, table_from, u_lag_s_of
 from analysis.runs.joint_turns import beyond_limits, without_whole_turns
@@ -25,7 +25,7 @@ from analysis.runs.noise.certificate import (
 )
 from analysis.runs.noise.certificate import doubts_of as certificate_doubts
 from analysis.runs.robot_condition import NOT_SHOWN, Condition, condition_of
-from analysis.runs.stands import one_row_a_stand
+from analysis.runs.stands import average_standstills
 from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import RAIL
 from analysis.runs.tables import CircleTable, Table
@@ -142,11 +142,11 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
     table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
     if RAIL in format_of(table.test).layout(rail=True).known_columns and table.rail != (rig.robot.rail is not None):
         if table.rail:
-            problem = f"has {RAIL}, and the arm of the rig file has no rail"
+            problem = f"has {RAIL}, but the arm of the rig file has no rail"
             raise FileError(str(path), problem, "add robot.rail to it")
-        problem = f"has no {RAIL}, and the arm of the rig file is on a rail"
+        problem = f"lacks {RAIL}, but the arm of the rig file is on a rail"
         raise FileError(str(path), problem, f"add {RAIL}, the rail position of each row")
-    table, counted_further = without_whole_turns(one_row_a_stand(table), rig)
+    table, counted_further = without_whole_turns(average_standstills(table), rig)
     doubts += [*counted_further, *beyond_limits(table, rig)]
     return Measured(path, run, rig, table, u_lag_s_of(run.table), tuple(doubts), _systematic(rig, table))
 
@@ -164,7 +164,7 @@ def known_doubts(run: Run, rig: Rig) -> list[str]:
     certified, started = format_of(run.manifest.test).certified, run.manifest.started
     for missing in missing_gauges(rig, run.manifest.test):
         remedy = f"{missing.remedy}, then repeat the import"
-        raise FileError(str(run.path), f"is a {run.manifest.test} run, and the rig file {missing.problem}", remedy)
+        raise FileError(str(run.path), f"is a {run.manifest.test} run, but the rig file {missing.problem}", remedy)
     if not certified:
         return _doubts(run)
     try:
@@ -257,7 +257,7 @@ def motion_in(run: Run) -> RobotMotion:
     """Return the motion of a recorded, imported or simulated run. Raises FileError if it contains no motion."""
     path, direction = run.path, run.manifest.direction
     if run.table is None:
-        t_s, q, doubts = robot_alone(path, run)
+        t_s, q, doubts = robot_only(path, run)
         return RobotMotion(str(path), t_s, q, direction, doubts)
     table = table_from(run.table, run.manifest.test, direction, str(path))
     if not isinstance(table, CircleTable):

@@ -199,7 +199,7 @@ _MOSTLY = 0.75
 """Fraction of steps between groups of messages with an almost constant smallest delay that proves a steady rate. The
 other steps may be waits. If the rate is not steady, the fraction is about a third.
 """
-_HARDLY = 8
+_DELAY_DIVISOR = 8
 """Divisor of the usual delay. A message rarely precedes the earliest of the previous
 `_AHEAD` messages by more than the quotient.
 """
@@ -268,7 +268,7 @@ def _not_early(number: Integers, host_ns: Array, period_ns: float) -> Integers:
     for row in (np.flatnonzero(np.diff(number) > 1) + 1).tolist():
         before, after = slice(max(0, row - _AHEAD), row), slice(row, row + _AHEAD)
         late_ns = host_ns[before] - number[before] * period_ns
-        first_ns = late_ns.min() - (np.median(late_ns) - late_ns.min()) / _HARDLY
+        first_ns = late_ns.min() - (np.median(late_ns) - late_ns.min()) / _DELAY_DIVISOR
         early = np.append(host_ns[after] - number[after] * period_ns < first_ns, False)
         few = int(early.argmin())
         if few < _AHEAD:  # otherwise the instrument waited

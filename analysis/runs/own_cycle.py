@@ -26,7 +26,7 @@ _JUMP = 4.0
 """Change between readings of a moving gauge, in steps of the resolution, that makes equal readings rare."""
 _REPEATS = 0.85
 """Largest fraction of changed answers that suggests an internal cycle."""
-_STAND = 4.0
+_REST_FACTOR = 4.0
 """Multiple of the usual number of equal answers above which the gauge was at rest."""
 _NEAR = 8
 
@@ -69,7 +69,7 @@ class Bounds:
         runs = np.diff(self.row)[self.jumps[1:]]
         if len(runs) < FEW or self.jumps.mean() < 0.5 or self.usual_ns <= 0:
             return False
-        on_the_move = runs[runs <= _STAND * np.median(runs)]
+        on_the_move = runs[runs <= _REST_FACTOR * np.median(runs)]
         return bool(on_the_move.mean() > 1 / _REPEATS)
 
 
@@ -245,7 +245,7 @@ def _likely(inside: Array, by_chance: Array) -> Array:
 
 
 def _sampled(bounds: Bounds, line_ns: Array) -> tuple[Array, Array]:
-    """Return bounds (m,) relative to the line, for as many changes as needed."""
+    """Return the lower and upper bounds (m,) ns relative to a line, at up to `_SAMPLE` evenly spaced changes."""
     each = np.linspace(0, len(line_ns) - 1, min(len(line_ns), _SAMPLE)).astype(int)
     return bounds.low_ns[each] - line_ns[each], bounds.high_ns[each] - line_ns[each]
 

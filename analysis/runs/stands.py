@@ -25,11 +25,11 @@ from analysis.runs.tables import Table
 from rigs.errors import FileError
 from rigs.rig import Rig
 
-STANDS_RAD = float(np.radians(0.01))
+STANDSTILL_RAD = float(np.radians(0.01))
 """Largest joint motion within the window of a standstill, ten times the encoder noise."""
 FLICKER_DEG = 0.03
 """Noise of a resting joint in a live view. The slowest circle moves a joint further within half a second."""
-STOOD_RAD = float(np.radians(0.2))
+STILL_RUN_RAD = float(np.radians(0.2))
 """Largest joint motion in a run during which the robot stands still."""
 _WINDOW_S = 0.3
 _SETTLED = 0.5
@@ -63,7 +63,7 @@ class Stand:
 def stands_of(t_s: Array, q: Array, g_mm: Array) -> list[Stand]:
     """Return the standstills of a motion: times t_s (n,) s, reported angles q (n, 6) rad, readings g_mm (n, k)."""
     stands = []
-    for begin, end in standing(t_s, q, STANDS_RAD, _WINDOW_S):
+    for begin, end in standing(t_s, q, STANDSTILL_RAD, _WINDOW_S):
         settled = _settled(begin, end)
         mean_mm, outliers = _averaged(g_mm[settled])
         stands.append(Stand(begin, end, float(t_s[settled].mean()), _averaged(q[settled])[0], mean_mm, outliers))
@@ -127,7 +127,7 @@ def visits_of(
     fits, doubts = [k for k, _ in pairs], list[str]()
     if len(fits) < _FOLLOWED * len(places):
         fits = list(range(len(places)))
-        doubts.append("targets were visited in a different order than in the rig file: all stands are used")
+        doubts.append("targets were visited in a different order than in the rig file: all standstills are used")
     elif others := len(places) - len(fits):
         outside = "outside the order of the program (before, after, or repeated) are not used"
         doubts.append(f"{others} stops {outside}")
@@ -183,13 +183,13 @@ def at_targets(
     return [(stand, int(row)) for stand, row, good in zip(stands, best, near, strict=True) if good]
 
 
-STANDS_MM = 1.0
+STANDSTILL_MM = 1.0
 """Largest difference between positions or readings of one standstill. If the difference is larger, they are
 measurements of different things and are not averaged.
 """
 
 
-def one_row_a_stand(table: Table) -> Table:
+def average_standstills(table: Table) -> Table:
     """Average adjacent rows of one standstill. Circle tables are unchanged."""
     first = format_of(table.test).stands(table)
     if first is None or first.all():
@@ -206,31 +206,34 @@ def one_row_a_stand(table: Table) -> Table:
     return format_of(table.test).averaged(table, first, mean)
 
 
-def rows_a_stand(table: Table) -> Integers:
+def rows_per_standstill(table: Table) -> Integers:
     """Return the number of rows of each standstill, (s,). Empty for circles."""
     first = format_of(table.test).stands(table)
     return np.empty(0, dtype=np.int64) if first is None else np.bincount(np.cumsum(first) - 1)
 
 
-def stand_starts(q: Array, differs: Mask) -> Mask:
+def standstill_starts(q: Array, differs: Mask) -> Mask:
     """Return a mask (n,) of the rows that start a standstill: joints q (n, axes) rad moved, or the row differs from the
     previous one otherwise (n - 1,)."""
     if not len(q):
         return np.ones(0, dtype=bool)
-    return np.concatenate([[True], (np.abs(np.diff(q, axis=0)) > STANDS_RAD).any(axis=1) | differs])
+    return np.concatenate([[True], (np.abs(np.diff(q, axis=0)) > STANDSTILL_RAD).any(axis=1) | differs])
 
 
-def stand_starts_of_visits(q: Array, differs: Mask) -> Mask:
-    """Return a mask (n,) like `stand_starts`, of rows without times, which may be visits in any order."""
-    starts = stand_starts(q, differs)
-    return np.ones(len(q), dtype=bool) if len(q) and not _neighbours_are_stands(q, starts[1:]) else starts
+def standstill_starts_of_visits(q: Array, differs: Mask) -> Mask:
+    """Return the mask (n,) of `standstill_starts` for rows without times.
+
+    If the rows seem to be visits in any order, each row starts a standstill.
+    """
+    starts = standstill_starts(q, differs)
+    return np.ones(len(q), dtype=bool) if len(q) and not _standstills_are_adjacent(q, starts[1:]) else starts
 
 
-def _neighbours_are_stands(q: Array, moved: Mask) -> bool:
+def _standstills_are_adjacent(q: Array, moved: Mask) -> bool:
     """Return whether most rows with equal postures q (n, axes) rad are adjacent.
 
     Only in this case does the order of rows without times indicate repeated readings of one standstill. Otherwise rows
     are visits in any order.
     """
-    postures = len(np.unique(np.round(q / STANDS_RAD), axis=0))
+    postures = len(np.unique(np.round(q / STANDSTILL_RAD), axis=0))
     return 2 * int(np.count_nonzero(~moved)) > len(q) - postures

@@ -233,7 +233,9 @@ class SteadyDevice(ABC):
 
 
 _FIRST = 25
-"""Number of steps for measuring the period, a fifth of a second at 125 Hz. Some of these steps contain no loss."""
+"""Number of steps used to measure the period, a fifth of a second at 125 Hz. It is assumed that at least one of them
+contains no loss.
+"""
 _MORE = 1.5
 """Multiple of the period above which a step contains losses."""
 

@@ -48,7 +48,7 @@ def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, typ
                 raise ImportError("another has this name")
             cls = offer.load()
             if not (isinstance(cls, type) and issubclass(cls, base)):
-                raise ImportError(f"{offer.value} is no {base.__name__}")
+                raise ImportError(f"{offer.value} is not a {base.__name__}")
             if key not in cls.model_fields or get_args(cls.model_fields[key].annotation) != (offer.name,):
                 raise ImportError(f"the key {key} differs from {offer.name!r}")
             if group != "rig.effects" and not getattr(cls, "driver", ""):

@@ -25,7 +25,7 @@ ORDINARY = {
     "asked": 0.01, "asks": 0.01, "came": 0.01, "person": 0.01, "says": 0.01, "why": 0.01, "beside": 0.0, "judged": 0.0,
     "stand": 0.0, "stands": 0.0,
 }  # fmt: skip
-"""Occurrences of each marker word in 1000 words of the docstrings of those packages (0.7 million words)."""
+"""Occurrences of each marker word in 1000 words of the docstrings of well-known packages (0.7 million words)."""
 _BARE = """
 above along alone apart around asked away below beside between beyond built called deed done drawn extra far forget
 found given held here kept known left like looked lose lost made means missing most named off over perhaps remains

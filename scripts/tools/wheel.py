@@ -122,7 +122,9 @@ def use(environment: Environment) -> list[str]:
 
 
 def use_extras(environment: Environment) -> str:
-    """Use each extra in an environment with all of them, and return a line."""
+    """Run a command that needs each of the optional dependencies, in an environment with all of them, and return a
+    report line.
+    """
     environment.run("rig", "example", "rigs")
     (run, *_) = environment.run("rig", "simulate", "rigs/ur10e.yaml", "--test", "yaw", "-o", "runs").split()
     environment.run("rig", "export-urdf", "rigs/ur10e.yaml", "-o", "arm.urdf")

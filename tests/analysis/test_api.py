@@ -116,7 +116,7 @@ def test_every_example_runs(
     monkeypatch.chdir(tmp_path)
     if value is not save_run:
         save_run(laps[0], "runs/monday-acw")
-    pyarrow.csv.write_csv(laps[0].to_table(), "yaw.csv")
+    pyarrow.csv.write_csv(laps[0].to_table(), "roll.csv")
     if value is not diagnose:
         exec(code, {name: getattr(analysis, name) for name in analysis.__all__})  # noqa: S102 - examples of our own
 
@@ -306,9 +306,9 @@ def test_a_path_stands_for_its_run(laps: list[Measured], kept: Path) -> None:
 @pytest.mark.parametrize(
     ("call", "says"),
     [
-        (lambda: evaluate(5), "run: a int is no run; give a run of load_run"),  # type: ignore[arg-type]
-        (lambda: calibrate(5), "run: a int is no run"),  # type: ignore[arg-type]
-        (lambda: evaluate_runs([None]), "run: a NoneType is no run"),  # type: ignore[list-item]
+        (lambda: evaluate(5), "run: a int is not a run; give a run of load_run"),  # type: ignore[arg-type]
+        (lambda: calibrate(5), "run: a int is not a run"),  # type: ignore[arg-type]
+        (lambda: evaluate_runs([None]), "run: a NoneType is not a run"),  # type: ignore[list-item]
         (lambda: simulate("ur10e", "yaw", "left"), "'left' is not a direction; give acw or cw"),  # type: ignore[arg-type]
         (lambda: simulate("ur10e", "yow", "cw"), "'yow' is not a test; give one of yaw"),  # type: ignore[arg-type]
         (lambda: analysis.calibrated_arm("ur10e").forward("here"), "is not an array of numbers"),  # type: ignore[arg-type]

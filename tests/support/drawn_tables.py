@@ -460,7 +460,7 @@ def _path(rng: np.random.Generator) -> Drawn:
     )
     if trouble == "a spike":
         xyz[row : row + int(rng.choice([1, 2, 4]))] += rng.normal(0, 3.0, 3)
-        says = "wild"
+        says = "outlier"
     elif trouble == "a beam stood still":
         xyz[row : row + 300] = xyz[row]
         says = "repeat"
@@ -515,7 +515,7 @@ def _wrong(drawn: Drawn, run: Path, doubts: str) -> str:
             return f"says nothing of {drawn.trouble}"
         doubts = "\n".join(line for line in doubts.splitlines() if "whole turn" not in line)
     if isinstance(table, PathTable):
-        return f"a word about a sound path: {doubts}" if re.search("wild|repeat", doubts) else ""
+        return f"a word about a sound path: {doubts}" if re.search("outlier|repeat|equal the previous", doubts) else ""
     assert isinstance(table, PoseTable)
     if "assumed" in doubts or "taken as they are named" in doubts or "doubt: joints" in doubts:
         return ""

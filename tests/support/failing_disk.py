@@ -14,7 +14,7 @@ COLUMNS = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": ("q1_deg",)}
 
 @contextmanager
 def failing(number: int, *calls: str) -> Iterator[None]:
-    """Make these system calls fail with an error number."""
+    """Make the system calls named in `calls` fail with an error number, except for opening files to read."""
 
     class Broken:
         def __getattr__(self, name: str) -> Any:

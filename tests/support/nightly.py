@@ -48,7 +48,7 @@ def moved() -> tuple[dict[str, Any], ...]:
 
 
 def is_moved(nodeid: str) -> bool:
-    """Return whether the table makes a test nightly."""
+    """Return whether a test runs only at night, according to the table of nightly tests."""
     return any(nodeid.startswith(entry["of"]) and _names(entry, nodeid) for entry in moved())
 
 

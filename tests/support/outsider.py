@@ -59,7 +59,7 @@ BEGUN = (
     Wave(axis=1, order=3.0, amplitude_deg=0.02, phase_deg=20.0),
 )
 """Initial values of the engine's fit."""
-BESIDE = (healthy(JointOffset(axis=4)), healthy(LinkGeometry(axis=3, field="a")))
+FURTHER_EFFECTS = (healthy(JointOffset(axis=4)), healthy(LinkGeometry(axis=3, field="a")))
 TIMES = (0.8, -1.3)
 """True sizes of the arm in healthy sizes."""
 STATIONS, STEPS, STEP_DEG = 36, 6, 0.06
@@ -94,7 +94,7 @@ def case(seed: int) -> Case:
     came_from = np.concatenate([q[:1], q[:-1]])
     empty = PoseTable(q, np.zeros((len(q), 3)), None, came_from=came_from)
     there = moved_setup(nominal_setup(model.rig, empty), empty, rng.normal(0, 30, 9))
-    others = [scaled(one, times) for one, times in zip(BESIDE, TIMES, strict=True)]
+    others = [scaled(one, times) for one, times in zip(FURTHER_EFFECTS, TIMES, strict=True)]
     holding = replace(model, effects=(*HIDDEN, *others))
     xyz = predict(holding, empty, path_of(model, empty), there)[:, [3, 7, 11]]
     seen = replace(empty, xyz_mm=xyz + rng.normal(0, NOISE_MM, xyz.shape))
@@ -118,7 +118,7 @@ class Stated:
         """Names of the values."""
         effects = self.refined.effects
         fitted = [f"{name_of(effects[one.effect])} {one.field}" for one in self.refined.unknowns]
-        return [*fitted, *(name_of(one) for one in BESIDE), *(f"placement {k + 1}" for k in range(9))]
+        return [*fitted, *(name_of(one) for one in FURTHER_EFFECTS), *(f"placement {k + 1}" for k in range(9))]
 
     @property
     def mean(self) -> Array:
@@ -137,18 +137,21 @@ class Stated:
         small.
         """
         return (
-            np.concatenate([self.posterior.term_means[: len(self.refined.values)], np.zeros(len(BESIDE) + 9)]) / self.u
+            np.concatenate([self.posterior.term_means[: len(self.refined.values)], np.zeros(len(FURTHER_EFFECTS) + 9)])
+            / self.u
         )
 
     @cached_property
     def covariance(self) -> Array:
         """Return the covariance (d, d) of all values."""
-        return self.posterior.joint_covariance(len(BESIDE) + 9, len(self.refined.values))
+        return self.posterior.joint_covariance(len(FURTHER_EFFECTS) + 9, len(self.refined.values))
 
     @cached_property
     def limits(self) -> Array:
         """Return the lower and upper limits (2, d)."""
-        return np.array([*map(self._limits_of, self.refined.unknowns), *[(-np.inf, np.inf)] * (len(BESIDE) + 9)]).T
+        return np.array(
+            [*map(self._limits_of, self.refined.unknowns), *[(-np.inf, np.inf)] * (len(FURTHER_EFFECTS) + 9)]
+        ).T
 
     def _limits_of(self, unknown: UnknownParameter) -> tuple[float, float]:
         """Return the bounds of a parameter in the vocabulary; for a size also those of a fit."""
@@ -161,8 +164,8 @@ class Stated:
     def _prior(self) -> tuple[Array, Array]:
         """Return mean and standard deviation (d,) of the prior of all values."""
         unknowns = self.refined.unknowns
-        mean = [one.expected for one in unknowns] + [0.0] * (len(BESIDE) + 9)
-        sd = [one.spread for one in unknowns] + [1.0] * len(BESIDE) + [_PLACED_MM] * 9
+        mean = [one.expected for one in unknowns] + [0.0] * (len(FURTHER_EFFECTS) + 9)
+        sd = [one.spread for one in unknowns] + [1.0] * len(FURTHER_EFFECTS) + [_PLACED_MM] * 9
         return np.array(mean), np.array(sd)
 
     def log_density(self, values: Array) -> float:
@@ -172,8 +175,8 @@ class Stated:
         effects = list(self.refined.effects)
         for unknown, value in zip(self.refined.unknowns, values, strict=False):
             effects[unknown.effect] = effects[unknown.effect].model_copy(update={unknown.field: float(value)})
-        sizes, moves = values[-9 - len(BESIDE) : -9], values[-9:]
-        effects += [scaled(one, float(size)) for one, size in zip(BESIDE, sizes, strict=True)]
+        sizes, moves = values[-9 - len(FURTHER_EFFECTS) : -9], values[-9:]
+        effects += [scaled(one, float(size)) for one, size in zip(FURTHER_EFFECTS, sizes, strict=True)]
         (setup,) = self.linear.setups.values()
         one = self.case.run
         left = one.values - self.case.predicted(effects, moved_setup(setup, one.table, moves))
@@ -199,10 +202,10 @@ def stated(one: Case) -> Stated:
 
 def _columns(linear: Linearisation) -> Columns:
     """Return the columns (N, p) of all unknowns except the named effects: other effects and placement."""
-    forms = forms_of([Candidate(name_of(one), (one,)) for one in BESIDE])
+    forms = forms_of([Candidate(name_of(one), (one,)) for one in FURTHER_EFFECTS])
     share = healthy_shares(forms)
     return Columns(
-        np.concatenate([linear.columns(BESIDE), linear.U], axis=1),
+        np.concatenate([linear.columns(FURTHER_EFFECTS), linear.U], axis=1),
         forms,
         slice(len(share), len(share) + 9),
         np.zeros(len(linear.y), dtype=np.int64),

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tests.support.five_arms import ARMS, OPW, Array
 
 RANDOM = 10_000
-BESIDE = np.array([0.0, 1e-15, 1e-13, 1e-11, 1e-9, 1e-7, 1e-5, 1e-3])
+SINGULARITY_DISTANCES_RAD = np.array([0.0, 1e-15, 1e-13, 1e-11, 1e-9, 1e-7, 1e-5, 1e-3])
 """Distances from a singularity in rad."""
 
 
@@ -27,14 +27,14 @@ def at_limits(name: str, n: int = 500) -> Array:
 
 
 def singular(name: str, n: int = 500) -> dict[str, Array]:
-    """Return random angles (n, 6) rad moved to each singularity of the arm, or to the distances BESIDE from it."""
+    """Return random angles (n, 6) rad moved to a singularity of the arm, or to SINGULARITY_DISTANCES_RAD from it."""
     return _ur_singular(n) if name == "ur10e" else _opw_singular(name, n)
 
 
 def _opw_singular(name: str, n: int) -> dict[str, Array]:
     opw = OPW[name]
     upright = {what: random_angles(seed, n) for seed, what in enumerate(("wrist", "stretched", "folded", "shoulder"))}
-    beside = np.resize(BESIDE, n)
+    beside = np.resize(SINGULARITY_DISTANCES_RAD, n)
     half_turns = np.resize([0.0, np.pi], n)
     upright["wrist"][:, 4] = beside + half_turns
     straight = -np.arctan2(opw.a2, opw.c3)
@@ -49,7 +49,7 @@ def _opw_singular(name: str, n: int) -> dict[str, Array]:
 
 def _ur_singular(n: int) -> dict[str, Array]:
     q = {what: random_angles(seed, n) for seed, what in enumerate(("wrist", "stretched", "folded", "shoulder"))}
-    beside = np.resize(BESIDE, n)
+    beside = np.resize(SINGULARITY_DISTANCES_RAD, n)
     q["wrist"][:, 4] = beside + np.resize([0.0, np.pi], n)
     q["stretched"][:, 2] = beside
     q["folded"][:, 2] = np.pi + beside
@@ -61,7 +61,7 @@ def _ur_singular(n: int) -> dict[str, Array]:
 
 
 def everywhere(name: str) -> Array:
-    """Return all of these angles as one stack."""
+    """Return the angles (n, 6) rad of all functions above: random, at the limits and near singularities."""
     return np.concatenate([random_angles(11), at_limits(name), *singular(name).values()])
 
 

@@ -125,7 +125,7 @@ class IoWorker:
                 (root / name).write_bytes(self.data[node])
 
     def tree(self, directory: int = ROOT) -> dict[str, Any]:
-        """Return names and bytes for comparison."""
+        """Return the contents of a directory as nested dictionaries: bytes by file name, and directories by name."""
         return {
             name: self.tree(node) if node in self.names else bytes(self.data[node])
             for name, node in self.names[directory].items()

@@ -14,35 +14,37 @@ GARBLED, DEVICE_ERROR, MISSING = FaultKind.GARBLED, FaultKind.DEVICE_ERROR, Faul
 
 
 @dataclass(frozen=True)
-class Told:
+class ExpectedFault:
     """An expected fault: its kind, and words in its message."""
 
     kind: FaultKind
     words: tuple[str, ...]
 
 
-def error(*words: str) -> Told:
-    return Told(DEVICE_ERROR, words)
+def error(*words: str) -> ExpectedFault:
+    return ExpectedFault(DEVICE_ERROR, words)
 
 
-def missing(*words: str) -> Told:
-    return Told(MISSING, words)
+def missing(*words: str) -> ExpectedFault:
+    return ExpectedFault(MISSING, words)
 
 
-def wrong_unit(shown: str, units: str = "mm") -> Told:
-    return Told(DEVICE_ERROR, (f"reads in {shown}", f"file has {units};", "switch the gauge, or correct `units`"))
+def wrong_unit(shown: str, units: str = "mm") -> ExpectedFault:
+    return ExpectedFault(
+        DEVICE_ERROR, (f"reads in {shown}", f"file has {units};", "switch the gauge, or correct `units`")
+    )
 
 
-NONSENSE = Told(GARBLED, ("is not a reading; check the line settings",))
+NONSENSE = ExpectedFault(GARBLED, ("is not a reading; check the line settings",))
 
 
 @dataclass(frozen=True)
-class Asked:
+class GaugeReplies:
     """A gauge, its request, and each reply with the expected values in mm or the expected fault."""
 
     gauges: tuple[Any, ...]
     request: bytes
-    replies: dict[bytes, tuple[float, ...] | float | Told]
+    replies: dict[bytes, tuple[float, ...] | float | ExpectedFault]
     before: tuple[bytes, bytes] | None = None
     """An earlier request and its reply."""
 
@@ -67,11 +69,11 @@ def one(
     replies: dict[bytes, Any],
     before: tuple[bytes, bytes] | None = None,
     **changes: object,
-) -> Asked:
-    return Asked((gauge(interface, **changes),), request, replies, before)
+) -> GaugeReplies:
+    return GaugeReplies((gauge(interface, **changes),), request, replies, before)
 
 
-POLLED: dict[str, Asked] = {
+POLLED: dict[str, GaugeReplies] = {
     "tesa mm": one(
         "tesa_tt",
         b"?\r",
@@ -110,7 +112,7 @@ POLLED: dict[str, Asked] = {
         },
     ),
     "c1202 feature 3 in inch": one("mahr_c1202", b"M3?\r", {b"3 +001.00 inch\r": 25.4}, channel=3, units="inch"),
-    "c1202 two": Asked(
+    "c1202 two": GaugeReplies(
         (gauge("mahr_c1202", channel=1), gauge("mahr_c1202", channel=3)),
         b"?\r",
         {
@@ -197,7 +199,7 @@ POLLED: dict[str, Asked] = {
             b"+12.3456\r\n": NONSENSE,
         },
     ),
-    "magnescale lt two": Asked(
+    "magnescale lt two": GaugeReplies(
         (gauge("magnescale_lt", channel=2), gauge("magnescale_lt", channel=1)),
         b"R\r\n",
         {

@@ -558,7 +558,9 @@ SOURCES: dict[str, dict[str, Source]] = {
         "second": _catalogue_yaskawa(40, 445, 40, 440, 80),
     },
 }
-"""Sources by the name of the arm and the key of its `sources` for these numbers."""
+"""Second sources of the constants of each arm: by arm, then by the kind of numbers, as in the key `sources` of an
+arm.
+"""
 
 
 def differences(robot: Robot, source: Source, number: int) -> tuple[float, float]:

@@ -104,7 +104,7 @@ def _of_few_terms(model: CalibratedModel) -> CalibratedModel:
 
 
 @dataclass
-class Told:
+class InstantDiagnosis:
     """A diagnosis that finishes immediately."""
 
     answer: Answer
@@ -129,7 +129,7 @@ class Oracle:
         answer = self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
         model = next(name for name in _model_files() if name.endswith(".yaml"))
         changed = {"runs": len(used), "judges": len(judges), "found": directory.name, "model": model}
-        return Told(answer.model_copy(update=changed))
+        return InstantDiagnosis(answer.model_copy(update=changed))
 
 
 class Simulated:

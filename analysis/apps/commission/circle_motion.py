@@ -68,7 +68,7 @@ DRIVEN = Tolerance(0.5, 1.0, float(np.radians(30.0)))
 """Circle driven by the robot. The constants of a healthy arm bend it by some tenths of a mm."""
 BENT = Tolerance(2.0, 3.0, float(np.radians(90.0)))
 """Circle of a robot with other constants in the controller than in the rig file, such as zeros wrong by 0.5°."""
-LED = Tolerance(5.0, 5.0, float(np.radians(120.0)))
+GUIDED = Tolerance(5.0, 5.0, float(np.radians(120.0)))
 """Circle along which the user guided the robot by hand. A line stays within this tolerance for up to 52°."""
 
 
@@ -376,7 +376,7 @@ def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: st
             raise FileError(where, problem, "drive the circle more slowly, or record the feedback at a higher rate")
         circle = nearest_circle(bins.places[on]) or circle
         largest = deviations(circle, bins.places).largest
-        on &= largest < _wild_from(largest[on])
+        on &= largest < _outlier_from_mm(largest[on])
     return on, circle
 
 
@@ -405,7 +405,7 @@ def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, c
     holes: Mask = before & after & ~on
     t_s, places, stretch = _rows(motions, arm, bins, on | holes)
     largest = deviations(circle, places).largest
-    sound = largest < _wild_from(largest)
+    sound = largest < _outlier_from_mm(largest)
     if sound.mean() < 1 - _MOST_OUTLYING:
         sound[:] = True
     t_s, places, stretch = t_s[sound], places[sound], stretch[sound]
@@ -433,7 +433,7 @@ def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, c
     return Fit(moved(circle, along.value, across.value), along, across, len(t_s), wild)
 
 
-def _wild_from(largest: Array) -> float:
+def _outlier_from_mm(largest: Array) -> float:
     """Return the deviation in mm from which a place counts as an outlier.
 
     largest (n,): deviations of all places in mm.

@@ -10,7 +10,7 @@ import numpy as np
 from analysis.apps.commission.circle_motion import (
     BENT,
     DRIVEN,
-    LED,
+    GUIDED,
     Binned,
     Fit,
     FoundCircle,
@@ -25,7 +25,7 @@ from analysis.apps.commission.touched_ball import circle_through_stands, distinc
 from analysis.robot.geometry.circle import CircleFrame, circle_frame, deviations, nearest_circle
 from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of
 from analysis.runs.loading import RobotMotion
-from analysis.runs.stands import STOOD_RAD
+from analysis.runs.stands import STILL_RUN_RAD
 from rigs.edit import Values
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -43,14 +43,14 @@ _ALONG_NORMAL = float(np.cos(np.radians(30.0)))
 """Minimum cosine between the x axis of the tool and the normal for the tool to determine the sign."""
 _CLEAR_RAD = np.radians(20.0)
 """Smallest net angle of a motion with a clear direction. A smaller angle means that it went both ways."""
-_HARDLY = 0.01
+_MISSING_SHARE = 0.01
 """Largest missing share of a turn for a lap to count as complete."""
 _SAME_START_RAD = np.radians(5.0)
 """Largest distance from the start in the rig file for both to be identical.
 
 The ends of a program with lead-in are detected with an accuracy of about a degree.
 """
-_HELD_RAD = np.radians(2.0)
+_SAME_TOOL_RAD = np.radians(2.0)
 """Largest deviation of the tool from the orientation in a circle test for the two to count as equal."""
 
 
@@ -82,7 +82,7 @@ def start_of(
     if _sense(circle, T, phi, direction, declared, doubts) < 0:
         circle, phi = circle_frame(circle.centre, -circle.n, circle.u, circle.radius), -phi
     arc = float(np.ptp(phi))
-    laps = int(arc / (2 * np.pi) + _HARDLY)
+    laps = int(arc / (2 * np.pi) + _MISSING_SHARE)
     lead = max(0.0, (arc - 2 * np.pi * laps) / 2) if laps else 0.0
     begins = float(phi.min()) + lead
     row = int(np.abs(phi - begins).argmin())
@@ -129,10 +129,10 @@ def _tool_doubts(circle: CircleFrame, T: Array) -> list[str]:
     turn = Rotation.from_matrix(np.swapaxes(T[:, :3, :3], 1, 2) @ nominal)
     mean = turn.mean()
     off, spread = mean.magnitude(), float(np.degrees((mean.inv() * turn).magnitude().max()))
-    if off < _HELD_RAD and spread < np.degrees(_HELD_RAD):
+    if off < _SAME_TOOL_RAD and spread < np.degrees(_SAME_TOOL_RAD):
         return []
     fact = f"the tool was {np.degrees(off):.0f}° from the orientation of the test (z to the centre, x along the normal)"
-    if spread < np.degrees(_HELD_RAD):
+    if spread < np.degrees(_SAME_TOOL_RAD):
         return [f"{fact}: the program turns the tool by this angle unless robot.tool.rpy_deg is corrected"]
     return [f"{fact}, and not evenly (by up to {spread:.0f}°): the program turns the tool by this angle"]
 
@@ -217,7 +217,7 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
         if not np.isfinite(motion.q).all():
             row = int(np.argmin(np.isfinite(motion.q).all(axis=1))) + 1
             raise FileError(motion.where, f"row {row} has a joint angle that is not a number", "remove such rows")
-        if len(motion.t_s) < 2 or np.ptp(motion.q, axis=0).max() < STOOD_RAD:
+        if len(motion.t_s) < 2 or np.ptp(motion.q, axis=0).max() < STILL_RUN_RAD:
             raise FileError(motion.where, "the robot stood still", "move the tool about the ball during the recording")
     bins = binned(motions, arm)
     where = _where(motions)
@@ -235,7 +235,7 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
         return _result(stops.circle, stops.covariance, stops.covariance, start, used, doubts, where)
     stood = len(distinct(bins.places[bins.stand_rows]))
     if path_circle is None:
-        path_circle, tolerance = find_circle(points, run, LED), LED
+        path_circle, tolerance = find_circle(points, run, GUIDED), GUIDED
     if path_circle is None:
         path_circle, tolerance = _short_arc(points, stood, where), _SHORT
     _check_one_circle(path_circle, tolerance, points, run, motions, rig)

@@ -67,7 +67,7 @@ def ask_baseline(answers: Answers, options: Options, dialogue: Dialogue) -> Answ
 
 
 def reports_of(ports: Sequence[str], options: Options, doing: Callable[[str], None]) -> list[PortReport]:
-    """Search these ports, each with the options given for it."""
+    """Search ports for gauges, each with the options given for this port."""
     named = {}
     for name, place in zip(_NAMES, options.places, strict=False):
         if "interface" in options.keys[name]:
@@ -244,8 +244,8 @@ def check_baseline_mm(value: float, where: str) -> float:
     if value < _NEAREST_MM:
         turned_mm = value * 1e-3
         problem = (
-            f"is too small for two gauges, whose bodies are {_BODY_MM:g} mm thick, and at {value:g} mm an "
-            f"angle of 1 mrad is {turned_mm:.2g} mm between them"
+            f"is too small for two gauges with bodies of {_BODY_MM:g} mm, and at {value:g} mm an angle of 1 mrad would "
+            f"change their difference by only {turned_mm:.2g} mm"
         )
         raise FileError(
             where, problem, f"give the distance between the gauge axes in mm (not cm), at least {_NEAREST_MM:g}"

@@ -24,7 +24,7 @@ from rigs.errors import CellError, FileError, RigError, RigPlace
 from rigs.load import parse
 from rigs.rig import Rig
 
-_LOOK_S = 0.1
+_POLL_S = 0.1
 _SILENT_S = 5.0
 """Time without a new joint angle after which the robot is silent."""
 _FEWEST = 6
@@ -112,7 +112,7 @@ def _follow(daemon: SampleSource, rig: Rig, guide: Touching, say: Callable[[str]
             raise CellError(
                 "robot", f"joint angles missing for {_SILENT_S:.0f} s", "run rig doctor, then repeat the command"
             )
-        clock.sleep(_LOOK_S)
+        clock.sleep(_POLL_S)
 
 
 def _tell(guide: Touching, t_s: float, angles: list[float], say: Callable[[str], None]) -> None:

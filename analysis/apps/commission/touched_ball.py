@@ -17,7 +17,7 @@ import numpy as np
 from analysis.apps.commission.circle_motion import DRIVEN, Binned, FoundCircle
 from analysis.robot.geometry.circle import CircleFrame, circles_through, deviations, largest_deviations, nearest_circle
 from analysis.robot.kinematics.arm import Arm, Array, Mask, arm_of, forward
-from analysis.runs.align import align, robot_alone
+from analysis.runs.align import align, robot_only
 from analysis.runs.csv_tables import table_from
 from analysis.runs.stands import FLICKER_DEG, stands_of
 from analysis.runs.tables import TargetTable, TouchTable
@@ -50,7 +50,7 @@ _LINE = 0.01
 
 
 @dataclass(frozen=True)
-class StoodCircle:
+class JoggedCircle:
     """A circle through m stops, in order of time.
 
     T (m, 4, 4): tool poses in mm. q (m, 6): angles in rad. covariance (3, 3): covariance in mm² of the coefficients of
@@ -107,7 +107,7 @@ def on_one_circle(places: Array) -> Mask:
     return np.asarray(near[int(score.argmax())])
 
 
-def circle_through_stands(arm: Arm, bins: Binned, where: str) -> StoodCircle:
+def circle_through_stands(arm: Arm, bins: Binned, where: str) -> JoggedCircle:
     """Fit a circle to the stops, excluding a few stops elsewhere.
 
     Raises FileError if the stops lie on a line or not on a circle.
@@ -141,7 +141,7 @@ def circle_through_stands(arm: Arm, bins: Binned, where: str) -> StoodCircle:
         doubts = (*doubts, f"{off_circle} stops are not used because they are off the circle of the others")
     design = away.design
     covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(design.T @ design), dtype=np.float64)
-    return StoodCircle(circle, T, q, covariance, doubts)
+    return JoggedCircle(circle, T, q, covariance, doubts)
 
 
 def scatter(squares: float, free: int, within_mm: float) -> tuple[float, tuple[str, ...]]:
@@ -218,7 +218,7 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     q, g_mm, within = (np.concatenate(parts) for parts in zip(*stands, strict=True))
     places = forward(arm_of(rig.robot), q)[:, :3, 3]
     if (apart := len(distinct(places))) < 4:
-        problem = f"the robot stood at {apart} places, but a ball needs four that are not in a plane"
+        problem = f"the robot was at rest at {apart} places, but a ball needs four that are not in a plane"
         raise FileError(where, problem, "rest at more places all over the hemisphere, a second at each")
     # Drop stops far off the sphere of the others one by one.
     near = np.ones(len(places), dtype=bool)
@@ -271,7 +271,7 @@ def _read_stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[
         data = align(path, run, rig)
         t_s, q, g_mm, doubts = data.t_s, data.q, data.g_mm[:, :1], data.doubts
     except FileError as error:
-        t_s, q, alone_doubts = robot_alone(path, run)
+        t_s, q, alone_doubts = robot_only(path, run)
         g_mm = np.zeros((len(t_s), 1))
         doubts = (
             *alone_doubts,
@@ -309,7 +309,7 @@ def _slopes(places: Array, g_mm: Array, x: Array) -> tuple[Array, Array]:
     return design, distance - g_mm - x[3]
 
 
-STANDS_S = 1.5
+REST_S = 1.5
 """Rest time before a touch is accepted: a hand-guided arm swings for some tenths of a second after release."""
 _MOVED_DEG = 3.0
 """Minimum motion of a joint between touches.
@@ -373,7 +373,7 @@ class Touching:
         self._sides.feed(q)
         if np.abs(q - self._stands_at).max() > FLICKER_DEG:
             self._stands_at, self._since_s, self._told = q, t_s, False
-        if self._told or not self.socket or t_s - self._since_s < STANDS_S:
+        if self._told or not self.socket or t_s - self._since_s < REST_S:
             return "nothing"
         self._told = True
         if self._q and np.abs(q - self._q[-1]).max() < _MOVED_DEG:

@@ -25,11 +25,11 @@ from analysis.apps.makers.emulated import (
     LinearMove,
     MoveLimits,
     OperatorPause,
+    PointToPointMove,
     PostureFlags,
     ProgramError,
     RegisterOutput,
     Round,
-    Stood,
     Switched,
     ToolPose,
     Waited,
@@ -143,7 +143,7 @@ _MM_PER_RAD = 500.0
 """Length equivalent of a rotation of the tool: the size of an arm."""
 _MOST_SAMPLES = 3_000_000
 """Maximum number of samples. A program of an hour has a tenth of it."""
-_STANDS = 1e-6
+_SMALLEST_STEP = 1e-6
 """Steps below this size in mm or rad are not moves but rounding in programs."""
 
 
@@ -200,7 +200,7 @@ class _Driver:
             return
         self.finish_chain()
         match event:
-            case Stood():
+            case PointToPointMove():
                 self.move_joints(event)
             case Waited(seconds) if seconds > 0 and self.q:
                 self.add(np.array([seconds]), self.q[-1][-1:])
@@ -226,18 +226,18 @@ class _Driver:
         self.t_s.append(self.now_s + seconds)
         self.q.append(q)
 
-    def move_joints(self, event: Stood) -> None:
+    def move_joints(self, event: PointToPointMove) -> None:
         arm = self.controller.with_tool(_frame(event.tool))
         at = self.q[-1][-1] if self.q else None
         end = event.q if event.q is not None else _standing(arm, event.pose, self.near if at is None else at)
-        outside = np.flatnonzero((end < arm.limits[:, 0] - _STANDS) | (end > arm.limits[:, 1] + _STANDS))
+        outside = np.flatnonzero((end < arm.limits[:, 0] - _SMALLEST_STEP) | (end > arm.limits[:, 1] + _SMALLEST_STEP))
         if len(outside):
             axis = int(outside[0])
             raise ProgramError(f"axis {axis + 1} is sent to {np.degrees(end[axis]):.2f}°, beyond the limits")
         if at is None:
             self.t_s.append(np.zeros(1))
             self.q.append(end[None])
-        elif (way := float(np.abs(end - at).max())) > _STANDS:
+        elif (way := float(np.abs(end - at).max())) > _SMALLEST_STEP:
             seconds, accelerating = _joint_time(arm, at, end, event.speed)
             share = np.linspace(0, 1, 50 + int(way / _JOINT_RAD))
             times = _times(share, np.full(len(share) - 1, 1 / seconds), np.full(len(share) - 1, accelerating))
@@ -246,7 +246,7 @@ class _Driver:
 
     def finish_chain(self) -> None:
         """Execute the pending moves up to the stop."""
-        moves = [move for move in self.chain if max(move.length_mm, move.turned_rad) > _STANDS]
+        moves = [move for move in self.chain if max(move.length_mm, move.turned_rad) > _SMALLEST_STEP]
         self.chain.clear()
         if not moves:
             return

@@ -95,13 +95,13 @@ def friction_current_a(axis: int, warm_c: float) -> float:
 
 _DWELL_S = 1.5
 """Pause at each target. A program for real gauges waits longer."""
-_STAND_S = 1.0
+_STANDSTILL_S = 1.0
 """Standstill at the start, where a program waits for the controller."""
 
 
 _RAMP_S = 0.3
 """Time for stopping on the path and for accelerating again. Chosen."""
-_LOOK_S = 0.02
+_POLL_S = 0.02
 """Polling interval for the end of a program."""
 State = Literal["drives", "waits", "paused", "stopped", "done"]
 """State of a program. waits: for the operator, as programmed. done, stopped: final states."""
@@ -310,7 +310,7 @@ class EmulatedRobot:
             case _:
                 raise FileError(repr(program), "is not a program", f"type {', '.join(PROGRAMS)} or quit")
         number = float(1 + PROGRAMS.index(program))
-        return self.play(replace(driven, signals=((-_STAND_S, number), (driven.end_s, 0.0))))
+        return self.play(replace(driven, signals=((-_STANDSTILL_S, number), (driven.end_s, 0.0))))
 
     def play(self, trace: Trace) -> float:
         """Start a trace from the beginning and return the duration in seconds, excluding waits for the operator."""
@@ -320,10 +320,10 @@ class EmulatedRobot:
             self._trace, self._signal_before, self._stopped = trace, before, False
             self._torque_nm = None
             self._holds_s = tuple(sorted(trace.holds_s))
-            self._pace = _Pace(now_ns + int(_STAND_S * 1e9), 0.0, 1.0, 1.0)
+            self._pace = _Pace(now_ns + int(_STANDSTILL_S * 1e9), 0.0, 1.0, 1.0)
         self.finished.clear()
         clock.Thread(target=self._watch, name="emulated program", daemon=True).start()
-        return _STAND_S + trace.end_s
+        return _STANDSTILL_S + trace.end_s
 
     def stop(self) -> bool:
         """Stop the program: the arm stops on the path, and outputs do not change.
@@ -366,13 +366,13 @@ class EmulatedRobot:
     def _watch(self) -> None:
         """Wait for the end of the program and set `finished`."""
         while self.state(clock.now_ns()) not in ("done", "stopped"):
-            clock.sleep(_LOOK_S)
+            clock.sleep(_POLL_S)
         self.finished.set()
 
     def _program_s(self, now_ns: int) -> tuple[float, float]:
         """Return the program time in s and the current rate. The caller must hold the lock."""
         if self._pace is None:
-            return -_STAND_S, 0.0
+            return -_STANDSTILL_S, 0.0
         at_s, rate = self._pace.at(now_ns)
         until_s = min([self._trace.end_s, *self._holds_s[:1]])
         return min(at_s, until_s), rate

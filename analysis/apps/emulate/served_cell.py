@@ -32,9 +32,9 @@ from rigs.load import load, load_hidden, named_by
 from rigs.schema.vocabulary import MakerName
 from rigs.signals import end_from
 
-_LOOK_S = 0.02
+_POLL_S = 0.02
 """Polling interval for the state of a program."""
-_SAID: dict[State, str] = {
+_STATE_TEXTS: dict[State, str] = {
     "waits": "waits for the operator; type go on",
     "paused": "paused",
     "drives": "goes on",
@@ -153,8 +153,8 @@ class Keyboard:
         while before not in ("done", "stopped"):
             if (state := self._robot.state(clock.now_ns())) != before:
                 before = state
-                self._report(CellEvent(state, name, f"{name}: {_SAID[state]}"))
-            clock.sleep(_LOOK_S)
+                self._report(CellEvent(state, name, f"{name}: {_STATE_TEXTS[state]}"))
+            clock.sleep(_POLL_S)
 
     def _with_programs(self) -> Pendant:
         if self._pendant is None:

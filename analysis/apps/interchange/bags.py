@@ -92,7 +92,7 @@ class McapBag:
             if isinstance(record, Chunk):
                 checked &= record.uncompressed_crc != 0
                 size = max(record.uncompressed_size, _frame_bytes(record))  # A few bytes can claim any size.
-                remedy = "record the topics of joints and gauges alone, or import the file in several runs"
+                remedy = "record the topics of joints and gauges only, or import the file in several runs"
                 if (unpacked := unpacked + size) > _MOST_UNPACKED:
                     problem = f"expands to more than {_MOST_UNPACKED / 1e9:g} GB"
                     raise FileError(self.where, problem, remedy)

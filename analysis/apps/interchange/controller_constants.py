@@ -48,9 +48,13 @@ def controller_constants(arm: LibraryArm, q: Array, xyz_mm: Array, R: Array | No
     base = np.diag([-1.0, -1.0, 1.0]) if np.trace(seen[:2, :2]) < 0 else np.eye(3)
     fitted = fit_constants(bare, q, xyz_mm @ base, R if R is None else base @ R)
     if fitted.spare < _SPARE:
-        raise FileError(where, f"has {len(q)} poses, too few for the constants of the arm", "give 20, all joints moved")
+        raise FileError(
+            where,
+            f"has {len(q)} poses, too few for the constants of the arm",
+            "give at least 20 in which all joints move",
+        )
     if fitted.rms_mm > _LEFT_MM:
-        problem = f"no constants of {arm.name} put the flange there: {fitted.rms_mm:.3g} mm remain"
+        problem = f"no link constants of {arm.name} match the flange poses: {fitted.rms_mm:.3g} mm rms remain"
         raise FileError(where, problem, "set the tool of the controller to none, and give flange poses and joints")
     axes = tuple(
         axis.model_copy(

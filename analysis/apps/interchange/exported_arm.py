@@ -51,7 +51,7 @@ def friction_nm(friction: Mapping[int, Friction], nm_per_a: Sequence[float]) -> 
     Raises UseError if an axis has no constant.
     """
     if friction and max(friction) > len(nm_per_a):
-        problem = f"has {len(nm_per_a)} numbers, and the run shows the friction of axis {max(friction)}"
+        problem = f"has {len(nm_per_a)} numbers, but the run shows the friction of axis {max(friction)}"
         raise UseError(_OPTION, problem, "give a number for each axis, from the data sheet of the maker")
     return {axis: joint.current_a * nm_per_a[axis - 1] for axis, joint in sorted(friction.items())}
 

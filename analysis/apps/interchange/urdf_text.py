@@ -39,9 +39,9 @@ def joint_senses(arm: Arm, where: str, kind: str) -> list[int]:
     if not np.array_equal(arm.coupling, np.diag(senses)) or not senses.all():
         wrong = (arm.coupling != np.diag(senses)).any(axis=1) | (senses == 0)
         axis = int(np.flatnonzero(wrong)[0]) + 1
-        problem = f"axis {axis} does not turn with joint {axis} alone and one to one, and {kind} has no way to say so"
+        problem = f"axis {axis} is coupled to other joints or has a different ratio, which {kind} cannot represent"
         remedy = (
-            "in a copy, set coupling to the signs, and turn the controller's angles into those of the axes beforehand"
+            "in a copy, set coupling to the signs only, and convert joint angles to axis angles before using the file"
         )
         raise FileError(f"{where}, robot.coupling", problem, remedy)
     return [int(sense) for sense in senses]
@@ -121,13 +121,13 @@ def require_names(robot: Robot, where: str) -> None:
     names = [axis.name for axis in robot.axes]
     for k, name in enumerate(names, start=1):
         if not name.strip() or not name.isprintable():
-            problem = f"axis {k} has the name {name!r}, which no joint of a URDF can have"
-            raise FileError(f"{where}, robot.axes", problem, "give it a name of printable characters")
+            problem = f"axis {k} has the name {name!r}, which is not valid in a URDF"
+            raise FileError(f"{where}, robot.axes", problem, "use printable characters only")
         if name in (*names[: k - 1], *_fixed_joints(robot), *([RAIL_JOINT] if robot.rail else [])):
             raise FileError(f"{where}, robot.axes", f"two joints would be named {name!r}", "rename one of them")
     if not robot.name.isprintable():
-        problem = f"{robot.name!r} is a name that no URDF can have"
-        raise FileError(f"{where}, robot.name", problem, "give it a name of printable characters")
+        problem = f"the name {robot.name!r} is not valid in a URDF"
+        raise FileError(f"{where}, robot.name", problem, "use printable characters only")
 
 
 def _fixed_joints(robot: Robot) -> tuple[str, str, str]:
@@ -200,7 +200,7 @@ def xacro_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) 
     """
     for name in (robot.name, *(axis.name for axis in robot.axes)):
         if _EXPANDS.search(name):
-            raise FileError(f"{where}, robot", f"xacro would compute the name {name!r}", "take the $ from it")
+            raise FileError(f"{where}, robot", f"xacro would evaluate the name {name!r}", "remove the $ from it")
     ElementTree.register_namespace("xacro", _XACRO)
     parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))  # noqa: S314 - it is ours
     urdf = ElementTree.fromstring(urdf_text(robot, arm, where, remarks).encode(), parser)  # noqa: S314

@@ -87,7 +87,7 @@ _Start = Annotated[
     ),
 ]
 
-_SAID = 20
+_MOST_LISTED = 20
 """Maximum number of uncorrected targets on the screen; corrections.yaml lists all."""
 
 
@@ -167,10 +167,10 @@ def correct(
     ]
     problem, remedy = "is not written: some places are uncorrected", "correct them, or remove --all-or-nothing"
     errors += [FileError(str(program.path), problem, remedy) for program in corrections.programs if program.held]
-    for error in errors[:_SAID]:
+    for error in errors[:_MOST_LISTED]:
         say_error(error)
-    if len(errors) > _SAID:
-        say(f"      and {len(errors) - _SAID} more, all in corrections.yaml", err=True)
+    if len(errors) > _MOST_LISTED:
+        say(f"      and {len(errors) - _MOST_LISTED} more, all in corrections.yaml", err=True)
     end_with(worst(errors))
 
 

@@ -226,7 +226,7 @@ def _sight(tracker: str | None, faces: str | None) -> Sight | None:
     except ValueError:
         place = np.zeros(0)
     if place.shape != (3,) or not np.isfinite(place).all():
-        raise UseError("--tracker", f"{tracker!r} is no place", "write X,Y,Z in mm, such as 2500,0,800")
+        raise UseError("--tracker", f"{tracker!r} is not a position", "write X,Y,Z in mm, such as 2500,0,800")
     axis = None
     if faces:
         axis = np.zeros(3)

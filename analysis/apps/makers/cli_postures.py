@@ -18,7 +18,7 @@ from rigs.text import as_argument
 if TYPE_CHECKING:
     from analysis.robot.kinematics.arm import Array
 
-_SAID = 20
+_MOST_LISTED = 20
 """Maximum number of targets without a posture listed on the screen; the JSON lists all."""
 _LEAST_PART_MM = 2.0
 """Lower bound of the longest side of a part. Chosen: 2 m, given in metres."""
@@ -114,10 +114,10 @@ def postures(
         )
     elif chosen.knowledge == "typical" and not chosen.verdict:
         say(f"next: rig plan {as_argument(rig_file)} --poses 40 -o poses  # measure this arm", err=True)
-    for error in errors[:_SAID]:
+    for error in errors[:_MOST_LISTED]:
         say_error(error)
-    if len(errors) > _SAID:
-        say(f"      and {len(errors) - _SAID} more targets without a posture", err=True)
+    if len(errors) > _MOST_LISTED:
+        say(f"      and {len(errors) - _MOST_LISTED} more targets without a posture", err=True)
     end_with(worst(errors))
 
 
@@ -132,8 +132,8 @@ def _size_of(part: str | None) -> Array | None:
     except ValueError:
         size = np.zeros(0)
     if size.shape != (3,) or not np.isfinite(size).all() or (size < 0).any():
-        raise UseError("--part", f"{part!r} is no size", "give X,Y,Z in mm, as 300,200,100")
+        raise UseError("--part", f"{part!r} is not a size", "give X,Y,Z in mm, such as 300,200,100")
     if 0 < size.max() < _LEAST_PART_MM:
         problem = f"{part!r} has no side of {_LEAST_PART_MM:g} mm or more: the size looks like metres"
-        raise UseError("--part", problem, "give X,Y,Z in mm, as 300,200,100")
+        raise UseError("--part", problem, "give X,Y,Z in mm, such as 300,200,100")
     return size

@@ -59,7 +59,7 @@ _LEAST_MM = 1e-3
 of the expected sizes. Chosen: 1 µm, below the repeatability of any robot."""
 _CRUMB = 0.01
 """Minimum share of the error for an entered constant: manual entries should be worthwhile."""
-_BESIDE = 0.1
+_OUTSIDE_WEIGHT = 0.1
 """Total weight of the postures outside the work area; all weights add up to 1. Tried on ur10e with a compliant joint
 and a gear error: 0 left 93 µm in the work area and 696 µm outside (582 before), 0.1 left 134 and 329, 0.5 left
 178 and 239."""
@@ -161,7 +161,7 @@ def project(
     omitted.
     """
     lever = max(_LEVER_MM, float(np.linalg.norm(rig.robot.tool.xyz_mm)))
-    shares = np.repeat([(1 - _BESIDE) / len(work), _BESIDE / len(spread)], [len(work), len(spread)])
+    shares = np.repeat([(1 - _OUTSIDE_WEIGHT) / len(work), _OUTSIDE_WEIGHT / len(spread)], [len(work), len(spread)])
     weights = np.sqrt(shares)[:, None] * [1, 1, 1, lever, lever, lever]
     q = np.concatenate([work, spread])
     base, real = tool_poses(model_of(rig, ()), q), tool_poses(model_of(rig, effects), q)

@@ -15,7 +15,14 @@ from analysis.apps.makers.reading import refuse_marked
 from analysis.apps.makers.target_path import TargetPath, read_path, refuse_corrected_path
 from analysis.correction.corrected_targets import CorrectedTargets, WorkError, angles_for, corrected
 from analysis.correction.pose_uncertainty import covered, places_u_mm, pose_uncertainty
-from analysis.correction.support import Correction, Support, joint_zeros, link_constants, supports, supports_beside
+from analysis.correction.support import (
+    Correction,
+    Support,
+    joint_zeros,
+    link_constants,
+    supports,
+    supports_of_usual_size,
+)
 from analysis.correction.work import (
     left_out_mm,
     rest_effects,
@@ -104,7 +111,7 @@ def correct_rig(
         raise UseError("--entered", "needs --path, and a maker from --for or the feedback", "give both")
     supported = supports(rig)
     entries = controller_entries(rig, supported, controller, scale) if controller and not programs.paths else None
-    of_model = tuple(supports_beside(rig))
+    of_model = tuple(supports_of_usual_size(rig))
     zeros, constants = joint_zeros(rig, [*supported, *of_model]), link_constants(rig, [*supported, *of_model])
     targets = _targets(rig, supported, path, entries if entered else None) if path else None
     for unread in () if programs.again else programs.paths:

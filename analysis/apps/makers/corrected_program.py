@@ -43,7 +43,7 @@ that the arm must be mastered, or the rig file belongs to a different arm. A joi
 singularity."""
 
 
-GIVEN_AWAY = 0.1
+REMAINING_SHARE = 0.1
 """Maximum remaining error, as a share of the correction, of moves to a point with an offset. A point and all its
 offset positions share a single correction, which must be accurate enough for each of them. Chosen: a tenth is
 small compared with the uncertainty of most corrections."""
@@ -259,8 +259,8 @@ def _off_by_offset(
     """Reject points at which moves with an offset would keep too large an error, and return the reasons and remaining
     errors.
 
-    An error is too large if it exceeds both the share `GIVEN_AWAY` of the correction and the uncertainty. The reasons
-    are given by point. The remaining errors (n,) in mm of the other points are NaN if no move has an offset.
+    An error is too large if it exceeds both the share `REMAINING_SHARE` of the correction and the uncertainty. The
+    reasons are given by point. The remaining errors (n,) in mm of the other points are NaN if no move has an offset.
     """
     because: dict[int, tuple[Unknown, ...]] = {}
     given_away_mm = np.full(len(targets), np.nan)
@@ -274,7 +274,9 @@ def _off_by_offset(
             stands = _in_world(arm, located[k], _with_offset(target, X))
             off_mm = float(np.linalg.norm(stands[:3, 3] - done.T[k][:3, 3]))
             u_mm = min(done.u_mm[k], done.u_frame_mm[k])
-            bound_mm = np.fmax(u_mm, GIVEN_AWAY * moved_mm[k])  # If there is no uncertainty, the share is the limit.
+            bound_mm = np.fmax(
+                u_mm, REMAINING_SHARE * moved_mm[k]
+            )  # If there is no uncertainty, the share is the limit.
         if off_mm <= bound_mm:
             given_away_mm[target.of] = np.fmax(given_away_mm[target.of], off_mm)
         else:
@@ -390,7 +392,7 @@ def _read_back(reader: ProgramReader, before: Parsed, texts: ProgramTexts) -> Pa
 
     if others(after) != others(before):
         raise FileError(
-            "the corrected program", "cannot be read back as the same program", "report this program's form"
+            "the corrected program", "cannot be read back as the same program", "please report this with the program"
         )
     return after
 

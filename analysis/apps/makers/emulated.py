@@ -119,7 +119,7 @@ class MoveLimits:
 
 
 @dataclass(frozen=True)
-class Stood:
+class PointToPointMove:
     """A joint move of a tool to joint angles q (6,) rad or to a pose."""
 
     pose: ToolPose
@@ -228,7 +228,7 @@ class OperatorPause:
     """A pause of the program for the operator."""
 
 
-Event = Stood | LinearMove | Round | Waited | Switched | RegisterOutput | OperatorPause
+Event = PointToPointMove | LinearMove | Round | Waited | Switched | RegisterOutput | OperatorPause
 
 
 def _evenly(begin: Rotation, end: Rotation, share: Array) -> Rotation:
@@ -294,12 +294,12 @@ class Machine:
         matrix, place = self._flange(q)
         turn = Rotation.from_matrix(matrix)
         self._pose = ToolPose(place + turn.apply(self.tool.place), turn * self.tool.turn)
-        self.events.append(Stood(self._pose, q, self.tool, speed))
+        self.events.append(PointToPointMove(self._pose, q, self.tool, speed))
 
     def go(self, pose: ToolPose, speed: MoveLimits) -> None:
         """Move all joints together to a pose and stop there."""
         self._pose = _finite(pose)
-        self.events.append(Stood(pose, None, self.tool, speed))
+        self.events.append(PointToPointMove(pose, None, self.tool, speed))
 
     def line(self, pose: ToolPose, speed_mm_s: float, *, stops: bool, speed: MoveLimits) -> None:
         """Move the tool on a line to a pose, at a speed in mm/s along it."""

@@ -35,7 +35,7 @@ def programs_of(maker: MakerName, plans: Sequence[tuple[MotionPlan, Demand]]) ->
             raise FileError(plan.name, problem, f"give --outputs from {outputs.start} to {outputs.stop - 1}")
         for name, text in writer.write(plan, demand).items():
             if files.setdefault(name, text) != text:
-                raise FileError(name, "would hold two programs", "give the rig file a shorter name")
+                raise FileError(name, "would contain two programs", "give the rig file a shorter name")
     return files
 
 

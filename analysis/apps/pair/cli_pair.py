@@ -85,8 +85,8 @@ def pair(
             raise UseError(option, "is allowed only with --plan", "add --plan N")
     (first, first_text), (second, second_text) = load(first_file), load(second_file)
     if first.name == second.name:
-        problem = f"has the name {first.name}, as the first rig file"
-        raise FileError(second_file, problem, "give each arm a name of its own (key name)")
+        problem = f"has the same name as the first rig file, {first.name}"
+        raise FileError(second_file, problem, "give each arm a unique name (key name)")
     if plan is not None:
         _plan(first, second, (first_file, second_file), plan, base, simulate, output, as_json=as_json)
     if table is not None:
@@ -146,8 +146,8 @@ def _plan(
         robot = second.robot.model_copy(update={"base": _pose(base)})
         second = second.model_copy(update={"robot": robot})
     if first.robot.base == second.robot.base:
-        problem = "has its base where the first arm has its own"
-        raise FileError(files[1], problem, "give its place with --base X,Y,Z,ROLL,PITCH,YAW, as 1500,0,0,0,0,180")
+        problem = "has its base at the same place as the first arm"
+        raise FileError(files[1], problem, "give its base: --base X,Y,Z,ROLL,PITCH,YAW, such as 1500,0,0,0,0,180")
     with progress_of("choosing postures"):
         planned = plan_touches(first, second, count, " and ".join(files))
     if as_json:
@@ -182,6 +182,8 @@ def _pose(text: str) -> Pose:
     except ValueError:
         values = []
     if len(values) not in _BASE_NUMBERS or not all(map(math.isfinite, values)):
-        raise UseError("--base", f"{text!r} is no pose", "give X,Y,Z or X,Y,Z,ROLL,PITCH,YAW, as 1500,0,0,0,0,180")
+        raise UseError(
+            "--base", f"{text!r} is not a pose", "give X,Y,Z or X,Y,Z,ROLL,PITCH,YAW, such as 1500,0,0,0,0,180"
+        )
     xyz, rpy = (*values, 0.0, 0.0, 0.0)[:3], (*values, 0.0, 0.0, 0.0)[3:6]
     return Pose.model_validate({"xyz_mm": xyz, "rpy_deg": rpy})

@@ -28,11 +28,11 @@ _LARGEST_GAP_MM = 50.0
 """Rms gap of nominal arms with a fitted set-up above which the table is refused. An error of 0.5° of each joint
 gives 20 mm for an arm with a reach of one metre.
 """
-_ODD = 35.0
+_OUTLIER_CHI2 = 35.0
 """Chi-square of the three coordinates of a touch, given all others, above which it is an outlier: a probability of
 1e-7.
 """
-_MOST_ODD_SHARE = 0.1
+_MOST_OUTLIERS_SHARE = 0.1
 """Largest share of outliers."""
 
 
@@ -73,7 +73,7 @@ def fit_pair(pair: Pair) -> FittedPair:
     """Fit two arms to their touches. Raises FileError if no set-up explains them, or if too many are odd."""
     state, nominal_rms = start(pair)
     odd: list[tuple[int, float]] = []
-    allowed = int(_MOST_ODD_SHARE * len(pair.table.q))
+    allowed = int(_MOST_OUTLIERS_SHARE * len(pair.table.q))
     levels = None
     while True:
         for _ in range(_ROUNDS):
@@ -82,7 +82,7 @@ def fit_pair(pair: Pair) -> FittedPair:
             at_levels = posterior(gaps, levels)
             state = _at_mean(gaps, at_levels)
         worst = int(np.argmax(at_levels.odd))
-        if at_levels.odd[worst] < _ODD:
+        if at_levels.odd[worst] < _OUTLIER_CHI2:
             return FittedPair(pair, gaps, at_levels, state, tuple(odd), nominal_rms)
         odd.append((int(pair.table.row[worst]), float(np.linalg.norm(at_levels.left_mm[3 * worst : 3 * worst + 3]))))
         if len(odd) > allowed:
@@ -98,7 +98,7 @@ def fit_pair(pair: Pair) -> FittedPair:
 
 def _check_enough(pair: Pair) -> None:
     if len(pair.table.q) < FEWEST or set(pair.names) > set(pair.table.socket.tolist()):
-        raise FileError(pair.where, "has too few touches without the odd ones", "touch in more postures")
+        raise FileError(pair.where, "has too few touches after the removal of outliers", "touch in more postures")
 
 
 def _at_mean(gaps: LinearGaps, at_levels: PairPosterior) -> PairState:
@@ -147,7 +147,7 @@ def start(pair: Pair) -> tuple[PairState, float]:
     solution = least_squares(gap, np.zeros_like(scale), x_scale=scale, method="trf", loss="soft_l1", f_scale=5.0)
     rms = float(np.sqrt(np.median(gap(solution.x).reshape(-1, 3) ** 2, axis=0).mean() / _MEDIAN_OF_SQUARE))
     if rms > _LARGEST_GAP_MM:
-        problem = f"ball and socket are {rms:.0f} mm apart in its rows, wherever the second base is"
+        problem = f"ball and socket are {rms:.0f} mm apart, whatever the place of the second base"
         remedy = "check the order of the two rig files, the units, and that each row has the joints of one touch"
         raise FileError(pair.where, problem, remedy)
     return begun.moved(np.concatenate([np.zeros(terms), solution.x]), centre), rms

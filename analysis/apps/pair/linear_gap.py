@@ -174,7 +174,7 @@ def _known_distances(pair: Pair, state: PairState) -> tuple[Array, Array, Array]
         if begin not in pair.names or end not in pair.names:
             continue
         if (begin in fixed) != (end in fixed):
-            problem = f"the distance of {begin} and {end} is of a fixed socket and one on the second arm"
+            problem = f"the distance from {begin} to {end} is between a fixed socket and a socket on the second arm"
             raise FileError(pair.where, problem, "give distances of two sockets that move together")
         apart = state.sockets_mm[end] - state.sockets_mm[begin]
         distance = float(np.linalg.norm(apart))

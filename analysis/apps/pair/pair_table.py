@@ -69,9 +69,9 @@ def check_pair_table(table: PairTable, where: str, first: str, second: str) -> N
     twofold = sorted(set(table.socket[mounted]) & set(table.socket[~mounted]))
     if twofold:
         problem = f"socket {twofold[0]} is on the second arm in some rows and fixed in others"
-        raise FileError(where, problem, "give fixed sockets names of their own")
+        raise FileError(where, problem, "give each fixed socket a different name")
     if mounted.sum() < FEWEST:
-        problem = f"has {mounted.sum()} touches with both arms, and at least {FEWEST} are needed"
+        problem = f"has {mounted.sum()} touches with both arms; at least {FEWEST} are needed"
         raise FileError(where, problem, "touch in 40 or more postures of both arms (rig pair … --plan 40)")
     for joints, names, arm in ((table.q, joint_columns, first), (table.p[mounted], second_joint_columns, second)):
         if _is_still(joints):
@@ -94,7 +94,7 @@ def _angles(raw: RawTable, names: tuple[str, ...], axes: int, arm: str, *, may_b
         problem = f"lacks the columns {missing[0]} … {missing[-1]}" if len(missing) > 1 else f"lacks {missing[0]}"
         raise FileError(raw.where, f"{problem} of {arm} ({axes} axes)", "add the joint angles in degrees")
     if len(present) > axes:
-        problem = f"has {present[-1]}, and {arm} has {axes} axes"
+        problem = f"has {present[-1]}, but {arm} has {axes} axes"
         raise FileError(raw.where, problem, "give first the rig file of the arm whose joints are q1_deg …")
     angles = np.stack([_column(raw, name, may_be_empty=may_be_empty) for name in needed], axis=1)
     numbers = angles[~np.isnan(angles)]
@@ -118,7 +118,7 @@ def _column(raw: RawTable, name: str, *, may_be_empty: bool) -> Array:
         except ValueError:
             values[k] = np.inf
         if (not cell and not may_be_empty) or (cell and not abs(values[k]) <= _LARGEST_DEG):
-            problem = f"line {raw.lines[k]}: {name} is {cell!r}, which is no joint angle in degrees"
+            problem = f"line {raw.lines[k]}: {name} is {cell!r}, which is not a joint angle in degrees"
             raise FileError(raw.where, problem, "correct the cell, or remove the row")
     return values
 

@@ -24,7 +24,7 @@ _WIDTH = np.array([0.7] * 6 + [1.0, 1.0, 1.0])
 unexplained parts by a factor of three. Chosen.
 """
 _BOUND = 4.0
-"""Limit of a search in these standard deviations."""
+"""Limit of a search, in prior standard deviations (_WIDTH)."""
 _WIDE_MM, _WIDE_RAD = 30.0, 0.03
 """Prior standard deviations of the set-up, wide enough to have no influence."""
 _DRAWS, _SEED = 24, 20261127

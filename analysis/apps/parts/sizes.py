@@ -211,7 +211,7 @@ def _link(bought: Bought, name: str, length_mm: float) -> PrintedPart:
     shelf = seat.bore - _SHELF_MM
     if 2 * (top - depth) - shelf < _FLOOR_MM:
         what = f"a link of {length_mm:g} mm has no space for two magnets of {bought.magnet_mm[1]:g} mm"
-        raise UseError("--magnet-mm", what, "take thinner ones")
+        raise UseError("--magnet-mm", what, "choose thinner magnets")
     upper = [(0.0, top - depth), (seat.bore, top - depth), (seat.bore, top - (seat.rim - seat.bore)), (seat.rim, top)]
     upper.append((seat.outside, top))
     lower = [(radius, -height) for radius, height in reversed(upper[1:])]

@@ -138,7 +138,7 @@ _CHANCE = 6.5
 """Constant in the bound of the false alarm probability: P(score > s) <= exp(_CHANCE - s) if nothing changes.
 Simulated for 10 to 300 runs, white noise and slow parts of 50 to 90 % over 1.5 to 50 runs, 1500 to 4000 series
 each; the worst 99 % quantile was 11.2, the worst 99.9 % quantile 14.1."""
-_WINDOW, _WILD = 7, 4.0
+_WINDOW, _OUTLIER_SPREADS = 7, 4.0
 """Window of the running median, and outlier limit in spreads."""
 _SLOWER = 2.0
 """Required excess of the score of a longer ramp over the best step."""
@@ -189,7 +189,7 @@ def trend_of(values: Array, u: Array, series: int) -> Trend:
 
     series: number of series searched for the robot.
     """
-    wild = wild_runs(values, u)
+    wild = outlying_runs(values, u)
     # Standard deviation between successive runs, hardly affected by a step or slow ramp; NaN for a single run.
     steps = np.abs(np.diff(values[~wild]))
     spread = float(_TO_SD * np.median(steps) / np.sqrt(2)) if len(steps) else float("nan")
@@ -204,7 +204,7 @@ def trend_of(values: Array, u: Array, series: int) -> Trend:
     return Trend(tuple(changes), wild, spread)
 
 
-def wild_runs(values: Array, u: Array) -> Mask:
+def outlying_runs(values: Array, u: Array) -> Mask:
     """Return a mask (n,) of runs that differ from their neighbours beyond the scatter; values and u (n,) in the same
     unit."""
     count = len(values)
@@ -216,7 +216,7 @@ def wild_runs(values: Array, u: Array) -> Mask:
     # The mean is used if most runs repeat a value.
     usual = _TO_SD * float(np.median(away)) or _MEAN_TO_SD * float(np.mean(away))
     scale = max(usual, float(np.median(u)))
-    wild: Mask = away > _WILD * scale
+    wild: Mask = away > _OUTLIER_SPREADS * scale
     return wild
 
 

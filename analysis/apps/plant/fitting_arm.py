@@ -83,7 +83,7 @@ def _fit(runs: Sequence[Measured], file: str, rig: Rig) -> tuple[ArmFit, tuple[s
     axes = len(rig.robot.axes)
     for run in runs:
         if (count := len(run.rig.robot.axes)) != axes:
-            problem = f"has an arm of {axes} axes, and {run.path} is of {count}"
+            problem = f"has an arm of {axes} axes, but {run.path} was measured on an arm of {count}"
             raise FileError(file, problem, "give the arm that was measured")
     of_arm = [replace(run, rig=run.rig.model_copy(update={"robot": rig.robot})) for run in runs]
     parts = [

@@ -192,7 +192,7 @@ def judge(series: Series) -> JudgedSeries | None:
         return None
     last = max(np.flatnonzero(~series.trend.wild), default=-1)
     kept = enumerate(zip(series.runs, series.quantities, series.trend.wild, strict=True))
-    runs = [(run, quantity) for k, (run, quantity, is_wild) in kept if not is_wild or k > last]
+    runs = [(run, quantity) for k, (run, quantity, is_outlier) in kept if not is_outlier or k > last]
     standings = [series.limit.standing(quantity.value, quantity.u) for _, quantity in runs]
     # The deciding bound in the unit of the figure: `fail` if exceeded, otherwise the lower bound
     bounds = [size for size in (series.limit.watch, series.limit.fail) if size is not None]

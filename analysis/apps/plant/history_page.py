@@ -26,7 +26,7 @@ _METADATA = ("Creator", "Date", "Format", "Type")
 _DAY_S = 86400.0
 _MARGIN = 0.04
 """Free margin on either side, as a share of the time span."""
-_INK, _CHANGE, _WILD, _LIMIT = "#1f5fa8", "#d95f02", "#999999", "#222222"
+_INK, _CHANGE, _OUTLIER, _LIMIT = "#1f5fa8", "#d95f02", "#999999", "#222222"
 
 
 def write_page(history: History, path: Path, *, made_of: str = "", overview: str = "") -> None:
@@ -97,7 +97,7 @@ def _picture(series: Series) -> Markup:
     figure = Sheet(8, 2.2)
     axes = figure.subplots()
     axes.errorbar(when[~wild], values[~wild], 2 * u[~wild], fmt=".", ms=3, lw=0.6, color=_INK)
-    axes.plot(when[wild], values[wild], "x", ms=4, color=_WILD)
+    axes.plot(when[wild], values[wild], "x", ms=4, color=_OUTLIER)
     for change in series.trend.changes:
         ends = [when[change.first], when[change.last]]
         axes.plot(ends, [change.before, change.after], "-o", ms=3, color=_CHANGE, lw=1.8)

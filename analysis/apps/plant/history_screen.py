@@ -153,8 +153,8 @@ def _series_object(series: Series) -> dict[str, Any]:
 
 def _points(series: Series) -> list[dict[str, Any]]:
     return [
-        {"run": run.name, "started": run.started, "value": quantity.value, "u": quantity.u, "alone": bool(is_wild)}
-        for run, quantity, is_wild in zip(series.runs, series.quantities, series.trend.wild, strict=True)
+        {"run": run.name, "started": run.started, "value": quantity.value, "u": quantity.u, "alone": bool(is_outlier)}
+        for run, quantity, is_outlier in zip(series.runs, series.quantities, series.trend.wild, strict=True)
     ]
 
 

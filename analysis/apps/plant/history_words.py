@@ -78,15 +78,15 @@ def remarks(history: History) -> list[str]:
         lines.append(f"changes are detected only in the newest {NEWEST} runs of a series")
     wild: dict[str, list[str]] = {}
     for series in history.series:
-        for run, is_wild in zip(series.runs, series.trend.wild, strict=True):
-            if is_wild:
+        for run, is_outlier in zip(series.runs, series.trend.wild, strict=True):
+            if is_outlier:
                 wild.setdefault(run.name, []).append(f"{series.label} of {series.title}")
     named = list(wild.items())[:_MOST_NAMED]
     lines += [
         f"run {plain(name)} is an outlier and was not used to detect changes in {_listed(of)}" for name, of in named
     ]
     if len(wild) > _MOST_NAMED:
-        lines.append(f"{len(wild) - _MOST_NAMED} further wild runs are ignored where changes are looked for")
+        lines.append(f"{len(wild) - _MOST_NAMED} further outliers were not used to detect changes")
     return lines
 
 

@@ -70,7 +70,7 @@ class FleetRobot:
         """Doubts as text."""
         counts = (
             (len(self.without_figures), "without figures"),
-            (self.wild, "wild"),
+            (self.wild, "excluded as outliers"),
             (self.copies, "copied"),
             (self.corrected, "driven with corrections, so they do not show the arm itself"),
         )

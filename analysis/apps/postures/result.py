@@ -140,7 +140,7 @@ def choose_postures(
     """
     arm = arm_of(rig.robot)
     if arm.axes < DRIVEN_AXES:
-        problem = f"an arm of {arm.axes} axes reaches a pose in part, and its postures are not compared"
+        problem = f"an arm of {arm.axes} axes cannot reach every orientation, so its postures are not compared"
         raise FileError(RigPlace.of(rig.name), problem, "give the rig file of an arm of six or seven axes")
     rail = rig.robot.rail
     near = _reference(rig, current)

@@ -25,7 +25,7 @@ from daq.store.manifest import DrivenWith
 from rigs.errors import CellError, RigError
 from rigs.schema.vocabulary import MakerName
 
-LOOK_S = 0.1
+POLL_S = 0.1
 """Interval between two checks of the joints."""
 _READY_S = 30.0
 """Time limit for rigd and an emulated cell to start."""
@@ -35,7 +35,7 @@ _READS_S = 20.0
 """Time limit for every stream to deliver readings."""
 _SILENT_S = 3.0
 """A stream is reported as silent after this time."""
-_STANDS_S = 4.0
+_END_PAUSE_S = 4.0
 """Pause of 3 s at the end of a program, with a margin."""
 _STATUS_S = 1.0
 _MOVES_S = 0.5
@@ -125,7 +125,7 @@ class Rigd:
                     raise rigd._child.ended()
                 if clock.now_s() > until_s:
                     raise CellError("rigd", f"was not ready after {_READY_S:.0f} s", f"see {rigd._child.log}")
-                clock.sleep(LOOK_S)
+                clock.sleep(POLL_S)
                 with suppress(CellError):
                     rigd._client = Client(find_socket(rigd._name)).__enter__()
             rigd._wait_for_readings()
@@ -148,7 +148,7 @@ class Rigd:
                 raise CellError(
                     names, f"sent no readings for {_READS_S:.0f} s", "run rig doctor, then repeat the command"
                 )
-            clock.sleep(LOOK_S)
+            clock.sleep(POLL_S)
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
         """Send a command to the daemon. Reconnect if the daemon closed an idle connection. Raises RigError."""
@@ -203,7 +203,7 @@ def _refuse_second_daemon(rig_name: str) -> None:
             raise CellError(
                 "rigd", problem, "stop the other rigd first; if it is a service: sudo systemctl stop rigd@NAME"
             )
-        clock.sleep(LOOK_S)
+        clock.sleep(POLL_S)
 
 
 class LiveDriver:
@@ -313,7 +313,7 @@ class _Drive:
                         self._tell(f"{name} does not send readings: check the cable; see rig doctor")
                     if not self.recording:
                         self.screen.show(f"  waiting for {self.asked.program}: {(until_s - now_s) / 60:.0f} min left")
-                clock.sleep(LOOK_S)
+                clock.sleep(POLL_S)
         finally:
             if self.recording:
                 with suppress(RigError):
@@ -528,7 +528,7 @@ class EmulatedHands:
         while event not in self._hear():
             if clock.now_s() > until_s:
                 raise CellError(self._child.name, f"was not ready after {_READY_S:.0f} s", f"see {self._child.log}")
-            clock.sleep(LOOK_S)
+            clock.sleep(POLL_S)
 
     def enter(self, file: Path) -> bool:
         """Enter the values of a file at the emulated controller."""
@@ -544,10 +544,10 @@ class EmulatedHands:
 
         The next command would otherwise be queued.
         """
-        until_s = clock.now_s() + _STANDS_S
+        until_s = clock.now_s() + _END_PAUSE_S
         while self._is_busy and clock.now_s() < until_s:
             self.look()
-            clock.sleep(LOOK_S)
+            clock.sleep(POLL_S)
         if self._is_busy:
             self._type("stop")
             self._is_busy = self._waits = False

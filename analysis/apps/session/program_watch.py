@@ -27,13 +27,13 @@ _ASTRAY_DEG = 5.0
 """Distance from the entire path above which the robot drives something else. Chosen: between targets a controller may
 deviate slightly from the planned joint angles.
 """
-_STANDS_S = 0.5
+_STANDSTILL_S = 0.5
 _ENDED_S = 2.0
 """Standstill at the end of the path after which a program has ended: programs pause there for 3 s."""
 _MORE_S = 3.0
 """Margin added to twice the longest planned pause: a longer standstill elsewhere means that the robot was stopped."""
 _ELSEWHERE_S = 4.0
-_MEANT_S = 4.0
+_ACCEPTED_S = 4.0
 """Standstill at the start of an unexpected program after which it is accepted. Until then the operator may still move
 the robot to the start of the requested program.
 """
@@ -129,14 +129,14 @@ class ProgramWatch:
         return "driving" if self._at else "at_start"
 
     def _await(self, q: Array) -> Seen:
-        if self.stood_s < _STANDS_S:
+        if self.stood_s < _STANDSTILL_S:
             return "nothing"
         # Another program may start at the end of the last. If the robot did not move off, only the expected program
         # counts.
         stayed = (
             not self._has_moved and self._ended and _largest_difference(q, self._ways[self._ended].q_deg[-1]) < NEAR_DEG
         )
-        is_meant = self._has_moved or (not stayed and self.stood_s > _MEANT_S)
+        is_meant = self._has_moved or (not stayed and self.stood_s > _ACCEPTED_S)
         for name in (self._expected, *(self._ways if is_meant else ())):
             if _largest_difference(q, self._ways[name].q_deg[0]) < NEAR_DEG:
                 self.program, self._at = name, 0

@@ -258,7 +258,7 @@ class Conductor:
         count = len(self.state.session.runs_for("find"))
         while not inference.is_done:
             self.screen.show(f"diagnosing {counted(count, 'run')}: {clock.now_s() - began_s:.0f} s")
-            clock.sleep(_LOOK_S)
+            clock.sleep(_POLL_S)
         return guide.Answered(inference.result())
 
     def _verify_steps(self) -> list[ProgramStep]:
@@ -307,7 +307,7 @@ class Conductor:
         return guide.Reported(verified, page.name)
 
 
-_LOOK_S = 0.2
+_POLL_S = 0.2
 
 
 @contextmanager

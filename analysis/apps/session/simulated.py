@@ -35,7 +35,7 @@ _INFERENCE_S = 20.0
 """Simulated duration of an inference. Measured: 10 to 25 s for four to twelve runs on one of two busy cores."""
 _HANGS_S = 1800.0
 """Upper limit for the slowest inference in real time."""
-_LOOK_S = 0.02
+_POLL_S = 0.02
 
 
 class SimulatedChild:
@@ -167,7 +167,7 @@ class SimulatedInference:
         if clock.now_ns() < self.done_ns:
             return False
         while not self.inference.is_done:
-            time.sleep(_LOOK_S)
+            time.sleep(_POLL_S)
         return True
 
     def result(self) -> Answer:

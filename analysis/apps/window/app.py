@@ -68,7 +68,7 @@ _MOST_RUNS = 60
 _MOST_ROBOTS = 3
 """Maximum number of robots evaluated for a list of runs."""
 _PAGE = "page.html"
-_SCRAPE_S, _LOOK_S = 8.0, 0.2
+_SCRAPE_S, _POLL_S = 8.0, 0.2
 """Time that a metrics request waits for evaluations, and the polling interval. Prometheus has a limit of 10 s."""
 _WRONG_TOKEN_S = 1.0
 """Delay after a wrong token, applied to a single request at a time. It prevents guessing a token of 16 letters."""
@@ -249,7 +249,7 @@ class _Pages:
             daemon = str(self._window.watcher.ask("metrics")["text"])
         end_s = time.monotonic() + _SCRAPE_S
         while self._evaluates(self._window.shelf.runs()[0]) and time.monotonic() < end_s:
-            time.sleep(_LOOK_S)  # runs in a thread of the pool; new runs are not evaluated yet
+            time.sleep(_POLL_S)  # runs in a thread of the pool; new runs are not evaluated yet
         text = daemon + metrics_of(self._window.shelf.runs()[0], daemon_is_up=bool(daemon))
         return Response(text, media_type="text/plain; version=0.0.4; charset=utf-8")
 

@@ -102,7 +102,7 @@ class Shelf:
                 return _shelf_run(look(path), self._records().get(name))
         except (OSError, ValueError):
             pass
-        raise FileError(name, "is no run here", "choose a run from the list")
+        raise FileError(name, "is not a run in this directory", "choose a run from the list")
 
     def robots(self) -> list[str]:
         """Return the names of all rigs with runs in the directory."""

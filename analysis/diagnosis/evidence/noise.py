@@ -39,8 +39,9 @@ from rigs.schema.vocabulary import MOST_AXES
 SCATTER_DEG, SCATTER_MM = 0.0002, 0.001
 """Unit of scatter of joints and ball in `scatter_response`. It has no influence on the result."""
 _MULTIPLES = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0])
-"""Scatter tried, in these units; the largest exceeds that of real cells, 0.005° and 20 µm. Chosen: factors of two,
-because few repeats do not separate closer values and their average is used.
+"""Candidate values of the scatter, in units of SCATTER_DEG and SCATTER_MM. The largest exceeds the scatter of real
+cells, 0.005° and 20 µm. Chosen: factors of two, because few repeats do not separate closer values and their
+average is used.
 """
 DRIFTING_SHARE = 0.5
 """Default share of a run's scatter energy that drifts along the run: encoders and warming move joints and ball

@@ -21,7 +21,7 @@ from analysis.robot.model.motion import Motion
 from analysis.robot.model.predict import Model, Path, SetUp, moved
 from analysis.robot.model.scene import ModelScene
 from analysis.runs.laps import laps_of
-from analysis.runs.noise.readings import is_wild, step_of
+from analysis.runs.noise.readings import is_outlier, step_of
 from analysis.runs.tables import CircleTable, Table, content_order
 from rigs.effects import Effect
 
@@ -213,7 +213,7 @@ def outside_coverage(covered: Sequence[JointRange], q_rad: Array, run: str) -> l
     for axis, ((low, high), angle) in enumerate(zip(covered, joints.T, strict=True), start=1):
         outside = int(((angle < low - BEYOND_DEG) | (angle > high + BEYOND_DEG)).sum())
         if outside:
-            stands = f"axis {axis} stands at {angle.min():z.1f}° to {angle.max():z.1f}°"
+            stands = f"axis {axis} is at {angle.min():z.1f}° to {angle.max():z.1f}°"
             lines.append(
                 f"{run}: {stands}, {outside} of {len(angle)} outside {low:z.1f}° to {high:z.1f}°, where it was found"
             )
@@ -221,7 +221,10 @@ def outside_coverage(covered: Sequence[JointRange], q_rad: Array, run: str) -> l
 
 
 def outside_effect_coverage(effects: Sequence[Effect], q_rad: Array, run: str) -> list[str]:
-    """Return these messages for the effects of a rig file, each with a separate range; angles are (n, 6) rad."""
+    """Return the messages of `outside_coverage` for the effects of a rig file, each with the joint range of its runs.
+
+    q_rad: joint angles (n, 6) in rad.
+    """
     covered = [effect.found.joints_deg for effect in effects if effect.found and effect.found.joints_deg]
     if not covered:
         return []
@@ -279,13 +282,13 @@ reading in 400 passes the next.
 """
 _ROWS = 2 * GRID
 """Rows per lap sufficient for its orders; the rows of faster gauges are averaged."""
-_STANDS = 0.02
+_STANDSTILL_SHARE = 0.02
 """Share of the lap's median joint speed below which the robot stands. Chosen: above the noise of differentiated
 feedback."""
 _MOST_APART = GRID // 16
 """Largest bridged distance between the start angles of repeated laps, in grid steps. Chosen: repeats of a program begin
 within a row."""
-_LEAST_STAND = 3
+_LEAST_STANDSTILL_ROWS = 3
 """Minimum rows of a standstill. Chosen: fewer give no mean."""
 TREND_ORDERS = 4
 """Orders of the trend between laps: a growing ball, gauge or arm changes readings in orders 0 and 1, and an
@@ -450,7 +453,7 @@ def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
     """
     if not isinstance(table, CircleTable):
         return observe(model, table, where)
-    sound = without_wild(table)
+    sound = without_outliers(table)
     wild = int(np.count_nonzero(sound.g_mm != table.g_mm))
     step_mm = max(step_of(gauge) for gauge in table.g_mm.T)
     laps = laps_of(table, model.rig, where)
@@ -459,10 +462,10 @@ def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
     smoothed = smooth_path(lap)
     phi, q, first, last = laps_of(table, model.rig, where).phi, smoothed.path.q, int(lap.rows[0]), int(lap.rows[-1])
     speed = np.linalg.norm(np.gradient(q, smoothed.path.t_s, axis=0), axis=1)
-    still = speed < _STANDS * np.median(speed[lap.rows])
+    still = speed < _STANDSTILL_SHARE * np.median(speed[lap.rows])
     # standstills before and after the lap, if present
     stands = [np.flatnonzero(still[:first]), last + 1 + np.flatnonzero(still[last + 1 :])]
-    stands = stands if min(map(len, stands)) >= _LEAST_STAND else []
+    stands = stands if min(map(len, stands)) >= _LEAST_STANDSTILL_ROWS else []
     begins = len(lap.rows) + np.cumsum([0, *(len(rows) for rows in stands)])
     places = tuple(np.arange(a, a + len(rows)) for a, rows in zip(begins, stands, strict=False))
     per_step = len(lap.rows) / (GRID * _laps(phi))
@@ -475,11 +478,11 @@ def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
     return replace(smooth, values=values, sampling=sampling, wild=wild, step_mm=step_mm)
 
 
-def without_wild(table: CircleTable) -> CircleTable:
+def without_outliers(table: CircleTable) -> CircleTable:
     """Return a circle with outliers in the readings (n, 2) mm replaced by interpolation."""
     g_mm = table.g_mm.copy()
     for gauge in g_mm.T:
-        wild = is_wild(gauge)
+        wild = is_outlier(gauge)
         if wild.any() and not wild.all():
             gauge[wild] = np.interp(table.t_s[wild], table.t_s[~wild], gauge[~wild])
     return table if np.array_equal(g_mm, table.g_mm) else replace(table, g_mm=g_mm)

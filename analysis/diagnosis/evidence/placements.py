@@ -41,7 +41,9 @@ _APART = 3.0
 a wrong model increases both.
 """
 _APART_MM = 5 * BALL_MM.high
-"""Minimum difference between these residuals: five times the largest scatter of a ball between runs in real cells."""
+"""Minimum difference between the common residual and the separate residuals of two runs: five times the largest
+scatter of a ball between runs in real cells.
+"""
 _MOVED_MM = 3 * float(np.hypot(BALL_MM.high, 1000 * np.radians(JOINT_DEG.high)))
 """Change of the readings between repeated circles above which the ball was moved: three times the largest scatter of
 ball and joints of real cells, at the end of a one-metre arm.

@@ -28,7 +28,7 @@ from analysis.robot.kinematics.arm import Array, Mask
 from analysis.robot.model.predict import model_of
 from analysis.runs.loading import Measured
 from analysis.runs.noise.cell_noise import TARGET_MM
-from analysis.runs.noise.wild import by_accident
+from analysis.runs.noise.outliers import by_accident
 from analysis.runs.tables import Table
 from rigs.effects import Effect
 from rigs.errors import FileError
@@ -115,7 +115,7 @@ def _doubts_of_gauges(findings: Sequence[Finding], counted: Sequence[tuple[str, 
     wild, readings = sum(circle[1] for circle in circles), sum(circle[2] for circle in circles)
     if wild > _FEW * readings:
         worst, most, _ = max(circles, key=lambda circle: circle[1])
-        message = f"{wild} of {readings} readings of circles are wild and were replaced by interpolation"
+        message = f"{wild} of {readings} readings of circles are outliers and were replaced by interpolation"
         doubts.append(f"{message} (most, {most}, in {worst})")
     return doubts
 
@@ -187,7 +187,7 @@ all readings, the set-up hid one outlier in nine.
 """
 
 
-def without_wild(
+def without_outliers(
     runs: Sequence[ObservedRun], effects: Sequence[Effect], use: str
 ) -> tuple[list[ObservedRun], list[str]]:
     """Return runs, omitting readings (m, k) mm at targets and poses distant from all others, relative to a model with
@@ -232,8 +232,7 @@ def without_wild(
 
 
 def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]:
-    """Return the set-ups whose outlying poses `wild` (m,) are too frequent for accidents, or occupy an exclusive joint
-    range.
+    """Return the set-ups whose outliers `wild` (m,) cannot be accidents: they are too frequent, or fill a joint range.
 
     Gauge readings at targets are excluded: a robot read in motion has many outliers.
     """

@@ -416,7 +416,9 @@ class CoefficientPosterior:
         return np.asarray(np.linalg.solve(precision + np.eye(len(cols)) / LARGEST_FAULT**2, eta), dtype=float)
 
     def _inverse_and_cavity(self, columns: Integers) -> tuple[Array, Array]:
-        """Return the inverse covariance (…, q, q) among columns (…, q), and the same excluding their prior, Λ."""
+        """Return the inverse covariance (…, q, q) among columns (…, q), and this inverse minus the prior precision
+        of the columns.
+        """
         inverse = np.asarray(np.linalg.inv(self.covariance_among(columns)), dtype=float)
         precision, diagonal = inverse.copy(), np.arange(columns.shape[-1])
         precision[..., diagonal, diagonal] -= 1 / self.background.variance[columns]

@@ -433,7 +433,7 @@ def healthy_shares(forms: Sequence[Form], present: Collection[str] = ()) -> Arra
     return np.asarray(np.repeat(whole * _likelihoods(forms) / np.maximum(width, 1), width), dtype=float)
 
 
-def shares_beside(forms: Sequence[Form], effect: Effect) -> Array:
+def remaining_variance_shares(forms: Sequence[Form], effect: Effect) -> Array:
     """Return the share of healthy variance kept by each form (n,) if an effect is named: zero for forms of the same
     name.
 
@@ -453,10 +453,13 @@ def shares_beside(forms: Sequence[Form], effect: Effect) -> Array:
     return keeps
 
 
-def column_shares_beside(forms: Sequence[Form], effect: Effect, count: int) -> Array:
-    """Return these shares for each of `count` columns (p,); columns after the forms keep their full variance."""
+def remaining_column_shares(forms: Sequence[Form], effect: Effect, count: int) -> Array:
+    """Return the shares of `remaining_variance_shares` for each of `count` columns (p,).
+
+    Columns after those of the forms keep their full variance.
+    """
     shares = np.ones(count)
-    of_forms = np.repeat(shares_beside(forms, effect), [len(form.columns) for form in forms])
+    of_forms = np.repeat(remaining_variance_shares(forms, effect), [len(form.columns) for form in forms])
     shares[: len(of_forms)] = of_forms
     return shares
 

@@ -60,7 +60,7 @@ def departure_columns(linear: Linearisation, effect: Effect) -> Array:
     return np.concatenate(parts, axis=1)
 
 
-def alike_columns(linear: Linearisation, effect: Effect) -> Array:
+def similar_columns(linear: Linearisation, effect: Effect) -> Array:
     """Return columns (N, f) of effect combinations that resemble an effect, each scaled to a standard deviation, in
     noise standard deviations.
     """

@@ -92,7 +92,9 @@ class EffectPrices:
         return float(np.log(self.columns.among.get(name_of(effect), 1)))
 
     def price(self, effect: Effect, level: float) -> float:
-        """Return the prior log odds of an effect of this size and form over the wide prior of the fit."""
+        """Return the log prior probability of an effect with its size and form, relative to the wide prior used in
+        the fit.
+        """
         size, healthy = size_of(effect), -np.inf
         if not self.is_of_curve(effect):
             healthy = -HEALTHY_PRICE - 0.5 * (size / level) ** 2 - np.log(level)

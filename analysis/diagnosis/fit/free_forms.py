@@ -42,8 +42,8 @@ speeds of a circle.
 _UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
 """Units of the columns. They have no influence on the result, because the strength is scaled."""
 _STRENGTHS = 4.0 ** np.arange(-4, 11)
-"""Squares of a form's strength in these units; the best is used. The grid covers 1/16 of a unit to 1000 units in
-factors of two.
+"""Candidate squares of a form's strength, in units of _UNIT_RAD and _UNIT_MM; the best is used. The grid covers 1/16
+of a unit to 1000 units in factors of two.
 """
 FREE_PRICE = 6.0
 """Log number of choices: about 26 forms times 15 strengths."""
@@ -87,8 +87,10 @@ def discrepancy_evidence(functions: Array, posterior: CoefficientPosterior) -> t
 
 
 def _gains(products: Array, slope: Array) -> Array:
-    """Return the log evidence (s,), for each of _STRENGTHS, of columns with unknown normal coefficients over none,
-    from their whitened products (k, k) and slope (k,).
+    """Return the log evidence (s,) for columns with normally distributed coefficients, compared with no columns.
+
+    There is a value for each of _STRENGTHS. The arguments are the whitened products (k, k) of the columns, and their
+    products with the residual, slope (k,).
     """
     power, turn = np.linalg.eigh(products)
     power, strengths = np.maximum(power, 0.0), _STRENGTHS[:, None]

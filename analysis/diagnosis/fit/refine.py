@@ -17,7 +17,7 @@ import numpy as np
 
 from analysis.diagnosis.fit.background import Background, FittedTerms, MarginalValues
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
-from analysis.diagnosis.fit.departures import alike_columns, departure_columns, fewest_columns
+from analysis.diagnosis.fit.departures import departure_columns, fewest_columns, similar_columns
 from analysis.diagnosis.fit.responses import Linearisation, Response
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import Effect, bounds, healthy_size, one_sided, size_field
@@ -189,7 +189,7 @@ def _departures(linear: Linearisation, effect: Effect, *, alike: bool) -> Respon
     def compute() -> Array:
         departures = departure_columns(linear, effect)
         return fewest_columns(
-            np.concatenate([departures, alike_columns(linear, effect)], axis=1) if alike else departures
+            np.concatenate([departures, similar_columns(linear, effect)], axis=1) if alike else departures
         )
 
     steps = _steps_nearby(effect, _unknowns(linear, [effect], 0))

@@ -28,8 +28,8 @@ _SWAPS = 4
 _RIVALS = 4
 """Largest number of fitted rivals. Chosen: others have negligible odds."""
 _CAUTIOUS = 0.25
-"""Level of an arm below which odds are averaged with those at this level. Chosen: a standard deviation of the prior
-of a level below the level of a healthy arm.
+"""Level of an arm up to which its odds are averaged with the odds at this level. Chosen: one standard deviation of
+the prior below a healthy arm.
 """
 _NEARLY = 0.5
 """Share of the smallest fault that the linear form of a rival must have to be fitted if only faults count. Chosen: a
@@ -107,7 +107,7 @@ def without_needless_names(selection: Selection, state: SelectionState, limits: 
 
 
 def _rms_of_effect(selection: Selection, state: SelectionState, place: int) -> RmsByBlock:
-    """Return the worth of an effect in addition to the others."""
+    """Return the rms change of each block if a named effect is removed and the other effects stay."""
     change = selection.linear.residual(state.refined.without(place).effects) - state.refined.residual
     return rms_by_block(selection.linear, change)
 

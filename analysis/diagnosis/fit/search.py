@@ -15,7 +15,7 @@ from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.background import CoefficientPosterior
 from analysis.diagnosis.fit.candidates import Columns, candidates_for, columns_for
-from analysis.diagnosis.fit.discrepancy import beside_discrepancy
+from analysis.diagnosis.fit.discrepancy import add_discrepancy
 from analysis.diagnosis.fit.effort import Effort
 from analysis.diagnosis.fit.refine import Refined
 from analysis.diagnosis.fit.responses import (
@@ -193,7 +193,7 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
                 break
         so_far = state.effects
         setups = selection.linear.setups_moved_by(selection.moves(state))
-    selection, foreign = beside_discrepancy(selection, state)
+    selection, foreign = add_discrepancy(selection, state)
     if foreign.discrepancy:
         progress("comparing names with causes outside the library")
         state, odds = compare_with_rivals(selection, foreign, limits_um(selection.linear))

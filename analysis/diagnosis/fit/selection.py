@@ -22,7 +22,7 @@ from analysis.diagnosis.fit.selection_state import (
     is_alike,
     is_duplicate,
     is_one,
-    series_among,
+    spurious_wave_series,
 )
 from analysis.diagnosis.fit.selection_steps import SelectionSteps
 from analysis.procedures.facts import facts_of
@@ -185,7 +185,7 @@ class Selection(SelectionSteps):
             if level_cap > 1.0 and state.level == level:
                 break
             for _ in range(_SEARCH_ROUNDS):
-                if series_among(state.effects) or self.effort.is_spent:
+                if spurious_wave_series(state.effects) or self.effort.is_spent:
                     # further names would only describe the residual of a series approximating an error of a different
                     # form
                     break

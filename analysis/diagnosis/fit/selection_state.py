@@ -18,8 +18,8 @@ from analysis.diagnosis.fit.candidates import (
     WEIGHT_DIGITS,
     Columns,
     Form,
-    column_shares_beside,
     order_of,
+    remaining_column_shares,
 )
 from analysis.diagnosis.fit.free_forms import FreeForm
 from analysis.diagnosis.fit.joint_curves import JointCurves
@@ -134,7 +134,7 @@ def is_duplicate(effects: Sequence[Effect]) -> bool:
     return any(is_one(effect, last) for effect in others if np.isfinite(order_of(effect)))
 
 
-def series_among(effects: Sequence[Effect]) -> frozenset[str]:
+def spurious_wave_series(effects: Sequence[Effect]) -> frozenset[str]:
     """Return the named effects with too many waves for gears among several effects: the series of an error of a
     different form.
     """
@@ -150,7 +150,7 @@ def _is_soft_shoulder(effect: Effect) -> bool:
     return effect.part == "gravity" and effect.STAGE == "joint" and getattr(effect, "axis", 0) == _SHOULDER
 
 
-def stands_softly(effects: Sequence[Effect]) -> bool:
+def has_compliant_base_only(effects: Sequence[Effect]) -> bool:
     """Return whether the effects include a compliant base but no compliance of the shoulder."""
     yields = any(e.part == "gravity" and e.STAGE == "tool" and not hasattr(e, "axis") for e in effects)
     return yields and not any(map(_is_soft_shoulder, effects))
@@ -185,12 +185,12 @@ class Backgrounds:
         """Return the background of all contributions not fitted as an effect in a state."""
         columns = self.columns
         variance, mean = columns.variance(state.level, state.curves, state.discrepancy), columns.mean(state.level)
-        if stands_softly(state.effects):
+        if has_compliant_base_only(state.effects):
             variance, mean = self._usual_load**2 * variance, self._usual_load * mean
         for effect in state.effects:
             name = (name_of(effect), str(order_of(effect)))
             if name not in self._shares:
-                self._shares[name] = column_shares_beside(columns.forms, effect, len(columns.healthy))
+                self._shares[name] = remaining_column_shares(columns.forms, effect, len(columns.healthy))
             variance, mean = self._shares[name] * variance, self._shares[name] * mean
         weight = state.robust / state.strength[columns.band]
         seen = weight.tobytes()

@@ -19,7 +19,7 @@ from analysis.diagnosis.fit.selection_state import (
     Backgrounds,
     Hyperparameters,
     SelectionState,
-    stands_softly,
+    has_compliant_base_only,
 )
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import healthy_size
@@ -71,7 +71,7 @@ class StateEvidence:
         evidence = self.backgrounds.of(state).evidence(state.refined.fitted_terms)
         prices = sum(self.prices.price(effect, state.level) for effect in state.effects)
         prices += sum(whole_order_gain(state.refined, place) for place in range(len(state.effects)))
-        if stands_softly(state.effects):
+        if has_compliant_base_only(state.effects):
             prices -= HEALTHY_PRICE  # the softness of the shoulder is then free, as if it were fitted
         return evidence + prices - FREE_PRICE * len(state.free_forms)
 

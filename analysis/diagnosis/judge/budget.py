@@ -35,8 +35,8 @@ _MOST_MEMBERS = 3
 _DOUBTED_SIGMA = 2.0
 """Significance in sigmas below which the contribution of a part is unknown: it may be absent."""
 _INVISIBLE_UM = 1e-3
-"""Contribution in µm of an effect of healthy size below which these runs do not show it, so that a multiple of it is
-meaningless, such as backlash of a joint that always approaches from the same side.
+"""Contribution in µm of a healthy effect below which the runs do not show the effect. A multiple of it then has no
+meaning, for example for the backlash of a joint that always approaches from one side.
 """
 _NO_FREEDOM = 1e-14
 """Ratio of mean squares below which a combination of set-up terms has no influence."""
@@ -284,8 +284,8 @@ class Budget:
 
     @cached_property
     def _not_shown(self) -> set[tuple[int, ...]]:
-        """Columns of forms not testable in these runs: invisible effects, and waves of which a joint covered few
-        cycles, indistinguishable from a zero.
+        """Columns of forms that the runs cannot test: invisible effects, and waves of which a joint covered only a
+        few cycles, because a wrong zero looks like them.
         """
         hidden = self.result.selection.not_testable(self.result.state, self.result.posterior)
         of_curves = zip(self.result.columns.forms, *self.result.selection.prices.waves_of_curves, strict=True)
@@ -403,7 +403,7 @@ def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
     columns = np.zeros((len(change), number.max() + 1))
     for rows, column in zip(linear.rows, number, strict=True):
         columns[rows, column] = change[rows]
-    precision, slope = _beside_size(result, k).cavity(columns)
+    precision, slope = _other_parameters(result, k).cavity(columns)
     covariance = np.asarray(np.linalg.inv(precision + np.eye(len(slope)) / _WIDE**2), dtype=float)
     of_shown = slice(len(shown))
     return SizesBySetUp(tuple(shown), (1 + covariance @ slope)[of_shown], covariance[of_shown, of_shown])
@@ -416,7 +416,7 @@ def runs_apart(result: SearchResult, k: int) -> float:
     Noise is equal for all entries of a band, and scatter equal for all joints. A single joint wandering along the path
     has neither property, and resembles a lag or gear error of this joint.
     """
-    linear, beside, change = result.linear, _beside_size(result, k), result.contributions[k]
+    linear, beside, change = result.linear, _other_parameters(result, k), result.contributions[k]
     weight, scatter = beside.background.weight, np.concatenate([linear.Z, linear.stamps], axis=1)
     pull = weight * beside.left_of(change[:, None])[:, 0]
     # Share of the size determined by the readings instead of the prior.
@@ -432,7 +432,7 @@ def runs_apart(result: SearchResult, k: int) -> float:
     return 0.0 if by_chance else float(np.sqrt(shown - expected))
 
 
-def _beside_size(result: SearchResult, k: int) -> CoefficientPosterior:
+def _other_parameters(result: SearchResult, k: int) -> CoefficientPosterior:
     """Return the posterior of all other parameters, with the fitted size of effect k fixed."""
     refined, fitted = result.fit, result.fit.fitted_terms
     field = size_field(refined.effects[k])

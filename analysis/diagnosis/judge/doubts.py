@@ -24,8 +24,9 @@ from rigs.schema.effect import label_of
 from rigs.schema.effect_names import name_in_words
 
 _BETTER = 0.97
-"""Ratio of the gap without an effect of the rig file to that with it, below which the effect is doubted. Chosen: 3 % of
-the rms is more than a refitted set-up gains by chance."""
+"""Ratio of the residual without an effect of the rig file to the residual with it, below which the effect is
+doubted. Chosen: a refitted set-up gains less than 3 % of the rms by chance.
+"""
 
 
 def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
@@ -51,9 +52,7 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
             ways.setdefault(table.test, set()).add(direction)
     rails = [rail_mm(block.model.arm, block.table.q) for block in blocks if block.model.arm.rail is not None]
     if rails and np.ptp(stands := np.concatenate(rails)) == 0:
-        doubts.append(
-            f"the rail stood at {stands[0]:g} mm throughout, so the rail is not tested; measure along the rail"
-        )
+        doubts.append(f"the rail was at {stands[0]:g} mm throughout, so the rail is not tested; measure along the rail")
     for test, way in [(test, next(iter(seen))) for test, seen in ways.items() if len(seen) == 1]:
         doubts.append(f"{test} was driven {way} only: effects that change with the direction cannot be detected")
     if not circles:

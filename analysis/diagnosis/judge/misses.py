@@ -334,7 +334,7 @@ def remains_of(result: SearchResult, left_out: LeftOut | None, temperature: Arra
 
 
 def _of_places(of_rows: Callable[[Block], Array]) -> _Functions:
-    """Return functions at the samples of a block's path from those of its table rows (n, c); zero for circles."""
+    """Convert functions of table rows (n, c) to functions of the samples of a block's path; zero for circles."""
 
     def functions(block: Block) -> Array:
         samples = len(block.path.q)

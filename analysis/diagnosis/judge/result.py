@@ -36,8 +36,7 @@ Condition = Literal[
 ]  # fmt: skip
 """Condition of the arm: effects are named; effects are named, but a rival is possible; a single parameter exceeds
 the range that rig corrects, and is the only named effect; the cause is not in the library; the runs are too few;
-many usual errors that a calibration was shown to remove; nothing unusual; or the runs cannot show effects.
-"""
+many usual errors that a calibration was shown to remove; nothing unusual; or the runs cannot show effects."""
 Rank = Literal["unusual", "usual", "undecided"]
 """Whether an effect is larger than in healthy arms and than others in this arm."""
 
@@ -158,8 +157,7 @@ class Accuracy:
 _DIFFERS, _DIFFERS_SIGMA = 0.5, 3.0
 """Difference of the shares of two set-ups above which they contradict a named effect, and the minimum difference in
 standard uncertainties. Chosen: several times the differences of true faults in development cases, and odds of 400
-to 1.
-"""
+to 1."""
 ODDS = 20.0
 """Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A named effect with a closer rival is ambiguous."""
 
@@ -170,8 +168,7 @@ CERTAIN_ODDS = ODDS / (1 + ODDS)
 """Share of the evidence from which a named effect has no rival."""
 LARGE_SHARE = 1 / 3
 """Share of the error from which a part of any size is mentioned in the first sentence, and a group lists candidate
-effects.
-"""
+effects."""
 CERTAIN_SIGMA = 7.0
 """Standard uncertainties from which the contribution of an effect of any size is certain: the detection limit of the
 plan."""
@@ -189,8 +186,7 @@ class Share:
 @dataclass(frozen=True)
 class Rival:
     """A rival effect that could replace a named effect, with the standard uncertainties of the parameters and the
-    share of the evidence.
-    """
+    share of the evidence."""
 
     effect: Effect
     sd: dict[str, float]
@@ -240,12 +236,10 @@ class Named:
     twins: tuple[Effect, ...] = ()
     shown: bool = True
     """False if the readings cannot identify the cause, such as a wave with fewer than two periods over the motion of
-    the joint.
-    """
+    the joint."""
     directions: int = 1
     """Number of independent observations of the effect: set-ups that each show the size, and runs not used in the
-    fit.
-    """
+    fit."""
 
     @property
     def stands(self) -> bool:
@@ -255,15 +249,13 @@ class Named:
     @property
     def is_term(self) -> bool:
         """True if the effect is one of several waves of a joint that together approximate an error of a different
-        form.
-        """
+        form."""
         return self.doubt == "series"
 
     @property
     def contradicted(self) -> bool:
         """True if the effect imitates a different cause: its size differs clearly between two set-ups, or it is one
-        of a series of waves.
-        """
+        of a series of waves."""
         if self.is_term or not self.shares:
             return self.is_term
         least, most = (of(self.shares, key=lambda share: share.value) for of in (min, max))
@@ -291,8 +283,7 @@ class Named:
 
 def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dict[str, Any]:
     """Return an effect in plain types, with the parameters and their standard uncertainties sd, in the units of the
-    parameters.
-    """
+    parameters."""
     return {
         "effect": effect.effect,
         **{key: getattr(effect, key) for key in SEATS if hasattr(effect, key)},
@@ -338,8 +329,7 @@ class TestGap:
 _SHAPES = 2.0
 """Independent shapes of the residual at a place. Half of the residual is then the standard uncertainty of the
 residual at the next place, 1 / √(2 · 2). Chosen: the smallest number for which the standard uncertainty of an rms
-is defined.
-"""
+is defined."""
 
 
 @dataclass(frozen=True)
@@ -371,8 +361,7 @@ class Gap:
     @property
     def left_u_um(self) -> float:
         """Standard uncertainty in µm of the residual of a model. It combines `u_um` with half of the residual of the
-        calibrated model beyond the noise, because that part may differ in the next run.
-        """
+        calibrated model beyond the noise, because that part may differ in the next run."""
         missed_um = math.sqrt(max(self.calibrated_um**2 - self.noise_floor_um**2, 0.0))
         return math.hypot(self.u_um, missed_um / math.sqrt(2 * _SHAPES))
 
@@ -438,15 +427,13 @@ class Verdict:
     @property
     def is_modelled(self) -> bool:
         """True if a calibrated model is written and reported: the runs can show effects, and no parameter is out of
-        range.
-        """
+        range."""
         return self.is_testable and self.condition != "out_of_range"
 
     @property
     def written(self) -> tuple[Named, ...]:
         """Effects written to a rig file: the faults, or all effects if they were given to be fitted. Effects out of
-        range are not written.
-        """
+        range are not written."""
         if self.condition == "out_of_range":
             return ()
         return self.effects if self.given else self.standing
@@ -464,8 +451,7 @@ class Verdict:
     @property
     def extended_rig(self) -> Rig:
         """The initial rig with the confirmed effects added. If several effects are possible, the most likely one is
-        used.
-        """
+        used."""
         return self.rig.model_copy(update={"effects": (*self.rig.effects, *(name.effect for name in self.written))})
 
 
@@ -507,12 +493,10 @@ class Diagnosis(Verdict, Tabular):
     staircase: Staircase | None = None
     remains: ResidualSummary | None = None
     """Residual of positions with the calibrated model, and the quantities compared with it; None if no positions
-    were measured.
-    """
+    were measured."""
     only_commanded: bool = False
     """True if some run contains commanded instead of measured joint angles; an effect may then be an angle that was
-    not reached.
-    """
+    not reached."""
     acts: tuple[Act, ...] = ()
     """Recommended actions in order; every report prints this list."""
     movements: tuple[Movement, ...] = ()
@@ -604,8 +588,7 @@ def is_open(part: BudgetPart, named: Named) -> bool:
 
 def is_certain_part(diagnosis: Diagnosis, part: BudgetPart) -> bool:
     """Return whether the contribution of a part is certain, although the cause may be any of several similar
-    effects.
-    """
+    effects."""
     if part.index is None:
         return part.sigma >= CERTAIN_SIGMA
     # If usual errors may have the same result, the cause is undecided and the contribution certain.

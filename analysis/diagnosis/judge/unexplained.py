@@ -161,8 +161,9 @@ def _place(block: Block) -> Array:
 
 
 def _scatter_um(result: SearchResult) -> float:
-    """Return the standard deviation in µm of a coordinate of places from the residual, with set-up terms subtracted
-    from the degrees of freedom.
+    """Return the standard deviation in µm of one coordinate of the measured positions, estimated from the residual.
+
+    The degrees of freedom are reduced by the number of set-up terms.
     """
     linear = result.linear
     residuals = linear.in_mm(linear.without_set_up(result.posterior.residual + result.free_share))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from analysis.diagnosis.evidence.gather import Evidence
 from analysis.diagnosis.evidence.observation import ObservedRun
-from analysis.diagnosis.evidence.prepared_runs import without_wild
+from analysis.diagnosis.evidence.prepared_runs import without_outliers
 from analysis.diagnosis.evidence.setups import FittedRuns
 from analysis.diagnosis.fit.fit_evidence import Fit
 from analysis.diagnosis.fit.search import SearchResult
@@ -44,21 +44,21 @@ def validate(evidence: Evidence, fit: Fit, progress: Callable[[str], None]) -> V
     """Return the residuals of the fitted model for the runs used and for the others."""
     progress("validating on held-out runs")
     result = fit.result
-    sound, wild = without_wild(evidence.runs, result.effects, "the runs used")
+    sound, wild = without_outliers(evidence.runs, result.effects, "the runs used")
     fitted = FittedRuns(sound)
     stages = stages_of(fitted, result)
     # Relative to the calibrated model: named effects alone leave residuals that hide outliers of 1 mm.
-    judges, wild_judges = without_wild(evidence.judges, stages.calibrated.effects, "held-out runs")
-    elsewhere, wild_elsewhere = without_wild(evidence.elsewhere, stages.calibrated.effects, "the unseen place")
+    judges, judges_with_outliers = without_outliers(evidence.judges, stages.calibrated.effects, "held-out runs")
+    elsewhere, outliers_elsewhere = without_outliers(evidence.elsewhere, stages.calibrated.effects, "the unseen place")
     judged_runs = tuple(zip((sound, judges, elsewhere), evidence.uses.names, strict=True))
     left_out = places_left_out(result)
     whole = _gaps(judged_runs, stages, result, left_out)
     if whole.names_do_better:
-        stages = stages.names_alone()
+        stages = stages.without_calibration()
     gaps = _gaps(judged_runs, stages, result, left_out) if whole.names_do_better else whole
     widening = widening_of(left_out, judges, elsewhere, stages, result)
     gaps = replace(gaps, unexplained_um=widening.unexplained_um)
-    doubts = (*wild, *wild_judges, *wild_elsewhere)
+    doubts = (*wild, *judges_with_outliers, *outliers_elsewhere)
     return Validation(sound, judges, elsewhere, fitted, stages, left_out, whole, gaps, widening, doubts)
 
 

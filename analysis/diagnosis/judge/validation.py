@@ -55,8 +55,8 @@ class Stages:
         """Whether the calibrated model contains more than the named effects."""
         return self.calibrated.effects != self.named.effects
 
-    def names_alone(self) -> Stages:
-        """Return these models with the names in place of the complete model."""
+    def without_calibration(self) -> Stages:
+        """Return the models with the named effects alone in place of the calibrated model."""
         return replace(self, calibrated=self.named)
 
 

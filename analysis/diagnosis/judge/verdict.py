@@ -17,7 +17,7 @@ from analysis.diagnosis.fit.free_forms import best_free_form, free_forms_of
 from analysis.diagnosis.fit.out_of_range import OutOfRange
 from analysis.diagnosis.fit.responses import LEAST_MATERIAL_UM, RmsByBlock, plain_rms_by_block, rms_by_block
 from analysis.diagnosis.fit.search import SearchResult
-from analysis.diagnosis.fit.selection_state import DRIVEN_WAVES, least_fault, series_among
+from analysis.diagnosis.fit.selection_state import DRIVEN_WAVES, least_fault, spurious_wave_series
 from analysis.diagnosis.judge.acts import Doubt, JudgedOn
 from analysis.diagnosis.judge.budget import EffectChange, GapMeasure, sizes_by_setup
 from analysis.diagnosis.judge.residuals import bands_above_noise
@@ -161,7 +161,9 @@ _ENOUGH = 3
 readings.
 """
 _HEALTHY = 0.05
-"""Odds of a healthy arm showing the same, above which an effect is not reported as a fault: 5 % of the cases."""
+"""Probability that a healthy arm shows an effect this large, above which the effect is not reported as a fault.
+Chosen: 5 % of the cases.
+"""
 _LIKELY = 0.2
 """Odds among rivals below which a named effect is not confirmed: three named effects with the same response have a
 third each, and all remain above this limit.
@@ -246,7 +248,7 @@ def named_effects(
         _judge_effect(result, k, gain, change, fitted.residual_um([*effects[:k], *effects[k + 1 :]]))
         for k, (gain, change) in enumerate(zip(gains, changes, strict=True))
     ]
-    series = series_among(effects)
+    series = spurious_wave_series(effects)
     return [replace(name, doubt="series") if name_of(name.effect) in series else name for name in named]
 
 

@@ -420,8 +420,10 @@ def _at_size(candidate: Candidate, size: float) -> tuple[Effect, ...]:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two effects that look alike, for a gear with the closest order. `sigma`: separation of a detectable fault from
-    the other effect at any size. `others`: number of other orders that look alike.
+    """Two effects that look alike. For a gear error, the order closest to the other effect counts.
+
+    sigma: separation of a detectable fault from the other effect at any size. others: number of further orders that
+    look alike. further: further tests that separate the two.
     """
 
     names: tuple[str, str]

@@ -19,13 +19,13 @@ from analysis.diagnosis.fit.candidates import (
     Columns,
     Form,
     candidates_for,
-    column_shares_beside,
     columns_for,
     fault_sizes,
     forms_of,
     healthy_shares,
     in_each_shape,
-    shares_beside,
+    remaining_column_shares,
+    remaining_variance_shares,
 )
 from analysis.diagnosis.fit.refine import refine
 from analysis.diagnosis.fit.responses import Linearisation, linearise
@@ -88,7 +88,7 @@ class FormPosterior:
         k = self._number.get(candidate.effects)
         if k is None:
             return float("inf")
-        shares = shares_beside(self.forms, candidate.effect)
+        shares = remaining_variance_shares(self.forms, candidate.effect)
         taken = [column for j in np.flatnonzero(shares < 1).tolist() for column in self.forms[j].columns]
         columns = list(self.forms[k].columns)
         # information of the readings together with all parts except the removed part
@@ -117,13 +117,13 @@ class FormPosterior:
         width = np.array([len(indices) for indices in own_columns])
         this, that, across = precisions[:, :2, :2], precisions[:, 2:, 2:], precisions[:, :2, 2:]
         values: Array = np.minimum(
-            sizes[first] * _sigmas_beside(this, across, that, width[first]),
-            sizes[second] * _sigmas_beside(that, across.transpose(0, 2, 1), this, width[second]),
+            sizes[first] * _sigmas_with_second(this, across, that, width[first]),
+            sizes[second] * _sigmas_with_second(that, across.transpose(0, 2, 1), this, width[second]),
         )
         return values
 
 
-def _sigmas_beside(precision: Array, across: Array, other_precision: Array, width: Array) -> Array:
+def _sigmas_with_second(precision: Array, across: Array, other_precision: Array, width: Array) -> Array:
     """Return the rms significance (n,) in sigmas of a coefficient, over its width (n,), in the presence of a second,
     free coefficient.
 
@@ -259,8 +259,9 @@ def planned_blocks(
 
 @dataclass(frozen=True)
 class ExpectedPosterior:
-    """Posterior of runs of a linearisation about their set-ups, at a level of the healthy background, with unknown
-    readings.
+    """Expected posterior of the effects for planned runs, before any reading is known.
+
+    linear: linearisation of the runs. level: size of the healthy background.
     """
 
     linear: Linearisation
@@ -302,7 +303,7 @@ class ExpectedPosterior:
         size = size or float(np.clip(DETECTABLE * sd, self.least, LARGEST_FAULT))
         shapes = {free.field: free.expected for free in effect.free(self.linear.payload_kg)}
         fault = scaled(healthy(effect), size, **shapes)
-        refined = refine(self.linear.simulated_with((fault,)), self._background_beside((fault,)), [fault])
+        refined = refine(self.linear.simulated_with((fault,)), self._background_with_effects((fault,)), [fault])
         return refined.sd(0)[size_field(effect)] / healthy_size(effect)
 
     def sd_of_name(self, name: str) -> float:
@@ -324,7 +325,7 @@ class ExpectedPosterior:
         ]
         times = [size_of(effect) / size_of(scaled_down) for effect, scaled_down in zip(effects, small, strict=True)]
         T = self.linear.columns(small) * np.array(times)
-        marginal = self._background_beside((ones[0], others[0])).marginal(T)
+        marginal = self._background_with_effects((ones[0], others[0])).marginal(T)
         H = marginal.products(marginal)
         q = len(ones)
         free = H[q:, q:] + np.diag([(size_of(effect) / LARGEST_FAULT) ** 2 for effect in others])
@@ -345,11 +346,11 @@ class ExpectedPosterior:
         nearest_first = pairs[close[np.argsort(sigma[close])]].tolist()
         return [(i, j) for i, j in nearest_first if chosen[i].name != chosen[j].name]
 
-    def _background_beside(self, effects: Sequence[Effect]) -> Background:
+    def _background_with_effects(self, effects: Sequence[Effect]) -> Background:
         """Return the background with named effects."""
         variance = self._variance
         for effect in effects:
-            variance = variance * column_shares_beside(self._columns.forms, effect, len(variance))
+            variance = variance * remaining_column_shares(self._columns.forms, effect, len(variance))
         return background_of(self._columns, np.ones(len(self.linear.y)), variance)
 
 

@@ -107,7 +107,7 @@ class PlannedPoses:
         compared = f"as many random poses leave {1e3 * self.random_u_mm:.0f} µm"
         if self.one_axis:
             lines.append(
-                "each axis goes down, up and back while the others stand: rig analyse shows its curve by direction and "
+                "each axis moves down, up and back, the others rest: rig analyse shows its curve by direction and "
                 f"its play; {compared}: measure some as well to calibrate the arm"
             )
         else:

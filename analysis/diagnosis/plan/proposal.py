@@ -239,7 +239,9 @@ def propose(
     require_drivable_arm(rig)
     circle_tests = [test for test in tests if test in CIRCLES]
     if not circle_tests:
-        raise UseError("--tests", "has no test on a circle", "give yaw or roll: circles are proposed beside them")
+        raise UseError(
+            "--tests", "has no test on a circle", "give yaw or roll: further circles are proposed for these tests"
+        )
     candidates = circle_candidates(rig, circle_tests, runs)
     progress("simulating the tests")
     blocks, setups = planned_blocks(rig, tests, runs)

@@ -148,7 +148,7 @@ def _no_stops(runs: Runs) -> str:
 
 
 def _no_commands(runs: Runs) -> str:
-    return "" if any(map(command_errors, runs)) else "no commanded angles stand next to measured ones"
+    return "" if any(map(command_errors, runs)) else "the runs contain no commanded angles next to measured ones"
 
 
 _no_yaw = _without(STAMPS, "no circle is among the runs")

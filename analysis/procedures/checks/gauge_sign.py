@@ -53,8 +53,8 @@ _WHOLE = 0.9
 _CLOSER = 0.5
 """Maximum ratio of the distance between the two eccentricities with exchanged gauges to that as labelled."""
 _BEYOND = 2.0
-"""Minimum distance between them as a multiple of the rms of all other orders. Both factors are chosen: `scripts/dev
-exchanged` counts wrong doubts and missed exchanges.
+"""Minimum distance between the two eccentricities as a multiple of the rms of all other orders. This factor and
+_CLOSER are chosen: `scripts/dev exchanged` counts wrong doubts and missed exchanges.
 """
 _SEEN_MM, _NEGATED = 0.2, 0.25
 """With one gauge inverted, the two eccentricities agree within this share, if they exceed this size. Chosen: an
@@ -365,11 +365,11 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     """
     if {run.run.manifest.direction for run in runs} < {"acw", "cw"}:
         return
-    energies, values = np.zeros(len(_MEANT)), 0.0
+    energies, values = np.zeros(len(_GAUGE_CONTENTS)), 0.0
     for rig, test, both in _pairs(runs):
         acw, cw = (_mean(both[way]) for way in ("acw", "cw"))
         slopes = _slopes(rig, test, acw, cw)
-        energies += [_left_of_plays(slopes, _as(acw, meant), _as(cw, meant)) for meant in _MEANT]
+        energies += [_left_of_plays(slopes, _as(acw, meant), _as(cw, meant)) for meant in _GAUGE_CONTENTS]
         values += 2 * GRID / _ALIKE
     if not values or not energies.all():
         return
@@ -380,7 +380,7 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     if gain < _DECISIVE or labelled < _FITS * least or as_labelled < _RESOLVED_MM:
         return
     # Backlash does not distinguish these meanings; the eccentricities from mean and difference of the gauges decide.
-    alike = [meant for meant, energy in zip(_MEANT, energies, strict=True) if energy < _FITS * least]
+    alike = [meant for meant, energy in zip(_GAUGE_CONTENTS, energies, strict=True) if energy < _FITS * least]
     seen = {finding.meant for run in runs for finding in findings_against(ORDER, run.table, run.rig)}
     if EXCHANGED in seen:
         alike = [meant for meant in alike if meant.columns == (1, 0)] or alike
@@ -401,7 +401,7 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
 
 
 @dataclass(frozen=True)
-class _Meant:
+class _GaugeContent:
     """Alternative content of the two gauge columns: the gauge in each column (2,), and its sign (2,)."""
 
     words: str
@@ -409,17 +409,17 @@ class _Meant:
     signs: tuple[float, float]
 
 
-_MEANT = (
-    _Meant("both as labelled", (0, 1), (1.0, 1.0)),
-    _Meant("both gauges counting the other way", (0, 1), (-1.0, -1.0)),
-    _Meant("g1 counting the other way", (0, 1), (-1.0, 1.0)),
-    _Meant("g2 counting the other way", (0, 1), (1.0, -1.0)),
-    _Meant("g1 and g2 exchanged", (1, 0), (1.0, 1.0)),
-    _Meant("g1 and g2 exchanged and counting the other way", (1, 0), (-1.0, -1.0)),
+_GAUGE_CONTENTS = (
+    _GaugeContent("both as labelled", (0, 1), (1.0, 1.0)),
+    _GaugeContent("both gauges counting the other way", (0, 1), (-1.0, -1.0)),
+    _GaugeContent("g1 counting the other way", (0, 1), (-1.0, 1.0)),
+    _GaugeContent("g2 counting the other way", (0, 1), (1.0, -1.0)),
+    _GaugeContent("g1 and g2 exchanged", (1, 0), (1.0, 1.0)),
+    _GaugeContent("g1 and g2 exchanged and counting the other way", (1, 0), (-1.0, -1.0)),
 )
 
 
-def _as(way: _Way, meant: _Meant) -> _Way:
+def _as(way: _Way, meant: _GaugeContent) -> _Way:
     """Return the laps of a direction with an alternative meaning of the gauge columns."""
     signs, columns = np.array(meant.signs), list(meant.columns)
     return replace(way, g_mm=way.g_mm[:, columns] * signs, stuck=way.stuck[:, columns] * signs)

@@ -2,8 +2,8 @@
 They are excluded and counted, and doubtful readings are reported.
 
 Instruments write a position of exactly 0, 0, 0 if there is no target. Other outliers are found by
-`analysis.runs.noise.wild` in three steps: by position and by rotation relative to an arm with base and tool fitted to
-the near poses, and by position relative to an arm with all constants fitted to these. The last step is necessary
+`analysis.runs.noise.outliers` in three steps: by position and by rotation relative to an arm with base and tool fitted
+to the near poses, and by position relative to an arm with all constants fitted to these. The last step is necessary
 because the error of an arm with nominal constants, half a millimetre, hides an error of 2 mm that would change every
 constant.
 
@@ -29,7 +29,7 @@ from analysis.procedures.facts import labels_of
 from analysis.robot.geometry.pose_setup import fit_arm, fit_setup, position_error, socket_design
 from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, without_setup
 from analysis.runs.noise.cell_noise import TARGET_MM
-from analysis.runs.noise.wild import FITTED_SPREADS, NEAR, SPREADS, STEPS, by_accident, far_from_fit, spreads_of
+from analysis.runs.noise.outliers import FITTED_SPREADS, NEAR, SPREADS, STEPS, by_accident, far_from_fit, spreads_of
 from analysis.runs.tables import PathTable, PoseTable, Table, TouchTable
 from rigs.rig import Rig
 from rigs.text import listed
@@ -67,14 +67,14 @@ class Places:
         words = {}
         if count := int(self.wild.sum()):
             named = listed((np.flatnonzero(self.wild) + 1).tolist())
-            is_at = f"is wild: row {named} is" if count == 1 else f"are wild: rows {named} are up to"
+            is_at = f"is an outlier: row {named} is" if count == 1 else f"are outliers: rows {named} are up to"
             far_mm = float(self.away_mm[self.wild].max())
-            words["wild"] = f"{count} of {len(self.wild)} places {is_at} {far_mm:.2g} mm from the path beside"
+            words["wild"] = f"{count} of {len(self.wild)} places {is_at} {far_mm:.2g} mm from the neighbouring path"
         if count := int(self.repeated.sum()):
             rows = np.flatnonzero(self.repeated) + 1
             words["repeated"] = (
-                f"{count} of {len(self.wild)} places repeat the one before to the last digit while the tool went on, "
-                f"from row {rows[0]} on: the instrument sent its last place again"
+                f"{count} of {len(self.wild)} places equal the previous one to the last digit although the tool moved, "
+                f"from row {rows[0]} on: the instrument repeated its last place"
             )
         return words
 
@@ -94,7 +94,7 @@ def places_of(table: PathTable) -> Places:
         if moved and step[end] > _CAUGHT_UP * way / (begin - first) * (end - begin + 1) > 0:
             repeated[begin + 1 : end + 1] = True
     kept, away_mm = np.flatnonzero(~repeated), np.zeros(len(table.t_s))
-    wild[kept], away_mm[kept] = _wild(table.t_s[kept], table.xyz_mm[kept])
+    wild[kept], away_mm[kept] = _outliers(table.t_s[kept], table.xyz_mm[kept])
     return Places(wild, away_mm, repeated)
 
 
@@ -106,7 +106,7 @@ def measured_places(table: PathTable) -> tuple[PathTable, list[str]]:
     return replace(table, t_s=table.t_s[kept], xyz_mm=table.xyz_mm[kept]), notes
 
 
-def _wild(t_s: Array, xyz_mm: Array) -> tuple[Mask, Array]:
+def _outliers(t_s: Array, xyz_mm: Array) -> tuple[Mask, Array]:
     """Return the outliers (n,) relative to the neighbouring path, and their distances (n,) in mm."""
     count = len(t_s)
     wild, away = np.zeros(count, dtype=bool), np.zeros(count)
@@ -296,7 +296,7 @@ def _length(mm: float) -> str:
 WILDNESS = "wildness"
 
 
-def wild_touches(table: TouchTable, rig: Rig) -> Iterator[Finding]:
+def outlying_touches(table: TouchTable, rig: Rig) -> Iterator[Finding]:
     """Yield findings about touches far from all other touches of the same socket."""
     far = far_touches(table, forward(arm_of(rig.robot), table.q))
     if far.wild.any():
@@ -304,7 +304,7 @@ def wild_touches(table: TouchTable, rig: Rig) -> Iterator[Finding]:
         yield Finding(WILDNESS, "likely", ("socket",), "no touch", fact, remedy)
 
 
-def wild_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
+def outlier_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     """Yield findings about poses recorded with a lost target, or far from the arm."""
     lost = (table.xyz_mm == 0).all(axis=1)
     if lost.any():
@@ -324,7 +324,7 @@ def wild_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", fact, remedy)
 
 
-def wild_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
+def outlying_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
     """Yield findings about outliers of a path."""
     del rig
     if "wild" in (words := places_of(table).words):

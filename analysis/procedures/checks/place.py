@@ -33,13 +33,13 @@ from analysis.robot.geometry.pose_setup import (
     FittedArm,
     fit_arm,
     fit_setup,
-    left_in_sockets,
     position_error,
+    socket_residuals,
 )
 from analysis.robot.kinematics.arm import Arm, Array, Mask, arm_of, forward, without_setup
 from analysis.runs.csv_tables import table_from
 from analysis.runs.loading import Measured
-from analysis.runs.stands import rows_a_stand
+from analysis.runs.stands import rows_per_standstill
 from analysis.runs.tables import CircleTable, PoseTable, Table
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, Hemisphere
@@ -52,9 +52,9 @@ splits that are tried first.
 SPARE, FITTED = 30, 300
 """Minimum number of redundant readings for a fit of all constants, and number of poses that is sufficient."""
 _SHARE, _SHARE_OF_FEW = 0.6, 0.3
-"""Largest ratio of the residuals with and without a second placement, and the same for fewer rows or redundant
-readings than these two. For a UR10 and a UR5 measured over hours, the best of all splits leaves at least 0.86 for
-30 to 1495 poses in order, and at least 0.51 for 272 sets of 20 to 40 poses.
+"""Largest ratio of the residuals with and without a second placement, and the ratio for few rows or few redundant
+readings (_MANY_ROWS, _MANY_SPARE). For a UR10 and a UR5 measured over hours, the best of all splits leaves at
+least 0.86 for 30 to 1495 poses in order, and at least 0.51 for 272 sets of 20 to 40 poses.
 """
 _MANY_ROWS, _MANY_SPARE = 8, 120
 _LEAST_MM = 0.05
@@ -171,7 +171,7 @@ def stand_findings(run: Measured) -> Iterator[Finding]:
     manifest, table = run.run.manifest, run.run.table
     if table is None or run.table.swept:
         return
-    counts = rows_a_stand(table_from(table, manifest.test, manifest.direction, str(run.path)))
+    counts = rows_per_standstill(table_from(table, manifest.test, manifest.direction, str(run.path)))
     several = counts[counts > 1]
     if not len(several):
         return
@@ -181,7 +181,7 @@ def stand_findings(run: Measured) -> Iterator[Finding]:
         "means are used, one for each"
     )
     remedy = "if the robot moved in between, give the rows of a pose after those of another"
-    yield Finding(STANDS, "likely", (), "readings of one stand", fact, remedy)
+    yield Finding(STANDS, "likely", (), "readings of one standstill", fact, remedy)
 
 
 SOURCE = "source"
@@ -255,7 +255,7 @@ def off_sockets(T: Array, socket: NDArray[np.str_]) -> PathDeviation | None:
     size = float(np.linalg.norm(T[:, :3, 3] - T[:, :3, 3].mean(axis=0), axis=1).mean())
     if size <= 0:
         return None
-    off_mm = float(np.median(np.linalg.norm(left_in_sockets(T, socket), axis=1)))
+    off_mm = float(np.median(np.linalg.norm(socket_residuals(T, socket), axis=1)))
     return PathDeviation(off_mm, off_mm / size, off_mm / size < _IN_SOCKET)
 
 
@@ -263,7 +263,7 @@ def off_places(T: Array, xyz_mm: Array) -> PathDeviation | None:
     """Return the difference between the mutual distances of tool poses T (n, 4, 4) and those of measured positions
     xyz_mm (n, 3).
     """
-    rows = far_rows(xyz_mm)
+    rows = most_distant_rows(xyz_mm)
     size = float(np.median(steps(xyz_mm, rows)))
     if size <= 0:
         return None
@@ -298,7 +298,7 @@ def off_targets(T: Array, targets: Array | None, hemisphere: Hemisphere) -> Path
     return PathDeviation(off_mm, off_mm / frame.radius, off_mm < _ON_PATH * frame.radius)
 
 
-def far_rows(places: Array) -> int:
+def most_distant_rows(places: Array) -> int:
     """Return the row distance at which positions (n, 3) differ most, among a few distances.
 
     Rows half a table apart have equal positions if all poses are driven twice, and adjacent rows if each pose is

@@ -21,7 +21,7 @@ import numpy as np
 from analysis.procedures.checks.checks_of_test import PathDeviation, checks_of
 from analysis.procedures.checks.finding import Finding, Misfit
 from analysis.procedures.checks.meanings import CLEARLY, FEWEST, RIGHT_MM, left_mm
-from analysis.procedures.checks.place import far_rows, off_circle, off_places, steps
+from analysis.procedures.checks.place import most_distant_rows, off_circle, off_places, steps
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.kinematics.arm import Array, arm_of, forward, rail_mm, without_setup
 from analysis.robot.kinematics.joint_limits import impossible_rad
@@ -37,7 +37,7 @@ _LIKE_STATED = 0.3
 """Largest relative difference from the stated eccentricity. Robot errors of 0.1 mm cause less, a wrong unit causes
 25 times more.
 """
-_AS_FAR = 2.0
+_TRAVEL_RATIO = 2.0
 """Largest ratio of the travel of two gauges in the same unit; in different units it is 25."""
 FACTORS = {"inches": 1 / 25.4, "µm": 1000.0}
 """Factor from a length in mm to another unit."""
@@ -49,7 +49,7 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
     if circle is None:
         return
     for name, reading in zip(("g1_mm", "g2_mm"), table.g_mm.T, strict=False):
-        yield from too_far(name, reading, circle.radius_mm)
+        yield from impossible_travel(name, reading, circle.radius_mm)
     off = off_circle(T, circle)
     if table.g_mm.shape[1] < 2 or rig.gauges.g2 is None or off is None or not off.on:
         return
@@ -68,7 +68,7 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
     seen = size.min() > 0 and size.max() >= _ECCENTRIC_MM and waves[0] @ waves[1] >= 0
     for (unit, factor), k in product(FACTORS.items(), (0, 1)) if seen else ():
         ratio = size[k] / size[1 - k]
-        as_far = 1 / _AS_FAR < travel[k] / factor / max(travel[1 - k], 1e-9) < _AS_FAR
+        as_far = 1 / _TRAVEL_RATIO < travel[k] / factor / max(travel[1 - k], 1e-9) < _TRAVEL_RATIO
         if abs(ratio / factor - 1) < 0.1 and as_far:
             fact = f"g{k + 1}_mm is in {unit}: its wave over the circle is {ratio:.3g} times the other gauge's"
             yield fact, "convert it to mm"
@@ -81,7 +81,7 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
             yield fact, "convert them to mm"
 
 
-def too_far(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, str]]:
+def impossible_travel(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, str]]:
     """Yield the fault and the remedy if a reading (n,) mm travels further than the radius, which is impossible with
     a link.
     """
@@ -93,7 +93,7 @@ def too_far(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, 
 
 _OF_TRACKERS = {"m": 1e-3, "cm": 0.1}
 """Units of trackers in addition to those of gauges: factor from a length in mm."""
-_TAKEN_FOR = {"inches": 25.4, "cm": 10.0}
+_MISREAD_UNITS = {"inches": 25.4, "cm": 10.0}
 """Factor for a length in mm misinterpreted in another unit, for example by an import map; m looks like µm."""
 _ABOUT = 0.3
 """Largest relative difference of distances. The target of the tracker may be missing in the rig file, so they agree
@@ -107,13 +107,13 @@ _FARTHER = 8.0
 
 def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
     """Yield the faults in the units of a tracker, each with a remedy. T (n, 4, 4): nominal tool poses."""
-    rows = far_rows(table.xyz_mm)
+    rows = most_distant_rows(table.xyz_mm)
     robot_step, seen = (float(np.median(steps(places, rows))) for places in (T[:, :3, 3], table.xyz_mm))
     for unit, factor in {**FACTORS, **_OF_TRACKERS}.items():
         if robot_step > 1.0 and abs(seen / robot_step / factor - 1) < _ABOUT:
             fact = f"x_mm, y_mm, z_mm are in {unit}: they move {seen / robot_step:.3g} times as far as the robot"
             yield fact, "convert the places to mm"
-    for unit, factor in _TAKEN_FOR.items():
+    for unit, factor in _MISREAD_UNITS.items():
         if robot_step > 1.0 and abs(seen / robot_step / factor - 1) < _ABOUT:
             fact = f"x_mm, y_mm, z_mm were not in {unit}: they move {seen / robot_step:.3g} times as far as the robot"
             yield fact, "read them as mm"
@@ -140,7 +140,7 @@ def off_in_its_unit(T: Array, xyz_mm: Array) -> PathDeviation | None:
     """Return the deviation of tool poses T (n, 4, 4) from positions (n, 3), in the best-fitting unit of the
     positions.
     """
-    units = (1.0, *FACTORS.values(), *_OF_TRACKERS.values(), *_TAKEN_FOR.values())
+    units = (1.0, *FACTORS.values(), *_OF_TRACKERS.values(), *_MISREAD_UNITS.values())
     every = [off for factor in units if (off := off_places(T, xyz_mm / factor))]
     return min(every, key=lambda off: off.off, default=None)
 
@@ -266,7 +266,7 @@ def impossible(mistakes: Iterable[tuple[str, str]]) -> Iterator[Finding]:
 
 def target_units(g_mm: Array, radius_mm: float) -> Iterator[Finding]:
     """Yield findings about the unit of gauge readings g_mm (n,) at targets of a hemisphere."""
-    yield from impossible(too_far("g1_mm", g_mm, radius_mm))
+    yield from impossible(impossible_travel("g1_mm", g_mm, radius_mm))
     travel = float(np.ptp(g_mm))
     if _UNLIKELY * radius_mm <= travel <= radius_mm:
         fact = f"g1_mm travels {travel:.4g} mm on a radius of {radius_mm:g} mm, more than any robot error"

@@ -96,7 +96,7 @@ def fit_circle(distance: Array, radius_mm: float) -> Array:
 
 
 def circle_through(distance: Array, radius_mm: float) -> tuple[Array, Array]:
-    """Return the same fit (..., 3) mm, and its circle (..., NODES) mm.
+    """Return the fit (..., 3) mm of `fit_circle`, and the distances (..., NODES) mm of the fitted circle.
 
     The derivatives by e_u and e_v are close to -cos and -sin, so each round removes the orders 0 and 1 of the residual.
     """
@@ -117,7 +117,7 @@ _WAVES = np.stack([-np.cos(PHI), -np.sin(PHI), np.ones(NODES)])
 
 
 def _orders(y: Array) -> Array:
-    """Return the least-squares components (..., 3) of curves (..., NODES) in these waves; nodes are equidistant."""
+    """Return the least-squares components (..., 3) of curves (..., NODES) along _WAVES; nodes are equidistant."""
     return np.asarray(y @ (_WAVES * np.array([2.0, 2.0, 1.0])[:, None] / NODES).T)
 
 

@@ -276,7 +276,7 @@ def planted_setup(rig: Rig) -> SetUp:
 
 
 class CircleEvaluation(Evaluation[CircleTable]):
-    """Figures of yaw or roll, by the `ANGLE` of the module with the name of the test."""
+    """Evaluation of a yaw or roll test, with the value `ANGLE` of the module `yaw` or `roll`."""
 
     def __init__(self, test: TestName) -> None:
         super().__init__(test)

@@ -27,9 +27,9 @@ from analysis.procedures.shared.reduction import (
     Reduced,
     base_of,
     of_rows,
+    outliers_of,
     place_of,
     slopes_of,
-    wild_of,
 )
 from analysis.robot.geometry.circle import SENSE, frame_of
 from analysis.robot.geometry.driven_programs import circle_of
@@ -147,7 +147,7 @@ class _Window:
         stamps = chunk["last_byte_ns"]
         if len(stamps):
             if stamps[0] < self._last_ns() or not (stamps[1:] >= stamps[:-1]).all():
-                raise FileError(str(self._path), "has stamps that go back", "restore the run from a copy")
+                raise FileError(str(self._path), "has timestamps that decrease", "restore the run from a copy")
             self._kept.append(chunk)
         return True
 
@@ -277,7 +277,7 @@ def _rows_of(joined: Joined, manifest: Manifest, rig: Rig, taken: int) -> _Rows:
     of_robot = frame_of(circle).angle(places_along(arm_of(rig.robot), q, np.arange(len(q))))
     phi = np.interp(joined.rows_ns, joined.robot.ns, of_robot)  # linear interpolation of the robot's angles
     lap = np.floor((phi - phi.min()) / (2 * np.pi)).astype(np.int64)
-    wild = wild_of(phi, g_mm - g_mm.mean(axis=0), lap, _ROUNDS)[:, inside]
+    wild = outliers_of(phi, g_mm - g_mm.mean(axis=0), lap, _ROUNDS)[:, inside]
     is_new = (np.diff(g_mm, axis=0, prepend=np.nan) != 0)[inside]
     phi, rows_ns = phi[inside], joined.rows_ns[inside]
     g_mm, beyond = corrected_gauges(rig, gauges_of(manifest.test, rig), g_mm[inside])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from analysis.procedures.checks.checks_of_test import Checks, Finders
-from analysis.procedures.checks.lost_poses import DUPLICATES, WILDNESS, repeated_places, wild_places
+from analysis.procedures.checks.lost_poses import DUPLICATES, WILDNESS, outlying_places, repeated_places
 from analysis.runs.tables import PathTable
 
 
@@ -12,7 +12,7 @@ class PathChecks(Checks[PathTable]):
 
     @property
     def finders(self) -> Finders[PathTable]:
-        return ((WILDNESS, wild_places), (DUPLICATES, repeated_places))
+        return ((WILDNESS, outlying_places), (DUPLICATES, repeated_places))
 
 
 PART = PathChecks

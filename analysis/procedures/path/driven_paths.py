@@ -30,7 +30,7 @@ from rigs.errors import FileError
 
 _SPAN_S, _SAMPLES = 0.05, 4
 """Averaging time, and minimum number of positions averaged."""
-_STAND_S = 0.6
+_STANDSTILL_S = 0.6
 _SLOW = 0.02
 """The tool is at rest below this share of the 90 % quantile of the span speeds …"""
 _NOISES = 6.0
@@ -75,7 +75,7 @@ def moves_of(t_s: Array, xyz_mm: Array) -> list[PathMove]:
     # First and last span (k,) of each standstill.
     edges = np.diff(np.concatenate([[False], rests, [False]]).astype(np.int64))
     begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
-    long = when[ends] - when[begins] > _STAND_S
+    long = when[ends] - when[begins] > _STANDSTILL_S
     begins, ends = begins[long], ends[long]
     gaps = np.concatenate([[0], np.cumsum(np.diff(t_s) > max(_GAP_S, 3 * span_s))])
     moves = []
@@ -91,7 +91,7 @@ _LENGTH, _CHORD = 0.08, 0.05
 _FITTED = 400
 """Positions per move used to fit the frame."""
 _ROUNDS = 12
-_FAR = 0.05
+_MOST_DEVIATION = 0.05
 """Limit of the deviation, relative to the cube's side, for paths of this program."""
 _STATIONS, _FEWEST = 200, 12
 """Stations along a path; fewer for few tracker positions, and less than the minimum is not evaluated."""
@@ -135,11 +135,11 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
     whole = {name: [move for move in cycles if move.whole] for name, cycles in every.items()}
     whole = {name: cycles for name, cycles in whole.items() if cycles}
     if not set(whole) - {"back"}:
-        problem = "it has no moves between stands"
+        problem = "it has no moves between standstills"
         if moves:
             problem = (
-                f"none of its {len(moves)} moves between stands is as long as a path of the cube: the longest is "
-                f"{max(move.length_mm for move in moves):.4g} mm, and a line would be "
+                f"none of its {len(moves)} moves between standstills is as long as a path of the cube: the longest is "
+                f"{max(move.length_mm for move in moves):.4g} mm, and a line has "
                 f"{commands['line'].length_mm:.4g} mm"
             )
         raise FileError(where, problem, "check the unit, the cube of the rig file, and the recording")
@@ -155,17 +155,17 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
         elif name != "back":
             paths[name] = driven
     if not paths:
-        problem = "the tracker wrote too few places along each path"
-        raise FileError(where, problem, "record more places a second")
+        problem = "the tracker recorded too few positions along each path"
+        raise FileError(where, problem, "record more positions per second")
     far_mm = max(float(np.median(np.linalg.norm(driven.off_mm, axis=2))) for driven in paths.values())
-    if far_mm > _FAR * cube.side_mm:
+    if far_mm > _MOST_DEVIATION * cube.side_mm:
         problem = f"the paths lie {far_mm:.3g} mm from those of the cube in the rig file"
         or_else = "" if T_world_instrument is None else ", tests.iso9283.instrument and the tool"
         raise FileError(where, problem, f"give the rig file of the program, and check the cube{or_else}")
     torn = sum(not move.whole for cycles in every.values() for move in cycles)
-    notes = [f"{torn} paths are ignored, where the tracker wrote nothing for a while"] if torn else []
+    notes = [f"{torn} paths are ignored because of gaps in the readings of the tracker"] if torn else []
     if coarse:
-        notes.append(f"too few places were written to judge: {', '.join(coarse)}; record more places a second")
+        notes.append(f"too few places were written to judge: {', '.join(coarse)}; record more positions per second")
     return DrivenPaths(paths, T, (*left_out, *notes))
 
 

@@ -106,7 +106,7 @@ def evaluate(
     notes = list(driven.notes)
     if min(counts.values()) < CYCLES_ASKED:
         few = ", ".join(f"{name.replace('_', ' ')} {count} times" for name, count in counts.items())
-        notes.append(f"ISO 9283 asks {CYCLES_ASKED} cycles, and there are: {few}")
+        notes.append(f"ISO 9283 requires {CYCLES_ASKED} cycles, but there are only: {few}")
     if speed_mm_s is not None and not _SLOWEST * speed_mm_s <= speed <= _FASTEST * speed_mm_s:
         ways = f"the programs drive {0.1 * speed_mm_s:g} to {speed_mm_s:g} mm/s"
         remedy = "check that t_s is in s, and path_speed_mm_s of the rig file"

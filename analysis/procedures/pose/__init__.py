@@ -1,7 +1,7 @@
 """Pose test: tool poses seen by a tracker."""
 
 from analysis.procedures.facts import Facts, Labels
-from analysis.runs.noise.wild import FITTED_SPREADS
+from analysis.runs.noise.outliers import FITTED_SPREADS
 
 FACTS = Facts(
     of_places=True,

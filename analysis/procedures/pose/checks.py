@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from analysis.procedures.checks.checks_of_test import Checks, Finders, PathDeviation, Verdict
 from analysis.procedures.checks.finding import Finding
-from analysis.procedures.checks.lost_poses import DUPLICATES, WILDNESS, duplicate_findings, wild_findings
+from analysis.procedures.checks.lost_poses import DUPLICATES, WILDNESS, duplicate_findings, outlier_findings
 from analysis.procedures.checks.meanings import FEWEST, judged_by_places
 from analysis.procedures.checks.place import SOURCE, source_findings
 from analysis.procedures.checks.units import UNITS, impossible, mirror_findings, off_in_its_unit, rail_findings, tracker
@@ -20,7 +20,7 @@ class PoseChecks(Checks[PoseTable]):
 
     @property
     def finders(self) -> Finders[PoseTable]:
-        return ((SOURCE, source_findings), (WILDNESS, wild_findings), (DUPLICATES, duplicate_findings))
+        return ((SOURCE, source_findings), (WILDNESS, outlier_findings), (DUPLICATES, duplicate_findings))
 
     def unit_findings(self, table: PoseTable, rig: Rig, T_tool: Array) -> Iterator[Finding]:
         yield from rail_findings(table, rig)

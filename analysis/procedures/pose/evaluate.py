@@ -169,7 +169,7 @@ def _in_frame(arm: Arm, table: PoseTable, instrument: TrackerPose) -> tuple[Arra
     if table.rpy is None:
         return place, None
     setup = PoseSetUp(np.asarray(np.linalg.inv(to_base), dtype=float), np.eye(4), np.empty((0, 9)))
-    return place, _turns_left(T, _turns_seen(table.rpy, setup), np.eye(3))
+    return place, _remaining_rotations(T, _turns_seen(table.rpy, setup), np.eye(3))
 
 
 def _of_visits(
@@ -193,7 +193,7 @@ def _of_visits(
         turned = np.degrees(_padded(twisted, group, again))
         turn = scatter_of(turned, 0.0)
         figures |= of_scatter(turn_figures, turned, turn)
-    few = f"{len(again)} poses visited again, at most {counts.max()} times; ISO 9283 asks {RP_VISITS}"
+    few = f"{len(again)} poses visited again, at most {counts.max()} times; ISO 9283 requires {RP_VISITS}"
     notes = [few] if counts.max() < RP_VISITS else []
     if instrument is not None:
         for name in [name for name, figure in figures.items() if name[:3] == "ap_" and figure.unit == "mm"]:
@@ -215,7 +215,7 @@ def _errors(bare: Arm, of_fit: PoseTable, table: PoseTable) -> tuple[Array, Arra
         return position, None
     tool, _ = _orientation(forward(bare, of_fit.q), of_fit.rpy, setup)
     seen = _turns_seen(table.rpy, setup)
-    return position, _turns_left(T, seen, tool.T_flange_tool[:3, :3])
+    return position, _remaining_rotations(T, seen, tool.T_flange_tool[:3, :3])
 
 
 def groups(q: Array, same_rad: float, *, rail: bool = False) -> NDArray[np.int64]:
@@ -331,7 +331,7 @@ def _orientation(T: Array, rpy: Array, setup: PoseSetUp) -> tuple[PoseSetUp, Arr
     seen = _turns_seen(rpy, setup)
     R_tool = (Rotation.from_matrix(T[:, :3, :3]).inv() * seen).mean().as_matrix()
     whole = frame(R_tool, setup.T_flange_tool[:3, 3])
-    return replace(setup, T_flange_tool=whole), _turns_left(T, seen, R_tool)
+    return replace(setup, T_flange_tool=whole), _remaining_rotations(T, seen, R_tool)
 
 
 def _turns_seen(rpy: Array, setup: PoseSetUp) -> Rotation:
@@ -341,7 +341,7 @@ def _turns_seen(rpy: Array, setup: PoseSetUp) -> Rotation:
     return Rotation.from_matrix(setup.T_world_base[:3, :3]).inv() * Rotation.from_euler("xyz", rpy)
 
 
-def _turns_left(T: Array, seen: Rotation, R_tool: Array) -> Array:
+def _remaining_rotations(T: Array, seen: Rotation, R_tool: Array) -> Array:
     """Return rotation vectors (n, 3) rad from flanges T (n, 4, 4) with a tool rotation R_tool (3, 3) to the measured
     ones."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only

@@ -9,7 +9,7 @@ import numpy as np
 
 from analysis.procedures.shared.stop_cells import came_from_cells, came_from_of
 from analysis.robot.kinematics.arm import Array, Mask
-from analysis.runs.stands import STANDS_MM, stand_starts_of_visits
+from analysis.runs.stands import STANDSTILL_MM, standstill_starts_of_visits
 from analysis.runs.table_format import TableFormat
 from analysis.runs.table_layout import PLACE, RAIL, RAIL_FROM, TURN, Layout, came_from_columns, joint_columns
 from analysis.runs.table_rows import Rows, joint_cells
@@ -35,8 +35,8 @@ class PoseFormat(TableFormat[PoseTable]):
         return {**joint_cells(table.q, rail=table.rail), **places, **turns, **came_from_cells(table)}
 
     def stands(self, table: PoseTable) -> Mask:
-        far = np.linalg.norm(np.diff(table.xyz_mm, axis=0), axis=1) > STANDS_MM
-        return stand_starts_of_visits(table.q, np.asarray(far | table.lost[1:] | table.lost[:-1]))
+        far = np.linalg.norm(np.diff(table.xyz_mm, axis=0), axis=1) > STANDSTILL_MM
+        return standstill_starts_of_visits(table.q, np.asarray(far | table.lost[1:] | table.lost[:-1]))
 
     def averaged(self, table: PoseTable, first: Mask, mean: Callable[[Array], Array]) -> PoseTable:
         from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only

@@ -46,9 +46,9 @@ from analysis.procedures.shared.simulated_gauges import Simulation, read_by_gaug
 from analysis.procedures.shared.target_checks import require_known_targets, target_count
 from analysis.robot.geometry.driven_programs import hemisphere_of, radial_program
 from analysis.robot.kinematics.arm import Array, Integers
+from analysis.runs.noise.outliers import MOST, SPREADS
 from analysis.runs.noise.readings import step_of_stops
 from analysis.runs.noise.target_scatter import Scatter, SphereLevel, scatter_of
-from analysis.runs.noise.wild import MOST, SPREADS
 from analysis.runs.tables import RadialTable
 from rigs.errors import FileError
 from rigs.readiness import require_test
@@ -97,7 +97,7 @@ def conditioned(points: Array) -> bool:
     return not _unknown(_design(points, np.zeros(3)))
 
 
-def far_off(points: Array) -> NDArray[np.bool_]:
+def outlying_targets(points: Array) -> NDArray[np.bool_]:
     """Return a mask (t,) of the targets left out by the rule above; points (t, o, 3) mm of o readings, NaN if
     missing."""
     # Robust sphere: soft_l1 by reweighting.
@@ -235,7 +235,7 @@ def evaluate(
         problem = f"has {len(measured)} targets, too few for a sphere"
         raise FileError(where, problem, f"measure at least {_FEWEST}, well apart")
     readings = (radius_mm + cells.g_mm.reshape(len(measured), -1))[..., None] * cells.direction[:, None, :]
-    far = far_off(readings)
+    far = outlying_targets(readings)
     used = cells.only(~far)
     scatter = None
     if u_mm > 0:
@@ -280,9 +280,10 @@ def _figures(cells: Cells, best: Array, free: Sphere, scatter: Scatter | None, r
 def _plain(
     cell_mm: Array, best: Array, free: Sphere, radius_mm: float, length_mm: Array | float = 0.0
 ) -> dict[str, Array]:
-    """Return the figures (m,) of draws cell_mm (m, t, o) of the readings around best (t, o), those of the sphere.
+    """Return the figures (m,) of m draws of the readings, including those of the fitted sphere.
 
-    length_mm (m,): added to every distance. The sphere is updated linearly by its slopes.
+    cell_mm (m, t, o): draws of the readings. best (t, o): readings about which they are drawn. length_mm (m,): added to
+    every distance. The sphere is updated linearly by its slopes.
     """
     length = np.broadcast_to(length_mm, len(cell_mm))
     mean = _mean(cell_mm)

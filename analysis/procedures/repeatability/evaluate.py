@@ -36,9 +36,9 @@ from analysis.procedures.shared.target_checks import require_known_targets
 from analysis.robot.geometry.driven_programs import repeatability_of, repeatability_program
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.noise.cell_noise import TARGET_MM
+from analysis.runs.noise.outliers import SPREADS, spreads_of
 from analysis.runs.noise.readings import step_of_stops
 from analysis.runs.noise.target_scatter import scatter_of
-from analysis.runs.noise.wild import SPREADS, spreads_of
 from analysis.runs.tables import RepeatabilityTable
 from rigs.errors import FileError
 from rigs.readiness import require_test
@@ -97,11 +97,11 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
         most = f"up to {np.nanmax(away):.3g} mm from the others of the target and side"
         where_most = f"target {targets[row]}, {SIDES[side]}"
         are = "1 reading is" if wild == 1 else f"{wild} readings are"
-        remedy = "check that the plunger touched and that the robot stood"
-        notes += (f"{are} {most} ({where_most}), and in the figures: {remedy}",)
+        remedy = "check that the plunger touched and that the robot was at rest"
+        notes += (f"{are} {most} ({where_most}), and included in the figures: {remedy}",)
     least = int(np.isfinite(x).sum(axis=-1).min())
     standards = (("ISO 230-2", RANGE_VISITS), ("ISO 9283", RP_VISITS))
-    if asked := ", ".join(f"{name} asks {count}" for name, count in standards if least < count):
+    if asked := ", ".join(f"{name} requires {count}" for name, count in standards if least < count):
         notes += (f"{least} readings a side; {asked}",)
     notes += assumed(scatter) + coarse(scatter)
     return RepeatabilityResult(targets, x, figures, int(np.isfinite(x).sum()), notes)

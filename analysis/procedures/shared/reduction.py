@@ -15,7 +15,7 @@ from analysis.robot.geometry.circle import SENSE
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.laps import Laps
 from analysis.runs.noise.lap_changes import bursts, changes, following, without_slips
-from analysis.runs.noise.readings import Mask, beyond_neighbours, is_wild, noise_beneath, step_of
+from analysis.runs.noise.readings import Mask, beyond_neighbours, is_outlier, noise_beneath, step_of
 from analysis.runs.noise.spectrum import NODES, Integers, node_response
 
 PHI = 2 * np.pi * np.arange(NODES) / NODES
@@ -141,7 +141,7 @@ def reduced(laps: Laps) -> Reduced:
     for begin in range(0, len(rough), _BLOCK):
         rows = slice(begin, begin + _BLOCK)
         rough[rows] = laps.g_mm[rows] - _waves(laps.phi[rows]) @ base
-    wild = wild_of(laps.phi, rough, lap)
+    wild = outliers_of(laps.phi, rough, lap)
     hats = _hat_sums(laps.phi, rough, lap, ~np.any(wild, axis=0))
     steps = tuple(step_of(g_mm) for g_mm in laps.g_mm.T)
     beneath = tuple(noise_beneath(g_mm, step) for g_mm, step in zip(laps.g_mm.T, steps, strict=True))
@@ -169,12 +169,12 @@ def slopes_of(base: Array) -> list[Array]:
     return slopes
 
 
-def wild_of(phi: Array, rough: Array, lap: Integers, rounds: int = 2 * NODES) -> Mask:
+def outliers_of(phi: Array, rough: Array, lap: Integers, rounds: int = 2 * NODES) -> Mask:
     """Return a mask (k, n) of outliers in readings rough (n, k) at phi (n,) rad of laps counted from 0.
 
     rounds: of the solver; for a part of a lap few are sufficient, because other nodes do not matter.
     """
-    wild = np.array([is_wild(column) for column in rough.T])
+    wild = np.array([is_outlier(column) for column in rough.T])
     if not wild.any():
         return wild
     # After a first outlier, further ones may be too dense for comparison with neighbours: they deviate from the
@@ -191,7 +191,7 @@ def wild_of(phi: Array, rough: Array, lap: Integers, rounds: int = 2 * NODES) ->
 
 
 def of_rows(laps: Laps, rows: LapRows) -> Reduced:
-    """Return the readings at NODES circle angles of laps with these combined rows."""
+    """Return the readings at NODES circle angles, as curves through the combined rows of the laps."""
     added = _waves(PHI) @ rows.base
     hats, nodes = rows.hats, rows.hats.lines() + added
     odd: Mask = np.any([bursts(of_gauge) for of_gauge in np.moveaxis(nodes, 2, 0)], axis=0)

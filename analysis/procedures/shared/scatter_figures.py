@@ -31,8 +31,11 @@ Plain = Callable[[Array], dict[str, Array]]
 
 
 def half_width(off: Array) -> float:
-    """Return the standard uncertainty with 2 u containing 95 % of errors (m,), in their unit, also for non-normal
-    tails."""
+    """Return half the limit that contains 95 % of the absolute errors (m,), in their unit.
+
+    It is reported as the standard uncertainty u, so that 2 u contains 95 % even if the errors are not normally
+    distributed.
+    """
     return float(np.quantile(np.abs(off), _SHARE)) / 2
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from analysis.procedures.shared.simulated_touches import STOPS_MM
 from analysis.robot.geometry.iso_cube import (
-    STAND_S,
+    STANDSTILL_S,
     CommandPath,
     Cube,
     Polygon,
@@ -66,7 +66,7 @@ def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None 
         if path.name == "way" or path.name not in legs:
             legs[path.name] = _leg(arm, cube, path, test.path_speed_mm_s, where)
         parts.append(legs[path.name])
-    parts.insert(0, np.tile(parts[0][:1], (int(STAND_S * _RATE_HZ), 1)))
+    parts.insert(0, np.tile(parts[0][:1], (int(STANDSTILL_S * _RATE_HZ), 1)))
     q = np.concatenate(parts)
     t_s = np.arange(len(q)) / _RATE_HZ
     # Index of the present path including the standstill after it; 0 is the standstill before the first.
@@ -86,7 +86,7 @@ def _leg(arm: Arm, cube: Cube, path: CommandPath, speed_mm_s: float, where: str)
     q = joints_along(arm, cube, path, s, where)
     ramp_s = min(speed_mm_s / _ACCELERATION_MM_S2, float(np.sqrt(path.length_mm / _ACCELERATION_MM_S2)))
     whole_s = path.length_mm / (_ACCELERATION_MM_S2 * ramp_s) + ramp_s
-    t = np.arange(0.0, whole_s + STAND_S, 1 / _RATE_HZ)
+    t = np.arange(0.0, whole_s + STANDSTILL_S, 1 / _RATE_HZ)
     speed = _ACCELERATION_MM_S2 * np.clip(np.minimum(t, whole_s - t), 0.0, ramp_s)
     driven = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2) / _RATE_HZ])
     driven = np.clip(driven * path.length_mm / driven[-1], 0.0, path.length_mm)

@@ -24,7 +24,7 @@ from rigs.schema.declared_tests import Touch
 
 STOPS_MM = 0.02
 """Scatter of a coordinate for a guided arm at rest: half of that of programmed stops."""
-_CAME_RAD = (0.1, 0.4)
+_APPROACH_RAD = (0.1, 0.4)
 """Joint motion before a touch, in one direction: the user swings elbow or wrist to the next posture."""
 _POSTURES, _TRIES, _STEPS, _LARGEST_RAD = 300, 20, 25, 0.3
 """Postures tried together, number of attempts, steps to the socket, and largest joint step."""
@@ -97,7 +97,7 @@ def _planned(rig: Rig, rng: np.random.Generator) -> tuple[TouchTable, Array]:
         places += [place] * count
         names += [socket] * count
     order = np.concatenate(q)
-    swing = rng.choice([-1.0, 1.0], order.shape) * rng.uniform(*_CAME_RAD, order.shape)
+    swing = rng.choice([-1.0, 1.0], order.shape) * rng.uniform(*_APPROACH_RAD, order.shape)
     return TouchTable(np.array(names), order, order + swing), np.array(places)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.robot.kinematics.arm import Array, Mask
-from analysis.runs.stands import STANDS_MM, stand_starts
+from analysis.runs.stands import STANDSTILL_MM, standstill_starts
 from analysis.runs.table_layout import RAIL, RAIL_FROM, came_from_columns
 from analysis.runs.table_rows import Rows, joint_cells
 from analysis.runs.tables import PlaceTable, TargetTable
@@ -14,8 +14,8 @@ from analysis.runs.tables import PlaceTable, TargetTable
 def visit_starts(table: TargetTable, labels: Array) -> Mask:
     """Return a mask (n,) of the rows that start a standstill: the joints moved, or the labels (n, k) or the reading
     differ from the previous row."""
-    differs = (np.diff(labels, axis=0) != 0).any(axis=1) | (np.abs(np.diff(table.g_mm)) > STANDS_MM)
-    return stand_starts(table.q, np.asarray(differs))
+    differs = (np.diff(labels, axis=0) != 0).any(axis=1) | (np.abs(np.diff(table.g_mm)) > STANDSTILL_MM)
+    return standstill_starts(table.q, np.asarray(differs))
 
 
 def timed(t_s: Array) -> dict[str, Array]:

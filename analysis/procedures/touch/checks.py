@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from analysis.procedures.checks.checks_of_test import Checks, Finders, PathDeviation
-from analysis.procedures.checks.lost_poses import WILDNESS, wild_touches
+from analysis.procedures.checks.lost_poses import WILDNESS, outlying_touches
 from analysis.procedures.checks.place import off_sockets
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.tables import TouchTable
@@ -15,7 +15,7 @@ class TouchChecks(Checks[TouchTable]):
 
     @property
     def finders(self) -> Finders[TouchTable]:
-        return ((WILDNESS, wild_touches),)
+        return ((WILDNESS, outlying_touches),)
 
     def cannot_tell(self, table: TouchTable, rig: Rig) -> str:
         return "a touch does not have a measured place"

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 from analysis.diagnosis.judge.result import Diagnosis, Named, Rival, likely_rivals
 from analysis.report.answer_words import AnswerWords, fields_of, part_of, shown_parts
-from analysis.report.diagnosis_words import beside_u, micrometres, percent, size, sure
-from analysis.report.stairs import left_words, stairs_of
+from analysis.report.diagnosis_words import micrometres, percent, size, sure, um_with_u
+from analysis.report.stairs import residual_words, stairs_of
 from analysis.report.texts import Texts
 from rigs.effects import Effect
 from rigs.schema.effect_names import name_in_words
@@ -134,7 +134,7 @@ def budget_rows(diagnosis: Diagnosis, texts: Texts) -> list[BudgetRow]:
         row = BudgetRow(
             part=words.part_name(part),
             beside=tuple(filter(None, [words.size_of(part), *doubt, *words.describe_parts_alone(part.shown_together)])),
-            um=beside_u(part.um, part.u_um),
+            um=um_with_u(part.um, part.u_um),
             share=shown,
             width=width,
             rank=part.rank or "",
@@ -192,5 +192,5 @@ def step_table(diagnosis: Diagnosis, texts: Texts) -> StepTable | None:
             if step.part
             else texts("step_start", count=last, name=step.name)
         )
-        rows.append(StepRow(step.name, tuple(map(left_words, step.left)), widths, sentence))
+        rows.append(StepRow(step.name, tuple(map(residual_words, step.left)), widths, sentence))
     return StepTable(tuple(texts(f"runs_{place}") for place in stairs.places), tuple(rows))

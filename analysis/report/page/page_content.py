@@ -189,7 +189,7 @@ def gather(
             problem = f"is of {run.rig.robot.name}, and the report is about {model.robot.name}"
             raise FileError(str(run.path), problem, "make a report for each robot")
         if run.rig.name != runs[0].rig.name:
-            problem = f"is of rig {run.rig.name}, and the report is about rig {runs[0].rig.name}"
+            problem = f"is of rig {run.rig.name}, but the report is about rig {runs[0].rig.name}"
             raise FileError(str(run.path), problem, "make a report for each robot")
     undiagnosed = ""
     if diagnosis is None and diagnosed:

@@ -135,8 +135,9 @@ def checked_section(
     q = random_postures(robot)
     largest_mm, largest_rad = largest_difference(flange_poses(robot, q), source(q))
     if not (largest_mm <= tolerance_mm and largest_rad <= TOLERANCE):
-        problem = f"as modified Denavit-Hartenberg it differs by {largest_mm:.1e} mm and {largest_rad:.1e} rad"
-        raise FileError(str(path), problem, "nothing is written; please report it with this file")
+        apart = f"{largest_mm:.1e} mm and {largest_rad:.1e} rad"
+        problem = f"converted to modified Denavit-Hartenberg parameters, the arm differs by {apart}"
+        raise FileError(str(path), problem, "nothing was written; please report this with the file")
     return RobotSection(robot, text, largest_mm, largest_rad)
 
 

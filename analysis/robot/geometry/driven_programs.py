@@ -129,7 +129,7 @@ def circle_laps(rig: Rig, direction: Direction) -> LapMotion:
     fastest = fastest_joints(t_s, q)
     for axis in np.flatnonzero(fastest > arm.speed):
         most, speed = np.degrees(arm.speed[axis]), np.degrees(fastest[axis])
-        problem = f"axis {axis + 1} would move at {speed:.0f}°/s, it can do {most:.0f}°/s"
+        problem = f"axis {axis + 1} would move at {speed:.0f}°/s, but its limit is {most:.0f}°/s"
         raise PathError(where, problem, "lower speed_mm_s, or move the circle away from the singularity", "speed")
     return LapMotion(t_s, phi, q, circle.laps, way_back(arm, fastest))
 

@@ -246,7 +246,7 @@ _CYCLES: tuple[tuple[PathName, ...], ...] = (
 """Paths per cycle, in order: all cycles of the first entry, then all of the next."""
 _SAME_MM = 1e-6
 """Rounding of a position shared by two paths."""
-STAND_S = 2.0
+STANDSTILL_S = 2.0
 """Standstill before and after each path, by which the tracker's recording is split."""
 
 

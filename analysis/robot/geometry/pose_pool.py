@@ -21,7 +21,7 @@ _MARGIN_RAD = np.radians(5.0)
 _HALF_TURN = np.pi
 """Limit of every joint, whatever its range: cables and hoses."""
 _LEAST_CONDITIONING = 0.01
-_BESIDE_MM = 120.0
+_SIGHT_CLEARANCE_MM = 120.0
 """Distance between arm and line of sight."""
 _AT_TOOL = 0.9
 """Share of the line of sight, from the tracker on, to be free of the arm, which carries the target at the end."""
@@ -127,7 +127,7 @@ def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
         share = np.clip(((way - begin) * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-9), 0, 1)
         # distance from the line between two joints
         away = np.linalg.norm(way - begin - share[..., None] * along, axis=2)
-        seen &= (away > _BESIDE_MM).all(axis=0)
+        seen &= (away > _SIGHT_CLEARANCE_MM).all(axis=0)
     if sight.faces is not None:
         to_tracker = sight.tracker_mm - tool
         looks = _in_base(arm, forward(arm, q))[:, :3, :3] @ sight.faces

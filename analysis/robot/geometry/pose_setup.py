@@ -28,7 +28,7 @@ def socket_design(T: Array, socket: Integers, sockets: int) -> Array:
     return design.reshape(3 * len(T), -1)
 
 
-def left_in_sockets(T: Array, names: NDArray[np.str_]) -> Array:
+def socket_residuals(T: Array, names: NDArray[np.str_]) -> Array:
     """Return the residuals (n, 3) mm of the ball relative to its socket at tool poses T (n, 4, 4) mm.
 
     Ball position on the tool and socket positions, named (n,), are fitted.

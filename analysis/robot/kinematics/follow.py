@@ -45,8 +45,8 @@ def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
         if low[axis] < arm.limits[axis, 0] or high[axis] > arm.limits[axis, 1]:
             raise PathError(
                 where,
-                f"axis {axis + 1} would move {np.degrees(low[axis]):.1f}° … {np.degrees(high[axis]):.1f}°, "
-                f"the limits are {np.degrees(arm.limits[axis]).round(1).tolist()}°",
+                f"axis {axis + 1} would move from {np.degrees(low[axis]):.1f}° to {np.degrees(high[axis]):.1f}°, "
+                f"beyond the limits {np.degrees(arm.limits[axis]).round(1).tolist()}°",
                 "move the path or choose another posture_deg",
                 "limits",
             )

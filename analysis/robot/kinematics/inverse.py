@@ -17,7 +17,7 @@ import numpy as np
 
 from analysis.robot.kinematics.arm import Arm, Array, Mask, blocks
 from analysis.robot.kinematics.closed_form import Canonical, branches, canonical
-from analysis.robot.kinematics.joint_limits import distinct, good, may_hold_twins, off_by, wrapped
+from analysis.robot.kinematics.joint_limits import distinct, good, may_have_duplicates, off_by, wrapped
 from analysis.robot.kinematics.newton import TOLERANCE_MM, from_nearby, newton, null_motion
 
 _SEEDS, _MOST = 96, 16
@@ -83,7 +83,7 @@ def _near_branches(arm: Arm, form: Canonical, poses: Array, theta: Array) -> tup
     q[~solved] = np.nan
     regular = (solved & (regularity >= _REGULAR)) | ~tried
     clear = regular.reshape(-1, 8).all(axis=1)
-    clear &= ~may_hold_twins(turned.reshape(-1, 8, 6).transpose(1, 2, 0), solved.reshape(-1, 8).T)
+    clear &= ~may_have_duplicates(turned.reshape(-1, 8, 6).transpose(1, 2, 0), solved.reshape(-1, 8).T)
     return q.reshape(-1, 8, 6), solved.reshape(-1, 8), clear
 
 
@@ -185,7 +185,7 @@ def _exact(arm: Arm, form: Canonical, poses: Array) -> tuple[Array, Mask]:
         polished = newton(arm, poses[row], q[row, slot])[0]
         q[row, slot] = polished
         solved[row, slot] = good(*off_by(arm, poses[row], polished.T[None]))[0]
-    twins = np.flatnonzero(may_hold_twins(turned, solved.T))
+    twins = np.flatnonzero(may_have_duplicates(turned, solved.T))
     solved[twins] = distinct(arm, q[twins], solved[twins])[1]
     q[~solved] = np.nan
     return q, solved

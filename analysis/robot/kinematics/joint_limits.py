@@ -96,7 +96,7 @@ def distinct(arm: Arm, q: Array, solved: Mask) -> tuple[Array, Mask]:
     return np.where(solved[..., None], q, np.nan), solved
 
 
-def may_hold_twins(turned: Array, solved: Mask) -> Mask:
+def may_have_duplicates(turned: Array, solved: Mask) -> Mask:
     """Return a mask of the poses (n,) that may have duplicate solutions in coupling @ q (k, 6, n) rad.
 
     Solutions are compared by a weighted sum of absolute angles, which is continuous at half a turn.

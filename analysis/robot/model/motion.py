@@ -12,7 +12,7 @@ from rigs.schema.scene import play
 
 _TURN_RAD = np.radians(0.003)
 """Smaller changes are encoder noise, not reversals."""
-_STANDS_S = 0.1
+_STANDSTILL_S = 0.1
 """Window for a standstill: the robot is at rest if all joints turn by less than encoder noise within this time.
 Every program is faster."""
 _INSTANT_S = 1e-6
@@ -46,7 +46,7 @@ class Motion:
     @cached_property
     def _stand_ends(self) -> Integers:
         """The last rows (s,) of all standstills of the robot."""
-        ends = [end - 1 for _, end in standing(self.t_s, self.q, _TURN_RAD, _STANDS_S) if end < len(self.t_s)]
+        ends = [end - 1 for _, end in standing(self.t_s, self.q, _TURN_RAD, _STANDSTILL_S) if end < len(self.t_s)]
         return np.array(ends, dtype=np.intp)
 
 

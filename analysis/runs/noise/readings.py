@@ -59,7 +59,7 @@ def running_median(values: Array) -> Array:
     return medians
 
 
-def is_wild(values: Array) -> Mask:
+def is_outlier(values: Array) -> Mask:
     """Return a mask of readings (n,), in order of time, that differ from their neighbours, as after chips, oil or a
     knock.
 
@@ -77,7 +77,7 @@ def is_wild(values: Array) -> Mask:
 
 
 def beyond_neighbours(away: Array) -> Mask:
-    """Return a mask of distances (n,) too large to belong to the rest, by two robust limits together."""
+    """Return a mask (n,) of the distances that are outliers by two robust limits together."""
     seen = away[:: max(1, len(away) // _SAMPLE)]
     limit = max(_SPREADS * 1.4826 * float(np.median(seen)), _TAIL * float(np.quantile(seen, 0.98)))
     return away > limit if limit > 0 else np.zeros(len(away), dtype=bool)

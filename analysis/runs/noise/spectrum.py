@@ -41,8 +41,9 @@ falls steeply at low orders."""
 _SCALES = (1, 2, 4, 8, 16, 32)
 """Distances in nodes for the differences of a single lap. Chosen: an octave apart, from half a degree to 16°."""
 _CURVED = (0.15, 0.25, 0.4, 0.6, 0.8, 0.9)
-"""Probability that the curve itself contributes at each of these distances: curves of robots have some 0.7 µm at
-orders 16 to 32, and transits of reversals cover up to some degrees."""
+"""Prior probability, for each of _SCALES, that the curve itself contributes to the difference. Curves of robots have
+some 0.7 µm at orders 16 to 32, and transits of reversals cover up to some degrees.
+"""
 _LARGER = 3.0
 """Scale, in the logarithm of the variance, of the factor by which a curve increases a difference. Chosen: a curve
 may greatly exceed the noise."""

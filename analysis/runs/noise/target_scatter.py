@@ -236,8 +236,10 @@ class _Sampler:
         return drawn
 
     def _without_drift(self, weight: Array, total: Array) -> Array:
-        """Return the readings minus a draw of the drift, based on the differences of repeats of the same cell, never
-        on values."""
+        """Return the readings minus a random draw of the drift.
+
+        The drift is estimated only from differences between repeated readings, never from the readings themselves.
+        """
         if self.t_s is None:
             return np.broadcast_to(self.y, weight.shape)
         d = self.shapes.shape[-1]
@@ -344,7 +346,9 @@ class SphereLevel:
         return best, cell
 
     def _tilt_from(self, rng: np.random.Generator, precision: Array, mean: Array) -> None:
-        """Draw the tilt with zero mean over the orientations, because their common part belongs to the targets."""
+        """Draw the tilt of each orientation. The mean over the orientations is set to zero, because a common part
+        cannot be distinguished from the targets.
+        """
         if self._alone:
             return
         total = precision.sum(axis=1)

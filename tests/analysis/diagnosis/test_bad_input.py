@@ -127,8 +127,8 @@ def test_targets_that_are_read_while_the_robot_moves_are_counted() -> None:
     left = table.g_mm.copy()
     left[::9] += 7.0
     found = found_in([measured(replace(table, g_mm=left), "radial", "radial")])
-    (doubt,) = [doubt for doubt in found.doubts if "wild" in doubt]
-    assert doubt.startswith(f"{len(left[::9])} of {len(left)} readings at the targets of radial are wild, up to 7.")
+    (doubt,) = [doubt for doubt in found.doubts if "are outliers" in doubt]
+    assert doubt.startswith(f"{len(left[::9])} of {len(left)} readings at the targets of radial are outliers, up to 7.")
     assert found.train.after_um < 500, "they do not judge the model"
 
 
@@ -137,7 +137,7 @@ def test_targets_alone_draw_no_name_of_a_healthy_robot(test: str) -> None:
     run = measured(table_of(test, None, 28), test, test)  # type: ignore[arg-type]
     found = found_in([run])
     assert found.condition in ("nothing_unusual", "not_testable_here") and found.effects == ()
-    assert _has_doubt(found, "the robot stood at every reading") and not _has_doubt(found, "wild")
+    assert _has_doubt(found, "the robot was at rest at every reading") and not _has_doubt(found, "outlier")
     assert found.maps and not found.curves
 
 
@@ -153,7 +153,7 @@ def test_a_single_radial_run_names_the_true_geometry_or_a_rival_of_it() -> None:
 def test_poses_of_a_healthy_robot_draw_no_name() -> None:
     found = found_in([poses(1)])
     assert found.condition == "nothing_unusual" and found.effects == ()
-    assert _has_doubt(found, "the robot stood at every reading") and found.maps[0].test == "pose"
+    assert _has_doubt(found, "the robot was at rest at every reading") and found.maps[0].test == "pose"
 
 
 def test_poses_name_a_zero_that_is_off() -> None:
@@ -194,7 +194,7 @@ def test_a_run_of_which_every_pose_is_wild_is_left_out() -> None:
             measured(PoseTable(table.q[last], off, None), "pose", "bumped"),
         ]
     )
-    assert found.condition == "named" and _has_doubt(found, "poses of pose are wild, up to ")
+    assert found.condition == "named" and _has_doubt(found, "poses of pose are outliers, up to ")
 
 
 def test_runs_about_two_balls_have_two_set_ups() -> None:
@@ -217,7 +217,7 @@ def test_one_reading_in_a_hundred_that_is_wild_is_counted_and_follows_its_neighb
         wild.append(replace(run, table=replace(table, g_mm=table.g_mm + hit * off)))
         hits += int(hit.sum())
     ((found,), told), ((sound,), _) = prepare_runs(RIG, wild), prepare_runs(RIG, runs)
-    (words,) = [words for words in told if "readings of circles are wild" in words]
+    (words,) = [words for words in told if "readings of circles are outliers" in words]
     assert abs(int(words.split()[0]) - hits) < 0.1 * hits
     for one, other in zip(found, sound, strict=True):
         # Two wild neighbours out of seven still leave their median; more, now and then, do not.

@@ -10,7 +10,7 @@ import pytest
 
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs
-from analysis.diagnosis.fit.discrepancy import beside_discrepancy
+from analysis.diagnosis.fit.discrepancy import add_discrepancy
 from analysis.diagnosis.fit.effort import Effort
 from analysis.diagnosis.fit.free_forms import discrepancy_evidence, discrepancy_functions
 from analysis.diagnosis.fit.search import SearchResult, search
@@ -120,7 +120,7 @@ def test_a_discrepancy_is_there_in_a_foreign_world_alone_and_widens_what_is_know
 def test_nothing_changes_where_nothing_is_foreign() -> None:
     selection = Selection(holding(healthy(), white(healthy(), 5)), healthy_columns())
     state = selection.initial_state(())
-    assert beside_discrepancy(selection, state) == (selection, state)
+    assert add_discrepancy(selection, state) == (selection, state)
 
 
 def test_a_search_ends_when_its_effort_is_spent() -> None:

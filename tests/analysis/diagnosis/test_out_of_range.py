@@ -114,5 +114,5 @@ def test_no_model_of_it_is_written(tmp_path: Path) -> None:
     assert [path.name for path in written] == ["diagnosis.json", "diagnosis.png"]
     answer = json.loads(written[0].read_text())
     assert answer["condition"] == "out_of_range" and answer["accuracy"]["calibrated_um"] is None
-    with pytest.raises(FileError, match="joint_offset 5 is further off than rig corrects"):
+    with pytest.raises(FileError, match="joint_offset 5 is beyond the range that rig corrects"):
         write_model(found, "name: cell\n", tmp_path / "cell.yaml")

@@ -13,7 +13,7 @@ from analysis.procedures.prediction import nominal_setup, path_of, predict
 from analysis.procedures.touch import evaluate as touch
 from analysis.robot.kinematics.arm import arm_of
 from analysis.robot.model.predict import model_of
-from analysis.runs.stands import rows_a_stand
+from analysis.runs.stands import rows_per_standstill
 from analysis.runs.tables import PoseTable, TouchTable
 from rigs.effects import Backlash, ThermalGrowth
 from rigs.load import load
@@ -79,6 +79,6 @@ def test_a_fit_sees_the_rows_in_one_order() -> None:
 
 def test_chance_neighbours_are_no_stand() -> None:
     visits = PoseTable(Q, XYZ, None)
-    assert rows_a_stand(visits).tolist() == [1] * 60
+    assert rows_per_standstill(visits).tolist() == [1] * 60
     stands = replace(visits, q=np.repeat(Q[:20], 3, axis=0), xyz_mm=np.repeat(XYZ[:20], 3, axis=0))
-    assert rows_a_stand(stands).max() >= 3
+    assert rows_per_standstill(stands).max() >= 3

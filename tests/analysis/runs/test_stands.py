@@ -1,5 +1,7 @@
-"""Stands of a recorded motion, with bad rows of the robot's feedback among them; several readings of one stand are one
-reading, and figures are those of the stands."""
+"""Standstills of a recorded motion, also with bad rows of the feedback.
+
+Several readings of one standstill count as one reading, and the figures are those of the standstills.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ import numpy as np
 import pytest
 
 from analysis.procedures.pose import evaluate as pose
-from analysis.runs.stands import one_row_a_stand, rows_a_stand, stands_of
+from analysis.runs.stands import average_standstills, rows_per_standstill, stands_of
 from analysis.runs.tables import PoseTable, RepeatabilityTable
 from tests.analysis.procedures.checks.test_lost_poses import table
 from tests.worlds import planted
@@ -57,8 +59,8 @@ def read_thrice(one: PoseTable, noise_mm: float = 0.005) -> PoseTable:
 
 def test_three_readings_of_a_stand_are_one_and_no_visits() -> None:
     sound = table(40, turned=True)
-    found = one_row_a_stand(read_thrice(sound))
-    assert rows_a_stand(read_thrice(sound)).tolist() == [3] * 40
+    found = average_standstills(read_thrice(sound))
+    assert rows_per_standstill(read_thrice(sound)).tolist() == [3] * 40
     assert isinstance(found, PoseTable) and found.rpy is not None and sound.rpy is not None
     np.testing.assert_allclose(found.xyz_mm, sound.xyz_mm, atol=0.02)
     np.testing.assert_allclose(found.rpy, sound.rpy, atol=1e-9)
@@ -74,8 +76,8 @@ def test_visits_after_a_move_are_visits_and_their_scatter_is_that_of_stands() ->
     sound = table(12)
     rng = np.random.default_rng(5)
     laps = PoseTable(np.tile(sound.q, (4, 1)), np.tile(sound.xyz_mm, (4, 1)) + rng.normal(0, 0.03, (48, 3)), None)
-    assert one_row_a_stand(laps) is laps
-    found = one_row_a_stand(read_thrice(laps))
+    assert average_standstills(laps) is laps
+    found = average_standstills(read_thrice(laps))
     assert isinstance(found, PoseTable)
     plain, averaged = (pose.evaluate(one, planted.ur10(), 0.02).figures["rp_mm"].value for one in (laps, found))
     assert averaged == pytest.approx(plain, rel=0.1)
@@ -85,7 +87,7 @@ def test_a_wild_or_lost_reading_is_not_averaged_with_sound_ones() -> None:
     thrice = read_thrice(table(20))
     xyz = thrice.xyz_mm.copy()
     xyz[10], xyz[31] = 0.0, xyz[31] + 600.0
-    found = one_row_a_stand(replace(thrice, xyz_mm=xyz))
+    found = average_standstills(replace(thrice, xyz_mm=xyz))
     result = pose.evaluate(found, planted.ur10(), 0.02, same_rad=1e-9)  # type: ignore[arg-type]
     assert "rows 11 and 32" in result.notes[0]
     assert result.figures["rms_mm"].value < 0.2
@@ -109,7 +111,7 @@ def test_readings_of_one_approach_are_one_visit() -> None:
         for name in ("target", "approach", "round", "t_s", "q", "g_mm")
     }
     repeated["g_mm"] = repeated["g_mm"] + np.tile([-1e-3, 0.0, 1e-3], 2 * rounds)
-    found = one_row_a_stand(RepeatabilityTable(**repeated))
+    found = average_standstills(RepeatabilityTable(**repeated))
     assert isinstance(found, RepeatabilityTable) and len(found.q) == 10
     np.testing.assert_allclose(found.g_mm, g_mm, atol=1e-12)
     assert found.approach.tolist() == visits.approach.tolist() and found.round.tolist() == visits.round.tolist()

@@ -12,7 +12,7 @@ from daq.gauges.heidenhain_nd287 import STATUS_EVERY
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.polled import PAUSE_NS
 from tests.support.drivers import SERIAL, gauge
-from tests.support.replies import POLLED, Told
+from tests.support.replies import POLLED, ExpectedFault
 from tests.support.simulated_conversation import S, Script, asked
 
 CASES = [(name, reply) for name, asked_ in POLLED.items() for reply in asked_.replies]
@@ -25,7 +25,7 @@ def test_each_reply_becomes_a_reading_or_is_told(name: str, reply: bytes) -> Non
     requested_ns, expected = script.now_ns, case.replies[reply]
     step = script.receive(reply, S)
     (item,) = script.taken()
-    if isinstance(expected, Told):
+    if isinstance(expected, ExpectedFault):
         assert isinstance(item, Fault) and item.kind is expected.kind and step.send == b""
         assert [word for word in expected.words if word not in item.detail] == []
         assert "; " in item.detail, "a fault says what to do"

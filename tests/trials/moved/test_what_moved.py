@@ -119,7 +119,7 @@ def test_readings_of_other_sockets_are_refused() -> None:
     sockets, q = drawn.touch_again(6)
     far = q + np.radians([20, 0, 0, 0, 0, 0])
     reference = observed(drawn.model, drawn.sockets, drawn.before)
-    with pytest.raises(FileError, match="mm from where the reference has them"):
+    with pytest.raises(FileError, match="mm from the positions of the reference"):
         what_moved(reference, observed(drawn.model, sockets, far))
     with pytest.raises(FileError, match="in no reference run"):
         what_moved(reference, observed(drawn.model, ["C"] * 6, q))

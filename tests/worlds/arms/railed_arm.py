@@ -12,13 +12,14 @@ import numpy as np
 
 from analysis.runs.tables import PoseTable, TouchTable
 from rigs.schema.robot import Robot
-from tests.worlds.arms.seven_axes import CAME_RAD, Array, Truth, corrected, draw_postures, seated
+from tests.worlds.arms.seven_axes import APPROACH_RAD, Array, Truth, corrected, draw_postures, seated
 
 
 @dataclass(frozen=True)
 class RailTruth:
-    """Errors in mm per metre of travel along the rail, sideways and in height. waves: for each of them number of
-    waves per metre, amplitude (mm) and phase.
+    """Errors of a rail, in mm per metre of travel.
+
+    waves: periodic errors, each with its direction (0 to 2), number of waves per metre, amplitude in mm, and phase.
     """
 
     along: float
@@ -71,7 +72,9 @@ def railed_touches(
         for _ in range(touches // len(places)):
             e1_mm = rng.uniform(socket[0] - 400, socket[0] + 400)
             nominal = seated(robot, rng, socket - [e1_mm, 0, 0], ball_mm, 1)
-            before = nominal + rng.choice([-1, 1], nominal.shape) * rng.uniform(CAME_RAD, 3 * CAME_RAD, nominal.shape)
+            before = nominal + rng.choice([-1, 1], nominal.shape) * rng.uniform(
+                APPROACH_RAD, 3 * APPROACH_RAD, nominal.shape
+            )
             seat = socket + rng.normal(0, arm.scatter_mm, 3) - rail.base_mm(np.array([e1_mm]))[0]
             q.append([*corrected(robot, arm, nominal, before, seat, ball_mm)[0], e1_mm / 1000.0])
             came.append([*before[0], e1_mm / 1000.0])

@@ -22,7 +22,7 @@ from rigs.schema.robot import Robot
 from tests.worlds.stranger.screws import Arm, Constants, arm_from, pose, torque_nm
 
 Array = NDArray[np.float64]
-CAME_RAD = 0.15
+APPROACH_RAD = 0.15
 """Minimum joint motion before a touch, sufficient to take up any backlash."""
 SOUND_DEG, SOUND_MM = 0.015, 0.15
 """Standard deviations of zeros and twists, and of lengths, of a sound arm."""
@@ -317,7 +317,9 @@ def touch_table(
         socket = somewhere(rng, reach_mm(robot)) if given is None else given
         count = touches // len(places)
         nominal = seated(robot, rng, socket, ball_mm, count)
-        before = nominal + rng.choice([-1, 1], nominal.shape) * rng.uniform(CAME_RAD, 3 * CAME_RAD, nominal.shape)
+        before = nominal + rng.choice([-1, 1], nominal.shape) * rng.uniform(
+            APPROACH_RAD, 3 * APPROACH_RAD, nominal.shape
+        )
         seat = socket + rng.normal(0, truth.scatter_mm, (count, 3))
         q += [
             corrected(robot, truth, here[None], there[None], place, ball_mm)[0]

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analysis.apps.emulate.pendant import interpret
-from analysis.apps.makers.emulated import Array, Event, LinearMove, Machine, Round, Stood
+from analysis.apps.makers.emulated import Array, Event, LinearMove, Machine, PointToPointMove, Round
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
 from tests.worlds.interpreters.arms import flange_of, pose_of
@@ -43,7 +43,7 @@ def paths(events: list[Event]) -> list[LinearMove | Round]:
 
 def stops(events: list[Event]) -> tuple[Array, Rotation]:
     """Return positions (n, 3) mm and orientations of all stops after a motion."""
-    poses = [event.pose if isinstance(event, Stood) else event.end for event in events if _ends(event)]  # type: ignore[union-attr]
+    poses = [event.pose if isinstance(event, PointToPointMove) else event.end for event in events if _ends(event)]  # type: ignore[union-attr]
     return np.array([pose.place for pose in poses]), Rotation.concatenate([pose.turn for pose in poses])
 
 
@@ -51,4 +51,4 @@ def _ends(event: Event) -> bool:
     if isinstance(event, LinearMove | Round):
         moves = event.length_mm > ROUNDING or (event.begin.turn.inv() * event.end.turn).magnitude() > ROUNDING
         return event.stops and moves
-    return isinstance(event, Stood)
+    return isinstance(event, PointToPointMove)

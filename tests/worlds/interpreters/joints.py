@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analysis.apps.makers.emulated import Array, Event, LinearMove, PostureFlags, Round, Stood, ToolPose
+from analysis.apps.makers.emulated import Array, Event, LinearMove, PointToPointMove, PostureFlags, Round, ToolPose
 from rigs.rig import Rig
 from tests.worlds.interpreters.arms import flange_of, pose_of
 
@@ -37,7 +37,7 @@ def postures(rig: Rig, events: list[Event], q: Array) -> list[tuple[Array, Postu
             for place, turn in zip(*event.at(_SAMPLES), strict=True):
                 q = _reached(missing, q, ToolPose(place, turn))
             end = event.end
-        elif isinstance(event, Stood):
+        elif isinstance(event, PointToPointMove):
             q = q if event.q is None else event.q
             end = event.pose
         else:

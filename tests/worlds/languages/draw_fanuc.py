@@ -112,7 +112,7 @@ class Writer:
         self.others.append((name, what))
 
     def line(self, text: _Text, scope: _Scope) -> list[str]:
-        """Return one or more lines."""
+        """Return one or more random lines of a program. They contain difficult statements unless `pen.plain` is set."""
         plain = [
             (3.0, lambda: self.move(text, scope)),
             (1.0, lambda: self.joint(text, scope, self.pen.near())),

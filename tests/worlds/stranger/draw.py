@@ -31,7 +31,7 @@ WEIGHTS = {
 HAS_FORM = ("backlash", "transmission_error", "compliance", "reversal_spike", "thermal_growth", "ball_form",
             "gauge_dead_band", "gauge_cyclic", "gauge_drift", "servo_lag")  # fmt: skip
 """Effects that can occur with a form different from the vocabulary."""
-HAS_LOOKS = ("transmission_error", "reversal_spike", "compliance", "thermal_growth", "gauge_cyclic", "ball_form",
+VISIBLE_BY_SHAPE = ("transmission_error", "reversal_spike", "compliance", "thermal_growth", "gauge_cyclic", "ball_form",
              "vibration")  # fmt: skip
 """Effects whose shape determines their visibility."""
 DENSE = 0.2
@@ -41,8 +41,11 @@ _TRIES = 200
 
 @dataclass(frozen=True)
 class Hidden:
-    """A fault with its SNR against noise and background, its SNR against noise only, the names it cannot be
-    distinguished from in these tests, and the nearest other name with its distance in sigma (noise only).
+    """A hidden fault and its visibility in the runs.
+
+    snr: signal-to-noise ratio against noise and background. snr_noise: the same against noise only. twins: names of
+    effects that the tests cannot distinguish from it. rival, rival_sigma: the nearest other effect, and its distance in
+    sigma with noise only.
     """
 
     fault: Fault
@@ -74,7 +77,7 @@ def background(
         sign = rng.choice([-1.0, 1.0]) if effect in SIGNED else 1.0
         if fault.name in names:
             made = fault.sized(float(sign * part * share[fault.name] * fault.healthy))
-            if dense and effect in HAS_LOOKS:
+            if dense and effect in VISIBLE_BY_SHAPE:
                 sigma = float(np.linalg.norm(dense.of([made])))
                 made = made.sized(made.size * min(1.0, DENSE * LEAST_SNR / max(sigma, 1e-9)))
             found.append(made)

@@ -15,7 +15,7 @@ GAUGES = ("g1", "g2")
 AXES = range(1, 7)
 ON_AXES = ("joint_offset", "backlash", "reversal_spike", "servo_lag", "compliance", "link_bending")
 ON_GAUGES = ("gauge_scale", "gauge_inclination", "gauge_dead_band", "gauge_drift", "gauge_cyclic")
-ALONE = ("gauge_baseline", "thermal_growth", "time_lag", "clock_rate", "ball_form", "vibration")
+SINGLE_EFFECTS = ("gauge_baseline", "thermal_growth", "time_lag", "clock_rate", "ball_form", "vibration")
 
 
 def everything() -> list[tuple[str, dict[str, Key]]]:
@@ -26,7 +26,7 @@ def everything() -> list[tuple[str, dict[str, Key]]]:
     found += [("link_geometry", {"axis": 3, "field": "beta"})]
     found += [("wrist_coupling", {"from_axis": before, "to_axis": after}) for before, after in COUPLED]
     found += [(effect, {"gauge": gauge}) for effect in ON_GAUGES for gauge in GAUGES]
-    return found + [(effect, {}) for effect in ALONE]
+    return found + [(effect, {}) for effect in SINGLE_EFFECTS]
 
 
 def looks(effect: str, keys: dict[str, Key]) -> list[Fault]:

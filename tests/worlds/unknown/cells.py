@@ -82,7 +82,7 @@ class Known:
     """Wave of one gear: axis, order per turn of the joint, amplitude in rad, phase in rad."""
 
     def arm(self, nominal: Arm) -> Arm:
-        """Return the arm with these constants."""
+        """Return the nominal arm with these deviations added to its constants."""
         return replace(
             nominal,
             a=nominal.a + self.a,

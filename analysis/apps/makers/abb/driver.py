@@ -174,7 +174,7 @@ class _AbbController:
     def _limits(self, name: str) -> MoveLimits:
         mm_s, deg_s, *_ = self._of(name, "speeddata")
         if not (mm_s > 0 and deg_s > 0):
-            raise ProgramError(f"{name} is no speed")
+            raise ProgramError(f"{name} is not a speed")
         return MoveLimits(mm_s=mm_s, rad_s=np.radians(deg_s), mm_s2=self._mm_s2)
 
     def _frames(self, words: list[str]) -> None:

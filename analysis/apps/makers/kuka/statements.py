@@ -258,7 +258,7 @@ def read_statement(reader: KrlReader, file: int, begin: int, line: str) -> None:
         _functions(reader, file, begin, line)
         _move(reader, file, begin, line, move)
     elif interrupt := _BESIDE.match(line):
-        _runs_beside(reader, file, begin, interrupt)
+        _runs_concurrently(reader, file, begin, interrupt)
     elif not _flow(reader, blocks, file, begin, line, word):
         _other(reader, blocks, file, begin, line)
 
@@ -291,7 +291,7 @@ def read_submit(reader: KrlReader, file: int) -> None:
                     file, begin, f"{reader.names[file]} runs in parallel and may set the value at any moment"
                 )
                 body_of_call = _written_by(reader, file, begin, call[1], line[call.end() :])
-                _writes_beside(reader, file, begin, why, body_of_call)
+                _writes_concurrently(reader, file, begin, why, body_of_call)
     reader.routines[f"\0{file}"] = tuple(body)
 
 
@@ -361,7 +361,7 @@ def _flow(reader: KrlReader, blocks: Blocks, file: int, begin: int, line: str, w
     return True
 
 
-def _runs_beside(reader: KrlReader, file: int, begin: int, interrupt: re.Match[str]) -> None:
+def _runs_concurrently(reader: KrlReader, file: int, begin: int, interrupt: re.Match[str]) -> None:
     """Add the action of an interrupt or a trigger, which may happen at any moment."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     action = interrupt[1]
@@ -374,10 +374,10 @@ def _runs_beside(reader: KrlReader, file: int, begin: int, interrupt: re.Match[s
             reader.routines[key] = tuple(inner.blocks.body)
             reader.beside.append(Call(key, reader.why(file, begin, "an interrupt may set the value at any moment")))
         return
-    _calls_beside(reader, file, begin, action)
+    _calls_concurrently(reader, file, begin, action)
 
 
-def _calls_beside(reader: KrlReader, file: int, begin: int, text: str) -> None:
+def _calls_concurrently(reader: KrlReader, file: int, begin: int, text: str) -> None:
     """Add calls that may happen at any moment."""
     for call in _CALL.finditer(text):
         statement, of_system = reader.call_of(file, begin, call[1]), FUNCTIONS | WRITING
@@ -387,10 +387,12 @@ def _calls_beside(reader: KrlReader, file: int, begin: int, text: str) -> None:
         elif reader.defined(file, call[1]) or call[1].upper() not in of_system:
             reader.beside.append(Call(f"\0{call[1]}", why))
         if reader.defined(file, call[1]) or call[1].upper() not in FUNCTIONS:
-            _writes_beside(reader, file, begin, why, _written_by(reader, file, begin, call[1], text[call.end() :]))
+            _writes_concurrently(
+                reader, file, begin, why, _written_by(reader, file, begin, call[1], text[call.end() :])
+            )
 
 
-def _writes_beside(reader: KrlReader, file: int, begin: int, why: Unknown, body: list[Statement]) -> None:
+def _writes_concurrently(reader: KrlReader, file: int, begin: int, why: Unknown, body: list[Statement]) -> None:
     """Add statements that may run at any moment, if there are any."""
     if body:
         key = f"\0{file}:{begin}:{len(reader.beside)}"
@@ -406,7 +408,7 @@ def _other(reader: KrlReader, blocks: Blocks, file: int, begin: int, line: str) 
     if assigned := _ASSIGNED.fullmatch(line):
         _functions(reader, file, begin, assigned["right"])
         if _CYCLICAL.match(line):
-            _calls_beside(reader, file, begin, assigned["right"])
+            _calls_concurrently(reader, file, begin, assigned["right"])
         blocks.add(*_assigned(reader, file, begin, re.sub(r"\s", "", assigned["left"]).upper(), assigned["right"]))
         return
     if _DECLARATION.fullmatch(line):

@@ -98,7 +98,7 @@ def _with_targets(plan: MotionPlan, targets: Sequence[PlannedTarget], lines: Seq
     for line, target in zip(lines, targets, strict=True):
         for axis in np.flatnonzero((target.q < plan.arm.limits[:, 0]) | (target.q > plan.arm.limits[:, 1])):
             at_deg, (low, high) = np.degrees(target.q[axis]), np.degrees(plan.arm.limits[axis])
-            problem = f"axis {axis + 1} would be at {at_deg:.3f}°, the limits are {low:g}° and {high:g}°"
+            problem = f"axis {axis + 1} would be at {at_deg:.3f}°, beyond the limits {low:g}° and {high:g}°"
             raise FileError(f"{where}, line {line}", problem, "move the test away from the limit")
     new = {id(old_target): new_target for old_target, new_target in zip(old, targets, strict=True)}
     steps: list[Step] = [Comment(f"the targets are corrected by up to {farthest:.2f} mm")]

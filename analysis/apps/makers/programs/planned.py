@@ -48,7 +48,7 @@ from analysis.robot.geometry.driven_programs import (
 )
 from analysis.robot.geometry.iso_cube import (
     ORDER,
-    STAND_S,
+    STANDSTILL_S,
     CommandPath,
     Cube,
     Polygon,
@@ -129,7 +129,7 @@ _APPROACH_MM_S = 10.0
 """Speed of the short moves of the repeatability test."""
 _SAME_DECIMALS = 6
 """Decimals of joint angles in rad for equal targets; further decimals differ only by rounding."""
-_STAND_S = 3.0
+_STANDSTILL_S = 3.0
 """Standstill before the motion. Automatic runs detect a program by a standstill of `still_s`, by default 2 s."""
 
 
@@ -263,7 +263,7 @@ def _plan(
         JointMove(start, _APPROACH_RAD_S),
         StraightMove(start, _APPROACH_MM_S, q=np.stack([start.q] * 2)),
     ]
-    steps = [*approach, *hold, Dwell(_STAND_S), *begin, *motion, *end, Dwell(_STAND_S)]
+    steps = [*approach, *hold, Dwell(_STANDSTILL_S), *begin, *motion, *end, Dwell(_STANDSTILL_S)]
     return MotionPlan(
         name=" ".join(filter(None, [test, direction, rig.name])),
         arm=arm,
@@ -327,7 +327,7 @@ def path_plan(rig: Rig, percent: int) -> MotionPlan:
     paths = list(in_order(cube, test.path_cycles))
     begin = targets_at(arm, joints_along(arm, cube, paths[0], np.zeros(1), where))[0]
     steps: list[Step] = [JointMove(begin, _TO_START_RAD_S), Hold("start the recording of the tracker, continue")]
-    steps.append(Dwell(STAND_S))
+    steps.append(Dwell(STANDSTILL_S))
     drive: dict[str, list[Move]] = {}
     count = Counter[str]()
     for path in paths:
@@ -336,7 +336,7 @@ def path_plan(rig: Rig, percent: int) -> MotionPlan:
         count[path.name] += 1
         if path.name != "way":
             steps.append(Comment(f"{path.name.replace('_', ' ')} {count[path.name]}"))
-        steps += [*drive[path.name], Dwell(STAND_S)]
+        steps += [*drive[path.name], Dwell(STANDSTILL_S)]
     return tracker_plan(rig, f"path {percent} {rig.name}", steps)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.makers.corrected_program import GIVEN_AWAY, MOST_MM, CorrectedProgram
+from analysis.apps.makers.corrected_program import MOST_MM, REMAINING_SHARE, CorrectedProgram
 from analysis.correction.corrected_targets import WorkError
 from analysis.correction.reasons import WHY
 from analysis.robot.kinematics.arm import Array
@@ -63,7 +63,7 @@ def lines(program: CorrectedProgram) -> list[str]:
     if len(given_away := program.given_away_mm[np.isfinite(program.given_away_mm)]):
         text_lines.append(
             f"  {targets_in_words(len(given_away))} used with an offset: the offset positions get the same "
-            f"correction and stay up to {given_away.max():.3f} mm off (at most {100 * GIVEN_AWAY:.0f} % of "
+            f"correction and stay up to {given_away.max():.3f} mm off (at most {100 * REMAINING_SHARE:.0f} % of "
             "the corrected error, or its uncertainty)"
         )
     if count and program.rounded_um.max() > _SHOWN_UM:
@@ -153,7 +153,7 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
             "largest_given_away_mm": (
                 float(np.nanmax(program.given_away_mm)) if np.isfinite(program.given_away_mm).any() else None
             ),
-            "bound_share": GIVEN_AWAY,
+            "bound_share": REMAINING_SHARE,
         },
         "notices": [
             {"file": program.sources[notice.file], "line": notice.line, "text": notice.text}

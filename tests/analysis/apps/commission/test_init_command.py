@@ -253,7 +253,7 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
         (["--key", "g3.units=mm"], 2, "SECTION.KEY=VALUE"),
         (["--key", "g1.units=[", "--robot", "x"], 3, "not YAML"),
         (["--baseline-mm", "0"], 2, "baseline-mm"),
-        (["--baseline-mm", "5", "--robot", "x"], 3, "too small for two gauges, whose bodies are 8 mm thick"),
+        (["--baseline-mm", "5", "--robot", "x"], 3, "too small for two gauges with bodies of 8 mm"),
         (["--name", "My Cell", "--robot", "x"], 3, "--name"),
         (["--key", "g1.interface=tesa_tt", "--robot", "x"], 2, "add --g1 PORT"),
         (["--measured-by", "tracker", "--robot", "x"], 2, "--robot: is not used with a tracker"),

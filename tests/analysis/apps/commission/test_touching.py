@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.apps.commission.touched_ball import STANDS_S, Touching
+from analysis.apps.commission.touched_ball import REST_S, Touching
 from analysis.procedures.shared.simulated_touches import planned_touches
 from analysis.robot.geometry.pose_setup import moved_by
 from analysis.robot.kinematics.arm import Array, arm_of
@@ -37,7 +37,7 @@ def guided(postures: Array, came_from: Array) -> Array:
     for here, before in zip(np.degrees(postures), np.degrees(came_from), strict=True):
         for start, end in ((at, before), (before, here)):
             rows += list(start + np.linspace(0, 1, 20)[:, None] * (end - start))
-        rows += [here] * round((STANDS_S + 1.0) / EVERY_S)
+        rows += [here] * round((REST_S + 1.0) / EVERY_S)
         at = here
     return np.array(rows)
 

@@ -264,7 +264,7 @@ def test_targets_where_nothing_was_measured_are_doubted(tmp_path: Path) -> None:
     targets = correct_rig(_rig(ZERO_3.model_copy(update={"found": near})), _path(tmp_path)).path
     assert targets and len(targets[2].doubts) == 2
     assert "2 of 3 targets are at places without a known uncertainty" in targets[2].doubts[0]
-    assert "axis 6 stands at 0.0° to 100.0°, 2 of 3 outside 0.0° to 5.0°" in targets[2].doubts[1]
+    assert "axis 6 is at 0.0° to 100.0°, 2 of 3 outside 0.0° to 5.0°" in targets[2].doubts[1]
     assert targets[2].covered is not None and targets[2].covered.tolist() == [True, False, False]
     assert np.isnan(targets[2].u_mm).tolist() == np.isnan(targets[2].u_frame_mm).tolist() == [False, True, True]
 
@@ -338,7 +338,7 @@ def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: 
     [
         (HEAD, "A,0,20,ten,0,60,0", "line 2, q3_deg: 'ten' is not a number"),
         (HEAD, "A,0,20,10,0,60", "line 2: has 6 fields, but the header has 7"),
-        (HEAD, "A,0,20,10,0,200,0", "line 2: axis 5 would be at 200.000°, the limits are -140° and 140°"),
+        (HEAD, "A,0,20,10,0,200,0", "line 2: axis 5 would be at 200.000°, beyond the limits -140° and 140°"),
         ("x_mm,y_mm,z_mm", "900,0,0", "has no column rx_deg, ry_deg, rz_deg"),
         ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", "9000,0,0,0,180,0", "line 2: is out of the nominal arm's reach"),
         (f"{HEAD},u_um", "A,0,20,10,0,60,0,1", "is the path already corrected?"),

@@ -118,7 +118,7 @@ def test_a_ball_that_was_not_seated_is_left_out() -> None:
 
 def test_rows_of_other_touches_are_refused() -> None:
     table = touches()
-    with pytest.raises(FileError, match="mm apart in its rows"):
+    with pytest.raises(FileError, match="mm apart, whatever the place"):
         fit_pair(pair_of(*rigs(), replace(table, p=np.roll(table.p, 1, axis=0)), "t"))
 
 
@@ -185,7 +185,7 @@ def test_planned_touches_seat_the_ball_within_limits_and_show_more_than_random_o
 
 
 def test_arms_that_do_not_reach_each_other_are_refused() -> None:
-    with pytest.raises(FileError, match="meet in 0 postures, with the bases 4000 mm apart"):
+    with pytest.raises(FileError, match="meet in only 0 postures, with the bases 4000 mm apart"):
         plan_touches(*placed_rigs(4000.0), 20, "t")
 
 
@@ -232,10 +232,10 @@ def mixed(table: PairTable) -> PairTable:
         (still, "p1_deg … p7_deg are the same in all rows: right stood still"),
         (lambda t: replace(t, q=np.radians(t.q), p=np.radians(t.p)), "look like radians"),
         (lambda t: replace(t, p=np.radians(t.p)), "p1_deg … p7_deg within ±6.3, which look like radians"),
-        (lambda t: t.rows(np.arange(len(t.q)) < 8), "has 8 touches with both arms, and at least 12"),
+        (lambda t: t.rows(np.arange(len(t.q)) < 8), "has 8 touches with both arms; at least 12"),
         (lambda t: replace(t, p=np.full_like(t.p, np.nan)), "has 0 touches with both arms"),
         (lambda t: replace(t, p=t.p[:, :5]), "lacks the columns p6_deg … p7_deg of right"),
-        (lambda t: replace(t, q=np.column_stack([t.q, t.q[:, :1]])), "has q7_deg, and left has 6 axes"),
+        (lambda t: replace(t, q=np.column_stack([t.q, t.q[:, :1]])), "has q7_deg, but left has 6 axes"),
         (half_empty, "line 6: some of p1_deg … p7_deg are empty"),
         (mixed, "socket A is on the second arm in some rows and fixed in others"),
     ],
@@ -305,9 +305,9 @@ def test_a_table_of_two_arms_is_no_table_of_a_fixed_socket(tmp_path: Path) -> No
     [
         (("ur10e", "kuka-lbr-iiwa-14"), 2, "either a table of touches or --plan"),
         (("ur10e", "kuka-lbr-iiwa-14", "t.csv", "--base", "1,2,3"), 2, "--base: is allowed only with --plan"),
-        (("ur10e", "kuka-lbr-iiwa-14", "--plan", "20"), 3, "base where the first arm has its own"),
-        (("ur10e", "kuka-lbr-iiwa-14", "--plan", "20", "--base", "1,2"), 2, "'1,2' is no pose"),
-        (("ur10e", "ur10e", "t.csv"), 3, "has the name"),
+        (("ur10e", "kuka-lbr-iiwa-14", "--plan", "20"), 3, "base at the same place as the first arm"),
+        (("ur10e", "kuka-lbr-iiwa-14", "--plan", "20", "--base", "1,2"), 2, "'1,2' is not a pose"),
+        (("ur10e", "ur10e", "t.csv"), 3, "has the same name"),
         (("ur10e", "kuka-lbr-iiwa-14", "none.csv"), 3, "none.csv"),
     ],
 )

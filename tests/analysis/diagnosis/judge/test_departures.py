@@ -10,7 +10,7 @@ import pytest
 from analysis.diagnosis.evidence.blocks import Block, blocks_of
 from analysis.diagnosis.evidence.observation import ORDER_OF, ORDER_OF_TREND
 from analysis.diagnosis.evidence.setups import fit_run_setups
-from analysis.diagnosis.fit.departures import alike_columns, departure_columns, fewest_columns, initial_play_columns
+from analysis.diagnosis.fit.departures import departure_columns, fewest_columns, initial_play_columns, similar_columns
 from analysis.diagnosis.fit.responses import linearise
 from analysis.robot.model.motion import turns
 from analysis.runs.loading import Measured
@@ -89,7 +89,7 @@ def _leaves(found: Array, wanted: Array) -> float:
 def test_a_play_may_have_wider_and_narrower_ones_in_place_of_a_part_of_it() -> None:
     linear = healthy()
     sharp = Backlash(axis=1, width_deg=0.05)
-    found = alike_columns(linear, sharp)
+    found = similar_columns(linear, sharp)
     whole, narrower, wider, none = linear.columns(
         [sharp.model_copy(update={"width_deg": width}) for width in (0.05, 0.025, 0.2)]
         + [TransmissionError(axis=1, order=33, amplitude_deg=0.02)]
@@ -101,7 +101,7 @@ def test_a_play_may_have_wider_and_narrower_ones_in_place_of_a_part_of_it() -> N
 def test_growth_may_come_faster_and_slower_in_part() -> None:
     linear = healthy()
     growth = ThermalGrowth(ppm=300, time_constant_s=100)
-    found = alike_columns(linear, growth)
+    found = similar_columns(linear, growth)
     whole, fast, slow = linear.columns(
         [growth.model_copy(update={"time_constant_s": tau_s}) for tau_s in (100.0, 20.0, 200.0)]
     ).T

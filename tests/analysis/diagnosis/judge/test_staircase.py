@@ -14,7 +14,7 @@ from analysis.diagnosis.evidence.setups import fit_run_setups, with_effects
 from analysis.diagnosis.judge.compare_runs import compare
 from analysis.diagnosis.judge.disagreement import disagreement, located
 from analysis.diagnosis.judge.staircase import ModelResidual
-from analysis.report.stairs import left_words, stairs_of, stairs_of_model
+from analysis.report.stairs import residual_words, stairs_of, stairs_of_model
 from rigs.effects import Backlash, JointOffset
 from tests.support.diagnosis_cells import DEMO, RIG, circles, demo, seen
 
@@ -74,7 +74,7 @@ def test_the_steps_are_in_the_object_by_name_and_in_words() -> None:
     [(ModelResidual(12.34, 0.5), "12.3 ± 0.5"), (ModelResidual(0.1, 0.9), "< 0.9"), (ModelResidual(3.0, 0.0), "3.0")],
 )
 def test_what_is_far_below_its_uncertainty_is_said_to_be_so(left: ModelResidual, words: str) -> None:
-    assert left_words(left) == words
+    assert residual_words(left) == words
 
 
 def test_a_comparison_shows_where_with_the_joint_that_turns_back() -> None:

@@ -102,7 +102,7 @@ def test_the_planned_table_and_a_tracker_s_become_a_run(maker: str, tmp_path: Pa
     ("options", "says"),
     [
         (("--poses", "12", "--for", "ur"), "needs an output directory"),
-        (("--poses", "12", "--tracker", "here"), "is no place"),
+        (("--poses", "12", "--tracker", "here"), "is not a position"),
         (("--poses", "12", "--faces", "z"), "needs the position of the tracker"),
         (("--poses", "12", "--propose"), "cannot be combined"),
         (("--for", "ur"), "--for, --tracker, --faces and --one-axis require --poses"),

@@ -255,7 +255,7 @@ def test_repeatability_by_hand() -> None:
     assert value["r_mm"] == pytest.approx(2 + 2 * s + 31 / 3)
     away = np.abs(np.array([11, 12, 14]) - 37 / 3)
     assert value["rp_mm"] == pytest.approx(away.mean() + 3 * away.std(ddof=1))
-    assert result.notes == ("3 readings a side; ISO 230-2 asks 5, ISO 9283 asks 30",)
+    assert result.notes == ("3 readings a side; ISO 230-2 requires 5, ISO 9283 requires 30",)
     assert result.figures["uni_mm"].samples == 6
 
 

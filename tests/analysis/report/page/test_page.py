@@ -191,7 +191,7 @@ def test_a_report_is_about_one_robot(runs: list[Path]) -> None:
 def test_two_robots_of_one_type_do_not_share_a_page(runs: list[Path], tmp_path: Path) -> None:
     line2 = RIG.model_copy(update={"name": "line2"})
     (other,) = write_simulated(line2, TEXT.replace("name: ur10e", "name: line2", 1), "yaw", ("acw",), [1], tmp_path)
-    with pytest.raises(FileError, match="is of rig line2, and the report is about rig ur10e; make a report for each"):
+    with pytest.raises(FileError, match="is of rig line2, but the report is about rig ur10e; make a report for each"):
         gather(evaluate_runs([load_run(runs[0]), load_run(other)]), progress=lambda doing: None)
 
 

@@ -117,7 +117,7 @@ def test_a_joint_limit_on_the_way_is_told() -> None:
     limits = arm.limits.copy()
     limits[3, 1] = np.radians(40)
     _, poses = _path(arm, START, 25)
-    with pytest.raises(FileError, match=r"axis 4 would move .* the limits are \[-190.0, 40.0\]"):
+    with pytest.raises(FileError, match=r"axis 4 would move .* beyond the limits \[-190.0, 40.0\]"):
         follow(replace(arm, limits=limits), poses, START, "path")
 
 

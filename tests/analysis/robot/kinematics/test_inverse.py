@@ -9,7 +9,7 @@ from analysis.robot.kinematics.arm import Arm, forward
 from analysis.robot.kinematics.inverse import Solutions, inverse
 from analysis.robot.kinematics.newton import conditioning, newton
 from tests.support.five_arms import ARMS, J2_IN_J3, OPW, Opw, PeerArm, apart, calibrated, pose_apart
-from tests.support.postures import BESIDE, at_limits, everywhere, random_angles, rows, singular
+from tests.support.postures import SINGULARITY_DISTANCES_RAD, at_limits, everywhere, random_angles, rows, singular
 
 ANY = pytest.mark.parametrize("name", ARMS)
 
@@ -90,7 +90,7 @@ def test_a_singular_wrist_has_theta_4_of_the_choice(name: str) -> None:
 @pytest.mark.parametrize("name", OPW)
 def test_a_wrist_centre_on_axis_1_has_theta_1_of_the_choice(name: str) -> None:
     arm = ARMS[name]
-    q = singular(name)["shoulder"][:: len(BESIDE)]
+    q = singular(name)["shoulder"][:: len(SINGULARITY_DISTANCES_RAD)]
     solutions = inverse(arm, forward(arm, q))
     turned = (solutions.q @ arm.coupling.T + arm.offset)[solutions.found]
     assert np.abs(np.sin(turned[:, 0])).max() < 1e-12

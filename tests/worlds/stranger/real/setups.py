@@ -22,7 +22,7 @@ from tests.worlds.stranger.screws import Array
 _STEP_MM = 1e-4
 _NEAR_MM = 1e-4
 _ROUNDS = 8
-HARDLY = 0.05
+LEAST_SHARE = 0.05
 """Ball directions with less than this share of the largest effect are not fitted."""
 
 
@@ -67,7 +67,7 @@ def centred(cell: Cell, watches: Sequence[Watch], link: Link, faults: Sequence[F
         link = replace(link, ball=link.ball + np.mean(moves, axis=0))
     for _ in range(_ROUNDS):
         added = [read(w.motion, faults, link, tool) - w.plain for w, tool in zip(watches, tools, strict=True)]
-        step = np.linalg.lstsq(A, np.concatenate([x.ravel() for x in added]), rcond=HARDLY)[0][:3]
+        step = np.linalg.lstsq(A, np.concatenate([x.ravel() for x in added]), rcond=LEAST_SHARE)[0][:3]
         link = replace(link, ball=link.ball - step)
         if np.abs(step).max() < _NEAR_MM:
             break

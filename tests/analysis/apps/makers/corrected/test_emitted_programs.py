@@ -14,7 +14,7 @@ import pytest
 
 from analysis.apps.makers import maker_of_file
 from analysis.apps.makers.corrected_program import CorrectedProgram, correct_program, frames_of
-from analysis.apps.makers.emulated import Event, LinearMove, Round, Stood, ToolPose
+from analysis.apps.makers.emulated import Event, LinearMove, PointToPointMove, Round, ToolPose
 from analysis.apps.makers.programs.compensated import targets_of
 from analysis.apps.makers.programs.motion_plan import demand_of
 from analysis.apps.makers.programs.planned import plans_of
@@ -51,10 +51,12 @@ def _corrected(rig: Rig, path: Path) -> CorrectedProgram:
 
 
 def _poses(events: list[Event]) -> list[ToolPose]:
-    return [event.pose if isinstance(event, Stood) else event.end for event in events if isinstance(event, MOVES)]
+    return [
+        event.pose if isinstance(event, PointToPointMove) else event.end for event in events if isinstance(event, MOVES)
+    ]
 
 
-MOVES = Stood | LinearMove | Round
+MOVES = PointToPointMove | LinearMove | Round
 
 
 @pytest.mark.parametrize(("dialect", "name"), CASES)

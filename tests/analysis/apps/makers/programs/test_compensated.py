@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from analysis.apps.makers import maker_by
 from analysis.apps.makers.correct_rig import correct_rig
-from analysis.apps.makers.emulated import Event, LinearMove, Round, Stood, ToolPose, Waited
+from analysis.apps.makers.emulated import Event, LinearMove, PointToPointMove, Round, ToolPose, Waited
 from analysis.apps.makers.programs.compensated import compensated, table_of
 from analysis.apps.makers.programs.motion_plan import Demand, MotionPlan, demand_of
 from analysis.apps.makers.programs.planned import plans_of
@@ -143,7 +143,7 @@ def _dwelt(events: list[Event]) -> list[ToolPose]:
     found, at = [], None
     for event in events:
         match event:
-            case Stood(pose):
+            case PointToPointMove(pose):
                 at = pose
             case LinearMove() | Round():
                 at = event.end
@@ -188,7 +188,7 @@ def test_a_table_of_another_test_or_arm_is_refused(robot: str, test: DrivenTest,
 
 @pytest.mark.parametrize(
     ("add_deg", "room_deg", "told"),
-    [(5.0, 4.0, "the limits are"), (60.0, 90.0, "a joint difference of 60°: too large")],
+    [(5.0, 4.0, "beyond the limits"), (60.0, 90.0, "a joint difference of 60°: too large")],
 )
 def test_a_joint_beyond_its_limit_or_in_another_posture_is_refused(
     add_deg: float, room_deg: float, told: str, tables: Tables

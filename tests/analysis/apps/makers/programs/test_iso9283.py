@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from analysis.apps.makers import maker_by
-from analysis.apps.makers.emulated import LinearMove, Round, Stood, Waited
+from analysis.apps.makers.emulated import LinearMove, PointToPointMove, Round, Waited
 from analysis.apps.makers.programs.motion_plan import MotionPlan, demand_of
 from analysis.apps.makers.programs.planned import cube_plan, path_plan
 from analysis.apps.makers.writing import programs_of
@@ -50,7 +50,7 @@ def test_the_cube_is_visited_in_the_order_of_the_standard(arm: str, dialect: Mak
     cube = cube_of(rig)
     expected = cube_places(cube.centre_mm, cube.side_mm)[[0, *([4, 3, 2, 1, 0] * 3)]]
     events = events_of(cube_plan(rig, 4.0), dialect, rig)
-    stood = [event.pose for event in events if isinstance(event, Stood)]
+    stood = [event.pose for event in events if isinstance(event, PointToPointMove)]
     places = in_world(rig, np.array([pose.place for pose in stood]))
     assert np.abs(places - expected).max() < max(PLACE_MM.get(dialect, 0.0), 1e-4)
     turned = [(stood[0].turn.inv() * pose.turn).magnitude() for pose in stood]

@@ -14,7 +14,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.apps.makers import maker_by
-from analysis.apps.makers.emulated import Array, Event, LinearMove, OperatorPause, PostureFlags, Round, Stood, Waited
+from analysis.apps.makers.emulated import (
+    Array,
+    Event,
+    LinearMove,
+    OperatorPause,
+    PointToPointMove,
+    PostureFlags,
+    Round,
+    Waited,
+)
 from analysis.apps.makers.programs.motion_plan import Demand, MotionPlan, demand_of
 from analysis.apps.makers.programs.planned import plans_of
 from analysis.apps.makers.writing import programs_of
@@ -152,7 +161,7 @@ def test_laps_run_at_the_speed_of_the_rig_file_and_stop_at_their_ends_only(diale
 def test_the_robot_waits_for_the_link_and_stands_at_each_target(dialect: MakerName) -> None:
     events: list[Event] = run(dialect, programs("ur10e", "radial", dialect)[0], rig_of("ur10e"))
     first, line, hold = events[:3]
-    assert isinstance(first, Stood) and isinstance(line, LinearMove) and isinstance(hold, OperatorPause)
+    assert isinstance(first, PointToPointMove) and isinstance(line, LinearMove) and isinstance(hold, OperatorPause)
     assert line.length_mm < ROUNDING, "the joint move has brought the arm there"
     assert sum(isinstance(event, OperatorPause) for event in events) == 1
     targets = len(radial_stops(rig_of("ur10e")))
