@@ -1,4 +1,4 @@
-"""docs/setting-up.md, done: an emulated robot drives, and its rig file then has the circle that it drove."""
+"""docs/circle-fit.md, done: an emulated robot drives, and its rig file then has the circle that it drove."""
 
 from __future__ import annotations
 

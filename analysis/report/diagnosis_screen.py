@@ -19,6 +19,7 @@ from analysis.report.answer_words import AnswerWords, shown_parts
 from analysis.report.diagnosis_words import (
     closed,
     micrometres,
+    other_parameters,
     percent,
     remains_lines,
     runs_of,

@@ -19,7 +19,7 @@ def test_every_confirmed_gauge_is_tried_and_no_other() -> None:
 
 
 def test_these_requests_are_sent_and_no_other() -> None:
-    """As docs/first-hour.md lists them: what is added here is sent to machines that nobody has named."""
+    """As docs/rig-init.md lists them: what is added here is sent to machines that nobody has named."""
     sent = {attempt.request for attempt in attempts(PORT) if attempt.sends == "requests"}
     texts = {b"?\r", b"M0\r\n", b"R\r", b"M\r", b"1\r", b"\x02", b"\x1bA0800\r"}
     assert sent == texts | {bytes.fromhex("01 04 00c8 000d b031")}
