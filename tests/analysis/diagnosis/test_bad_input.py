@@ -137,7 +137,7 @@ def test_targets_alone_draw_no_name_of_a_healthy_robot(test: str) -> None:
     run = measured(table_of(test, None, 28), test, test)  # type: ignore[arg-type]
     found = found_in([run])
     assert found.condition in ("nothing_unusual", "not_testable_here") and found.effects == ()
-    assert _has_doubt(found, "the robot stood at every reading") and not _has_doubt(found, "wild")
+    assert _has_doubt(found, "the robot was at rest at every reading") and not _has_doubt(found, "wild")
     assert found.maps and not found.curves
 
 
@@ -153,7 +153,7 @@ def test_a_single_radial_run_names_the_true_geometry_or_a_rival_of_it() -> None:
 def test_poses_of_a_healthy_robot_draw_no_name() -> None:
     found = found_in([poses(1)])
     assert found.condition == "nothing_unusual" and found.effects == ()
-    assert _has_doubt(found, "the robot stood at every reading") and found.maps[0].test == "pose"
+    assert _has_doubt(found, "the robot was at rest at every reading") and found.maps[0].test == "pose"
 
 
 def test_poses_name_a_zero_that_is_off() -> None:

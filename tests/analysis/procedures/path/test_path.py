@@ -251,11 +251,13 @@ def test_a_spike_among_the_places_is_left_out_and_said(size_mm: float, count: in
     xyz[row : row + count] += size_mm * ACROSS
     table = replace(sound, xyz_mm=xyz)
     found, truth = (path.evaluate(one, CUBE, None, "path") for one in (table, sound))
-    assert found.notes[0].startswith(f"{count} of {len(xyz)} places {'is' if count == 1 else 'are'} wild: row")
+    assert found.notes[0].startswith(
+        f"{count} of {len(xyz)} places {'is an outlier' if count == 1 else 'are outliers'}: row"
+    )
     assert str(row + 1) in found.notes[0] and "ignored" in found.notes[0]
     for name in ("line_rt_mm", "line_at_mm", "circle_rt_mm"):
         assert found.figures[name].value == pytest.approx(truth.figures[name].value, abs=2e-3)
-    assert not any("wild" in note or "repeat the one" in note for note in truth.notes)
+    assert not any("outlier" in note or "repeat the preceding one" in note for note in truth.notes)
 
 
 @pytest.mark.parametrize("seconds", [0.1, 0.3, 0.5])
@@ -265,7 +267,7 @@ def test_a_beam_that_stood_still_is_left_out_and_said(seconds: float) -> None:
     count = round(seconds * 500)
     xyz[row : row + count] = xyz[row - 1]
     found, truth = (path.evaluate(one, CUBE, None, "path") for one in (replace(sound, xyz_mm=xyz), sound))
-    (note,) = [one for one in found.notes if "repeat the one before" in one]
+    (note,) = [one for one in found.notes if "repeat the preceding one" in one]
     assert note.startswith(f"{count} of {len(xyz)} places") and f"from row {row + 1} on" in note
     assert found.figures["line_rt_mm"].value == pytest.approx(truth.figures["line_rt_mm"].value, rel=0.15)
 
