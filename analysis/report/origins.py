@@ -54,7 +54,7 @@ def simulated_runs(simulated: int, runs: int) -> str:
         which, whose = "This run was" if runs == 1 else "All runs were", "No real robot was measured."
     else:
         which = f"{simulated} of {runs} runs {'was' if simulated == 1 else 'were'}"
-        whose = "These do not show a real robot."
+        whose = f"{'It does' if simulated == 1 else 'They do'} not show a real robot."
     return f"{which} simulated or recorded in an emulated cell. {whose}"
 
 

@@ -77,7 +77,7 @@ def test_check_says_that_the_model_begins_with_effects_and_where_from(tmp_path: 
     file.write_text(TEXT + f"  - {{effect: joint_offset, axis: 2, offset_deg: 0.01, {found}}}\n")
     told = CliRunner().invoke(app, ["check", str(file)]).stdout
     said = "3 effects, written by hand: backlash 1, backlash 5; found on 2026-05-01 in mon, tue: joint_offset 2"
-    assert told.count(f"  the model starts with {said}\n") == 1
+    assert told.count(f"  the model already contains {said}\n") == 1
     assert "begins with" not in CliRunner().invoke(app, ["check", "paper-fanuc"]).stdout
 
 

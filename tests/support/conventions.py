@@ -211,7 +211,7 @@ def reversed_axis(rng: np.random.Generator, number: int) -> Broken:
     run, axis = _joints(rng, number), int(rng.integers(6))
     q = run.table.q.copy()
     q[:, axis] *= -1
-    return Broken([_with(run, q=q)], "joints", (f"J{axis + 1} counted the other way",))
+    return Broken([_with(run, q=q)], "joints", (f"J{axis + 1} counted in the opposite direction",))
 
 
 def exchanged_columns(rng: np.random.Generator, number: int) -> Broken:

@@ -135,13 +135,13 @@ def corrected(
             unknown=round(work.unknown, 3),
         ),
     }
-    falls = f"expected to fall from {remaining.now_um:.0f} to {at_circle.text}"
+    falls = f"The error is then expected to fall from {remaining.now_um:.0f} to {at_circle.text}"
     if way == "entries":
         unknown = texts_of("en").not_known(work.unknown)
-        sentence = f"{controller_report.first_sentence(entries)}{unknown} The readings' error is {falls}."
+        sentence = f"{controller_report.first_sentence(entries)}{unknown} {falls}."
         return _correction(way, sentence, remaining.now_um, left_um, **expected), {}
     programs = corrected_programs(rig, model, session.stages, steps)
-    sentence = f"Load the corrected programs: the readings' error is {falls}."
+    sentence = f"Load the corrected programs. {falls}."
     return _correction(way, sentence, remaining.now_um, left_um, **expected), programs
 
 

@@ -139,21 +139,21 @@ def _no_pair(runs: Runs) -> str:
     both = any((test, "cw") in ways for test, way in ways if way == "acw")
     if both or any(run.rig.effects or run.rig.calibrated for run in runs if format_of(run.table.test).gauges):
         return ""
-    return "it shows in circles driven both ways, if a joint has play, or where the rig file knows an effect"
+    return "it needs circles in both directions and a joint with play, or an effect in the rig file"
 
 
 def _no_stops(runs: Runs) -> str:
     imported = any(run.run.table is not None and not run.table.swept for run in runs)
-    return "" if imported else "no imported targets or poses are among the runs"
+    return "" if imported else "the runs contain no imported targets or poses"
 
 
 def _no_commands(runs: Runs) -> str:
-    return "" if any(map(command_errors, runs)) else "the runs contain no commanded angles next to measured ones"
+    return "" if any(map(command_errors, runs)) else "the runs do not contain both commanded and measured angles"
 
 
-_no_yaw = _without(STAMPS, "no circle is among the runs")
-_no_poses = _without(SOURCE, "no poses are among the runs")
-_no_targets = _without(PLACE, "no targets are among the runs")
+_no_yaw = _without(STAMPS, "the runs contain no circle")
+_no_poses = _without(SOURCE, "the runs contain no poses")
+_no_targets = _without(PLACE, "the runs contain no targets")
 CONVENTIONS = (
     Convention(UNITS, "mm and degrees, or µm, inches, metres, radians", lambda _: ""),
     Convention(JOINTS, "do order, signs, zeros and coupling of the joints fit", _joints_hidden),
@@ -161,11 +161,11 @@ CONVENTIONS = (
     Convention(SIGN, "do the readings grow with the distance from the ball", _no_pair),
     Convention(SOURCE, "did an instrument measure the places", _no_poses),
     Convention(STAMPS, "is t_s in seconds, by the speed of the circle", _no_yaw),
-    Convention(PLACE, "was each target where the rig file has it", _no_targets),
-    Convention(STANDS, "is each row a visit of its own", _no_stops),
+    Convention(PLACE, "was each target at its place in the rig file", _no_targets),
+    Convention(STANDS, "is each row a separate visit", _no_stops),
     Convention(COMMANDS, "were the commanded angles reached", _no_commands),
-    Convention(WILDNESS, "did the tracker have its target", _no_poses),
-    Convention(DUPLICATES, "is a place or a row written again", _no_poses),
+    Convention(WILDNESS, "did the tracker see its target", _no_poses),
+    Convention(DUPLICATES, "is a place or a row repeated", _no_poses),
 )
 """All conventions, in reading order."""
 

@@ -79,7 +79,7 @@ def command_findings(run: Measured) -> Iterator[Finding]:
     if not large:
         return
     which = "commanded" if _has_column(run, "q1_measured_deg") else "measured"
-    fact = f"measured less commanded angles: {'; '.join(error.words for error in large)}; the {which} angles are used"
+    fact = f"measured minus commanded angles: {'; '.join(error.words for error in large)}; the {which} angles are used"
     remedy = "a difference that varies with load or speed comes from the drives, not from the geometry of the arm"
     columns = tuple(f"q{error.axis}_deg" for error in large)
     yield Finding(COMMANDS, "likely", columns, "angles that were not reached", fact, remedy)

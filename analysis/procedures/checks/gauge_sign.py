@@ -91,7 +91,7 @@ def order_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
         )
         remedy = (
             "press a probe to see which is which, and exchange their columns or ports; if they are right, the robot "
-            "errs by as much"
+            "has an error of this size"
         )
         yield Finding(ORDER, "likely", ("g1_mm", "g2_mm"), EXCHANGED, fact, remedy)
     elif labelled.size_mm > _SEEN_MM:
@@ -99,10 +99,10 @@ def order_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
             if meaning_of_sign.apart_mm <= _NEGATED * meaning_of_sign.size_mm and labelled.apart_mm > labelled.size_mm:
                 name, second_name = f"g{number}", f"g{3 - number}"
                 fact = (
-                    f"{name} may count the other way than {second_name}: only then do the mean of the gauges and their "
-                    "difference show the ball in one place"
+                    f"{name} may count in the opposite direction to {second_name}: only then do the mean and "
+                    "the difference of the gauges agree on the place of the ball"
                 )
-                remedy = f"press {name} and see whether it counts as {second_name} does; give counts in the rig file, "
+                remedy = f"press both probes and compare their directions; correct counts of {name} in the rig file, "
                 remedy += "or change its sign"
                 yield Finding(SIGN, "likely", (f"{name}_mm",), negated(number), fact, remedy)
 
@@ -254,11 +254,11 @@ def _finding(lap: Lap, as_labelled: float, as_meant: float, *, negated: bool) ->
     name = lap.run.run.manifest.name
     misfit = Misfit(as_labelled, as_meant, GRID / 4 * float(np.log(as_labelled / max(as_meant, 1e-6))))
     if negated:
-        fact = "compared with its repeats, the gauges g1 and g2 count the other way"
-        remedy = "give counts: towards in the rig file, or import it with both signs changed"
+        fact = "the gauges g1 and g2 count in the opposite direction to the repeats of this run"
+        remedy = "set counts: towards in the rig file, or import the run with both signs changed"
         return Finding(SIGN, "decisive", ("g1_mm", "g2_mm"), "g1 and g2 negated", fact, remedy, misfit, (name,))
-    fact = "compared with its repeats, the gauges g1 and g2 are exchanged"
-    remedy = "check the cables, or import it with the columns exchanged"
+    fact = "the gauges g1 and g2 are exchanged compared with the repeats of this run"
+    remedy = "check the cables, or import the run with the columns exchanged"
     return Finding(ORDER, "decisive", ("g1_mm", "g2_mm"), "g1 and g2 exchanged", fact, remedy, misfit, (name,))
 
 
@@ -309,15 +309,15 @@ def _known_effects(run: Measured) -> Iterator[Finding]:
     misfit = Misfit(as_labelled, as_meant, values * float(np.log(as_labelled / max(as_meant, 1e-6))))
     name, gauges = run.run.manifest.name, tuple(f"{gauge}_mm" for gauge in format_of(table.test).gauges)
     fact = (
-        f"the effects of the rig file explain its readings only with the gauges counting the other way: "
-        f"{1e3 * as_meant:.0f} instead of {1e3 * as_labelled:.0f} µm are left"
+        f"the effects of the rig file explain the readings only if the gauges count in the opposite direction (error "
+        f"{1e3 * as_meant:.0f} instead of {1e3 * as_labelled:.0f} µm)"
     )
     yield Finding(SIGN, "decisive", gauges, "gauges negated", fact, _REMEDY, misfit, (name,))
 
 
 _COLUMNS = ("g1_mm", "g2_mm")
 _EXCHANGE = "press a probe to see which is which, and exchange their columns or ports"
-_REMEDY = "press a probe: where its reading falls give counts: towards in the rig file, or change its column's sign"
+_REMEDY = "press a probe: if its reading falls, set counts: towards in the rig file, or change the sign of its column"
 
 
 def _left_mm(model: Model, table: Table, sign: float) -> float:
@@ -389,8 +389,8 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
         alike = [meant for meant in alike if meant.columns == (0, 1) and meant.signs == signs] or alike
     words = " or ".join(meant.words for meant in alike)
     fact = (
-        f"joints lead where they turn back, which no play does: circles acw and cw fit only with {words}, "
-        f"{1e3 * as_meant:.1f} instead of {1e3 * as_labelled:.1f} µm are left"
+        f"the joints seem to lead at reversals, which play cannot cause: the acw and cw circles fit only with {words} "
+        f"(error {1e3 * as_meant:.1f} instead of {1e3 * as_labelled:.1f} µm)"
     )
     exchanged = alike[0].columns == (1, 0)
     names = tuple(run.run.manifest.name for run in runs)
@@ -411,11 +411,11 @@ class _GaugeContent:
 
 _GAUGE_CONTENTS = (
     _GaugeContent("both as labelled", (0, 1), (1.0, 1.0)),
-    _GaugeContent("both gauges counting the other way", (0, 1), (-1.0, -1.0)),
-    _GaugeContent("g1 counting the other way", (0, 1), (-1.0, 1.0)),
-    _GaugeContent("g2 counting the other way", (0, 1), (1.0, -1.0)),
+    _GaugeContent("both gauges counting in the opposite direction", (0, 1), (-1.0, -1.0)),
+    _GaugeContent("g1 counting in the opposite direction", (0, 1), (-1.0, 1.0)),
+    _GaugeContent("g2 counting in the opposite direction", (0, 1), (1.0, -1.0)),
     _GaugeContent("g1 and g2 exchanged", (1, 0), (1.0, 1.0)),
-    _GaugeContent("g1 and g2 exchanged and counting the other way", (1, 0), (-1.0, -1.0)),
+    _GaugeContent("g1 and g2 exchanged and counting in the opposite direction", (1, 0), (-1.0, -1.0)),
 )
 
 

@@ -73,8 +73,8 @@ class Places:
         if count := int(self.repeated.sum()):
             rows = np.flatnonzero(self.repeated) + 1
             words["repeated"] = (
-                f"{count} of {len(self.wild)} places equal the previous one to the last digit although the tool moved, "
-                f"from row {rows[0]} on: the instrument repeated its last place"
+                f"{count} of {len(self.wild)} places repeat the preceding one to the last digit although the tool "
+                f"moved, from row {rows[0]} on: the instrument sent its last place again"
             )
         return words
 
@@ -169,11 +169,12 @@ class Outliers:
         """Return a message to the user about outliers that are not excluded; empty if there are none."""
         if self.by_accident or not self.far.any():
             return ""
-        fact = f"{self.far.sum()} of {len(self.far)} {labels_of(table.test).rows} lie far from where the arm was"
+        labels = labels_of(table.test)
+        fact = f"{self.far.sum()} of {len(self.far)} {labels.rows} are up to {_length(self.far_mm[self.far].max())}"
         return (
-            f"{fact}, rows {listed(table.rows[self.far].tolist())} up to {_length(self.far_mm[self.far].max())}, and "
-            "are not ignored: so many, or all in one range of a joint, are no lost points; check whether the robot "
-            "had come to rest, instrument and base stood, and signs, order and zeros of the joints"
+            f"{fact} {labels.distance_from} (rows {listed(table.rows[self.far].tolist())}). They were kept, because so "
+            "many, or all in one range of a joint, are not outliers; check that the robot was at rest, that instrument "
+            "and base did not move, and the signs, order and zeros of the joints"
         )
 
 
@@ -310,13 +311,13 @@ def outlier_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     if lost.any():
         rows = listed(table.rows[lost].tolist())
         have = "row {} has the place" if lost.sum() == 1 else "rows {} have the place"
-        fact = f"{have.format(rows)} 0, 0, 0, as a tracker writes that lost its target"
+        fact = f"{have.format(rows)} 0, 0, 0, which a tracker writes if it has lost its target"
         remedy = "the analysis ignores it" if lost.sum() == 1 else "the analysis ignores them"
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", fact, remedy)
     bare = without_setup(arm_of(rig.robot))
     far = far_poses(table, bare)
     if words := two_placings(_of(table, ~(lost | far.wild)), bare):
-        remedy = "give each placing in a file of its own, a run each"
+        remedy = "give each placement as a separate file and run"
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "two placings", words, remedy)
     if far.far.any() and (far.by_accident or not words):  # too many for accidents: something has moved
         fact = left_out(table, far.wild, far.far_mm) if far.by_accident else far.words(table)
@@ -358,13 +359,13 @@ def duplicate_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
                 f"rows {listed(table.rows[alike].tolist())} have the same place to the last digit, though the robot "
                 "was elsewhere: the instrument may have sent its last place again"
             )
-            remedy = "remove those that it did not measure"
+            remedy = "remove the rows that were not measured"
             yield Finding(DUPLICATES, "likely", ("x_mm", "y_mm", "z_mm"), "a place sent again", fact, remedy)
         elif (table.q[alike] == table.q[alike][0]).all():
             copied += int(alike.sum()) - 1
     steps_mm = np.diff(np.unique(table.xyz_mm[:, 0]))  # resolution of the written positions
     if copied >= _SEVERAL and steps_mm.min(initial=1.0) < _FINE_MM:
-        fact = f"{copied} rows repeat the angles and the place of an earlier one to the last digit, as no visit does"
+        fact = f"{copied} rows repeat angles and place of an earlier row to the last digit; a new visit never does"
         yield Finding(DUPLICATES, "likely", (), "rows written twice", fact, "remove the copies")
 
 
@@ -372,5 +373,5 @@ def repeated_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
     """Yield findings about path positions that repeat the previous one although the tool moved."""
     del rig
     if "repeated" in (words := places_of(table).words):
-        remedy = "the analysis ignores them; have the instrument write no place while it has none"
+        remedy = "the analysis ignores them; set the instrument to write nothing while it has no target"
         yield Finding(DUPLICATES, "likely", ("x_mm", "y_mm", "z_mm"), "a place sent again", words["repeated"], remedy)

@@ -41,7 +41,7 @@ def meanings(axes: int) -> list[Meaning]:
         matrix = np.eye(axes)
         matrix[axis - 1, axis - 1] = -1.0
         do = f"change the sign of q{axis}_deg, or correct axis {axis} of the rig file"
-        ways.append(_meaning((axis,), f"J{axis} counted the other way", do, matrix))
+        ways.append(_meaning((axis,), f"J{axis} counted in the opposite direction", do, matrix))
     for first, second in combinations(range(1, axes + 1), 2):
         rows = list(range(axes))
         rows[first - 1], rows[second - 1] = second - 1, first - 1
@@ -106,17 +106,14 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     rows = labels_of(table.test).joints_fit
     words = " or ".join(judged.meaning.words for judged in (best, *as_good))
     fact = (
-        f"only with {words} do these {rows}: {_length(best.left_mm)} instead of {_length(as_labelled)}; order, signs, "
-        "zeros and coupling of the joints are not those of the rig file"
+        f"these {rows} only with {words} (error {_length(best.left_mm)} instead of {_length(as_labelled)}): order, "
+        "signs, zeros or coupling of the joints differ from the rig file"
     )
     gain = best.values * float(np.log(as_labelled / max(best.left_mm, 1e-9)))
     misfit = Misfit(as_labelled, best.left_mm, gain)
     remedy = best.meaning.remedy if not as_good else "look up the convention in the controller, and correct the columns"
     if rig.robot.rail and best.meaning.columns == ("q1_deg",) and not as_good and best.meaning.offset.any():
-        remedy += (
-            "; or correct robot.rail.direction, which a rail that leads or counts a different way asks for, and looks "
-            "alike"
-        )
+        remedy += "; or correct robot.rail.direction: a rail with a different direction or sign looks the same"
     yield Finding(JOINTS, "decisive", best.meaning.columns, words, fact, remedy, misfit)
 
 
@@ -132,9 +129,9 @@ def _far_off(table: Table, left_mm: float) -> Iterator[Finding]:
     if left_mm <= min(RIGHT_MM, RIGHT_SHARE * apart_mm):
         return
     fact = (
-        f"these poses miss the arm of the rig file by {_length(left_mm)} of {_length(apart_mm)}; the nominal constants "
-        f"of an arm leave at most {RIGHT_MM:g} mm and {100 * RIGHT_SHARE:g} %, and no other order, sign or zero of the "
-        "joints fits clearly better"
+        f"these poses do not fit the arm of the rig file: the error is {_length(left_mm)}, over a work area of "
+        f"{_length(apart_mm)}. Nominal constants of the right arm are accurate to {RIGHT_MM:g} mm and "
+        f"{100 * RIGHT_SHARE:g} %, and no other order, sign or zero of the joints fits clearly better"
     )
     remedy = "check that the rig file belongs to this arm; otherwise a zero or a length is wrong"
     yield Finding(JOINTS, "likely", (), "a different arm, or a zero or length far off", fact, remedy)

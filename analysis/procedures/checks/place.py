@@ -82,8 +82,8 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
     if not words:
         return ""
     return (
-        f"{words} were measured with the target or the instrument elsewhere than the others: with a placing of their "
-        f"own {best:.2g} mm are left of {fitted.rms_mm:.2g} mm"
+        f"{words} were measured with target or instrument at a different place than the others: with a separate "
+        f"placement the error is {best:.2g} instead of {fitted.rms_mm:.2g} mm"
     )
 
 
@@ -157,10 +157,12 @@ def place_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         row = int(np.argmax(far))
         target = table.numbers[row]
         fact = (
-            f"by the nominal arm the tool was {away[row]:.0f} mm from target {target} in row {row + 1}, and "
-            f"further than {_NEAR_MM:g} mm in {far.sum()} of {len(far)} rows"
+            f"according to the nominal arm, the tool was {away[row]:.0f} mm from target {target} in row {row + 1}, and "
+            f"further away than {_NEAR_MM:g} mm in {far.sum()} of {len(far)} rows"
         )
-        yield Finding(PLACE, "likely", ("target",), "another target", fact, "check target, angles, joints")
+        yield Finding(
+            PLACE, "likely", ("target",), "another target", fact, "check the target numbers, the angles and the joints"
+        )
 
 
 STANDS = "stands"
@@ -177,15 +179,15 @@ def stand_findings(run: Measured) -> Iterator[Finding]:
         return
     stands = counted(len(several), "stand")
     fact = (
-        f"{several.sum()} rows are {stands} of the robot, read up to {several.max()} times without a move: their "
-        "means are used, one for each"
+        f"{several.sum()} rows are repeated readings, up to {several.max()} each, of {stands} of the robot: the mean "
+        "of each stand is used"
     )
-    remedy = "if the robot moved in between, give the rows of a pose after those of another"
+    remedy = "if the robot moved in between, write the rows in the order in which they were measured"
     yield Finding(STANDS, "likely", (), "readings of one standstill", fact, remedy)
 
 
 SOURCE = "source"
-OF_CONTROLLER = "rig arms NAME --poses TABLE -o arm.yaml reads its calibration out of them"
+OF_CONTROLLER = "rig arms NAME --poses TABLE -o arm.yaml reads the calibration of the controller from them"
 """Recommended use of positions computed by a controller."""
 NO_INSTRUMENT_MM = 0.008
 """Smallest residual of measured positions. Rounding to 0.01 mm leaves 0.005 mm, the best trackers state at least
@@ -224,12 +226,12 @@ def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     if not computed and not in_flange:
         return
     proof = (
-        f"the arm's constants explain them to {1e3 * fitted.rms_mm:.2g} µm, closer than any instrument measures"
+        f"the arm's constants explain them to {1e3 * fitted.rms_mm:.2g} µm, closer than any instrument can measure"
         if computed
-        else f"they are given in the arm's base, of a point {target_mm:.1f} mm from the middle of the flange"
+        else f"they are given in the base of the arm, for a point {target_mm:.1f} mm from the centre of the flange"
     )
-    fact = f"these places are not measured: {proof}, so that the controller computed them from the joints"
-    remedy = f"give those of an instrument; {OF_CONTROLLER}"
+    fact = f"these places were not measured but computed from the joints by the controller: {proof}"
+    remedy = f"give places measured by an instrument; {OF_CONTROLLER}"
     misfit = Misfit(left_mm, fitted.rms_mm, float(fitted.left_mm.size * np.log(left_mm / max(fitted.rms_mm, 1e-9))))
     columns = ("x_mm", "y_mm", "z_mm")
     yield Finding(SOURCE, "impossible", columns, "the controller's own places", fact, remedy, misfit)

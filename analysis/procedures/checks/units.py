@@ -70,14 +70,14 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
         ratio = size[k] / size[1 - k]
         as_far = 1 / _TRAVEL_RATIO < travel[k] / factor / max(travel[1 - k], 1e-9) < _TRAVEL_RATIO
         if abs(ratio / factor - 1) < 0.1 and as_far:
-            fact = f"g{k + 1}_mm is in {unit}: its wave over the circle is {ratio:.3g} times the other gauge's"
+            fact = f"g{k + 1}_mm is in {unit}: its wave over the circle is {ratio:.3g} times that of the other gauge"
             yield fact, "convert it to mm"
     # If the rig file states the eccentricity, compare it with the data in other units.
     stated_mm = np.array([np.dot(circle.eccentricity_mm, frame.u), np.dot(circle.eccentricity_mm, frame.v)])
     size_mm = float(np.linalg.norm(stated_mm))
     for unit, factor in FACTORS.items() if size_mm >= _ECCENTRIC_MM else ():
         if np.linalg.norm(waves.mean(axis=0) / factor - stated_mm) < _LIKE_STATED * size_mm:
-            fact = f"g1_mm and g2_mm are in {unit}: their wave is the rig file's eccentricity times {factor:.3g}"
+            fact = f"g1_mm and g2_mm are in {unit}: their wave is {factor:.3g} times the eccentricity of the rig file"
             yield fact, "convert them to mm"
 
 
@@ -130,9 +130,12 @@ def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
     as_read, in_radians, about_moving = (float(np.median(np.abs(turn - turned))) for turn in turns)
     right = 0.0 if as_read < _SAME_TURN_RAD else min(_SAME_TURN_RAD, as_read / _FARTHER)
     if in_radians < right:
-        yield "rx_deg, ry_deg, rz_deg are radians: only then do they fit the robot's motion", "convert them to degrees"
+        yield (
+            "rx_deg, ry_deg, rz_deg are in radians: only then do they fit the motion of the robot",
+            "convert them to degrees",
+        )
     if about_moving < right:
-        fact = "rx_deg, ry_deg, rz_deg are turns about moving axes: only then do they fit the robot's motion"
+        fact = "rx_deg, ry_deg, rz_deg are rotations about moving axes: only then do they fit the motion of the robot"
         yield fact, "convert them to roll-pitch-yaw about fixed axes, R = Rz Ry Rx"
 
 
@@ -174,13 +177,15 @@ def rail_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
         as_read = misfit_mm(1.0)
         for unit, factor in _MM.items() if as_read > CLEARLY * RIGHT_MM else ():
             if (meant := misfit_mm(factor)) < RIGHT_MM:
-                fact = f"e1_mm is in {unit}: only then do these poses fit, {meant:.2g} mm instead of {as_read:.0f} mm"
+                fact = (
+                    f"e1_mm is in {unit}: only then do these poses fit (error {meant:.2g} instead of {as_read:.0f} mm)"
+                )
                 yield Finding("units", "impossible", ("e1_mm",), unit, fact, "convert it to mm")
                 return
     stands, (low, high) = rail_mm(arm, table.q), rig.robot.rail.limits_mm
     if stands.min() < low or stands.max() > high:
         reach = f"{stands.min():.6g} to {stands.max():.6g} mm"
-        fact = f"e1_mm goes from {reach}, and robot.rail.limits_mm from {low:g} to {high:g} mm"
+        fact = f"e1_mm ranges from {reach}, but robot.rail.limits_mm from {low:g} to {high:g} mm"
         yield Finding("units", "likely", ("e1_mm",), "another unit", fact, "check the unit, or correct limits_mm")
 
 
@@ -203,8 +208,8 @@ def mirror_findings(table: PoseTable, rig: Rig, convention: str) -> Iterator[Fin
     if mirrored > RIGHT_MM or as_labelled < CLEARLY * mirrored:
         return
     fact = (
-        f"only with y_mm counting the other way do these poses fit: {mirrored:.2g} mm instead of {as_labelled:.0f} mm; "
-        "the instrument's frame is left-handed"
+        f"these poses fit only with the sign of y_mm changed (error {mirrored:.2g} instead of {as_labelled:.0f} mm): "
+        "the frame of the instrument is left-handed"
     )
     remedy = "change the sign of one of x_mm, y_mm, z_mm, or import the file as it was written, by a map with mirror: y"
     misfit = Misfit(as_labelled, mirrored, len(chosen) * float(np.log(as_labelled / max(mirrored, 1e-9))))
@@ -239,7 +244,7 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     wrong, right = [checks_of(table.test).off_path(table, rig, T) for T in ways] or (None, None)
     if wrong and right and right.on and wrong.off > _MUCH_MORE * right.off:
         columns = tuple(f"q{axis}_deg" for axis in range(1, arm.axes + 1))
-        fact = f"q1_deg … {columns[-1]} are radians: only then does the robot of the rig file follow the program"
+        fact = f"q1_deg … {columns[-1]} are in radians: only then does the robot of the rig file follow the program"
         yield Finding(UNITS, "impossible", columns, "radians", fact, "convert them to degrees")
         yield from checks_of(table.test).unit_findings(table, rig, forward(arm, degrees))
         return

@@ -213,7 +213,7 @@ def test_no_picture_and_no_page_names_a_directory_that_nobody_has(
     monkeypatch.setattr("analysis.report.diagnosis_picture.picture", picture)
     write(found, load("paper-fanuc")[1], tmp_path / "found")
     assert f"rig correct {tmp_path / 'found' / 'paper-fanuc.yaml'} -o D" in pictured[0]
-    assert "rig diagnose RUN… -o found writes the model" in ActWords(found).next
+    assert "First write the model: rig diagnose RUN… -o found." in ActWords(found).next
 
 
 @pytest.mark.parametrize("effects", [(), (PLAY,)])

@@ -182,7 +182,7 @@ def test_a_rig_with_soft_joints_alone_has_corrected_targets_and_a_figure(tmp_pat
     done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out")])
     told = " ".join(done.stdout.split())
     assert told.startswith(
-        "Send the controller to corrected targets (--program FILE, or --path TARGETS.csv): the tool error"
+        "Move the robot to corrected targets (--program FILE, or --path TARGETS.csv): the tool error"
     )
     rig = load(str(cell))[0]
     q = work_angles(rig)

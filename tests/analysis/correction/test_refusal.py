@@ -21,14 +21,14 @@ SOUND = ModelAssessment(
     unexplained_um=20,
 )  # fmt: skip
 NOTHING = [
-    ({"handed_um": 95.0}, "on runs that it did not use it leaves 95 of 90 µm rms, not less than the nominal arm"),
+    ({"handed_um": 95.0}, "95 of 90 µm rms remain in runs not used to fit it, no less than with the nominal arm"),
     (
         {"condition": "outside_library", "handed_um": 85.0},
-        "an unknown cause remains, 20 µm; it leaves 85 of 90 µm rms on runs that it did not use",
+        "20 µm have an unknown cause; 85 of 90 µm rms remain in runs not used to fit it",
     ),
     (
         {"condition": "outside_library", "place": "used"},
-        "an unknown cause remains, 20 µm; it leaves 30 of 90 µm rms on the runs used, without validation",
+        "20 µm have an unknown cause; 30 of 90 µm rms remain in the runs used to fit it, without validation",
     ),
 ]
 
@@ -50,7 +50,7 @@ def test_what_is_to_correct_nothing_is_refused_with_the_reason(
     cell, out = _cell(tmp_path, **changed), tmp_path / "out"
     done = ran("correct", cell, "-o", out)
     assert done.returncode == 3 and not out.exists()
-    assert f"{cell}: do not correct by this model: {why}" in done.stderr
+    assert f"{cell}: do not correct with this model: {why}" in done.stderr
     assert "--anyway writes the files with a remark" in done.stderr
 
 
@@ -64,7 +64,7 @@ def test_anyway_it_is_written_and_each_file_says_so(tmp_path: Path) -> None:
     own.write_text("movej([0.3, -1.2, 1.4, -0.3, 1.2, 0.2])\n")
     done = ran("correct", cell, "--path", path, "--program", own, "--for", "ur", "-o", out, "--anyway")
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("Against the verdict: do not correct by this model: on runs that it did not use")
+    assert done.stdout.startswith("Against the verdict: do not correct with this model: on runs that it did not use")
     text = (out / "corrections.yaml").read_text()
     assert f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: on runs that it did not use" in text
     assert yaml.safe_load(text)["verdict"] == "nothing"
@@ -78,7 +78,7 @@ def test_anyway_it_is_written_and_each_file_says_so(tmp_path: Path) -> None:
     words = ("--for", "ur", "--test", "radial", "--path", table, "-o", tmp_path / "programs")
     for rig in (cell, "paper-fanuc"):  # the table says it too
         refused = ran("program", rig, *words)
-        assert refused.returncode == 3 and "do not correct by this model" in refused.stderr
+        assert refused.returncode == 3 and "do not correct with this model" in refused.stderr
     done = ran("program", "paper-fanuc", *words, "--anyway")
     assert done.returncode == 0, done.stderr
     (program,) = (tmp_path / "programs").glob("*.script")

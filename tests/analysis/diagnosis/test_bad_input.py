@@ -178,7 +178,9 @@ def test_a_wild_pose_is_left_out_and_judges_no_name(held_out: bool) -> None:
     assert found.condition == "named" and [name_of(one.effect) for one in found.standing] == ["joint_offset 3"]
     assert abs(getattr(found.effects[0].effect, "offset_deg", 0.0) - 0.2) < 0.01
     (doubt,) = [doubt for doubt in found.doubts if "ignored" in doubt]
-    assert doubt.startswith(f"pose: 1 of 150 poses ignored: row {row + 1} is 25 mm from where the arm was")
+    assert doubt.startswith(
+        f"pose: 1 of 150 poses ignored: row {row + 1} is 25 mm from the position computed from the joints"
+    )
     assert found.held_out and max(found.held_out.after_um, found.train.after_um) < 500
 
 

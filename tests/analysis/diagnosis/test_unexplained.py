@@ -97,5 +97,6 @@ def test_the_joint_is_named_in_the_first_sentences() -> None:
     assert "This error follows the angle of axis 2 (W), which explains 64 % of it" in words
     nothing = Unexplained(110.0, (Followed("angle", 2, 0.1),))
     assert (
-        "This error does not depend on angle" in AnswerWords(diagnosis("outside_library", unexplained=nothing)).headline
+        "This error does not depend on the angle"
+        in AnswerWords(diagnosis("outside_library", unexplained=nothing)).headline
     )

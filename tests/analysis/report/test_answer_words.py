@@ -107,8 +107,8 @@ def test_an_unusual_part_that_is_no_fault_is_said_too() -> None:
 def test_what_remains_after_the_calibration_is_said_of_where_it_was_found() -> None:
     words = AnswerWords(diagnosis())
     assert words.accuracy == (
-        "The error is 6.1 µm rms, at most 21 µm. A calibration reduces the error from 6.3 µm to 1.9 µm rms in "
-        "readings that were not used to fit the model."
+        "The error is 6.1 µm rms, at most 21 µm. In readings that were not used to fit the model, "
+        "a calibration reduces the error from 6.3 µm to 1.9 µm rms."
     )
     used = replace(words.diagnosis.accuracy, place="used")
     assert "The error elsewhere is unknown" in AnswerWords(diagnosis(accuracy=used)).accuracy
@@ -257,7 +257,7 @@ def test_what_another_place_judged_is_said_where_its_runs_joined() -> None:
     used = replace(diagnosis("named"), accuracy=Accuracy(None, None, 6.12, 21.4, 1.9, 6.3, "used"))
     assert "The error elsewhere is unknown" in AnswerWords(used).accuracy
     told = AnswerWords(used, judged_elsewhere=(93.0, 1.7)).accuracy
-    assert "reduces the error from 93 µm to 1.7 µm rms at a different place" in told and "unknown" not in told
+    assert "different place" in told and "reduces the error from 93 µm to 1.7 µm rms" in told and "unknown" not in told
     act = Act("load", "correction", removes_um=4.0, remains_um=2.0, against=(Against("not_judged_elsewhere"),))
     assert "elsewhere is unknown" in ActWords(used).sentence(act)
     assert "elsewhere" not in ActWords(used, is_judged_elsewhere=True).sentence(act)

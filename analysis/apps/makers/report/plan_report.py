@@ -160,16 +160,15 @@ def _alike(plan: CapabilityOfTests) -> RenderableType:
     for group in plan.groups:
         pairs = [pair for pair in plan.pairs if _kind(pair.names[0]) in group]
         for pair in pairs[:_MOST_PAIRS]:
-            words = ((name_in_words(name), symbols.get(name)) for name in pair.names)
-            names = "\n".join(f"{name} ({symbol})" if symbol else name for name, symbol in words)
+            words = [(name_in_words(name), symbols.get(name)) for name in pair.names]
+            names = "\n".join(name if symbol in (None, name) else f"{name} ({symbol})" for name, symbol in words)
             names += f"\n(and {pair.others} more)" if pair.others else ""
             helps = [parting for parting in pair.further if is_separable(parting.sigma)]
             if helps:
                 parted = Text("\n".join(f"{parting.test}: {parting.sigma:.0f} σ" for parting in helps[:_MOST]))
             elif pair.further and pair.further[0].sigma > 0.05:
-                parted = Text(
-                    f"no test; the best is {pair.further[0].test}: {pair.further[0].sigma:.1f} σ", style="yellow"
-                )
+                best = pair.further[0]
+                parted = Text(f"no test; best: {best.test}: {best.sigma:.1f} σ", style="yellow")
             else:
                 none = "none of the further tests" if pair.further else "the rig file declares no further test"
                 parted = Text(none, style="yellow")

@@ -284,7 +284,7 @@ def test_effects_that_nobody_measured_are_entered_nowhere_and_the_table_says_why
     cell = _cell(tmp_path, "paper-fanuc", [JointOffset(axis=3, offset_deg=0.05)])
     done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--controller", name.upper()])
     assert done.exit_code == 0, done.output
-    first = "The tool error of 682 µm over the work area cannot be corrected; the table gives why."
+    first = "None of the tool error over the work area (682 µm rms) can be corrected; the table gives the reasons."
     assert " ".join(done.stdout.split()).startswith(first)
     assert "is in the rig file without" in done.stdout
     assert not yaml.safe_load((tmp_path / "out" / "corrections.yaml").read_text())["controller"]["entries"]

@@ -149,7 +149,7 @@ def test_what_is_known_too_badly_is_not_said_to_be_uncorrectable(tmp_path: Path)
     cell.write_text(extended(load("paper-fanuc")[1], vague, "cell"))
     done = ran("correct", cell, "-o", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    assert "joint zero" in done.stdout and "the table gives why" not in " ".join(done.stdout.split())
+    assert "joint zero" in done.stdout and "the table gives the reasons" not in " ".join(done.stdout.split())
 
 
 def test_uncertainty_of_a_target_is_that_of_the_effects_at_its_place(tmp_path: Path) -> None:

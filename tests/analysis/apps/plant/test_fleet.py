@@ -81,7 +81,7 @@ def test_the_page_opens_the_history_of_each_robot(work: Path) -> None:
 
 
 def test_what_changed_is_empty_where_nothing_did_and_simulated_robots_are_called_so(work: Path) -> None:
-    simulated = "All runs are simulated or of an emulated cell; no real robot was measured."
+    simulated = "All runs were simulated or recorded in an emulated cell. No real robot was measured."
     printed = fleet("plant", "-o", "page/plant.html")
     html = (work / "page" / "plant.html").read_text()
     assert simulated in printed and simulated in html and html.count("(simulated)") == 3

@@ -92,9 +92,9 @@ def test_runs_of_one_moment_have_no_axis(tmp_path: Path) -> None:
     ("simulated", "runs", "said"),
     [
         (0, 3, ""),
-        (1, 1, "This run is simulated or of an emulated cell; no real robot was measured."),
-        (3, 3, "All runs are simulated or of an emulated cell; no real robot was measured."),
-        (1, 3, "1 of 3 runs is simulated or of an emulated cell; that measured no robot."),
+        (1, 1, "This run was simulated or recorded in an emulated cell. No real robot was measured."),
+        (3, 3, "All runs were simulated or recorded in an emulated cell. No real robot was measured."),
+        (1, 3, "1 of 3 runs was simulated or recorded in an emulated cell. It does not show a real robot."),
     ],
 )
 def test_simulated_runs_are_called_so(tmp_path: Path, simulated: int, runs: int, said: str) -> None:

@@ -72,7 +72,7 @@ def test_the_demo_is_told_all_three_by_name_in_the_first_sentence_and_what_remov
     assert mastered == (zero.posterior > 20 / 21)
     named = [act.test.test for act in others if act.why == "group" and act.test]
     assert mastered or named == ["--unseen"]
-    assert "choose one, never both: (a) corrected programs" in ActWords(found).next
+    assert "one of the two, never both: (a) corrected programs" in ActWords(found).next
 
 
 def test_the_correction_is_offered_as_the_arm_can_take_it_and_named_once() -> None:
@@ -86,7 +86,7 @@ def test_the_correction_is_offered_as_the_arm_can_take_it_and_named_once() -> No
     five = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"axes": RIG.robot.axes[:5]})})
     of_five = ActWords(diagnosis(acts=(load_act, repair), rig=five))
     assert of_five.next.startswith(
-        "Send the controller to corrected targets: rig correct so.yaml -o D writes them, with"
+        "Move the robot to corrected targets. To write them: rig correct so.yaml -o D --path TARGETS.csv"
     )
     assert not any(word in of_five.next for word in ("program", "--for", "values"))
     approach = Act("approach", "history", effect=Backlash(axis=1, width_deg=0.1))

@@ -85,7 +85,7 @@ def test_a_wave_stays_in_its_own_run_and_is_no_reversal_everywhere() -> None:
 def test_a_constant_is_all_along() -> None:
     first = healthy().blocks[0]
     (place,) = _places([NOISE[0] + _wave(first, 0, 0.2), NOISE[1]])
-    assert place.why == "all along, constant" and place.joint is None
+    assert place.why == "constant over the lap" and place.joint is None
     assert place.rms_um == pytest.approx(200, rel=0.02)
 
 

@@ -116,7 +116,7 @@ def test_an_effect_deleted_from_the_vocabulary_is_outside_the_library(monkeypatc
     assert found.condition == "outside_library"
     assert found.remainder.um > 10 and found.remainder.um > sum(one.worth_um for one in found.effects if one.stands)
     assert "it looks like" in found.remainder.words
-    assert found.left and all("cycles a lap" in left.words for left in found.left)
+    assert found.left and all("waves per lap" in left.words for left in found.left)
     assert any(place.why.startswith("reversal") for place in found.where)
 
 
@@ -164,11 +164,11 @@ def test_more_waves_of_a_joint_than_gears_have_name_no_gear(monkeypatch: pytest.
     found = found_in(circles(tuple(waves), seed=19))
     assert found.condition == "outside_library" and not found.standing
     assert [(name_of(one.effect), one.is_term) for one in found.contradicted] == [("transmission_error 1", True)] * 2
-    assert "2 waves of transmission_error 1 together resemble it" in found.remainder.words
+    assert "also fitted by 2 waves of gear error of axis 1" in found.remainder.words
     screen = Console(width=120, file=io.StringIO())
     with screen.capture() as shown:
         screen.print(as_screen(found))
-    assert "part of a series with more waves than an axis has" in " ".join(shown.get().split())
+    assert "it belongs to a series of more waves than one axis can have" in " ".join(shown.get().split())
     waves_in_the_budget = [part for part in found.budget if part.doubt == "series"]
     assert len(waves_in_the_budget) == 2 and {part.rank for part in waves_in_the_budget} == {"undecided"}
     assert "comes from gear error" not in AnswerWords(found).headline, "what imitates something else is no cause"
@@ -304,7 +304,7 @@ def test_no_name_stands_with_which_the_model_explains_no_more() -> None:
 def test_a_name_that_ends_at_the_limit_of_its_size_is_doubted() -> None:
     most = size_limits(JointOffset(axis=3))[1]
     one = Named(JointOffset(axis=3, offset_deg=most), {}, 1.0, (), 1.0, "", 500.0, None)
-    assert doubts_of_limits([one])[0].startswith("joint_offset 3 ended at the limit of the size")
+    assert doubts_of_limits([one])[0].startswith("the zero of axis 3 reached the limit of its size")
     inside = replace(one, effect=JointOffset(axis=3, offset_deg=0.95 * most))
     assert doubts_of_limits([inside, replace(one, doubt="usual")]) == ()
     nearly = replace(one, effect=JointOffset(axis=3, offset_deg=-most * (1 - 1e-15)))

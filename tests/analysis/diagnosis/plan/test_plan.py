@@ -217,12 +217,12 @@ def test_the_command_prints_words_or_one_object(
     )
     monkeypatch.setenv("COLUMNS", "140")
     told = CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll"])
-    assert "most useful further test: hemisphere (radial)" in told.stdout
-    assert "link_geometry 6.a (a5)" in told.stdout
-    assert "not possible here: a flight: no wings" in told.stdout
-    assert "noise assumed" in told.stdout and "from stop to stop 24.5 µm" in " ".join(told.stdout.split())
-    assert "all other errors have their usual size" in " ".join(told.stdout.split())
-    assert "87 names: " in told.stdout, "a gear is one name, regardless of its orders"
+    assert "Most useful further test: hemisphere (radial)" in told.stdout
+    assert "length a of axis 6 (a5)" in told.stdout
+    assert "Not possible here: a flight: no wings" in told.stdout
+    assert "Assumed noise" in told.stdout and "a target, between stops 24.5 µm" in " ".join(told.stdout.split())
+    assert "all its other errors have their usual size" in " ".join(told.stdout.split())
+    assert "Of 87 possible errors" in told.stdout, "a gear is one name, regardless of its orders"
     found = json.loads(CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll", "--json"]).stdout)
     assert {"tests", "runs", "effects", "groups", "pairs", "further", "not_possible"} <= found.keys()
     by_name = {effect["name"]: effect for effect in found["effects"]}

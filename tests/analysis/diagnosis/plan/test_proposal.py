@@ -148,7 +148,7 @@ def test_the_command_prints_circles_and_what_comes_next(
     out = tmp_path / "circles"
     done = CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll", "--propose", "-o", str(out)])
     assert done.exit_code == 0, done.output
-    assert "1. " in done.stdout and "names are testable" in done.stdout
+    assert "1. " in done.stdout and "errors are detectable" in done.stdout
     first = out / "paper-fanuc-circle-1.yaml"
     assert f"next: rig program {first} --for fanuc --test yaw -o programs\n" in done.stderr
     asked = ["plan", "paper-fanuc", "--tests", "yaw,roll", "--propose", "--json"]

@@ -57,7 +57,9 @@ def test_the_others_are_diagnosed_and_the_run_is_named() -> None:
     found = found_in(runs)
     assert [name_of(one.effect) for one in found.effects if one.stands] == ["backlash 5"]
     assert any(
-        doubt.startswith("yaw-cw-2 is ignored: compared with its repeats, the gauges g1 and g2 are exchanged")
+        doubt.startswith(
+            "yaw-cw-2 is ignored: the gauges g1 and g2 are exchanged compared with the repeats of this run"
+        )
         for doubt in found.doubts
     )
     assert not any("may be exchanged" in doubt for doubt in found.doubts)
@@ -66,7 +68,7 @@ def test_the_others_are_diagnosed_and_the_run_is_named() -> None:
 def test_an_exchange_in_all_runs_is_refused_where_a_play_would_lead() -> None:
     """Repeats do not show it, and no effect explains it; a joint with play does."""
     runs = circles((PLAY,), seed=44)
-    with pytest.raises(FileError, match=r"lead where they turn back.* exchanged, .*; press a probe"):
+    with pytest.raises(FileError, match=r"seem to lead at reversals.* exchanged .*; press a probe"):
         found_in(_with_swaps(runs, range(len(runs))))
     assert not any("may be exchanged" in doubt for doubt in found_in(runs).doubts)
 

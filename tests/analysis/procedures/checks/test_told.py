@@ -35,7 +35,7 @@ def uncoupled(path: Path) -> Path:
 def test_a_coupling_that_is_missing_is_told_at_import_and_with_every_figure(tmp_path: Path) -> None:
     source, run = uncoupled(tmp_path / "poses.csv"), tmp_path / "run"
     done = ran("import", source, "--rig", "ur10", "--test", "pose", "-o", run)
-    said = "only with J3 + J2 in place of J3 do these poses fit: 0.1"
+    said = "these poses fit only with J3 + J2 in place of J3 (error 0.1"
     assert done.returncode == 0 and said in done.stderr and "mm instead of" in done.stderr
     assert said in " ".join(ran("analyse", run, COLUMNS="1000").stdout.split())
     measured = read_table(source, "ur10", "pose")
@@ -52,8 +52,8 @@ def test_rig_check_says_what_was_checked_and_found(tmp_path: Path) -> None:
     assert done.returncode == 3
     lines = done.stdout.splitlines()
     assert any(line.startswith("joints:") and "only with J3 + J2" in line for line in lines)
-    assert any(line.startswith("units:") and "no objection" in line for line in lines)
-    assert any(line.startswith("gauge sign:") and "not shown: " in line for line in lines)
+    assert any(line.startswith("units:") and "no problem found" in line for line in lines)
+    assert any(line.startswith("gauge sign:") and "cannot be checked: " in line for line in lines)
     found = json.loads(ran("check", run, "--json").stdout)
     (joints,) = (one for one in found["conventions"] if one["name"] == "joints")
     (finding,) = joints["findings"]
@@ -74,7 +74,9 @@ def test_rig_check_of_a_sound_run_ends_well(tmp_path: Path) -> None:
 def test_gauges_that_both_count_the_other_way_are_refused_where_a_play_would_lead() -> None:
     runs = circles((PLAY,), seed=3)
     negated = [replace(run, table=replace(run.table, g_mm=-run.table.g_mm)) for run in runs]  # type: ignore[union-attr]
-    with pytest.raises(FileError, match=r"fit only with both gauges counting the other way.*; press a probe"):
+    with pytest.raises(
+        FileError, match=r"fit only with both gauges counting in the opposite direction.*; press a probe"
+    ):
         found_in(negated)
 
 
@@ -90,7 +92,9 @@ def test_gauges_that_contradict_the_effects_of_the_rig_file_are_refused() -> Non
     run = replace(run, rig=rig)
     assert isinstance(run.table, CircleTable)
     negated = replace(run, table=replace(run.table, g_mm=-run.table.g_mm))
-    with pytest.raises(FileError, match="effects of the rig file explain its readings only with the gauges counting"):
+    with pytest.raises(
+        FileError, match="effects of the rig file explain the readings only if the gauges count in the opposite"
+    ):
         found_in([negated], rig)
     assert findings_of([run]) == []
 
@@ -104,5 +108,5 @@ def test_poses_that_are_no_measurement_are_left_out_beside_others() -> None:
         table=replace(other.table, q=other.table.q[:, [0, 2, 1, 3, 4, 5]]),
     )
     found = found_in([sound, wrong])
-    assert found.doubts[0].startswith("wrong is ignored: only with J2 and J3 exchanged do these poses fit")
+    assert found.doubts[0].startswith("wrong is ignored: these poses fit only with J2 and J3 exchanged")
     assert found.accuracy.now_um < 100

@@ -46,7 +46,7 @@ def test_a_revisit_with_the_same_rounded_place_is_no_doubt(tmp_path: Path) -> No
 
 def test_readings_of_a_stand_are_averaged_and_said(tmp_path: Path) -> None:
     run = read_table(written(read_thrice(table(20)), tmp_path / "poses.csv"), "ur10", "pose")
-    assert len(run.table.q) == 20 and "60 rows are 20 stands" in run.doubts[-1]
+    assert len(run.table.q) == 20 and "of 20 stands of the robot" in run.doubts[-1]
 
 
 def test_analyse_gives_the_figure_without_the_lost_row_and_a_turn_without_a_u(tmp_path: Path) -> None:

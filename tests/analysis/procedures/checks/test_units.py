@@ -84,7 +84,7 @@ def test_good_tables_are_let_through(test: TestName, direction: str) -> None:
 
 @pytest.mark.parametrize("test", ["yaw", "roll", "pose"])
 def test_joints_in_radians(test: TestName) -> None:
-    with pytest.raises(FileError, match=r"q1_deg … q6_deg are radians.*; convert them to degrees"):
+    with pytest.raises(FileError, match=r"q1_deg … q6_deg are in radians.*; convert them to degrees"):
         check(changed(test, dict.fromkeys(JOINTS, RAD)), test)
 
 
@@ -96,7 +96,7 @@ def test_joints_in_radians_at_targets() -> None:
     hemisphere = Hemisphere(centre_mm=tuple(tool), radius_mm=_reach(one), posture_deg=(0, 0, 0, 0, 0, 0))
     cell = rig().model_copy(update={"tests": rig().tests.model_copy(update={"hemisphere": hemisphere})})
     check(one, "radial", cell)
-    with pytest.raises(FileError, match="are radians"):
+    with pytest.raises(FileError, match="are in radians"):
         check(one | {name: scaled(one[name], RAD) for name in JOINTS}, "radial", cell)
 
 
@@ -224,9 +224,9 @@ def test_tracker_places_that_were_taken_for_another_unit(factor: float, unit: st
 @pytest.mark.parametrize(("passes", "at_once"), REPEATS)
 def test_tracker_angles_and_joints_in_radians(passes: int, at_once: int) -> None:
     rows = changed("pose", dict.fromkeys(("rx_deg", "ry_deg", "rz_deg"), RAD))
-    with pytest.raises(FileError, match="rx_deg, ry_deg, rz_deg are radians"):
+    with pytest.raises(FileError, match="rx_deg, ry_deg, rz_deg are in radians"):
         check(repeated(rows, passes, at_once), "pose")
-    with pytest.raises(FileError, match="q1_deg … q6_deg are radians"):
+    with pytest.raises(FileError, match="q1_deg … q6_deg are in radians"):
         check(repeated(changed("pose", dict.fromkeys(JOINTS, RAD)), passes, at_once), "pose")
     check(repeated(plain("pose"), passes, at_once), "pose")
 
@@ -237,7 +237,7 @@ def test_joints_in_radians_are_told_beside_places_in_metres() -> None:
     rows = {name: cells for name, cells in moved.items() if not name.startswith("r")}
     cell = rig()
     found = [(finding.columns[0], finding.what) for finding in unit_findings(read(rows, "pose", cell), cell)]
-    assert [column for column, _ in found] == ["q1_deg", "x_mm"] and "are radians" in found[0][1]
+    assert [column for column, _ in found] == ["q1_deg", "x_mm"] and "are in radians" in found[0][1]
     assert "are in m:" in found[1][1]
 
 
@@ -246,7 +246,7 @@ def test_tracker_angles_about_moving_axes() -> None:
     names = ("rx_deg", "ry_deg", "rz_deg")
     fixed = np.array([[float(cell) for cell in rows[name]] for name in names]).T
     moving = Rotation.from_euler("xyz", fixed, degrees=True).as_euler("XYZ", degrees=True)
-    with pytest.raises(FileError, match="are turns about moving axes"):
+    with pytest.raises(FileError, match="are rotations about moving axes"):
         check(rows | {name: texts(column) for name, column in zip(names, moving.T, strict=True)}, "pose")
 
 

@@ -53,7 +53,7 @@ def test_roll_tells_the_balls_height_and_the_eccentricity_gives_no_sine() -> Non
     assert result.figures["offset_deg"].value == pytest.approx(np.degrees(1.2 / 70), rel=1e-3)
     # Of second order: h e / R².
     assert result.figures["amplitude_deg"].value < np.degrees(1.3 * 1.2 * 0.65 / 70**2)
-    assert "the ball 1.200 mm along n, or the gauges' zeros" in _said(result)[0]
+    assert "the ball is mounted 1.200 mm off along n, or the gauges" in _said(result)[0]
 
 
 def test_extremes_of_roll_are_where_they_are() -> None:
@@ -127,7 +127,7 @@ def test_eccentricities_that_disagree_are_told() -> None:
     assert _said(yaw.evaluate(_lap(good), 50.0, 0.02, 1e-3)) == ()
     for wrong in (good[:, ::-1], good * [1, -1], good * [1, 0.2], 1.0 + _ball("roll", (0.6, -0.4, 0.3))):
         (note,) = _said(yaw.evaluate(_lap(wrong), 50.0, 0.02, 1e-3))
-        assert "mm apart: a gauge's sign, scale or order may be wrong, or the robot" in note
+        assert "mm: the sign, scale or order of the gauges may be wrong, or the robot" in note
 
 
 def test_a_yaw_run_labelled_roll_is_told() -> None:

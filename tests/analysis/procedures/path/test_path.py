@@ -257,7 +257,7 @@ def test_a_spike_among_the_places_is_left_out_and_said(size_mm: float, count: in
     assert str(row + 1) in found.notes[0] and "ignored" in found.notes[0]
     for name in ("line_rt_mm", "line_at_mm", "circle_rt_mm"):
         assert found.figures[name].value == pytest.approx(truth.figures[name].value, abs=2e-3)
-    assert not any("outlier" in note or "equal the previous" in note for note in truth.notes)
+    assert not any("outlier" in note or "repeat the preceding one" in note for note in truth.notes)
 
 
 @pytest.mark.parametrize("seconds", [0.1, 0.3, 0.5])
@@ -267,7 +267,7 @@ def test_a_beam_that_stood_still_is_left_out_and_said(seconds: float) -> None:
     count = round(seconds * 500)
     xyz[row : row + count] = xyz[row - 1]
     found, truth = (path.evaluate(one, CUBE, None, "path") for one in (replace(sound, xyz_mm=xyz), sound))
-    (note,) = [one for one in found.notes if "equal the previous one" in one]
+    (note,) = [one for one in found.notes if "repeat the preceding one" in one]
     assert note.startswith(f"{count} of {len(xyz)} places") and f"from row {row + 1} on" in note
     assert found.figures["line_rt_mm"].value == pytest.approx(truth.figures["line_rt_mm"].value, rel=0.15)
 

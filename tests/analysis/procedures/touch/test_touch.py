@@ -139,7 +139,7 @@ def test_touches_in_radians_and_joints_that_the_arm_has_not_are_refused() -> Non
     table = simulated_touches(rig, 3)
     assert not list(unit_findings(table, rig))
     (finding,) = unit_findings(TouchTable(table.socket, np.radians(table.q)), rig)
-    assert finding.strength == "impossible" and "q1_deg … q7_deg are radians" in finding.what
+    assert finding.strength == "impossible" and "q1_deg … q7_deg are in radians" in finding.what
     six = parse(f"name: cell\n{load_arm('ur5').text}{TOUCH.replace('DISTANCE', '')}\n", "cell.yaml")
     columns = columns_of(table)
     lines = np.arange(2, 2 + columns.num_rows)
