@@ -65,6 +65,8 @@ def load_run(path: str | Path) -> Measured:
 
     Source: docs/recording.md (run directories), docs/analysis.md (alignment of times).
     """
+    if not isinstance(path, str | Path):
+        raise UseError("path", f"a {type(path).__name__} is no path", "give the path of a run directory")
     return load_measured(Path(path))
 
 

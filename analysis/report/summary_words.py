@@ -151,7 +151,18 @@ class _SummaryWords:
 
     @property
     def error(self) -> ErrorChange:
-        """The error now, and after repair and correction, both on the runs used to validate the model."""
+        """The error now and after repair and correction, both on the runs used to validate the model. An assumed noise is no
+        measured uncertainty of the two figures, and the basis says so.
+        """
+        change = self._error_change
+        if self.diagnosis.shows_noise or self.diagnosis.repeated:
+            return change
+        now, after = (figure.partition(" ± ")[0] for figure in (change.now, change.after))
+        return replace(change, now=now, after=after, basis=f"{change.basis} {self.texts('noise_assumed')}")
+
+    @property
+    def _error_change(self) -> ErrorChange:
+        """The error now and after, each with the uncertainty of the noise of its runs."""
         diagnosis, texts, accuracy = self.diagnosis, self.texts, self.diagnosis.accuracy
         place: str = accuracy.place
         before_um, after_um = accuracy.before_there_um, accuracy.calibrated_um

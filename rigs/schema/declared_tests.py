@@ -18,7 +18,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from rigs.schema.part import MM_PER_M, Angle, Part, Vector
+from rigs.schema.part import MM_PER_M, Angle, Part, Vector, place_not_in_metres
 from rigs.schema.robot import Pose, Posture
 from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
 
@@ -152,6 +152,8 @@ class Touch(Part):
     touches: int = Field(default=40, ge=1, le=2000)
     """Number of touches requested by a recording, over all sockets."""
     distances: tuple[KnownSocketDistance, ...] = ()
+
+    _in_mm = field_validator("ball_mm")(place_not_in_metres)
 
     @model_validator(mode="after")
     def _of_these_sockets(self) -> Touch:

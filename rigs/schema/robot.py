@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from rigs.schema.part import MM_PER_M, Angle, Length, Part, Vector
+from rigs.schema.part import MM_PER_M, Angle, Length, Part, Vector, place_not_in_metres
 from rigs.schema.vocabulary import DRIVEN_AXES, FEWEST_AXES, MOST_AXES, Build
 
 
@@ -102,6 +102,12 @@ class Robot(Part):
 
     By default an arm of seven axes has torque sensors, and an arm of four or five axes is light.
     """
+
+    @field_validator("tool")
+    @classmethod
+    def _tool_in_mm(cls, tool: Pose) -> Pose:
+        place_not_in_metres(tool.xyz_mm)
+        return tool
 
     @model_validator(mode="after")
     def _in_mm(self) -> Robot:

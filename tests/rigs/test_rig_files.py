@@ -444,3 +444,21 @@ def test_a_shipped_cell_has_the_arm_of_the_library(name: str) -> None:
     assert cell.build == arm.build
     for shipped_axis, axis in zip(cell.axes, arm.axes, strict=True):
         assert shipped_axis.model_copy(update={"name": axis.name}) == axis
+
+
+@pytest.mark.parametrize(
+    ("written", "in_metres", "place"),
+    [
+        ("xyz_mm: [0, 0, 150]", "xyz_mm: [0, 0, 0.15]", "robot.tool"),
+        ("ball_mm: [0, 0, 120]", "ball_mm: [0, 0, 0.12]", "tests.touch.ball_mm"),
+    ],
+)
+def test_a_place_on_the_flange_in_metres_is_doubted(written: str, in_metres: str, place: str) -> None:
+    """A tool of 0.15 mm was valid, and every test around it out of reach."""
+    text = shipped()["ur10e"].read_text(encoding="utf-8")
+    text = text.replace("tests:\n", "tests:\n  touch: {sockets: [A, B], ball_mm: [0, 0, 120]}\n")
+    parse(text, "cell.yaml")
+    with pytest.raises(RigFileError, match="looks like metres: multiply it by 1000") as refused:
+        parse(text.replace(written, in_metres), "cell.yaml")
+    assert re.search(rf"line \d+, {place}: ", str(refused.value))
+    parse(text.replace(written, written[: written.index("[")] + "[0, 0, 0]"), "cell.yaml")

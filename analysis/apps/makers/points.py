@@ -23,6 +23,7 @@ from analysis.apps.makers.program_machine import (
     Usage,
     Value,
     family_of,
+    relative_moves,
     usages_of,
 )
 from analysis.apps.makers.target import (
@@ -140,6 +141,8 @@ class Points:
             for source in usage.comes_from:
                 if source not in (None, BEGIN) and (key in places) != (source in places):
                     next_to_left.append(places[key if key in places else source])
+        if targets:
+            skipped += [UncorrectedTarget(at.file, at.line, at.why, "relative") for at in relative_moves(program)]
         ordered = tuple(sorted(skipped, key=lambda move: (move.file, move.line)))
         notices, named = tuple(self.notices), self._names_in_use(usages)
         return Parsed(tuple(targets), steps, ordered, tuple(next_to_left), tuple(self._sets), notices, named)

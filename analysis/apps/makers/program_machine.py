@@ -98,7 +98,12 @@ class Call:
 
 @dataclass(frozen=True)
 class Elsewhere:
-    """A move of the arm to a position outside the targets of the program."""
+    """A move of the arm to a position outside the targets of the program.
+
+    relative: place and text of a relative move in another file, which starts at the position of the arm.
+    """
+
+    relative: Unknown | None = None
 
 
 @dataclass(frozen=True)
@@ -460,6 +465,23 @@ def _resolved(stands: list[set[str | None]], places: Iterable[object]) -> frozen
 def usages_of(program: Program) -> list[Usage]:
     """Return every move that a program can make, with the state known on every path to it."""
     return _Machine(program).run()
+
+
+def relative_moves(program: Program) -> list[Unknown]:
+    """Return the relative moves in routines that the routines with targets call, directly or through others."""
+    calls = {
+        name: {statement.name for statement in body if isinstance(statement, Call)} & program.routines.keys()
+        for name, body in program.routines.items()
+    }
+    todo = [name for name, body in program.routines.items() if any(isinstance(one, Move) for one in body)]
+    reached: set[str] = set()
+    while todo:
+        name = todo.pop()
+        if name not in reached:
+            reached.add(name)
+            todo += calls[name]
+    moves = (statement for name in reached for statement in program.routines[name])
+    return sorted({move.relative for move in moves if isinstance(move, Elsewhere) and move.relative})
 
 
 def family_of(part: str) -> str:

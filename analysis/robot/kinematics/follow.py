@@ -24,6 +24,8 @@ Indices = NDArray[np.intp]
 _KNOT_TURN = np.radians(4.0)
 _JUMP = 10 * _KNOT_TURN
 """Largest deviation of a joint from linear interpolation between knots."""
+_IN_METRES = 10.0
+"""Largest coordinate of a centre in mm that may be meant in metres. Chosen: the longest arms reach 6 m."""
 
 
 def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
@@ -123,7 +125,9 @@ def _nearest_branch(arm: Arm, pose: Array, q: Array) -> Array | None:
 
 def _out_of_reach(poses: Array, index: int, where: str) -> PathError:
     what = f"{_pose_name(poses, index)} is out of reach of the arm in every posture"
-    return PathError(where, what, "move the centre", "reach")
+    centre = poses[:, :3, 3].mean(axis=0)
+    in_metres = "; if centre_mm is in metres, multiply it by 1000" * bool(np.abs(centre).max() < _IN_METRES)
+    return PathError(where, what, f"move the centre{in_metres}", "reach")
 
 
 def _flips(arm: Arm, poses: Array, index: int, q: Array, where: str) -> PathError:

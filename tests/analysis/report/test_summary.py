@@ -84,6 +84,15 @@ def test_the_headline_is_cause_size_and_certainty() -> None:
     assert usual.headline.endswith("certain, normal for this arm.")
 
 
+def test_an_assumed_noise_is_no_uncertainty_of_the_error() -> None:
+    """2.2 ± 14.7 µm stood above runs that nobody had repeated."""
+    assumed = summarise(diagnosis("named", repeated=False, shows_noise=False)).error
+    assert "±" not in assumed.words and EN("noise_assumed") in assumed.basis
+    for changes in ({"repeated": True}, {"repeated": False, "shows_noise": True}):
+        measured = summarise(diagnosis("named", **changes)).error  # type: ignore[arg-type]
+        assert "±" in measured.now and EN("noise_assumed") not in measured.basis
+
+
 def test_headline_and_causes_state_the_same_probability_and_the_share_separately() -> None:
     """A headline with "28 % likely" above a cause with 99.7 % reads as a contradiction."""
     part = BudgetPart("effect", 1.0, 0.1, 0.997, axis=2, name="joint_offset 2", index=0, odds=ZERO.posterior)

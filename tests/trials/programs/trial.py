@@ -95,7 +95,7 @@ def correct(draft: Draft) -> Corrected:
             files |= one.files
             read |= set(names)
             done |= {(names[file], line) for file, line in one.places}
-            left += [((names[item.file], item.line), item.reason) for item in one.left]
+            left += [((one.sources[item.file], item.line), item.reason) for item in one.left]
             u_mm += one.u_mm.tolist()
             given = zip(one.places, one.given_away_mm.tolist(), strict=True)
             given_mm |= {(names[file], line): mm for (file, line), mm in given if np.isfinite(mm)}

@@ -578,7 +578,8 @@ def _shift(function: str, texts: list[str]) -> Array | None:
 def _leave(reader: RapidReader, begin: int, reason: Reason, name: str) -> None:
     assert reader.blocks is not None  # noqa: S101 - within a routine
     _list(reader, begin, reason, name)
-    reader.blocks.add(Elsewhere())
+    is_relative = reader.file >= reader.points.files and re.search(r"\bCRobT\b", name, re.IGNORECASE)
+    reader.blocks.add(Elsewhere(reader.why(begin, name) if is_relative else None))
 
 
 def _list(reader: RapidReader, begin: int, reason: Reason, name: str) -> None:

@@ -421,14 +421,15 @@ def _selected(number: str, values: tuple[Value, ...]) -> Value:
 
 def _target(reader: _FanucReader, kind: str, text: str, line: int, modifiers: str) -> None:
     point, blocks = _POINT.fullmatch(text), reader.blocks
+    is_relative = re.search(r"\bINC\b", modifiers, re.IGNORECASE) is not None
     if point is None or reader.file or not reader.points.knows(point[1]):
         literal = point is not None and not reader.file
         reader.leave(line, text, "not_literal" if literal else "computed")
         if point is None and not text.startswith("PR") and not reader.file:
             _any_target(reader, kind, line, modifiers)
-        blocks.add(Elsewhere())
+        blocks.add(Elsewhere(Unknown(reader.file, line, text[:80]) if reader.file and is_relative else None))
         return
-    if re.search(r"\bINC\b", modifiers, re.IGNORECASE):
+    if is_relative:
         _mentioned(reader, text)
         reader.leave(line, text, "relative")
         blocks.add(Elsewhere())

@@ -550,7 +550,8 @@ def _leave(reader: KrlReader, file: int, begin: int, reason: Reason, name: str) 
     """List a move that cannot be corrected. The position of the arm is unknown afterwards."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     _list(reader, file, begin, reason, name)
-    reader.blocks.add(Elsewhere())
+    in_other_file = reason == "relative" and file >= reader.points.files
+    reader.blocks.add(Elsewhere(reader.why(file, begin, name) if in_other_file else None))
 
 
 def _list(reader: KrlReader, file: int, begin: int, reason: Reason, name: str) -> None:

@@ -71,7 +71,7 @@ def as_table(entries: ControllerEntries, rig: Rig, entered: bool = False) -> Ren
         steps = () if entered else entries.steps
         parts += [Text(f"{number}. {step}") for number, step in enumerate(steps, start=1)]
         parts.append(Text(f"from {entries.controller.source}", style="dim"))
-    parts.append(Text(entries.controller.missing, style="dim"))
+        parts.append(Text(entries.controller.missing, style="dim"))
     if bool(entries.controller.scale) and any(entry.unit == "deg" for entry in entries.entries):
         parts.append(Text(f"with --scale, six {entries.controller.scale}: in the units of {entries.controller.unit}"))
     parts += [

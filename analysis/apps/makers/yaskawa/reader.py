@@ -133,7 +133,7 @@ class _YaskawaReader:
     def leave(self, name: str, reason: Reason) -> None:
         if self.file == 0:
             self.points.leave(UncorrectedTarget(0, self.line, name[:60], reason))
-        self.blocks.add(Elsewhere())
+        self.blocks.add(Elsewhere(self.why(name) if self.file and reason == "relative" else None))
 
     def key(self, name: str) -> str:
         """Return the key of a position, which belongs to a job."""

@@ -104,6 +104,17 @@ def test_what_the_arm_cannot_reach_is_told(name: str) -> None:
         follow(arm, np.repeat(far, 2, axis=0), START, "path")
 
 
+def test_a_centre_in_metres_is_told_as_that() -> None:
+    """The centre [0.1, 0.2, 0.3] is within the base; the message only said to move it."""
+    arm = ARMS["ur10e"]
+    poses = np.repeat(forward(arm, START[None]), 2, axis=0)
+    for place, is_metres in (([0.1, 0.2, 0.3], True), ([9000.0, 200.0, 300.0], False)):
+        poses[:, :3, 3] = place
+        with pytest.raises(FileError) as refused:
+            follow(arm, poses, START, "path")
+        assert ("multiply it by 1000" in str(refused.value)) is is_metres
+
+
 def test_a_path_that_leaves_the_reach_is_told_where() -> None:
     arm = ARMS["ABB IRB 2400/10"]
     poses = np.repeat(forward(arm, START[None]), 100, axis=0)

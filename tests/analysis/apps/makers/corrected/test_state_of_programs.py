@@ -346,3 +346,58 @@ def test_jobs_of_the_second_robot_are_noticed(tmp_path: Path) -> None:
     files = {"a.jbi": files["a.jbi"].replace("///GROUP1 RB1", "///GROUP1 RB2")}
     found = corrected_files(rig, tmp_path, files, ["3=0,0,150,0,0,0"], ["4=0"])
     assert len(found.names) == 2 and "RB2" in found.notices[0].text
+
+
+Called = tuple[str, dict[str, str], dict[str, str], int]
+"""Name of the file with the relative move, the files whose program calls it through a third routine, those whose
+program does not, and the line of the move."""
+
+
+def _called(maker: str) -> Called:
+    if maker == "kuka":
+        step = "DEF step()\nLIN_REL {Z 20.0}\nEND\n"
+        through = {"via.src": "DEF via()\nstep()\nEND\n", "step.src": step}
+        plain = {"a.src": HEAD + "PTP {p1}\nEND\n"}
+        return "step.src", {"a.src": HEAD + "PTP {p1}\nvia()\nEND\n", **through}, {**plain, **through}, 2
+    if maker == "abb":
+        step = "MODULE b\nPROC via()\nstep;\nENDPROC\nPROC step()\nMoveL Offs(CRobT(),0,0,20),v9,fine,tool0;\n"
+        beside = {"b.mod": f"{step}ENDPROC\nENDMODULE\n"}
+        move = "MoveAbsJ {q0},v9,fine,t;\nMoveJ {p1},v9,fine,t;\n"
+        return "b.mod", {**module_of(f"{move}via;\n"), **beside}, {**module_of(move), **beside}, 6
+    if maker == "fanuc":
+        step = "/PROG  STEP\n/MN\n   1:L P[1] 9mm/sec FINE INC ;\n"
+        through = {"via.ls": "/PROG  VIA\n/MN\n   1:CALL STEP ;\n", "step.ls": step}
+        return "step.ls", {"a.ls": selecting(L2_, "CALL VIA"), **through}, {"a.ls": selecting(L2_), **through}, 3
+    through = {
+        "via.jbi": job_of("CALL JOB:STEP", name="VIA", pos=NO_POSITIONS),
+        "step.jbi": job_of("IMOV P001 V=100.0 BF", name="STEP", pos=NO_POSITIONS),
+    }
+    return "step.jbi", {"a.jbi": job_of(M1, "CALL JOB:VIA"), **through}, {"a.jbi": job_of(M1), **through}, 7
+
+
+NO_POSITIONS = "//POS\n///NPOS 0,0,0,0,0,0\n//INST\nNOP\n"
+CELLS = {
+    "kuka": (kuka_files, *KUKA_STATED),
+    "abb": (abb_files, [], []),
+    "fanuc": (fanuc_files, ["1=10,-20,180,0,30,10"], ["3=0"]),
+    "yaskawa": (yaskawa_files, ["3=0,0,150,0,0,0"], ["4=0"]),
+}
+
+
+@pytest.mark.parametrize("maker", CELLS)
+def test_a_relative_move_of_a_file_that_is_called_is_listed_with_that_file(maker: str, tmp_path: Path) -> None:
+    """It starts at a corrected target and keeps its own length: where it ends is not corrected, and nobody said so."""
+    make, tools, frames = CELLS[maker]
+    name, called, not_called, line = _called(maker)
+    listed = []
+    for number, files in enumerate((called, not_called)):
+        directory = tmp_path / str(number)
+        directory.mkdir()
+        rig, filled = make(files)
+        found = corrected_files(rig, directory, filled, tools, frames)
+        assert found.names
+        listed.append([(found.sources[one.file], one.line) for one in found.left if one.reason == "relative"])
+        if listed[-1]:
+            assert f"{name} line {line}" in " ".join(program_report.lines(found))
+            assert name in [one["file"] for one in program_report.as_object(found)["left"]]
+    assert listed == [[(name, line)], []]
