@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.diagnosis.evidence.observation import ObservedRun
+from analysis.diagnosis.evidence.observation import ObservedRun, socket_of
 from analysis.movement.causes import LEVELS, NOTHING, Cause, prior_of
 from analysis.movement.evidence import LinearReadings, Prediction, likeliest
 from analysis.movement.inference import Reference, ReferenceComparison, square_to_name
@@ -32,6 +32,11 @@ class ReferencePosture:
     row: int
     angles: Array
     gain: float
+
+    @property
+    def socket(self) -> str:
+        """Name of the socket to touch; empty for a pose."""
+        return socket_of(self.setup)
 
 
 @dataclass(frozen=True)
