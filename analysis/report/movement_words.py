@@ -87,15 +87,16 @@ def headline(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
     if not moved.readings:
         return texts("check_no_readings", count=moved.reference_readings)
     named, of_tracker = moved.named, moved.of_tracker
+    readings = texts("check_reading" if moved.readings == 1 else "check_readings", count=moved.readings)
     if named is None:
         rivals = [
             f"{name_of(cause.cause, texts, of_tracker=of_tracker)} ({100 * cause.posterior:.0f} %)"
             for cause in moved.cannot_separate
         ]
-        return texts("check_open", count=moved.readings, rivals=_listed(rivals, texts))
+        return texts("check_open", readings=readings, rivals=_listed(rivals, texts))
     certain = odds(named.posterior, texts)
     if named.what == "nothing":
-        return texts("check_nothing", count=moved.readings, scatter=f"{moved.scatter_mm:.2f}", odds=certain)
+        return texts("check_nothing", readings=readings, scatter=f"{moved.scatter_mm:.2f}", odds=certain)
     if named.what == "other":
         return texts("check_other", odds=certain)
     thing = _capitalised(name_of(named.cause, texts, of_tracker=of_tracker))

@@ -104,7 +104,7 @@ def _find_movement(
 
     if not new and not plan:
         if len(runs) < 2:
-            raise UseError("rig moved", "needs a reference and a new run", "give RUN… --new RUN…, or --plan")
+            raise UseError("rig moved", "needs a reference and a new run", "give RUN… --new RUN…, --plan or --live")
         runs, new = runs[:-1], runs[-1:]
     reference, after = _read(runs, rig_file), _read(new, rig_file)
     rig = load(rig_file)[0] if rig_file else reference[0].rig

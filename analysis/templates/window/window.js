@@ -267,7 +267,7 @@ function drawStart(told) {
 function say() {
   const silent = performance.now() - heardAt;
   const stale = heardAt === 0 || silent > STALE_MS;
-  const lost = byId("live") && known.now?.lost;
+  const lost = (byId("live") || byId("moved")) && known.now?.lost;
   const state = byId("state");
   state.classList.toggle("stale", (stale && heardAt > 0) || Boolean(lost));
   root.classList.toggle("stale-all", stale || Boolean(lost));
