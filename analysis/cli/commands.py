@@ -107,7 +107,7 @@ _FILES = {
 
 _APPS = {
     **dict.fromkeys(("arms", "export"), "interchange"),
-    **dict.fromkeys(("circle", "doctor", "init"), "commission"),
+    **dict.fromkeys(("circle", "doctor", "init", "moved"), "commission"),
     **dict.fromkeys(("compare", "fleet", "history"), "plant"),
     **dict.fromkeys(("correct", "plan", "postures", "program"), "makers"),
     **{name: name for name in ("emulate", "live", "pair", "paper", "parts", "session", "window")},

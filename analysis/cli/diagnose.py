@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -43,6 +43,15 @@ def diagnose(
             help="Largest error of the readings that is accepted, in µm rms; default: the limits of the rig file.",
         ),
     ] = None,
+    second: Annotated[
+        str | None,
+        typer.Option(
+            metavar="RIG",
+            autocompletion=completion.rig_files,
+            help="For touches of two arms: rig file of the arm with the socket; --rig is the arm with the ball; "
+            "default: none.",
+        ),
+    ] = None,
     as_json: AsJson = False,
     output: Annotated[
         Path | None,
@@ -57,6 +66,9 @@ def diagnose(
     scheduler: Scheduler = None,
 ) -> None:
     """Find the causes of the error: compare runs with the model, name the missing effects, and verify them."""
+    if is_two_arm_table(runs, second):
+        two_arms_diagnosed(runs[0], rig_file, second, output, is_alone=not (hold_out or unseen), as_json=as_json)
+        return
     import analysis
     from analysis.cli.console import progress_of
     from analysis.cli.several import end_with, load_runs, with_tables, worst
@@ -96,6 +108,41 @@ def diagnose(
     if output:
         _write(diagnosis, (measured, judges, elsewhere), text, output, errors)
     end_with(worst(errors))
+
+
+def is_two_arm_table(runs: Sequence[Path], second: str | None) -> bool:
+    """Return whether the input is a single table with the joints of two arms.
+
+    Raises UseError if a second arm is given for other data.
+    """
+    from analysis.cli.several import is_table
+
+    found = False
+    if len(runs) == 1 and is_table(runs[0]):
+        from analysis.intake.touch_map import has_two_arms
+
+        found = has_two_arms(runs[0])
+    if second and not found:
+        problem = "is for one table of touches with the joints of a second arm, p1_deg …"
+        raise UseError("--second", problem, "leave it out")
+    return found
+
+
+def two_arms_diagnosed(
+    table: Path, first: str | None, second: str | None, output: Path | None, *, is_alone: bool, as_json: bool
+) -> None:
+    """Calibrate both arms of a table, as `rig pair` does, and say so. Raises UseError if a rig file is missing."""
+    from analysis.cli.commands import imported
+
+    if first is None or second is None:
+        problem = "has p1_deg …, the joints of a second arm, which holds the socket"
+        remedy = "give the rig files of both arms: --rig FIRST (ball) --second SECOND (socket)"
+        raise UseError(str(table), problem, remedy)
+    if not is_alone:
+        raise UseError("--hold-out and --unseen", "are not used for touches of two arms", "leave them out")
+    say(f"{table}: touches of two arms, according to the columns; the result is that of rig pair", err=True)
+    pair = cast("Callable[..., None]", imported("pair").callback)
+    pair(first_file=first, second_file=second, table=table, output=output, as_json=as_json)
 
 
 def split_by_role(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path]) -> tuple[list[Path], ...]:

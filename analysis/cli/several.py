@@ -145,9 +145,14 @@ _imported: list[TemporaryDirectory[str]] = []
 """Temporary directories of tables imported for this command; each is removed when the command ends."""
 
 
+def is_table(path: Path) -> bool:
+    """Return whether a path is a table file in place of a run."""
+    return path.suffix.lower() in _TABLES and path.is_file()
+
+
 def with_tables(paths: Iterable[Path], rig_file: str | None) -> list[Path]:
     """Return the paths with tables replaced by temporary runs, which exist until the command ends. Raises FileError."""
-    return [_run_of(path, rig_file) if path.suffix.lower() in _TABLES and path.is_file() else path for path in paths]
+    return [_run_of(path, rig_file) if is_table(path) else path for path in paths]
 
 
 def _run_of(table: Path, rig_file: str | None) -> Path:

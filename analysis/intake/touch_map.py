@@ -32,9 +32,14 @@ def needs_touch_map(path: Path, test: TestName, socket: str) -> bool:
     return bool(socket) or not {SOCKET, *joint_columns(FEWEST_AXES)} <= header_names(read_head(path))
 
 
+def has_two_arms(path: Path) -> bool:
+    """Return whether a table has the joints of a second arm, p1_deg …"""
+    return second_joint_columns(1)[0] in header_names(read_head(path))
+
+
 def refuse_two_arms(path: Path, test: TestName) -> None:
     """Raise FileError for touches of two arms: they are no touches of a fixed socket."""
-    if SOCKET in format_of(test).layout().required and second_joint_columns(1)[0] in header_names(read_head(path)):
+    if SOCKET in format_of(test).layout().required and has_two_arms(path):
         problem = "has p1_deg, the joints of a second arm that holds the socket"
         raise FileError(str(path), problem, f"calibrate both arms: rig pair FIRST SECOND {as_argument(path)}")
 

@@ -2,17 +2,19 @@
 
 In each posture, each cause predicts a reading with mean and covariance. The separation of two causes is 1 minus the
 Bhattacharyya coefficient of their predictions, which bounds the error of a decision between them. The sum over pairs of
-causes, weighted by their odds, ranks the postures.
+causes and over levels of size, weighted by their odds, ranks the postures. A movement of typical size is separated in
+most postures; small movements decide which posture is better.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
-from analysis.diagnosis.evidence.observation import ObservedRun
+from analysis.diagnosis.evidence.observation import ObservedRun, socket_of
 from analysis.movement.causes import LEVELS, NOTHING, Cause, prior_of
 from analysis.movement.evidence import LinearReadings, Prediction, likeliest
 from analysis.movement.inference import Reference, ReferenceComparison, square_to_name
@@ -32,6 +34,11 @@ class ReferencePosture:
     row: int
     angles: Array
     gain: float
+
+    @property
+    def socket(self) -> str:
+        """Name of the socket to touch; empty for a pose."""
+        return socket_of(self.setup)
 
 
 @dataclass(frozen=True)
@@ -89,15 +96,16 @@ def next_posture(
     probability = _remaining(reference, compared)
     joint, day, known = _joined(candidates, compared)
     prediction = likeliest(reference.conditioned.predict(joint, day))
-    predicted = {
-        cause: _predicted(prediction, _columns(cause, candidates, compared, joint), cause, compared, known, count)
-        for cause in probability
-    }
+    columns = {cause: _columns(cause, candidates, compared, joint) for cause in probability}
     gains = np.zeros(count)
-    causes = list(probability)
-    for k, first in enumerate(causes):
-        for second in causes[k + 1 :]:
-            weight = np.sqrt(probability[first] * probability[second])
+    for k, level in enumerate(LEVELS.tolist()):
+        weights = {cause: value * _level_share(cause, compared, k) for cause, value in probability.items()}
+        kept = [cause for cause, weight in weights.items() if weight > _REMAINING * max(weights.values())]
+        predicted = {
+            cause: _predicted(prediction, columns[cause] * (cause.scale * level), known, count) for cause in kept
+        }
+        for first, second in combinations(kept, 2):
+            weight = np.sqrt(weights[first] * weights[second])
             gains += weight * (1 - _overlap(*predicted[first], *predicted[second]))
     if compared is not None:  # a posture that was just touched adds less information
         seen = np.concatenate([run.path.q[run.samples] for run in compared.runs])
@@ -144,16 +152,18 @@ def _columns(
     return np.asarray(np.concatenate(parts) / joint.sd_mm[:, None])
 
 
-def _predicted(
-    prediction: Prediction, columns: Array, cause: Cause, compared: ReferenceComparison | None, known: int, count: int
-) -> tuple[Array, Array]:
-    """Return mean (c, k) and covariance (c, k, k) of the reading at each candidate under a cause, given the readings
-    taken.
-    """
-    level = 1.0
+def _level_share(cause: Cause, compared: ReferenceComparison | None, k: int) -> float:
+    """Return the probability that the size of a cause belongs to level k."""
     if compared is not None and cause in compared.posterior.estimates and len(cause.scale):
-        level = float(LEVELS[int(np.argmax(compared.posterior.estimates[cause].level))])
-    sized = columns * (cause.scale * level)
+        return float(compared.posterior.estimates[cause].level[k])
+    return 1 / len(LEVELS)
+
+
+def _predicted(prediction: Prediction, sized: Array, known: int, count: int) -> tuple[Array, Array]:
+    """Return mean (c, k) and covariance (c, k, k) of the reading at each candidate, given the readings taken.
+
+    sized (n, m): effect of a standard deviation of each parameter of a cause.
+    """
     cov = prediction.cov + sized @ sized.T
     width = (len(cov) - known) // count
     gain = np.linalg.solve(cov[:known, :known], cov[:known, known:]) if known else np.empty((0, len(cov)))

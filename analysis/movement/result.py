@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.diagnosis.evidence.observation import ObservedRun
+from analysis.diagnosis.evidence.observation import ObservedRun, socket_of
 from analysis.diagnosis.evidence.setups import FRAME
 from analysis.movement.causes import NOTHING, OTHER, Cause, What
 from analysis.movement.evidence import Estimate
@@ -90,13 +90,15 @@ class MovementResult:
         """Return the result in plain types for JSON."""
         step = self.next_posture
         return {
+            "named": self.named and self.named.to_dict(),
             "causes": [cause.to_dict() for cause in self.causes],
             "cannot_separate": [
                 {"what": cause.what, "axis": cause.cause.axis, "name": cause.name or None}
                 for cause in self.cannot_separate
             ],
             "next": step and {
-                "setup": step.setup, "row": step.row, "joints_deg": np.round(np.degrees(step.angles), 4).tolist()
+                "setup": step.setup, "socket": step.socket or None, "row": step.row,
+                "joints_deg": np.round(np.degrees(step.angles), 4).tolist(),
             },
             "hidden": [
                 {"what": lever.cause.what, "axis": lever.cause.axis, "name": short_name(lever.cause) or None,
@@ -111,7 +113,7 @@ class MovementResult:
 
 def short_name(cause: Cause) -> str:
     """Return the name of a socket, target or instrument after removal of the test name."""
-    name = cause.name.rpartition("socket ")[2] if cause.what == "socket" else cause.name
+    name = socket_of(cause.name) or cause.name
     return name.partition(FRAME)[0]
 
 

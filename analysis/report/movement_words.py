@@ -14,6 +14,7 @@ from analysis.movement.result import CauseOdds, MovementResult, short_name
 from analysis.report.texts import Texts, texts_of
 from rigs.schema.part import Vector
 
+_ENGLISH = texts_of("en")
 _MOST_ODDS = 1000
 """Odds above which only this bound is stated."""
 
@@ -24,28 +25,24 @@ _SMALL = 2.0
 """Smallest multiple of its uncertainty u at which a component of a direction is mentioned."""
 
 
-def name_of(cause: Cause, *, of_tracker: bool = False) -> str:
+def name_of(cause: Cause, texts: Texts = _ENGLISH, *, of_tracker: bool = False) -> str:
     """Return the name of a cause in a sentence."""
     if cause.members:
-        return " and ".join(name_of(member, of_tracker=of_tracker) for member in cause.members)
-    names = {
-        "base": "the base or the instrument" if of_tracker else "the base", "tool": "the tool",
-        "zero": f"the zero of axis {cause.axis}", "nothing": "nothing", "other": "something else",
-        "instrument": f"the instrument of {short_name(cause)}", "socket": f"socket {short_name(cause)}",
-        "target": f"the target {short_name(cause)}".rstrip(),
-    }  # fmt: skip
-    return names[cause.what]
+        first, second = (name_of(member, texts, of_tracker=of_tracker) for member in cause.members)
+        return texts("cause_pair", first=first, second=second)
+    kind = "base_tracker" if cause.what == "base" and of_tracker else cause.what
+    return texts(f"cause_{kind}", axis=cause.axis or "", name=short_name(cause)).rstrip()
 
 
-def size_of(cause: CauseOdds) -> str:
+def size_of(cause: CauseOdds, texts: Texts = _ENGLISH) -> str:
     """Return the size of a cause with uncertainty and direction; empty if there is none."""
     if cause.together:
-        return "; ".join(f"{name_of(member.cause)} {size_of(member)}" for member in cause.together)
+        return "; ".join(f"{name_of(member.cause, texts)} {size_of(member, texts)}" for member in cause.together)
     if cause.size_deg is not None and cause.u is not None:
         return _angle(cause.size_deg, cause.u)
     if cause.translation_mm is None or cause.u is None:
         return ""
-    return _shift(cause.translation_mm, cause.u, cause.rotation_deg, cause.u_rotation_deg, texts_of("en"))
+    return _shift(cause.translation_mm, cause.u, cause.rotation_deg, cause.u_rotation_deg, texts)
 
 
 def movement_sentence(movement: Movement, texts: Texts) -> str:
@@ -77,53 +74,56 @@ def _shift(shift_mm: Vector, u_mm: float, turn_deg: Vector | None, u_turn_deg: f
     return f"{words}, {texts('moved_turned', turn=f'{turn:.3f} ± {u_turn_deg:.3f}°')}"
 
 
-def odds(probability: float) -> str:
+def odds(probability: float, texts: Texts = _ENGLISH) -> str:
     """Return a probability as odds."""
     ratio = probability / max(1 - probability, 1e-12)
-    return f"more than {_MOST_ODDS} to 1" if ratio > _MOST_ODDS else f"{ratio:.0f} to 1"
+    if ratio > _MOST_ODDS:
+        return texts("check_odds_bound", ratio=_MOST_ODDS)
+    return texts("check_odds", ratio=f"{ratio:.0f}")
 
 
-def headline(moved: MovementResult) -> str:
+def headline(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
     """Return the answer: the moved item, the size and direction of the movement, and the odds."""
-    named = moved.named
     if not moved.readings:
-        return f"There are no new readings yet; the reference has {moved.reference_readings}."
+        return texts("check_no_readings", count=moved.reference_readings)
+    named, of_tracker = moved.named, moved.of_tracker
+    readings = texts("check_reading" if moved.readings == 1 else "check_readings", count=moved.readings)
     if named is None:
         rivals = [
-            f"{name_of(cause.cause, of_tracker=moved.of_tracker)} ({100 * cause.posterior:.0f} %)"
+            f"{name_of(cause.cause, texts, of_tracker=of_tracker)} ({100 * cause.posterior:.0f} %)"
             for cause in moved.cannot_separate
         ]
-        return f"{moved.readings} readings cannot decide between {_listed(rivals)}."
-    certain = f"odds {odds(named.posterior)}"
+        return texts("check_open", readings=readings, rivals=_listed(rivals, texts))
+    certain = odds(named.posterior, texts)
     if named.what == "nothing":
-        agree = f"{moved.readings} readings agree with the reference within their scatter of {moved.scatter_mm:.2f} mm"
-        return f"Nothing moved: {agree} ({certain})."
+        return texts("check_nothing", readings=readings, scatter=f"{moved.scatter_mm:.2f}", odds=certain)
     if named.what == "other":
-        return f"An unknown cause changed the readings ({certain})."
-    name = name_of(named.cause, of_tracker=moved.of_tracker)
-    by = ": " if named.together else " by "
-    return f"{name[0].upper()}{name[1:]} moved{by}{size_of(named)}, {certain}."
+        return texts("check_other", odds=certain)
+    thing = _capitalised(name_of(named.cause, texts, of_tracker=of_tracker))
+    key = "check_pair" if named.together else "check_by_size"
+    return texts(key, thing=thing, size=size_of(named, texts), odds=certain)
 
 
-def _listed(words: Sequence[str]) -> str:
-    return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
+def _capitalised(words: str) -> str:
+    return words[:1].upper() + words[1:]
 
 
-def what_to_do(moved: MovementResult) -> str:
+def _listed(words: Sequence[str], texts: Texts) -> str:
+    return texts("or").join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
+
+
+def what_to_do(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
     """Return the recommended action."""
     named = moved.named
     if named is not None:
         causes = [member.cause for member in named.together] or [named.cause]
-        english = texts_of("en")
-        acts = [_act(cause, short_name(cause), english, of_tracker=moved.of_tracker) for cause in causes]
+        acts = [_act(cause, short_name(cause), texts, of_tracker=moved.of_tracker) for cause in causes]
         return " ".join(dict.fromkeys(acts))
     if moved.next_posture is not None:
-        return next_words(moved.next_posture)
+        return next_words(moved.next_posture, texts)
     if moved.hidden:
-        return "The postures of the reference cannot separate these causes. " + " ".join(
-            map(hidden_words, moved.hidden)
-        )
-    return "Take more readings in other postures."
+        return " ".join([texts("check_inseparable"), *(hidden_words(lever, texts) for lever in moved.hidden)])
+    return texts("check_act_more")
 
 
 def act_after(movements: Sequence[Movement], texts: Texts) -> str:
@@ -133,38 +133,39 @@ def act_after(movements: Sequence[Movement], texts: Texts) -> str:
 
 
 def _act(moved: Cause | Movement, name: str, texts: Texts, *, of_tracker: bool) -> str:
-    which = {"base": "base_tracker" if of_tracker else "base", "nothing": "none"}.get(moved.what, moved.what)
-    return texts(f"moved_act_{which}", axis=moved.axis or "", name=name)
+    which = "base_tracker" if moved.what == "base" and of_tracker else moved.what
+    return texts(f"check_act_{which}", axis=moved.axis or "", name=name)
 
 
-def next_words(posture: ReferencePosture) -> str:
+def next_words(posture: ReferencePosture, texts: Texts = _ENGLISH) -> str:
     """Return the posture to touch next."""
-    angles = ", ".join(f"{np.degrees(angle):.1f}" for angle in posture.angles)
-    place = posture.setup.rpartition("socket ")[2] if "socket " in posture.setup else ""
-    where = f"touch socket {place}" if place else "measure the pose"
-    return f"Next: {where} in the posture of row {posture.row + 1} of the reference (joint angles {angles} °)."
+    angles = ", ".join(f"J{k} {np.degrees(angle):.1f}" for k, angle in enumerate(posture.angles, start=1))
+    key = "check_next_touch" if posture.socket else "check_next_pose"
+    return texts(key, name=posture.socket, row=posture.row + 1, angles=angles)
 
 
-def hidden_words(lever: Lever) -> str:
+def hidden_words(lever: Lever, texts: Texts = _ENGLISH) -> str:
     """Return the reason why a cause is not observable, and the remedy."""
-    typical = f"{np.degrees(lever.cause.scale[0]):.2f}°" if lever.cause.what == "zero" else "the typical size"
-    name = name_of(lever.cause)
-    scatter = f"less than they scatter ({lever.scatter_mm:.2f} mm)"
-    small = f"{typical} moves the readings by at most {lever.moves_mm:.2f} mm, {scatter}"
-    remedy = f"Mount the ball farther from axis {lever.cause.axis}" if lever.cause.what == "zero" else "Add postures"
-    return f"{name[0].upper()}{name[1:]} cannot be detected here: {small}. {remedy}."
+    is_zero = lever.cause.what == "zero"
+    typical = f"{np.degrees(lever.cause.scale[0]):.2f}°" if is_zero else texts("check_typical_size")
+    return texts(
+        "check_hidden", thing=_capitalised(name_of(lever.cause, texts)), typical=typical, moves=f"{lever.moves_mm:.2f}",
+        scatter=f"{lever.scatter_mm:.2f}",
+        remedy=texts("check_mount_ball" if is_zero else "check_add_postures", axis=lever.cause.axis),
+    )  # fmt: skip
 
 
-def remarks(moved: MovementResult) -> list[str]:
+def remarks(moved: MovementResult, texts: Texts = _ENGLISH) -> list[str]:
     """Return further remarks for the reader."""
     lines = list(moved.doubts)
     named = moved.named
     if moved.wild_row is not None:
-        lines.append(f"New reading {moved.wild_row} does not fit any cause: repeat it.")
+        lines.append(texts("check_wild", row=moved.wild_row))
     if named is not None and named.what == "zero" and named.cause.axis == 1:
-        lines.append("A base that only turned about axis 1 would look the same.")
+        lines.append(texts("check_base_about_axis_1"))
     if named is not None and named.what == "nothing":
-        wide = [f"{k} up to {b:.2f}°" for k, b in enumerate(moved.zero_bounds_deg, start=1) if b > _WIDE_DEG]
-        lines += [f"These readings do not exclude errors of the zero of axis {', '.join(wide)}."] if wide else []
-        lines += map(hidden_words, moved.hidden)
+        bounds = enumerate(moved.zero_bounds_deg, start=1)
+        wide = [texts("check_up_to", axis=k, size=f"{deg:.2f}") for k, deg in bounds if deg > _WIDE_DEG]
+        lines += [texts("check_not_excluded", zeros=", ".join(wide))] if wide else []
+        lines += [hidden_words(lever, texts) for lever in moved.hidden]
     return lines

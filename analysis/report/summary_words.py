@@ -151,8 +151,9 @@ class _SummaryWords:
 
     @property
     def error(self) -> ErrorChange:
-        """The error now and after repair and correction, both on the runs used to validate the model. An assumed noise is no
-        measured uncertainty of the two figures, and the basis says so.
+        """The error now and after repair and correction, both on the runs used to validate the model.
+
+        An assumed noise is no measured uncertainty of the two figures, and the basis says so.
         """
         change = self._error_change
         if self.diagnosis.shows_noise or self.diagnosis.repeated:

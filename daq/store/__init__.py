@@ -11,7 +11,7 @@ chunk, `table-0001.parquet`. `marks.json` records exports and protection from de
 from daq.store.imported import table_run, write_table_run
 from daq.store.ledger import Chunk, Relabelling
 from daq.store.manifest import Manifest, load_manifest, new_manifest
-from daq.store.marks import mark_exported, mark_kept, relabel
+from daq.store.marks import MovementCheck, mark_exported, mark_kept, mark_moved, relabel
 from daq.store.recover import Recovery, recover
 from daq.store.retention import RunInfo, survey
 from daq.store.run import Run, chunks_of, closed_manifest, is_unclosed, read_run
@@ -22,6 +22,7 @@ from daq.store.writer import RunWriter
 __all__ = [
     "Chunk",
     "Manifest",
+    "MovementCheck",
     "NearlyFull",
     "Recovery",
     "Relabelling",
@@ -36,6 +37,7 @@ __all__ = [
     "load_manifest",
     "mark_exported",
     "mark_kept",
+    "mark_moved",
     "new_manifest",
     "read_run",
     "recover",

@@ -3,7 +3,7 @@
 Earlier label values are stored in the ledger, or in the manifest for a run of version 1. All else is unchanged: chunks
 and checksums, timestamps, rig file and name.
 
-The marks in `marks.json` record exports, and protection by the operator.
+The marks in `marks.json` record exports, protection by the operator, and the answer of a movement check.
 Retention deletes only exported runs that are not protected.
 """
 
@@ -37,14 +37,33 @@ class Export(BaseModel):
     file: Text
 
 
+class MovementCheck(BaseModel):
+    """Answer of a comparison of a run with a reference: `what` moved, with the odds against everything else.
+
+    reference: names of the runs before. what: kind of cause; empty if the readings do not decide. axis: of a zero.
+    name: of a socket, target or instrument. answer: sentence for the user, in English.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+    at: str
+    reference: tuple[str, ...]
+    what: str
+    axis: int | None = None
+    name: str = ""
+    probability: float
+    answer: Text
+
+
 class RunMarks(BaseModel):
-    """All marks of a run."""
+    """All marks of a run. moved: None if the run was not compared with a reference."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     version: Literal[1] = 1
     kept: bool = False
     exports: tuple[Export, ...] = ()
+    moved: MovementCheck | None = None
 
 
 def load_marks(run: Path) -> RunMarks:
@@ -70,6 +89,11 @@ def mark_exported(run: Path, to: str, file: Path) -> None:
     _change(run, lambda marks: marks.model_copy(update={"exports": (*marks.exports, export)}))
 
 
+def mark_moved(run: Path, check: MovementCheck) -> None:
+    """Store the answer of a movement check with a run. Raises the same errors as `mark_exported`."""
+    _change(run, lambda marks: marks.model_copy(update={"moved": check}))
+
+
 def mark_kept(run: Path, kept: bool) -> None:
     """Set or remove the protection of a run. Raises the same errors as `mark_exported`."""
     _change(run, lambda marks: marks.model_copy(update={"kept": kept}))
@@ -85,7 +109,7 @@ def _change(run: Path, change: Callable[[RunMarks], RunMarks]) -> None:
             )
         try:
             marks = change(load_marks(run))
-            durable.replace(run / MARKS, marks.model_dump_json(indent=1).encode())
+            durable.replace(run / MARKS, marks.model_dump_json(indent=1, exclude_none=True).encode())
         finally:
             os.close(lock)
     except OSError as error:

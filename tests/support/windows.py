@@ -128,7 +128,7 @@ def served(
     """
     place = SessionDirectory(session) if session else None
     watcher = Watcher(find, place, source=source, begin=place.command("cell.yaml") if place else "")
-    controls = WindowControls(watcher, place, "") if control else None
+    controls = WindowControls(watcher, place, "", folder / "runs") if control else None
     window = Window(watcher, Shelf(folder / "runs"), place, OutputStore(folder / "made"), Gate.of([], token), controls)
     sock = listening("127.0.0.1", port)
     server = server_of(app_of(window), watcher.board.end)

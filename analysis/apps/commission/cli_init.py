@@ -214,7 +214,14 @@ def _without_gauges(rig: Rig, file: str) -> list[str]:
             0, f"# measure the distance between two sockets and write tests.touch.distances in {file}: {_WORTH}"
         )
     calibrated = f"found/{rig.name}.yaml"
-    return [*touch, *measure, "rig diagnose runs/first -o found", f"rig export-urdf {calibrated} -o arm.urdf"]
+    check = "rig moved runs/first --plan" if isinstance(rig.feedback, NoFeedback) else "rig moved runs/first --live"
+    return [
+        *touch,
+        *measure,
+        "rig diagnose runs/first -o found",
+        f"rig export-urdf {calibrated} -o arm.urdf",
+        f"{check}  # after a crash or a change of tool: what moved",
+    ]
 
 
 _WORTH = "the error falls to about a sixth"

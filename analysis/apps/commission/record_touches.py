@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -92,13 +92,15 @@ def _written(guide: Touching, name: str, output: Path, rig: Rig, text: str, oper
     return output
 
 
-def _follow(daemon: SampleSource, rig: Rig, guide: Touching, say: Callable[[str], None]) -> None:
-    """Poll the joint angles until every socket has enough touches."""
-    names = joint_columns(len(rig.robot.axes))
+def joint_samples(daemon: SampleSource, axes: int) -> Iterator[tuple[float, list[float]]]:
+    """Yield time in s and joint angles in degrees of each new sample of the robot, without end.
+
+    Raises CellError if the robot is silent.
+    """
+    names = joint_columns(axes)
     after: dict[str, int] = {}
     heard_s = clock.now_s()
-    say(f"socket {guide.socket}: seat the ball, let go, and wait for the tone; then change elbow and wrist")
-    while guide.socket:
+    while True:
         robot = daemon.ask("samples", after=after)["streams"].get("robot")
         rows = robot["rows"] if robot else []
         if robot and rows:
@@ -107,12 +109,21 @@ def _follow(daemon: SampleSource, rig: Rig, guide: Touching, say: Callable[[str]
             for row in rows:
                 angles = [row[place] for place in places]
                 if all(angle is not None for angle in angles):
-                    _tell(guide, row[0] / 1e9, angles, say)
+                    yield row[0] / 1e9, angles
         elif clock.now_s() - heard_s > _SILENT_S:
             raise CellError(
                 "robot", f"joint angles missing for {_SILENT_S:.0f} s", "run rig doctor, then repeat the command"
             )
         clock.sleep(_POLL_S)
+
+
+def _follow(daemon: SampleSource, rig: Rig, guide: Touching, say: Callable[[str], None]) -> None:
+    """Poll the joint angles until every socket has enough touches."""
+    say(f"socket {guide.socket}: seat the ball, let go, and wait for the tone; then change elbow and wrist")
+    for t_s, angles in joint_samples(daemon, len(rig.robot.axes)):
+        _tell(guide, t_s, angles, say)
+        if not guide.socket:
+            return
 
 
 def _tell(guide: Touching, t_s: float, angles: list[float], say: Callable[[str], None]) -> None:

@@ -325,6 +325,27 @@ Seen = Literal["nothing", "seated", "elsewhere", "same posture"]
 """Observation: no event, a touch accepted, a position outside the socket, or a repeated posture."""
 
 
+def is_same_posture(q_deg: Array, other_deg: Array) -> bool:
+    """Return whether no joint differs between two postures (axes,) in degrees by more than a hand moves by accident."""
+    return bool(np.abs(q_deg - other_deg).max() < _MOVED_DEG)
+
+
+class Standstill:
+    """Detection of each standstill of the robot, once."""
+
+    def __init__(self) -> None:
+        self._at, self._since_s, self._is_told = np.empty(0), 0.0, False
+
+    def feed(self, t_s: float, q_deg: Array) -> bool:
+        """Return True once when the joints (axes,) in degrees have been at rest long enough for a touch."""
+        if not self._at.size or np.abs(q_deg - self._at).max() > FLICKER_DEG:
+            self._at, self._since_s, self._is_told = q_deg, t_s, False
+        if self._is_told or t_s - self._since_s < REST_S:
+            return False
+        self._is_told = True
+        return True
+
+
 class Touching:
     """Records the same number of touches for each socket in turn."""
 
@@ -336,8 +357,7 @@ class Touching:
         self._came: list[Array] = []
         self._first_mm: Array | None = None
         self._sides: _Sides | None = None
-        self._since_s, self._stands_at = 0.0, np.empty(0)
-        self._told = False
+        self._standstill = Standstill()
 
     @property
     def socket(self) -> str:
@@ -369,14 +389,11 @@ class Touching:
         """Process the joint angles (axes,) in degrees at a time in s and return each observation once."""
         q = np.asarray(joints_deg, dtype=float)
         if self._sides is None:
-            self._sides, self._stands_at, self._since_s = _Sides(q), q, t_s
+            self._sides = _Sides(q)
         self._sides.feed(q)
-        if np.abs(q - self._stands_at).max() > FLICKER_DEG:
-            self._stands_at, self._since_s, self._told = q, t_s, False
-        if self._told or not self.socket or t_s - self._since_s < REST_S:
+        if not self._standstill.feed(t_s, q) or not self.socket:
             return "nothing"
-        self._told = True
-        if self._q and np.abs(q - self._q[-1]).max() < _MOVED_DEG:
+        if self._q and is_same_posture(q, self._q[-1]):
             return "same posture"
         ball = forward(self._arm, np.radians(q)[None])[0, :3, 3]
         if self.number == 1:

@@ -21,7 +21,7 @@ from analysis.correction.corrected_targets import CorrectedTargets
 from analysis.correction.support import ANYWAY, require_usable_model, why_nothing
 from analysis.intake.cells import TableFileError, TableProblem, value
 from analysis.intake.read import MOST_BYTES
-from analysis.robot.kinematics.arm import RAIL_MM, Array, roll_pitch_yaw
+from analysis.robot.kinematics.arm import RAIL_MM, Array, roll_pitch_yaw, transforms
 from analysis.runs.table_layout import JOINTS, PLACE, RAIL, TURN, joint_columns
 from rigs.errors import FileError
 from rigs.files import read_bytes
@@ -65,12 +65,7 @@ class TargetPath:
 
     def poses(self) -> Array:
         """Return the poses (n, 4, 4) of pose targets, in the world of the rig file."""
-        from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
-
-        T = np.tile(np.eye(4), (len(self.values), 1, 1))
-        T[:, :3, :3] = Rotation.from_euler("xyz", self.values[:, 3:], degrees=True).as_matrix()
-        T[:, :3, 3] = self.values[:, :3]
-        return T
+        return transforms(self.values)
 
 
 def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:

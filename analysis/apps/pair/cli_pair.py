@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -17,6 +17,7 @@ from rigs.text import as_argument
 
 if TYPE_CHECKING:
     from analysis.apps.pair.plan_touches import PlannedTouches
+    from analysis.report.texts import Language
     from rigs.rig import Rig
     from rigs.schema.robot import Pose
 
@@ -65,9 +66,14 @@ def pair(
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", help="Directory for both calibrated rig files; with --plan, the table; default: none."
+            "--output",
+            "-o",
+            metavar="DIR|FILE.html",
+            help="Directory for both calibrated rig files, JSON and page, or the page alone; with --plan, the table; "
+            "default: none.",
         ),
     ] = None,
+    lang: Annotated[Literal["en", "de", "ko"], typer.Option(help="Language of the text.")] = "en",
     as_json: AsJson = False,
 ) -> None:
     """Calibrate two arms by each other: a ball on the flange of one, a socket on the flange of the other.
@@ -76,35 +82,49 @@ def pair(
     calibration of each arm and the transform between their bases. Rows without
     joints of the second arm are touches of sockets that are fixed in the cell.
     """
-    from rigs.load import load
-
     if (plan is None) == (table is None):
         raise UseError("rig pair", "needs either a table of touches or --plan N", "see rig pair --help")
     for option, value in (("--base", base), ("--simulate", simulate)):
         if value is not None and plan is None:
             raise UseError(option, "is allowed only with --plan", "add --plan N")
-    (first, first_text), (second, second_text) = load(first_file), load(second_file)
-    if first.name == second.name:
-        problem = f"has the same name as the first rig file, {first.name}"
-        raise FileError(second_file, problem, "give each arm a unique name (key name)")
     if plan is not None:
+        (first, _), (second, _) = _two_rigs(first_file, second_file)
         _plan(first, second, (first_file, second_file), plan, base, simulate, output, as_json=as_json)
     if table is not None:
-        _fit(first, second, (first_text, second_text), table, output, as_json=as_json)
+        fit_two_arms(first_file, second_file, table, output, lang, as_json=as_json)
 
 
-def _fit(first: Rig, second: Rig, texts: tuple[str, str], table: Path, output: Path | None, *, as_json: bool) -> None:
+def _two_rigs(first_file: str, second_file: str) -> tuple[tuple[Rig, str], tuple[Rig, str]]:
+    """Return both rigs with their texts. Raises FileError if they have the same name."""
+    from rigs.load import load
+
+    first, second = load(first_file), load(second_file)
+    if first[0].name == second[0].name:
+        problem = f"has the name {first[0].name}, as the first rig file"
+        raise FileError(second_file, problem, "give each arm a name of its own (key name)")
+    return first, second
+
+
+def fit_two_arms(
+    first_file: str, second_file: str, table: Path, output: Path | None, lang: Language, *, as_json: bool
+) -> None:
+    """Calibrate two arms by a table of touches, print the result, and write a page, or a directory. Raises RigError."""
+    from analysis.apps.pair import pair_report
     from analysis.apps.pair.fit_pair import fit_pair, pair_of
-    from analysis.apps.pair.pair_report import as_screen
-    from analysis.apps.pair.pair_report import write as write_pair
     from analysis.apps.pair.pair_table import read_pair_table
     from analysis.apps.pair.result import result_of
     from analysis.report.diagnosis_report import refuse_existing_rig
+    from analysis.report.html_page import check_page_file, is_page
     from analysis.report.plain_console import PlainConsole
 
-    paths = [output / f"{rig.name}.yaml" for rig in (first, second)] if output else []
-    for path in paths:
-        refuse_existing_rig(path)
+    (first, first_text), (second, second_text) = _two_rigs(first_file, second_file)
+    page = output if output and is_page(output) else None
+    directory = None if page else output
+    if page:
+        check_page_file(page)
+    models = [directory / f"{rig.name}.yaml" for rig in (first, second)] if directory else []
+    for model in models:
+        refuse_existing_rig(model)
     touches = read_pair_table(table, first, second)
     with progress_of("fitting both arms"):
         fit = fit_pair(pair_of(first, second, touches, str(table)))
@@ -112,14 +132,18 @@ def _fit(first: Rig, second: Rig, texts: tuple[str, str], table: Path, output: P
     if as_json:
         say_json(result.to_dict())
     else:
-        PlainConsole().print(as_screen(result))
-    for path in write_pair(fit, result, texts, table, output) if output else ():
+        PlainConsole().print(pair_report.as_screen(result, lang))
+    written = []
+    if page:
+        pair_report.write_page(result, page, lang)
+        written = [page]
+    elif directory:
+        written = pair_report.write(fit, result, (first_text, second_text), table, directory, lang)
+    for path in written:
         say(f"wrote {path}", err=True)
-    for path in paths:
-        say(
-            f"next: rig correct {as_argument(path)} -o {as_argument(path.with_name(f'corrections-{path.stem}'))}",
-            err=True,
-        )
+    for model in models:
+        corrections = model.with_name(f"corrections-{model.stem}")
+        say(f"next: rig correct {as_argument(model)} -o {as_argument(corrections)}", err=True)
 
 
 def _plan(

@@ -12,9 +12,11 @@ from rich.text import Text
 from analysis.apps.pair.calibrations import calibrations, placed_texts
 from analysis.apps.pair.fit_pair import FittedPair
 from analysis.apps.pair.plan_touches import PlannedTouches
-from analysis.apps.pair.result import PairConstant, PairResult
+from analysis.apps.pair.result import PairResult
 from analysis.report.diagnosis_report import extended_files
+from analysis.report.html_page import environment, write_html
 from analysis.report.plain_console import bare_table, right
+from analysis.report.texts import Language, Texts, texts_of
 from analysis.runs.written_files import holding, write_all_new
 from rigs.schema.part import Vector
 
@@ -22,65 +24,97 @@ _CERTAIN = 2.0
 """Multiple of u above which a correction is listed; the JSON has all."""
 
 
-def as_screen(result: PairResult) -> RenderableType:
-    """Return the result for the screen: summary, transform between the bases, certain corrections, and what is not
-    testable.
-    """
-    good = result.left_mm < result.before_mm
-    parts: list[RenderableType] = [
-        Text(headline(result), style="bold green" if good else "bold yellow"), Text(), _base_table(result)
-    ]  # fmt: skip
-    certain = [it for it in result.constants if it.is_shown and abs(it.value) > _CERTAIN * it.u]
-    if certain:
-        parts += [Text(), _constants_table(certain)]
-    parts += [Text(), Text("not testable:", style="dim"), *(Text(f"  {line}") for line in not_testable_lines(result))]
-    parts += [Text(f"doubt: {line}", style="yellow") for line in result.doubts]
-    return Group(*parts, Text(footer(result), style="dim"))
-
-
-def headline(result: PairResult) -> str:
-    """Return a sentence on how well each touch is predicted from the others, before and after the calibration."""
+def as_screen(result: PairResult, language: Language = "en") -> RenderableType:
+    """Return the first sentence, the transform of the bases, certain corrections, and what is not testable."""
+    texts = texts_of(language)
     first, second = result.names
-    state = "are calibrated" if result.left_mm < result.before_mm else "are not calibrated by these touches"
-    return (
-        f"{first} and {second} {state}: each touch is predicted from the others to {result.left_mm:.3f} mm rms "
-        f"per coordinate, with the nominal arms to {result.before_mm:.2f} mm."
-    )
+    base_headings = texts("pair_base", first=first, second=second), texts("pair_value"), "± u", ""
+    style = "bold green" if _is_better(result) else "bold yellow"
+    parts: list[RenderableType] = [Text(headline(result, texts), style=style), Text()]
+    parts.append(_screen_table(base_headings, base_rows(result, texts)))
+    if rows := constant_rows(result):
+        headings = tuple(texts(f"pair_{name}") for name in ("arm", "constant", "correction"))
+        parts += [Text(), _screen_table((*headings, "± u", ""), rows)]
+    hidden = [Text(f"  {line}") for line in not_testable_lines(result)]
+    parts += [Text(), Text(f"{texts('pair_not_testable')}:", style="dim"), *hidden]
+    parts += [Text(texts("pair_doubt", line=line), style="yellow") for line in result.doubts]
+    return Group(*parts, Text(footer(result, texts), style="dim"))
 
 
-def footer(result: PairResult) -> str:
-    """Return a line with the number of touches, their scatter, and the unexplained error of each arm."""
+def _is_better(result: PairResult) -> bool:
+    return result.left_mm < result.before_mm
+
+
+def headline(result: PairResult, texts: Texts) -> str:
+    """Return the change of the gap between ball and socket."""
     first, second = result.names
-    unexplained = (
-        f"unexplained {result.unexplained_mm[0]:.3f} mm ({first}), {result.unexplained_mm[1]:.3f} mm ({second})"
-    )
-    return f"{result.touches} touches · scatter {result.scatter_mm:.3f} mm · {unexplained}"
+    key = "pair_calibrated" if _is_better(result) else "pair_not_calibrated"
+    return texts(key, first=first, second=second, left=f"{result.left_mm:.3f}", before=f"{result.before_mm:.2f}")
 
 
-def _base_table(result: PairResult) -> RenderableType:
+def footer(result: PairResult, texts: Texts) -> str:
+    """Return the number of touches and the errors that remain."""
+    (first, second), (of_first, of_second) = result.names, result.unexplained_mm
+    return texts(
+        "pair_footer", count=result.touches, scatter=f"{result.scatter_mm:.3f}", first=first, second=second,
+        unexplained_first=f"{of_first:.3f}", unexplained_second=f"{of_second:.3f}",
+    )  # fmt: skip
+
+
+def base_rows(result: PairResult, texts: Texts) -> list[tuple[str, ...]]:
+    """Return the rows of the transform between the bases: name, value, u, unit."""
     base = result.base
-    table = bare_table(f"base of {result.names[1]} in {result.names[0]}", right("value"), right("± u"), "")
-    for axis, value, u in zip("xyz", base.xyz_mm, base.u_xyz_mm, strict=True):
-        table.add_row(axis, f"{value:.3f}", f"{u:.3f}", "mm")
-    for axis, value, u in zip(("roll", "pitch", "yaw"), base.rpy_deg, base.u_rotation_deg, strict=True):
-        table.add_row(axis, f"{value:.4f}", f"{u:.4f}", "°")
-    table.add_row("distance", f"{base.distance_mm:.3f}", f"{base.u_distance_mm:.3f}", "mm")
+    places = zip("xyz", base.xyz_mm, base.u_xyz_mm, strict=True)
+    angles = zip(("roll", "pitch", "yaw"), base.rpy_deg, base.u_rotation_deg, strict=True)
     at = ", ".join(f"{value:.0f}" for value in base.work_mm)
-    table.add_row(f"frame at {at}", "", _triple(base.u_work_mm), "mm in x, y, z")
-    return table
+    return [
+        *((axis, f"{value:.3f}", f"{u:.3f}", "mm") for axis, value, u in places),
+        *((axis, f"{value:.4f}", f"{u:.4f}", "°") for axis, value, u in angles),
+        (texts("pair_distance"), f"{base.distance_mm:.3f}", f"{base.u_distance_mm:.3f}", "mm"),
+        (texts("pair_frame", at=at), "", _triple(base.u_work_mm), texts("pair_frame_unit")),
+    ]
 
 
 def _triple(values: Vector) -> str:
     return ", ".join(f"{value:.3f}" for value in values)
 
 
-def _constants_table(constants: list[PairConstant]) -> RenderableType:
-    table = bare_table("arm", "constant", right("correction"), right("± u"), "")
-    for constant in sorted(constants, key=lambda constant: (constant.arm, constant.axis, constant.key)):
+def constant_rows(result: PairResult) -> list[tuple[str, ...]]:
+    """Return the rows of certain corrections: arm, constant, correction, u, unit."""
+    certain = [it for it in result.constants if it.is_shown and abs(it.value) > _CERTAIN * it.u]
+    rows: list[tuple[str, ...]] = []
+    for constant in sorted(certain, key=lambda constant: (constant.arm, constant.axis, constant.key)):
         digits = 3 if constant.unit == "mm" else 4
         size, u = f"{constant.value:+.{digits}f}", f"{constant.u:.{digits}f}"
-        table.add_row(constant.arm, constant.symbol, size, u, constant.unit)
+        rows.append((constant.arm, constant.symbol, size, u, constant.unit))
+    return rows
+
+
+def _screen_table(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> RenderableType:
+    """Return a table whose numbers, the columns before the unit, are aligned right."""
+    numbers = len(headings) - 3, len(headings) - 2
+    table = bare_table(*(right(heading) if k in numbers else heading for k, heading in enumerate(headings)))
+    for row in rows:
+        table.add_row(*row)
     return table
+
+
+def write_page(result: PairResult, path: Path, language: Language = "en") -> None:
+    """Write the page. Raises FileError if it cannot be written."""
+    write_html(page_of(result, language), path)
+
+
+def page_of(result: PairResult, language: Language = "en") -> str:
+    """Return the page as HTML."""
+    texts = texts_of(language)
+    first, second = result.names
+    return environment().get_template("pair.html").render(
+        t=texts, lang=language, title=texts("pair_title", first=first, second=second),
+        headline=headline(result, texts), standing="pass" if _is_better(result) else "watch",
+        base=texts("pair_base", first=first, second=second), base_rows=base_rows(result, texts),
+        constants=constant_rows(result), hidden=result.not_testable, doubts=result.doubts,
+        footer=footer(result, texts),
+    )  # fmt: skip
 
 
 def not_testable_lines(result: PairResult) -> Iterator[str]:
@@ -103,12 +137,22 @@ def as_plan(planned: PlannedTouches) -> RenderableType:
     return Group(Text(first, style="bold"), Text("not testable:", style="dim"), *lines)
 
 
-def write(fit: FittedPair, result: PairResult, texts: tuple[str, str], table: Path, directory: Path) -> list[Path]:
-    """Write both calibrated rig files and the result as JSON, and return their paths, those of the rig files last.
+def write(
+    fit: FittedPair,
+    result: PairResult,
+    texts: tuple[str, str],
+    table: Path,
+    directory: Path,
+    language: Language = "en",
+) -> list[Path]:
+    """Write both calibrated rig files, the result as JSON and the page; return their paths, the rig files last.
 
-    Raises FileError if a file already exists, or if a rig file's text cannot be changed in place.
+    Raises FileError if one exists or a text cannot be changed in place.
     """
-    files = {"pair.json": holding((json.dumps(result.to_dict(), indent=2) + "\n").encode())}
+    files = {
+        "pair.json": holding((json.dumps(result.to_dict(), indent=2) + "\n").encode()),
+        "pair.html": holding(page_of(result, language).encode()),
+    }
     placed, calibrated = placed_texts(fit, texts), calibrations(fit, result, table)
     for arm, text, model in zip(fit.pair.arms, placed, calibrated, strict=True):
         files |= extended_files(text, [], directory / f"{arm.rig.name}.yaml", model)

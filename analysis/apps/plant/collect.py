@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from datetime import datetime
 from functools import lru_cache
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from analysis.apps.plant.records import RunRecord, fingerprint_of, in_time, reco
 from analysis.runs.batch.each import each
 from analysis.runs.batch.outcomes import CompletedItem
 from analysis.runs.batch.run_directories import run_directories
-from daq.store import RunInfo, survey
+from daq.store import MovementCheck, RunInfo, survey
 from daq.store.retention import look
 from rigs.errors import FileError
 from rigs.load import parse
@@ -58,15 +59,30 @@ class Job:
 
 
 @dataclass(frozen=True)
+class MarkedCheck:
+    """A movement check stored with a run. when: start of the run, in the time zone of this computer."""
+
+    run: str
+    when: datetime
+    check: MovementCheck
+
+    @property
+    def has_moved(self) -> bool:
+        """True if a cause was named, other than "nothing"."""
+        return self.check.what not in ("", "nothing")
+
+
+@dataclass(frozen=True)
 class Collected:
-    """The runs of a robot in order of time, runs with no figures, notes about the file, and the limits of the newest
-    run."""
+    """The runs of a robot in order of time, runs with no figures, notes about the file, the limits of the newest run,
+    and movement checks in order of time."""
 
     robot: str
     runs: tuple[RunRecord, ...]
     broken: tuple[RunRecord, ...]
     notes: tuple[str, ...]
     limits: Limits
+    checks: tuple[MarkedCheck, ...] = ()
 
 
 def collect(directory: Path, robot: str, progress: Progress, how: Workers = _HERE) -> Collected:
@@ -103,7 +119,21 @@ def collect(directory: Path, robot: str, progress: Progress, how: Workers = _HER
                 usable = False
                 notes.append(_in_memory(file, str(error)))
     rig_texts = {_name(run.path, directory): run.manifest.rig_text for run in mine if run.manifest}
-    return collected_of(robot, [*broken, *records], notes, rig_texts.__getitem__)
+    collected = collected_of(robot, [*broken, *records], notes, rig_texts.__getitem__)
+    return replace(collected, checks=_checks_of(mine, directory))
+
+
+def _checks_of(runs: Sequence[RunInfo], directory: Path) -> tuple[MarkedCheck, ...]:
+    """Return the movement checks of runs in order of time, a check of several runs once, with its first run."""
+    marked = []
+    for run in runs:
+        if run.manifest is not None and run.marks is not None and run.marks.moved is not None:
+            name = _name(run.path, directory)
+            marked.append(MarkedCheck(name, record_without_figures(run, "").when, run.marks.moved))
+    first: dict[MovementCheck, MarkedCheck] = {}
+    for check in sorted(marked, key=lambda check: (check.when.timestamp(), check.run)):
+        first.setdefault(check.check, check)
+    return tuple(first.values())
 
 
 def collected_of(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,6 +40,7 @@ def write_page(history: History, path: Path, *, made_of: str = "", overview: str
     rows = [_Row.of(series) for series in history.series]
     # A single run, or simultaneous runs, have no time axis.
     drawn = [series for series in shown if len({run.when for run in series.runs}) > 1]
+    moved = [check.when.timestamp() / _DAY_S for check in history.collected.checks if check.has_moved]
     template = environment().get_template("history.html")
     html = template.render(
         robot=history.robot,
@@ -52,7 +54,8 @@ def write_page(history: History, path: Path, *, made_of: str = "", overview: str
         remarks=remarks(history),
         doubts=doubts(history),
         left_out=max(0, len(drawn) - _MOST),
-        pictures=[(series, against_limit(series), _picture(series)) for series in drawn[:_MOST]],
+        has_moved=bool(moved),
+        pictures=[(series, against_limit(series), _picture(series, moved)) for series in drawn[:_MOST]],
     )
     write_html(html, path)
 
@@ -89,8 +92,11 @@ def _is_beyond(series: Series) -> bool:
     return judged is not None and judged.standing == "fail"
 
 
-def _picture(series: Series) -> Markup:
-    """Return an SVG of a figure over time: runs with 2 u, detected levels, and outliers as crosses."""
+def _picture(series: Series, moved: Sequence[float]) -> Markup:
+    """Return an SVG of a figure over time: runs with 2 u, detected levels, outliers as crosses, and movements.
+
+    moved: times of movements in days since 1970.
+    """
     when = np.array([run.when.timestamp() / _DAY_S for run in series.runs])  # Matplotlib's days since 1970
     values, wild = series.values, series.trend.wild
     u = np.nan_to_num(np.array([quantity.u for quantity in series.quantities]), posinf=0.0)
@@ -107,6 +113,8 @@ def _picture(series: Series) -> Markup:
             for side in (1, -1):  # A limit applies to the absolute value.
                 if np.any(side * values > 0):
                     axes.axhline(side * bound, ls=style, lw=1.0, color=_LIMIT)
+    for day in moved:
+        axes.axvline(day, ls="-.", lw=1.0, color=_CHANGE)
     axes.set_xlim(when[0] - _MARGIN * np.ptp(when), when[-1] + _MARGIN * np.ptp(when))
     # Label the time axis with years, days or times, depending on the range.
     zone = series.runs[-1].when.tzinfo

@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from analysis.apps.plant.before_after import Difference, headlines
+from analysis.apps.plant.collect import MarkedCheck
 from analysis.apps.plant.history import History, Series, judge, label_of
 from analysis.apps.plant.history_words import against_limit, dates, doubts, origin, remarks, sentences, too_few
 from analysis.procedures.shared.quantity import Quantity
@@ -115,12 +116,27 @@ def as_object(history: History) -> dict[str, Any]:
             "origin": origin(history),
             "sentences": sentences(history),
             "remarks": remarks(history),
+            "movements": [_movement_object(check) for check in history.collected.checks],
             "series": [_series_object(series) for series in history.series],
             "without_figures": {record.name: record.problem for record in history.collected.broken},
             "notes": list(history.collected.notes),
         }
     )
     return plain
+
+
+def _movement_object(marked: MarkedCheck) -> dict[str, Any]:
+    check = marked.check
+    return {
+        "run": marked.run,
+        "started": marked.when.isoformat(),
+        "reference": list(check.reference),
+        "what": check.what or None,
+        "axis": check.axis,
+        "name": check.name or None,
+        "probability": check.probability,
+        "answer": check.answer,
+    }
 
 
 def _series_object(series: Series) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from datetime import date
 
 from analysis.apps.plant.changes import FALSE_ALARMS, FEWEST, NEWEST, Change
+from analysis.apps.plant.collect import MarkedCheck
 from analysis.apps.plant.history import History, Series, judge
 from analysis.apps.plant.records import RunRecord, in_time
 from analysis.procedures.shared.quantity import Quantity
@@ -17,7 +18,8 @@ _MONTHS = ("Jan", "Feb", "March", "April", "May", "June", "July", "Aug", "Sept",
 
 
 def sentences(history: History) -> list[str]:
-    """Return a sentence per exceeded limit and per change, with dates, or a statement that there are none."""
+    """Return a sentence per movement, exceeded limit and change, with dates, or a statement that there are none."""
+    moved = [movement_line(check) for check in history.collected.checks if check.has_moved]
     limited = [line for series in history.series for line in _limit_sentences(series)]
     # Simultaneous changes of a figure in several tests in the same direction, the most certain first
     groups: list[list[tuple[Series, Change]]] = []
@@ -40,9 +42,15 @@ def sentences(history: History) -> list[str]:
             f"{size.rounded(change.after)} {series.unit} {when} ({series.title}: by {size}; "
             f"runs {series.runs[change.first].name} and {series.runs[change.last].name}{seen})."
         )
-    if changed or all(is_short(series) for series in history.series):
-        return [*limited, *changed]
+    if moved or changed or all(is_short(series) for series in history.series):
+        return [*moved, *limited, *changed]
     return [*limited, "All changes are within the scatter between runs."]
+
+
+def movement_line(marked: MarkedCheck) -> str:
+    """Return the answer of a movement check with its day and runs."""
+    against = _listed([plain(name) for name in marked.check.reference[:_MOST_NAMED]])
+    return f"{_day(marked.when)}, run {plain(marked.run)} compared with {against}: {plain(marked.check.answer)}"
 
 
 def origin(history: History) -> str:
@@ -76,6 +84,7 @@ def remarks(history: History) -> list[str]:
         lines.append(f"{short} of the series have fewer than {2 * FEWEST} runs, too few to detect a change")
     if any(len(series.runs) > NEWEST for series in history.series):
         lines.append(f"changes are detected only in the newest {NEWEST} runs of a series")
+    lines += [movement_line(check) for check in history.collected.checks if not check.has_moved]
     wild: dict[str, list[str]] = {}
     for series in history.series:
         for run, is_outlier in zip(series.runs, series.trend.wild, strict=True):

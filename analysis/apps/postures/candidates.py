@@ -1,7 +1,9 @@
 """All postures that reach a target, within the joint limits and clear of singularities.
 
-An arm of six axes has up to eight branches, each with several full turns near a reference posture. A seventh axis is
-sampled: Newton's method starts from postures spread over the limits. A rail is sampled by its position.
+An arm of six axes has up to eight branches, each with the whole turns that stay near a reference posture. For any other
+number of axes Newton's method starts from postures spread over the limits. It finds the isolated postures of four or
+five axes, which reach only poses with a suitable orientation (within half a degree), and samples those of a redundant
+arm. A rail is sampled by its position.
 """
 
 from __future__ import annotations
@@ -12,11 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.correction.reasons import Reason
-from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array, Integers, Mask
+from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array, Integers, Mask, forward
 from analysis.robot.kinematics.closed_form import branches, canonical
 from analysis.robot.kinematics.inverse import inverse
 from analysis.robot.kinematics.joint_limits import SAME_RAD, within_limits, wrapped
-from analysis.robot.kinematics.newton import conditioning, newton
+from analysis.robot.kinematics.newton import conditioning, newton, newton_in_part, turned_rad
 from rigs.schema.vocabulary import DRIVEN_AXES
 
 LEAST_CONDITIONING = 0.01
@@ -26,9 +28,15 @@ _TURN_RAD = np.radians(195.0)
 that a program can pass the half turn without returning.
 """
 _STARTS = 48
-"""Start values of a redundant arm for each target. Chosen: about a quarter converge within the limits of a Franka."""
+"""Start values of an arm without a closed form for each target. Chosen: about a quarter converge within the limits of
+a Franka.
+"""
 _SAME_SELF_MOTION_RAD = np.radians(3.0)
 """Distance below which two postures of a redundant arm are practically equal."""
+_LARGEST_TURN_RAD = np.radians(0.5)
+"""Deviation from the requested orientation up to which an arm of four or five axes reaches a pose. Chosen: a table
+rounded to tenths of a degree, and an arm whose parallel axes are nearly parallel.
+"""
 _STANDS = 5
 """Number of rail positions that are tried, evenly over its travel."""
 NO_BRANCH = -1
@@ -64,13 +72,13 @@ class Candidates:
     def groups(self) -> Iterator[tuple[int, slice]]:
         """Yield each target with postures, and their rows."""
         targets, begins = np.unique(self.target, return_index=True)
-        ends = [*begins[1:].tolist(), len(self.target)]
+        ends = [*begins.tolist()[1:], len(self.target)] if len(begins) else []
         for target, begin, end in zip(targets.tolist(), begins.tolist(), ends, strict=True):
             yield target, slice(begin, end)
 
 
 def find_candidates(arm: Arm, poses: Array, near: Array, rail_m: tuple[float, float] | None = None) -> Candidates:
-    """Return the postures of an arm with six or more axes at tool poses (n, 4, 4) in the world.
+    """Return the postures of an arm at tool poses (n, 4, 4) in the world.
 
     near: reference posture (axes,) rad for full turns. rail_m: travel of a rail in m, whose position is free.
     """
@@ -79,7 +87,7 @@ def find_candidates(arm: Arm, poses: Array, near: Array, rail_m: tuple[float, fl
     in_reach: Mask = np.zeros(len(poses), dtype=bool)
     for stand in stands:
         at_stand = arm if stand is None or arm.rail is None else _standing(arm, arm.rail, stand)
-        find = _branches if arm.axes == DRIVEN_AXES else _redundant
+        find = _branches if arm.axes == DRIVEN_AXES else _sampled
         q, target, solution, reached = find(at_stand, poses, near)
         in_reach |= reached
         q = q if stand is None else np.column_stack([q, np.full(len(q), stand)])
@@ -131,16 +139,17 @@ def _branches(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Int
     return q[kept], target[row[kept]].astype(np.int64), row[kept].astype(np.int64), reached
 
 
-def _redundant(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Integers, Mask]:
-    """Return sampled postures (m, axes) rad of a redundant arm, their targets (m,), a number (m,) of each, and a mask
-    (n,) of poses in reach.
+def _sampled(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Integers, Mask]:
+    """Return postures (m, axes) rad of an arm without a closed form, their targets (m,), a number (m,) of each, and a
+    mask (n,) of poses in reach.
 
     All poses have the same start values, so that neighbouring poses have neighbouring postures.
     """
     low, high = arm.limits.T
     starts = np.vstack([near, np.random.default_rng(0).uniform(low, high, (_STARTS, arm.axes))])
     target = np.repeat(np.arange(len(poses)), len(starts))
-    q, converged = newton(arm, poses[target], np.tile(starts, (len(poses), 1)))
+    solve = _in_part if arm.axes < DRIVEN_AXES else newton
+    q, converged = solve(arm, poses[target], np.tile(starts, (len(poses), 1)))
     in_reach: Mask = np.zeros(len(poses), dtype=bool)
     in_reach[target[converged]] = True
     q = low + np.mod(q - low, 2 * np.pi)  # the first turn above the lower limit
@@ -148,6 +157,16 @@ def _redundant(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, In
     q = np.where(inside[:, None], q, np.nan).reshape(len(poses), len(starts), arm.axes)
     q, target = _thinned(q)
     return q, target, np.arange(len(q)), in_reach
+
+
+def _in_part(arm: Arm, poses: Array, q: Array) -> tuple[Array, Mask]:
+    """Solve poses (n, 4, 4) with four or five axes from q (n, axes) rad.
+
+    Return the angles (n, axes) rad, and a mask (n,) of the positions reached with nearly the requested orientation.
+    """
+    q, reached = newton_in_part(arm, poses, q)
+    turned = turned_rad(forward(arm, np.where(reached[:, None], q, 0.0)), poses)
+    return q, reached & (turned < _LARGEST_TURN_RAD)
 
 
 def _thinned(q: Array) -> tuple[Array, Integers]:

@@ -17,10 +17,12 @@ from analysis.correction.support import supports, why_nothing
 from analysis.correction.work import work_or_spread
 from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array, Integers, Mask, arm_of
 from analysis.robot.kinematics.newton import conditioning
-from rigs.errors import FileError, RigPlace
 from rigs.rig import Rig
-from rigs.schema.vocabulary import DRIVEN_AXES
 
+_FEWEST_TAUGHT = 12
+"""Minimum number of postures at which frame and tool are taught. Chosen: their nine constants take a quarter of the
+coordinates.
+"""
 _SAME_RAD = np.radians(0.5)
 """Largest difference between a candidate and the posture in a table of joint angles."""
 
@@ -135,13 +137,11 @@ def choose_postures(
 ) -> Postures:
     """Return the postures of a rig's arm at tool poses (n, 4, 4) in the world, in the order of a program.
 
-    current: joint angles (n, axes) rad of the existing program, if known. change: cost of a change of branch. part_mm
-    (3,): size of a part to be placed in the work area. Raises FileError for an arm of fewer than six axes.
+    current: joint angles (n, axes) rad of the program so far, if it has them. change: price of a change of branch.
+    part_mm (3,): size of a part to place in the work area. An arm of four or five axes reaches a pose only with an
+    orientation that it can take.
     """
     arm = arm_of(rig.robot)
-    if arm.axes < DRIVEN_AXES:
-        problem = f"an arm of {arm.axes} axes cannot reach every orientation, so its postures are not compared"
-        raise FileError(RigPlace.of(rig.name), problem, "give the rig file of an arm of six or seven axes")
     rail = rig.robot.rail
     near = _reference(rig, current)
     travel_m = None if rail is None else (rail.limits_mm[0] / RAIL_MM, rail.limits_mm[1] / RAIL_MM)
@@ -177,13 +177,13 @@ def _reference(rig: Rig, current: Array | None) -> Array:
 
 
 def _taught(rig: Rig, candidates: Candidates) -> Array:
-    """Return the postures at which frame and tool are taught: over the measured range, or all postures of the
-    targets if nothing was measured.
-    """
+    """Return the postures at which frame and tool are taught: over the measured region, or, if nothing was measured, in
+    all postures of the targets, which prefers none of them. Too few postures would absorb their own errors: then over
+    the joint ranges."""
     measured = pose_uncertainty(rig, supports(rig)).joints_rad
-    if measured is not None or not len(candidates.q):
-        return work_or_spread(rig, measured)
     _, first = np.unique(candidates.solution, return_index=True)
+    if measured is not None or len(first) < _FEWEST_TAUGHT:
+        return work_or_spread(rig, measured)
     return candidates.q[first]
 
 

@@ -6,11 +6,12 @@ All slow or fallible work is here. The decisions are in `analysis.apps.session.g
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from analysis.apps.commission.cell_reference import references_of
 from analysis.apps.session import guide
 from analysis.apps.session.answer import Inference, Infers, StartInference
 from analysis.apps.session.correction_step import CORRECTIONS, corrected, corrected_programs, entries_file
@@ -46,7 +47,7 @@ from rigs.errors import CellError, FileError, RigError, UseError
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
-from rigs.text import counted
+from rigs.text import as_argument, counted
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,9 @@ def run_session(
     """
     with place:
         kept = place.read()
+        if kept is None:
+            for line in offer_lines(rig.name, [place.runs, Path("runs")]):
+                screen.say(line)
         session = kept or _begun(rig, text, asked, screen)
         _require_same_session(session, text, asked, place)
         if asked.entered:
@@ -332,6 +336,19 @@ def _session_dependencies(
         cells = SimulatedCells(simulated, place.directory)
         hands = EmulatedHands(place.directory, session.maker, emulated, files, cells.start_cell)
         yield SessionDependencies(hands, cells.start_rigd, SimulatedInference.start)
+
+
+def offer_lines(rig_name: str, directories: Sequence[Path]) -> Iterator[str]:
+    """Yield the offer to find first what moved, if a reference of the cell exists."""
+    references = references_of(dict.fromkeys(directories), rig_name)
+    if not references:
+        return
+    reference = references[0]
+    unit = {"touch": "touch", "pose": "pose"}.get(reference.test, "circle")
+    counted_readings = counted(reference.count, unit, "touches" if unit == "touch" else "")
+    runs = " ".join(as_argument(run) for run in reference.runs)
+    yield f"a reference of this cell exists: {counted_readings} of {reference.day}; to ask first what moved since then:"
+    yield f"  rig moved {runs} {'--live' if reference.can_be_touched else '--new NEW'}"
 
 
 def _begun(rig: Rig, text: str, asked: SessionOptions, screen: Screen) -> Session:

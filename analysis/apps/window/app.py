@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
 import yaml
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -23,6 +24,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, RedirectResponse, Response
 from starlette.routing import Route
 
+from analysis.apps.commission.cell_reference import references_of
 from analysis.apps.plant.history import label_of
 from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window.control_posts import WindowControls
@@ -32,6 +34,8 @@ from analysis.apps.window.shelf import MOST_SHOWN, Shelf, ShelfRun, metrics_of
 from analysis.apps.window.watcher import MOST_VIEWERS, Follow, Watcher
 from analysis.procedures.shared.quantity import Quantity
 from analysis.report.html_page import environment
+from analysis.report.movement_report import columns, rows_of
+from analysis.report.movement_words import headline, remarks, what_to_do
 from analysis.report.texts import LANGUAGES, Language
 from analysis.report.texts import texts_of as report_texts
 from daq.service.trust import tcp_user
@@ -109,6 +113,8 @@ def app_of(window: Window) -> Guard:
         Route("/runs/{name}/table.{kind}", pages.table),
         Route("/report", pages.report),
         Route("/compare", pages.compare),
+        Route("/moved", pages.moved),
+        Route("/moved/runs", pages.moved_runs),
         Route("/history/{robot}", pages.history),
         Route("/fleet", pages.fleet),
         Route("/metrics", pages.metrics),
@@ -166,8 +172,13 @@ class _Pages:
         if self._window.controls is not None:
             session_lines = await run_in_threadpool(self._window.controls.session_lines)
         place = self._window.place
-        names = makers() if place is not None and not place.file.exists() else ()
-        return self._page(request, "session.html", has_session=place is not None, said=session_lines, makers=names)
+        is_new = place is not None and not place.file.exists()
+        directories = {self._window.shelf.directory, Path("runs")} if is_new else ()
+        references = await run_in_threadpool(references_of, directories)
+        return self._page(
+            request, "session.html", has_session=place is not None, said=session_lines,
+            makers=makers() if is_new else (), reference=references[0] if references else None,
+        )  # fmt: skip
 
     def session_report(self, request: Request) -> Response:
         place = self._window.place
@@ -231,6 +242,27 @@ class _Pages:
         return self._page(
             request, "compare.html", runs=shown, rows=rows, pictures=pictures or [], why=why, waits=pictures is None
         )
+
+    def moved(self, request: Request) -> Response:
+        controls, texts = self._window.controls, report_texts(self._language(request))
+        check = controls.moved.check if controls else None
+        if check is None:
+            found = [one for one in references_of([self._window.shelf.directory]) if one.can_be_touched]
+            return self._page(request, "moved.html", check=None, references=found)
+        result, next_posture = check.result, check.result.next_posture
+        return self._page(
+            request, "moved.html", check=check, headline=headline(result, texts), act=what_to_do(result, texts),
+            rows=rows_of(result, texts), columns=columns(texts), remarks=remarks(result, texts),
+            targets=[] if next_posture is None else np.degrees(next_posture.angles).round(2).tolist(),
+        )  # fmt: skip
+
+    def moved_runs(self, request: Request) -> Response:
+        shown = sorted(self._chosen(request), key=lambda run: -run.about["age_s"])
+        if len(shown) < 2:
+            raise HTTPException(400, "choose_moved")
+        *before, after = _paths(shown)
+        words = ("moved", *before, "--new", after, "-o", f"{{out}}/{_PAGE}", "--lang", self._language(request))
+        return self._made_page(request, words, shown)
 
     def history(self, request: Request) -> Response:
         robot = request.path_params["robot"]

@@ -11,6 +11,7 @@ from analysis.apps.live.controls import label_of
 from analysis.apps.session.child_processes import Child
 from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window.watcher import Watcher
+from analysis.apps.window.window_check import WindowCheck
 from daq.service.trust import may_use
 from rigs.errors import CellError, RigError, UseError
 from rigs.schema.vocabulary import MakerName, makers
@@ -20,11 +21,17 @@ _TAIL_BYTES = 4096
 
 
 class WindowControls:
-    """Starts and stops recordings, zeroes the view, and continues the session."""
+    """Starts and stops recordings, zeroes the view, continues the session, and takes touches of a movement check."""
 
-    def __init__(self, watcher: Watcher, place: SessionDirectory | None, rig_file: str) -> None:
-        """Create the controls. place, rig_file: of the session; None and empty if there is no session."""
+    def __init__(
+        self, watcher: Watcher, place: SessionDirectory | None, rig_file: str, runs: Path = Path("runs")
+    ) -> None:
+        """Create the controls.
+
+        place, rig_file: of the session; None and empty if there is no session. runs: directory of the runs.
+        """
         self._watcher, self._place, self._rig_file = watcher, place, rig_file
+        self.moved = WindowCheck(watcher, runs)
         self._session: Child | None = None
         self._lock = threading.Lock()
 
@@ -57,7 +64,8 @@ class WindowControls:
                 maker = next((known_maker for known_maker in makers() if known_maker == form.get("maker")), None)
                 return self._go_on(maker, entered=bool(form.get("entered")))
             case _:
-                return None
+                kind, _, step = action.partition("-")
+                return self.moved.do(step, form) if kind == "moved" else None
         return ""
 
     def session_lines(self) -> list[str]:

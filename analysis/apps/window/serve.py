@@ -217,7 +217,8 @@ def run_window(asked: WindowOptions, say: Callable[[str], object]) -> None:
         watcher = Watcher(daemon, place, stream.show if stream else None, begin=begin)
         controls = None
         if asked.control:
-            controls = WindowControls(watcher, place, str(find(asked.rig_file).resolve()) if asked.rig_file else "")
+            session_rig = str(find(asked.rig_file).resolve()) if asked.rig_file else ""
+            controls = WindowControls(watcher, place, session_rig, shelf.directory)
             ends.callback(controls.close)
         ends.callback(signal.signal, signal.SIGINT, signal.SIG_IGN)
         where = f"[{asked.listen}]" if ":" in asked.listen else asked.listen

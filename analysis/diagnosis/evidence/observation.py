@@ -119,6 +119,11 @@ def without_socket(setup: str) -> str:
     return setup.partition(_SOCKET)[0]
 
 
+def socket_of(setup: str) -> str:
+    """Return the socket name of a set-up of touches; empty if it has none."""
+    return setup.partition(_SOCKET)[2]
+
+
 def by_socket(run: ObservedRun) -> list[ObservedRun]:
     """Split touches into a run per socket, of (m, 3) mm, along the common path; other runs are unchanged.
 

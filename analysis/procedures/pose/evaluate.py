@@ -16,6 +16,7 @@ are not corrected for noise, because the standards define them by formulas.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -218,24 +219,44 @@ def _errors(bare: Arm, of_fit: PoseTable, table: PoseTable) -> tuple[Array, Arra
     return position, _remaining_rotations(T, seen, tool.T_flange_tool[:3, :3])
 
 
+_MANY_ROWS = 2000
+"""Rows from which a search tree is faster than a comparison of all rows, including the half second of its import."""
+
+
 def groups(q: Array, same_rad: float, *, rail: bool = False) -> NDArray[np.int64]:
     """Return the group number (n,) of each row: rows with all joints within same_rad of the group's first, modulo a
     turn.
 
     rail: whether the last column is a rail position.
     """
-    from scipy.spatial import cKDTree  # noqa: PLC0415 - slow to import, needed here only
-
-    number = np.full(len(q), -1, dtype=np.int64)
+    number, count = np.full(len(q), -1, dtype=np.int64), 0
     box = np.where(np.arange(q.shape[1]) < q.shape[1] - rail, 2 * np.pi, 0.0)
     places = np.where(box > 0, wrapped(q) % (2 * np.pi) % (2 * np.pi), q)
-    tree, count = cKDTree(places, boxsize=box), 0
+    near_row = _near_in_tree(places, box, same_rad) if len(q) > _MANY_ROWS else _near_in_table(places, box, same_rad)
     for row in range(len(q)):
         if number[row] < 0:
-            near = np.array(tree.query_ball_point(places[row], same_rad, p=np.inf))
+            near = near_row(row)
             number[near[number[near] < 0]] = count
             count += 1
     return number
+
+
+def _near_in_table(places: Array, box: Array, same_rad: float) -> Callable[[int], NDArray[np.intp]]:
+    """Return a function from a row to all rows near it. box: period of each column; 0 if it has none."""
+
+    def near_row(row: int) -> NDArray[np.intp]:
+        apart = np.abs(places - places[row])
+        return np.flatnonzero((np.where(box > 0, np.minimum(apart, box - apart), apart) <= same_rad).all(axis=1))
+
+    return near_row
+
+
+def _near_in_tree(places: Array, box: Array, same_rad: float) -> Callable[[int], NDArray[np.intp]]:
+    """Return the same function as `_near_in_table`, by a tree."""
+    from scipy.spatial import cKDTree  # noqa: PLC0415 - takes half a second to import
+
+    tree = cKDTree(places, boxsize=box)
+    return lambda row: np.array(tree.query_ball_point(places[row], same_rad, p=np.inf))
 
 
 def _noise(

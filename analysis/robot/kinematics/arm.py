@@ -137,15 +137,26 @@ def rail_frame(arm: Arm) -> Array:
 
 
 def transform(pose: Pose) -> Array:
-    """Return the frame (4, 4) of a pose with fixed-axis roll-pitch-yaw angles: R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(np.radians(pose.rpy_deg)), np.sin(np.radians(pose.rpy_deg))
-    T = np.eye(4)
-    T[:3, :3] = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    T[:3, 3] = pose.xyz_mm
+    """Return the frame (4, 4) of a pose with fixed-axis roll-pitch-yaw angles."""
+    return transforms(np.array([*pose.xyz_mm, *pose.rpy_deg]))
+
+
+def transforms(poses: Array) -> Array:
+    """Return the frames (..., 4, 4) of poses (..., 6) in mm and degrees.
+
+    Roll, pitch and yaw are about fixed axes: R = Rz(yaw) Ry(pitch) Rx(roll).
+    """
+    angles = np.radians(np.moveaxis(poses[..., 3:], -1, 0))
+    (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
+    T = np.zeros((*poses.shape[:-1], 4, 4))
+    rows = (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
+    )
+    for k, row in enumerate(rows):
+        T[..., k, :3] = np.stack(row, axis=-1)
+    T[..., :3, 3], T[..., 3, 3] = poses[..., :3], 1.0
     return T
 
 

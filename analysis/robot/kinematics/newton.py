@@ -1,6 +1,7 @@
 """Damped Newton for inverse kinematics on stacks: from start angles to the nearest solution of each pose.
 
-The method works for any arm. With more than six axes, each step is the shortest possible. Converged rows are removed
+The method works for any arm. With more than six axes, each step is the shortest possible; with fewer, only poses that
+the arm reaches exactly converge. Converged rows are removed
 from the stack, so that a few hard poses do not slow down the others. The Jacobian also shows the distance to a
 singularity, and the axes involved.
 
@@ -172,17 +173,17 @@ def _damped(normal: Array, size: Array) -> Array:
 
 
 def _solved(normal: Array, right: Array) -> Array:
-    """Solve normal equations (6, 6, n) for right sides (6, k, n).
+    """Solve normal equations (k, k, n), k up to 6, for right sides (k, m, n).
 
     Elimination with samples last takes a tenth of numpy's time. A positive definite matrix requires no pivoting.
     """
-    both = np.concatenate([normal, right], axis=1)
-    for row in range(6):
+    both, size = np.concatenate([normal, right], axis=1), len(normal)
+    for row in range(size):
         both[row, row + 1 :] /= both[row, row]
         both[row + 1 :, row + 1 :] -= both[row + 1 :, row, None] * both[row, None, row + 1 :]
-    solution = both[:, 6:]
-    for row in range(4, -1, -1):
-        solution[row] -= (both[row, row + 1 : 6, None] * solution[row + 1 :]).sum(axis=0)
+    solution = both[:, size:]
+    for row in range(size - 2, -1, -1):
+        solution[row] -= (both[row, row + 1 : size, None] * solution[row + 1 :]).sum(axis=0)
     return solution
 
 

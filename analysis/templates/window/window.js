@@ -3,7 +3,7 @@
 
 const STALE_MS = 2000;
 const byId = (id) => document.getElementById(id);
-const root = byId("live") || byId("session");
+const root = byId("live") || byId("session") || byId("moved");
 const texts = root ? JSON.parse(root.dataset.texts) : {};
 const known = {};
 let heardAt = 0;
@@ -173,6 +173,19 @@ function showLinks(told) {
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
+// The movement check: how far each joint is from the proposed posture.
+
+function showToGo(told) {
+  const now = byId("moved-now"), toGo = byId("moved-to-go");
+  if (!now) return;
+  document.querySelectorAll("[data-target]").forEach((cell, at) => {
+    const deg = told.joints_deg[at];
+    now.cells[at + 1].textContent = fixed(deg, 2);
+    toGo.cells[at + 1].textContent = fixed(deg === null || deg === undefined ? null : Number(cell.dataset.target) - deg, 2);
+  });
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
 // The session.
 
 // Headline and tiles: each text as the server sends it; the segments of the bar are as long as their shares.
@@ -203,7 +216,8 @@ function showSummary(summary) {
 function showSession(told) {
   const next = told.next, key = `next_${next.key}`;
   put("next-words", words(key, next));
-  byId("next").hidden = next.key === "none" && Boolean(byId("live"));
+  const line = byId("next");
+  if (line) line.hidden = next.key === "none" && Boolean(byId("live"));
   if (!byId("session")) return;
   byId("found").hidden = !told.headline;
   showSummary(told.summary);
@@ -229,7 +243,7 @@ function showSession(told) {
 
 const SHOW = {
   cell: (told) => { if (byId("live")) put("rig", told.name ?? words("no_cell")); drawStart(told); },
-  now: (told) => { if (byId("live")) showNow(told); },
+  now: (told) => { if (byId("live")) showNow(told); else showToGo(told); },
   acw: () => {}, cw: () => {},
   circle: () => { if (byId("live")) showCircle(); },
   trace: (told) => { if (byId("live")) showTrace(told); },
@@ -253,7 +267,7 @@ function drawStart(told) {
 function say() {
   const silent = performance.now() - heardAt;
   const stale = heardAt === 0 || silent > STALE_MS;
-  const lost = byId("live") && known.now?.lost;
+  const lost = (byId("live") || byId("moved")) && known.now?.lost;
   const state = byId("state");
   state.classList.toggle("stale", (stale && heardAt > 0) || Boolean(lost));
   root.classList.toggle("stale-all", stale || Boolean(lost));
@@ -300,6 +314,7 @@ function control(form) {
       const answer = await fetch(form.action, { method: "POST", body: new URLSearchParams(new FormData(form)) });
       const told = (answer.headers.get("content-type") ?? "").includes("json") ? await answer.json() : { said: words("refused") };
       put("said", told.said || words("done"));
+      if (told.ok && "reload" in form.dataset) location.reload();
     } catch {
       put("said", words("unreached"));
     }

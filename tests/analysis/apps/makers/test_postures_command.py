@@ -98,13 +98,28 @@ def test_a_table_that_is_none_is_refused_in_one_line(tmp_path: Path, targets: st
     assert not (tmp_path / "out").exists()
 
 
+def test_an_arm_of_five_axes_reaches_the_poses_of_its_postures_and_no_others(tmp_path: Path) -> None:
+    head = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg"
+    taught = [[10.0, 20.0, -30.0, 25.0, 40.0], [-35.0, -20.0, 45.0, -10.0, 15.0]]
+    (tmp_path / "taught.csv").write_text(
+        "\n".join([head, *(",".join(map(str, row)) for row in taught)]) + "\n", encoding="utf-8"
+    )
+    done = ran("postures", "taught.csv", "--arm", "so-101", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    for target, row in zip(found["targets"], taught, strict=True):
+        away = [np.abs(np.subtract(posture["q_deg"], row)).max() for posture in target["postures"]]
+        assert min(away) < 1e-3
+    tilted = ran("postures", str(_files(tmp_path)), "--arm", "so-101", cwd=tmp_path)
+    assert tilted.returncode == 3 and tilted.stderr.count("error: ") >= 1
+
+
 @pytest.mark.parametrize(
     ("words", "says", "code"),
     [
         (("--arm", "ur5", "--for", "ur"), "--for: needs a directory", 2),
         (("--arm", "ur5", "--part", "3,x"), "--part: '3,x' is not a size", 2),
         (("--arm", "ur5", "--part", "0.3,0.2,0.1"), "the size looks like metres; give X,Y,Z in mm", 2),
-        (("--arm", "so-101"), "an arm of 5 axes reaches a pose in part", 3),
         (("--arm", "franka-fr3", "--for", "ur", "-o", "out"), "six axes without a rail", 2),
         ((), "--rig", 2),
     ],

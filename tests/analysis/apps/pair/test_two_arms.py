@@ -265,6 +265,8 @@ def test_from_init_to_both_calibrations_and_the_base(tmp_path: Path) -> None:
     assert (np.abs(off) < 3 * np.array(found["base"]["u_xyz_mm"])).all()
     assert {one["what"] for one in found["not_testable"]} >= {"zero and d of axis 6", "zero and d of axis 7"}
     assert json.loads((tmp_path / "calibrated/pair.json").read_text()) == found
+    page = (tmp_path / "calibrated/pair.html").read_text(encoding="utf-8")
+    assert f"{found['base']['xyz_mm'][0]:.3f}" in page and "predicted from the others" in page
     right, _ = load(tmp_path / "calibrated/right.yaml")
     assert right.robot.base.xyz_mm == pytest.approx(found["base"]["xyz_mm"], abs=1e-5)
     meets = []
@@ -292,6 +294,22 @@ def test_a_plan_and_drawn_touches_lead_to_a_calibration(tmp_path: Path) -> None:
     assert "not testable" in done.stdout and "predicted from the others" in " ".join(done.stdout.split())
     found = json.loads(ran("pair", *arms, "t.csv", "--json", cwd=tmp_path).stdout)
     assert np.abs(np.array(found["base"]["xyz_mm"]) - drawn).max() < 3.5 * max(found["base"]["u_xyz_mm"])
+
+
+def test_a_diagnosis_of_a_table_with_two_arms_is_that_of_the_pair(tmp_path: Path) -> None:
+    arms = ("ur10e", "kuka-lbr-iiwa-14")
+    written(tmp_path / "t.csv", touches())
+    needs = ran("diagnose", "t.csv", "--rig", arms[0], cwd=tmp_path)
+    assert needs.returncode == 2 and "--second SECOND" in needs.stderr
+    done = ran("diagnose", "t.csv", "--rig", arms[0], "--second", arms[1], "--json", cwd=tmp_path)
+    assert done.returncode == 0 and "touches of two arms, according to the columns" in done.stderr, done.stderr
+    page = ran("pair", *arms, "t.csv", "-o", "pair.html", "--lang", "de", "--json", cwd=tmp_path)
+    assert json.loads(page.stdout) == json.loads(done.stdout)
+    html = (tmp_path / "pair.html").read_text(encoding="utf-8")
+    assert '<html lang="de">' in html and "nicht prüfbar" in html and "Nennarmen" in html
+    (tmp_path / "one.csv").write_text("socket,q1_deg\nA,1\n")
+    alone = ran("diagnose", "one.csv", "--rig", arms[0], "--second", arms[1], cwd=tmp_path)
+    assert alone.returncode == 2 and "p1_deg" in alone.stderr
 
 
 def test_a_table_of_two_arms_is_no_table_of_a_fixed_socket(tmp_path: Path) -> None:

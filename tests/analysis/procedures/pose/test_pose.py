@@ -130,7 +130,9 @@ def test_visits_are_grouped_and_judged_by_iso_9283() -> None:
     assert list(pose.groups(q, 1e-3)) == [0, 0, 0, 1, 1]
 
 
-def test_groups_are_those_of_comparing_every_row_with_every_other() -> None:
+@pytest.mark.parametrize("many", [0, 1000])
+def test_groups_are_those_of_comparing_every_row_with_every_other(many: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pose, "_MANY_ROWS", many)
     q = np.random.default_rng(3).integers(0, 3, (300, 6)) * 0.9e-3
     expected = np.full(300, -1)
     for row in range(300):
@@ -138,6 +140,10 @@ def test_groups_are_those_of_comparing_every_row_with_every_other() -> None:
             near = np.abs(q - q[row]).max(axis=1) <= 1e-3
             expected[near & (expected < 0)] = expected.max() + 1
     assert expected.max() > 20 and list(pose.groups(q, 1e-3)) == list(expected)
+    turned = q + np.where(np.arange(300)[:, None] % 2 == 0, 2 * np.pi, 0.0)
+    assert list(pose.groups(turned, 1.001e-3)) == list(expected), "whole turns do not count"
+    on_rail = np.column_stack([q, np.arange(300) % 2 * 2 * np.pi])
+    assert len(set(pose.groups(on_rail, 1e-3, rail=True))) > len(set(expected)), "a rail has no turns"
 
 
 def test_stacked_groups_give_what_each_gives() -> None:

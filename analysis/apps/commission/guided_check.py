@@ -1,0 +1,165 @@
+"""Guided movement check: propose a touch, take it, and update the odds until a cause is named.
+
+The check knows neither a daemon nor a screen: `rig moved --live` and `rig window` feed it with joint angles at rest.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from analysis.apps.commission.record_touches import TONE, SampleSource, joint_samples
+from analysis.apps.commission.touched_ball import Standstill, is_same_posture
+from analysis.diagnosis.evidence.observation import ObservedRun, by_socket, observe, socket_of, with_placement
+from analysis.movement.inference import MOST_MM, Reference, compare, study
+from analysis.movement.linearise import tool_places
+from analysis.movement.result import MovementResult, moved_of
+from analysis.movement.runs import observed
+from analysis.report.movement_words import headline, what_to_do
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.csv_tables import columns_of
+from analysis.runs.loading import Measured
+from analysis.runs.tables import TouchTable
+from daq import clock
+from daq.store import MovementCheck, mark_moved, table_run, write_table_run
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+_FEWEST = 4
+"""Minimum number of touches after which "nothing moved" ends a check. Chosen: fewer hardly show the wrist."""
+
+
+@dataclass(frozen=True)
+class GuidedCheck:
+    """A check in progress: the reference, and the touches after a possible movement.
+
+    names: of the reference runs. sockets: place of the ball (3,) mm by set-up. touches: socket and joint angles (axes,)
+    rad of each touch.
+    """
+
+    rig: Rig
+    rig_text: str
+    placement: str
+    names: tuple[str, ...]
+    reference: Reference
+    sockets: Mapping[str, Array]
+    touches: tuple[tuple[str, Array], ...] = ()
+
+    @classmethod
+    def of_runs(cls, runs: Sequence[Measured], rig: Rig | None = None) -> GuidedCheck:
+        """Begin a check with reference runs. rig: model of the arm; default: that of the first run.
+
+        Raises FileError unless the reference has touches of a single placement.
+        """
+        touched = [run for run in runs if run.table.test == "touch"]
+        names = tuple(run.run.manifest.name for run in runs)
+        placements = {run.run.manifest.placement for run in touched}
+        if len(placements) != 1:
+            problem = f"has touches of {len(placements)} placements, but a guided check needs those of one"
+            raise FileError(", ".join(names), problem, "give runs of touches of the same sockets")
+        reference = study(observed(rig or runs[0].rig, runs))
+        place = reference.place
+        sockets = {
+            run.setup: tool_places(run, place.setups[run.setup]).mean(axis=0)
+            for run in reference.runs
+            if socket_of(run.setup)
+        }
+        text = touched[0].run.manifest.rig_text
+        return cls(rig or runs[0].rig, text, placements.pop(), names, reference, sockets)
+
+    def with_touch(self, q: Array) -> GuidedCheck:
+        """Return the check with a touch at joint angles (axes,) rad, in the socket nearest to the ball.
+
+        Raises FileError if the ball is in no socket of the reference.
+        """
+        distances = {setup: self._distance_mm(setup, q) for setup in self.sockets}
+        setup = min(distances, key=distances.__getitem__)
+        if distances[setup] > MOST_MM:
+            problem = f"the ball is {distances[setup]:.0f} mm from socket {socket_of(setup)}, the nearest one"
+            raise FileError("touch", problem, "seat the ball in a socket of the reference")
+        return replace(self, touches=(*self.touches, (socket_of(setup), q)))
+
+    def without_last(self) -> GuidedCheck:
+        """Return the check without the last touch."""
+        return replace(self, touches=self.touches[:-1])
+
+    def _distance_mm(self, setup: str, q: Array) -> float:
+        (run,) = self._observed([socket_of(setup)], q[None])
+        at = tool_places(replace(run, model=self.reference.place.model), self.reference.place.setups[setup])[0]
+        return float(np.linalg.norm(at - self.sockets[setup]))
+
+    def _observed(self, sockets: Sequence[str], q: Array) -> list[ObservedRun]:
+        table = TouchTable(np.array(sockets), q)
+        return by_socket(with_placement(observe(self.reference.place.model, table, "new touches"), self.placement))
+
+    @cached_property
+    def result(self) -> MovementResult:
+        """The answer so far, with the next posture unless a cause is named."""
+        if not self.touches:
+            return moved_of(self.reference, None, plan=True)
+        runs = self._observed([socket for socket, _ in self.touches], np.array([q for _, q in self.touches]))
+        return moved_of(self.reference, compare(self.reference, runs), plan=True)
+
+    @property
+    def is_decided(self) -> bool:
+        """True if a cause is named, "nothing" only after enough touches, or no further touch would help."""
+        named = self.result.named
+        if named is None:
+            return bool(self.touches) and self.result.next_posture is None
+        return named.what != "nothing" or len(self.touches) >= _FEWEST
+
+    def save(self, directory: Path, operator: str) -> Path:
+        """Write the touches as a run with the answer as a mark. Raises FileError without touches, and CellError."""
+        if not self.touches:
+            raise FileError(str(directory), "no touch was taken", "seat the ball in a socket")
+        sockets, q = (np.array(part) for part in zip(*self.touches, strict=True))
+        table = columns_of(TouchTable(sockets, q))
+        digest = hashlib.sha256(repr(table.to_pydict()).encode()).hexdigest()
+        run = table_run(
+            directory, table, test="touch", direction=None, rig_name=self.rig.name, rig_text=self.rig_text,
+            operator=operator, source=f"movement check against {', '.join(self.names)}"[:200], source_sha256=digest,
+            placement=self.placement,
+        )  # fmt: skip
+        write_table_run(run, directory, self.rig.companion_files)
+        mark_moved(directory, mark_of(self.result, self.names))
+        return directory
+
+
+def mark_of(result: MovementResult, names: Sequence[str]) -> MovementCheck:
+    """Return the answer of a check as a mark of the new run. names: of the reference runs."""
+    likeliest = result.causes[0]
+    named = result.named
+    return MovementCheck(
+        at=clock.wall_time().isoformat(timespec="seconds"), reference=tuple(names), what=named.what if named else "",
+        axis=named.cause.axis if named else None, name=named.name if named else "", probability=likeliest.posterior,
+        answer=headline(result),
+    )  # fmt: skip
+
+
+def follow_touches(daemon: SampleSource, check: GuidedCheck, say: Callable[[str], None]) -> GuidedCheck:
+    """Take each touch of a hand-guided or driven robot until the check is decided, or Ctrl-C. Raises CellError."""
+    say(what_to_do(check.result))
+    standstill, last, has_left = Standstill(), np.empty(0), True
+    with suppress(KeyboardInterrupt):
+        for t_s, angles in joint_samples(daemon, len(check.rig.robot.axes)):
+            q_deg = np.array(angles)
+            has_left = has_left or not is_same_posture(q_deg, last)
+            if not standstill.feed(t_s, q_deg) or not has_left:
+                continue
+            try:
+                check = check.with_touch(np.radians(q_deg))
+            except FileError as error:
+                say(f"{error.what}: {error.remedy}")
+                continue
+            last, has_left = q_deg, False
+            say(f"{TONE}touch {len(check.touches)}: {headline(check.result)}")
+            if check.is_decided:
+                return check
+            say(what_to_do(check.result))
+    return check

@@ -1,0 +1,115 @@
+"""Movement check of a window: a reference, one touch after the other, and the touches saved as a run."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from analysis.apps.commission.cell_reference import CellReference, references_of
+from analysis.apps.commission.guided_check import GuidedCheck
+from analysis.apps.window.watcher import Watcher
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.loading import load_measured
+from analysis.runs.stands import FLICKER_DEG
+from analysis.runs.table_layout import joint_columns
+from daq import clock
+from rigs.errors import CellError, FileError, UseError
+
+_REST_S = 0.5
+"""Time over which the joints must be at rest when a touch is taken; the user states that the ball is seated."""
+_MOST_DEG = 1e4
+"""Largest angle that is plausible, in degrees."""
+
+
+class WindowCheck:
+    """The check in progress. Requests of several browsers are handled one after the other."""
+
+    def __init__(self, watcher: Watcher, runs: Path) -> None:
+        """runs: directory of the runs, which also receives the saved touches."""
+        self._watcher, self._runs = watcher, runs
+        self._lock = threading.Lock()
+        self.check: GuidedCheck | None = None
+
+    def references(self) -> list[CellReference]:
+        """Return the references that can be touched."""
+        return [reference for reference in references_of([self._runs]) if reference.can_be_touched]
+
+    def do(self, action: str, form: Mapping[str, str]) -> str | None:
+        """Execute `begin`, `touch`, `undo`, `save` or `cancel`. Return a message; None for an unknown action.
+
+        Raises RigError.
+        """
+        with self._lock:
+            match action:
+                case "begin":
+                    return self._begin(form.get("run", ""))
+                case "touch":
+                    check = self._require_check().with_touch(self._joints(form.get("joints", "")))
+                    check.result  # noqa: B018 - computed here, not when the page is shown
+                    self.check = check
+                case "undo":
+                    self.check = self._require_check().without_last()
+                case "save":
+                    return self._save()
+                case "cancel":
+                    self.check = None
+                case _:
+                    return None
+        return ""
+
+    def _begin(self, name: str) -> str:
+        chosen = next((one for one in self.references() if one.runs[0].name == name), None)
+        if chosen is None:
+            raise UseError("reference", f"{name!r} is no reference here", "choose one of the list")
+        self.check = GuidedCheck.of_runs([load_measured(chosen.runs[0])])
+        return ""
+
+    def _save(self) -> str:
+        check = self._require_check()
+        place = self._runs / f"moved-{clock.wall_time().astimezone():%Y%m%d-%H%M%S}"
+        check.save(place, "")
+        self.check = None
+        return str(place)
+
+    def _require_check(self) -> GuidedCheck:
+        if self.check is None:
+            raise UseError("movement check", "has not begun", "choose a reference first")
+        return self.check
+
+    def _joints(self, typed: str) -> Array:
+        """Return the joint angles (axes,) rad that were typed in degrees, or those of the resting robot."""
+        axes = len(self._require_check().rig.robot.axes)
+        if not typed.strip():
+            return self._resting_joints(axes)
+        numbers = re.split(r"[;\s]+|,\s+|,(?!\d)", typed.strip().strip("[]()"))
+        try:
+            q = np.array([float(number.replace(",", ".")) for number in numbers if number])
+        except ValueError:
+            q = np.empty(0)
+        if q.shape != (axes,) or not np.isfinite(q).all() or np.abs(q).max() > _MOST_DEG:
+            problem = f"{typed[:80]!r} are not {axes} angles in degrees"
+            raise UseError("joint angles", problem, "separate them by spaces, as 10.5 -90 120 0 45 0")
+        return np.asarray(np.radians(q))
+
+    def _resting_joints(self, axes: int) -> Array:
+        """Return the mean joint angles (axes,) rad of the last half second.
+
+        Raises CellError if the robot moves or reports no angles.
+        """
+        robot = self._watcher.ask("samples", after={})["streams"].get("robot")
+        rows = robot["rows"] if robot else []
+        if not rows:
+            raise CellError("robot", "reports no joint angles", "type the angles that the controller shows")
+        places = [1 + robot["columns"].index(name) for name in joint_columns(axes)]
+        newest_ns = rows[-1][0]
+        recent = [[row[place] for place in places] for row in rows if newest_ns - row[0] <= 1e9 * _REST_S]
+        if any(angle is None for angles in recent for angle in angles):
+            raise FileError("robot", "did not report all joint angles", "repeat the touch")
+        q_deg = np.array(recent, dtype=float)
+        if np.ptp(q_deg, axis=0).max() > FLICKER_DEG:
+            raise CellError("robot", "is moving", "let it come to rest, then take the touch")
+        return np.asarray(np.radians(q_deg.mean(axis=0)))

@@ -1,0 +1,158 @@
+"""A guided movement check follows a person: it proposes a posture, takes the touch at rest, and ends with a cause."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from analysis import load_run
+from analysis.apps.commission import guided_check
+from analysis.apps.commission.cell_reference import FEWEST, references_of
+from analysis.apps.commission.guided_check import GuidedCheck, follow_touches, mark_of
+from analysis.apps.commission.touched_ball import STANDS_S
+from analysis.apps.session.run_session import offer_lines
+from analysis.cli import app
+from daq.store import mark_moved
+from daq.store.marks import load_marks
+from rigs.errors import FileError, UseError
+from tests.support.moved_cell import moved_cell, touch_near, write_touches
+from tests.support.simulated_laps import lap_run
+from tests.trials.moved.__main__ import Case
+
+EVERY_S = 0.1
+
+
+class Person:
+    """A daemon whose robot is led to each posture that was proposed, at most 15, and what was said."""
+
+    def __init__(self, case: Case, first: np.ndarray | None = None) -> None:
+        self._case, self.said = case, list[str]()
+        self._at = np.degrees(case.before[0]) + 5.0
+        self._sent, self._first = 0, first
+
+    def say(self, line: str) -> None:
+        self.said.append(line)
+
+    def ask(self, command: str, **fields: Any) -> dict[str, Any]:
+        if sum("J1 " in line for line in self.said) > 15:
+            raise KeyboardInterrupt
+        proposed = [float(deg) for deg in re.findall(r"J\d (-?[\d.]+)", _last_proposal(self.said))]
+        goal = touch_near(self._case, proposed)
+        if self._first is not None:
+            goal, self._first = self._first, None
+        lifted = self._at + 10.0  # a proposal may be the posture of the touch before
+        way = lifted + np.linspace(0, 1, 20)[:, None] * (goal - lifted)
+        rows = [*way, *[goal] * round((STANDS_S + 0.5) / EVERY_S)]
+        self._at = goal
+        begin, self._sent = self._sent, self._sent + len(rows)
+        samples = [[int(1e9 * EVERY_S * (begin + k)), *row] for k, row in enumerate(rows)]
+        return {
+            "streams": {"robot": {"rows": samples, "columns": [f"q{k}_deg" for k in range(1, 7)], "newest": self._sent}}
+        }
+
+
+def _last_proposal(said: list[str]) -> str:
+    return next(line for line in reversed(said) if "J1 " in line)
+
+
+@pytest.fixture(autouse=True)
+def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("analysis.apps.commission.record_touches._LOOK_S", 0.0)
+
+
+def test_a_person_is_led_to_the_cause_and_the_touches_are_kept(tmp_path: Path) -> None:
+    case = moved_cell(tmp_path, "zero 2", seed=4)
+    check = GuidedCheck.of_runs([load_run(tmp_path / "runs" / "before")])
+    person = Person(case, first=np.degrees(case.before[0]) + 40.0)
+    check = follow_touches(person, check, person.say)
+    assert check.is_decided and check.result.named is not None
+    assert (check.result.named.what, check.result.named.cause.axis) == ("zero", 2)
+    assert len(check.touches) <= 4 and "seat the ball in a socket of the reference" in "".join(person.said)
+    run = check.save(tmp_path / "runs" / "after", "ada")
+    assert len(load_run(run).table.q) == len(check.touches)
+    with pytest.raises(FileError, match="no touch was taken"):
+        GuidedCheck.of_runs([load_run(tmp_path / "runs" / "before")]).save(tmp_path / "empty", "")
+
+
+def test_nothing_moved_is_said_only_after_enough_touches(tmp_path: Path) -> None:
+    case = moved_cell(tmp_path, "nothing", seed=5)
+    person, check = Person(case), GuidedCheck.of_runs([load_run(tmp_path / "runs" / "before")])
+    check = follow_touches(person, check, person.say)
+    assert check.result.named is not None and check.result.named.what == "nothing"
+    assert len(check.touches) >= 4
+
+
+def test_the_command_follows_the_daemon_and_history_marks_the_day(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = moved_cell(tmp_path, "tool", seed=3)
+    person = Person(case)
+    follow = guided_check.follow_touches
+    monkeypatch.setattr("daq.service.client.find_socket", lambda name: tmp_path / name)
+    monkeypatch.setattr("daq.service.client.Client", _Client)
+    monkeypatch.setattr(guided_check, "follow_touches", lambda _, check, say: follow(person, check, person.say))
+    runs = tmp_path / "runs"
+    words = ["moved", str(runs / "before"), "--live", "--save", str(runs / "after")]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0 and done.stdout.startswith("The tool moved by"), done.output
+    marked = load_marks(runs / "after").moved
+    assert marked is not None and (marked.what, marked.reference) == ("tool", ("before",))
+    assert isinstance(CliRunner().invoke(app, words).exception, FileError), "an existing run is not overwritten"
+    page = tmp_path / "history.html"
+    told = CliRunner().invoke(app, ["history", "moved", "--runs", str(runs), "-o", str(page), "--json"])
+    (movement,) = json.loads(told.stdout)["movements"]
+    assert (movement["run"], movement["what"], movement["reference"]) == ("after", "tool", ["before"])
+    assert "run after compared with before: The tool moved by" in page.read_text(encoding="utf-8")
+    for wrong in (["--live", "--plan"], ["--save", "x"]):
+        assert isinstance(CliRunner().invoke(app, ["moved", str(runs), *wrong]).exception, UseError)
+
+
+class _Client:
+    def __init__(self, socket: Path) -> None:
+        assert socket.name == "moved"
+
+    def __enter__(self) -> _Client:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+
+def test_an_answer_is_stored_with_new_runs_only_if_asked(tmp_path: Path) -> None:
+    case = moved_cell(tmp_path, "base", seed=2)
+    write_touches(tmp_path, "after", *case.touch_again(6))
+    words = ["moved", str(tmp_path / "runs" / "before"), "--new", str(tmp_path / "runs" / "after")]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    assert load_marks(tmp_path / "runs" / "after").moved is None
+    assert CliRunner().invoke(app, [*words, "--mark"]).exit_code == 0
+    marked = load_marks(tmp_path / "runs" / "after").moved
+    assert marked is not None and marked.what == "base" and marked.answer.startswith("The base moved by")
+    table = [*words[:-1], str(tmp_path / "after.csv"), "--rig", str(tmp_path / "cell.yaml"), "--mark"]
+    assert isinstance(CliRunner().invoke(app, table).exception, UseError)
+
+
+def test_references_are_enough_touches_or_circles_of_both_directions_and_no_check(tmp_path: Path) -> None:
+    case = moved_cell(tmp_path, "nothing")
+    runs = tmp_path / "runs"
+    write_touches(tmp_path, "few", case.sockets[: FEWEST - 1], case.before[: FEWEST - 1])
+    checked = write_touches(tmp_path, "checked", case.sockets, case.before + 1e-4)
+    check = GuidedCheck.of_runs([load_run(runs / "before")]).with_touch(case.before[0])
+    mark_moved(checked, mark_of(check.result, ["before"]))
+    assert [[run.name for run in one.runs] for one in references_of([runs, tmp_path / "missing"], "moved")] == [
+        ["before"]
+    ]
+    lap_run(runs, direction="acw", seed=1)
+    assert len(references_of([runs])) == 1, "one direction is no reference"
+    lap_run(runs, direction="cw", seed=1)
+    touches, circles = references_of([runs])
+    assert touches.can_be_touched and not circles.can_be_touched and len(circles.runs) == 2
+    assert references_of([runs], "other") == []
+    first, second = offer_lines("moved", [runs])
+    assert f"{len(case.sockets)} touches" in first and second == f"  rig moved {runs / 'before'} --live"
+    assert list(offer_lines("other", [runs])) == []

@@ -1,0 +1,134 @@
+"""What moved in the window: a reference, proposed touches, odds that narrow, the answer, and the saved run."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from analysis import load_run
+from analysis.apps.window.watcher import Watcher
+from analysis.apps.window.window_check import WindowCheck
+from analysis.report.texts import texts_of
+from daq.store.marks import load_marks
+from rigs.errors import CellError, FileError, UseError
+from tests.support.moved_cell import moved_cell, touch_near, write_touches
+from tests.support.windows import Served, no_daemon, served
+from tests.trials.moved.__main__ import Case
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Case, Path]]:
+    folder = tmp_path_factory.mktemp("moved")
+    yield moved_cell(folder, "zero 3"), folder
+
+
+def _post(window: Served, step: str, **fields: str) -> dict[str, Any]:
+    form = "&".join(f"{name}={value}" for name, value in fields.items())
+    answer = window.post(f"/control/moved-{step}", f"secret={window.window.gate.secret}&{form}")
+    told: dict[str, Any] = json.loads(answer.text)
+    return told
+
+
+def _targets(page: str) -> list[float]:
+    return [float(deg) for deg in re.findall(r'data-target="([^"]+)"', page)]
+
+
+def test_a_moved_zero_is_found_touch_by_touch_and_kept_for_the_history(case: tuple[Case, Path]) -> None:
+    drawn, folder = case
+    with served(folder, control=True, session=folder / "session") as window:
+        assert "before: " in window.ask("/moved").text
+        assert 'id="offer"' in window.ask("/session").text, "the session offers the check first"
+        assert _post(window, "begin", run="nothing")["ok"] is False
+        assert _post(window, "begin", run="before")["ok"]
+        page = window.ask("/moved").text
+        assert "New readings are missing" in page and len(_targets(page)) == 6
+        answers = []
+        for _ in range(6):
+            q = touch_near(drawn, _targets(page))
+            assert _post(window, "touch", joints="+".join(f"{deg:.4f}" for deg in q))["ok"]
+            page = window.ask("/moved").text
+            answers.append(page.split('id="answer">')[1].split("<")[0])
+            if not _targets(page):
+                break
+        assert answers[-1].startswith("The zero of axis 3 moved by") and "Re-master axis 3" in page, answers
+        german = window.ask("/moved", accept_language="de").text
+        assert "Die Nullstellung von Achse 3 hat sich um" in german
+        run = Path(_post(window, "save")["said"])
+        assert len(load_run(run).table.q) == len(answers)
+        moved = load_marks(run).moved
+        assert moved is not None and (moved.what, moved.axis, moved.reference) == ("zero", 3, ("before",))
+        assert 'value="before"' in window.ask("/moved").text, "the next check can begin"
+
+
+def test_a_wrong_touch_is_refused_or_removed(case: tuple[Case, Path]) -> None:
+    drawn, folder = case
+    with served(folder, control=True) as window:
+        assert "has not begun" in _post(window, "touch", joints="1+2+3+4+5+6")["said"]
+        _post(window, "begin", run="before")
+        assert "are not 6 angles" in _post(window, "touch", joints="1+2+3")["said"]
+        assert "mm from socket" in _post(window, "touch", joints="10+20+30+40+50+60")["said"]
+        assert "no daemon is visible" in _post(window, "touch")["said"]
+        q = "%2C+".join(f"{deg:.4f}" for deg in np.degrees(drawn.before[0]))
+        assert _post(window, "touch", joints=q)["ok"] and "1 touches" in window.ask("/moved").text
+        assert _post(window, "undo")["ok"] and "0 touches" in window.ask("/moved").text
+        assert "no touch was taken" in _post(window, "save")["said"]
+        assert _post(window, "cancel")["ok"] and "movement check" in _post(window, "undo")["said"]
+
+
+def test_recorded_runs_are_compared_in_the_list(case: tuple[Case, Path]) -> None:
+    drawn, folder = case
+    write_touches(folder, "zz-after", *drawn.touch_again(6))
+    with served(folder) as window:
+        assert window.ask("/moved/runs?run=before").status == 400
+        page = window.until("/moved/runs?run=before&run=zz-after", lambda answer: answer.status != 202)
+        assert page.status == 303
+        assert "The zero of axis 3 moved by" in window.ask(page.headers["location"]).text
+
+
+class _Daemon(Watcher):
+    """A watcher whose robot reports these rows."""
+
+    def __init__(self, rows: list[list[float | None]]) -> None:
+        super().__init__(no_daemon, None)
+        self._robot = {"rows": rows, "columns": [f"q{k}_deg" for k in range(1, 7)], "newest": len(rows)}
+
+    def ask(self, command: str, **fields: Any) -> dict[str, Any]:
+        return {"streams": {"robot": self._robot}}
+
+
+def _rows(q_deg: np.ndarray, drift_deg: float) -> list[list[float | None]]:
+    return [[int(1e8 * k), *(q_deg + drift_deg * k)] for k in range(20)]
+
+
+def test_the_touch_of_a_resting_robot_is_read_and_a_moving_robot_refused(case: tuple[Case, Path]) -> None:
+    drawn, folder = case
+    q = np.degrees(drawn.before[1])
+    check = WindowCheck(_Daemon(_rows(q, 0.0)), folder / "runs")
+    check.do("begin", {"run": "before"})
+    check.do("touch", {})
+    assert check.check is not None
+    np.testing.assert_allclose(np.degrees(check.check.touches[0][1]), q)
+    for rows, error, what in (
+        (_rows(q, 0.1), CellError, "is moving"),
+        ([], CellError, "reports no joint angles"),
+        ([[0, None, *q[1:].tolist()]], FileError, "did not report all"),
+    ):
+        moving = WindowCheck(_Daemon(rows), folder / "runs")
+        moving.do("begin", {"run": "before"})
+        with pytest.raises(error, match=what):
+            moving.do("touch", {})
+    with pytest.raises(UseError, match="is no reference"):
+        check.do("begin", {"run": "../before"})
+
+
+def test_the_action_of_each_cause_has_its_sentence_in_each_language() -> None:
+    kinds = ("nothing", "base", "base_tracker", "instrument", "target", "tool", "other", "zero", "socket")
+    for language in ("en", "de", "ko"):
+        texts = texts_of(language)
+        assert len({texts(f"check_act_{kind}", axis=3, name="A") for kind in kinds}) == len(kinds)
