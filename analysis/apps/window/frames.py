@@ -20,6 +20,7 @@ from analysis.apps.live.view import LiveView
 from analysis.apps.session.next_step import Drive, Infer, next_of
 from analysis.apps.session.session_state import Session
 from analysis.apps.session.session_words import correction_lines
+from analysis.report.summary import ErrorChange
 from analysis.robot.kinematics.arm import Array
 
 TRACE_S = 30.0
@@ -187,11 +188,12 @@ def summary(session: Session) -> dict[str, Any]:
 
 def shown_summary(session: Session) -> dict[str, Any] | None:
     """Return headline and tiles as plain values, None without an answer."""
-    if (summary := session.summary) is None:
-        return None
-    error = summary.error
-    shown = {"title": error.title, "size": error.words, "basis": f"{error.basis} {error.standing}".rstrip()}
-    return asdict(summary) | {"error": shown}
+    summary = session.summary
+    return None if summary is None else asdict(summary) | {"error": _error(summary.error)}
+
+
+def _error(error: ErrorChange) -> dict[str, str]:
+    return {"title": error.title, "size": error.words, "basis": f"{error.basis} {error.standing}".rstrip()}
 
 
 def _next(session: Session) -> dict[str, Any]:
