@@ -309,13 +309,13 @@ def remains_of(result: SearchResult, left_out: LeftOut | None, temperature: Arra
     if left_out is None or len(np.unique(left_out.group)) < _FEWEST_GROUPS:
         return None
     warmth: Array | None = None
-    one_table = len({id(block.table) for block in linear.blocks if facts_of(block.table.test).of_places}) == 1
-    if temperature is not None and one_table and np.ptp(temperature) > 0:
+    tables = [block.table for block in linear.blocks if facts_of(block.table.test).of_places]
+    if temperature is not None and len(set(map(id, tables))) == 1 and np.ptp(temperature) > 0:
         warmth = ((temperature - temperature.mean()) / np.ptp(temperature))[:, None]
     # Possible dependences as functions (n, c) rad at a block's samples, None if not available.
     subjects: dict[Subject, _Functions | None] = {
         "posture": _of_places(lambda block: np.concatenate([f(block.table.q) for f in (np.cos, np.sin)], axis=1)),
-        "approach": _of_places(sides_of) if any(_states_sides(block) for block in linear.blocks) else None,
+        "approach": _of_places(sides_of) if any(table.sides is not None for table in tables) else None,
         "time": None,  # tables of places have no times, and their row order is no time order
         "temperature": None if warmth is None else _of_places(lambda _: warmth),
         "speed": None,  # undefined for a stationary robot
@@ -350,11 +350,6 @@ def sides_of(block: Block) -> Array:
     """Return the approach direction (n, axes) of each joint as a sign; zero if unknown."""
     sides = block.table.sides
     return np.zeros(block.table.q.shape) if sides is None else sides.astype(float)
-
-
-def _states_sides(block: Block) -> bool:
-    """Return whether the rows of a block state the approach direction of each joint."""
-    return facts_of(block.table.test).of_places and block.table.sides is not None
 
 
 def share_left_out(columns: Array, off: Array, group: Integers) -> float:

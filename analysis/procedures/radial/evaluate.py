@@ -388,14 +388,9 @@ class RadialEvaluation(Evaluation[RadialTable]):
 
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> RadialTable:
         require_test(rig, self.test)
-        table = _program_table(rig)
+        at, none = radial_program(rig), np.empty(0)
+        table = RadialTable(at.target, at.polar, at.azimuth, at.orientation, visit_times(len(at.q)), at.q, none)
         return table.with_readings(read_by_gauges(rig, table, nominal_setup(rig, table), run))
-
-
-def _program_table(rig: Rig) -> RadialTable:
-    """Return the table of the program, without readings."""
-    at, none = radial_program(rig), np.empty(0)
-    return RadialTable(at.target, at.polar, at.azimuth, at.orientation, visit_times(len(at.q)), at.q, none)
 
 
 PART = RadialEvaluation
