@@ -104,7 +104,7 @@ def test_a_table_that_is_none_is_refused_in_one_line(tmp_path: Path, targets: st
         (("--arm", "ur5", "--for", "ur"), "--for: needs a directory", 2),
         (("--arm", "ur5", "--part", "3,x"), "--part: '3,x' is not a size", 2),
         (("--arm", "ur5", "--part", "0.3,0.2,0.1"), "the size looks like metres; give X,Y,Z in mm", 2),
-        (("--arm", "so-101"), "an arm of 5 axes reaches a pose in part", 3),
+        (("--arm", "so-101"), "an arm of 5 axes cannot reach every orientation", 3),
         (("--arm", "franka-fr3", "--for", "ur", "-o", "out"), "six axes without a rail", 2),
         ((), "--rig", 2),
     ],
