@@ -62,7 +62,7 @@ def mapped_run(
         if socket:
             raise UseError("--socket", "is already in the map", "remove the option, or change the constants in the map")
         if join and join != table_map.join:
-            raise UseError("--join", f"is {join}, and the map joins by {table_map.join or 'nothing'}", "remove it")
+            raise UseError("--join", f"is {join}, but the map joins by {table_map.join or 'nothing'}", "remove it")
     elif not join and needs_touch_map(files[0], test, socket):
         table_map = propose_touch_map(files[0], load(rig_file)[0], test, socket)
         _say_map(table_map)

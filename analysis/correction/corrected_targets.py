@@ -207,7 +207,7 @@ def corrected_angles(
         (low, high), mm = rig.robot.rail.limits_mm, rail_mm(arm_of(rig.robot), q)
         beyond += [
             NotCorrected(
-                k, "beyond_limits", f"the rail would be at {mm[k]:g} mm, the limits are {low:g} and {high:g} mm"
+                k, "beyond_limits", f"the rail would be at {mm[k]:g} mm, beyond the limits {low:g} and {high:g} mm"
             )
             for k in np.flatnonzero((mm < low) | (mm > high)).tolist()
         ]
@@ -310,6 +310,6 @@ def _beyond_limits(arm: Arm, q: Array) -> list[NotCorrected]:
     beyond: dict[int, NotCorrected] = {}
     for k, axis in np.argwhere(outside).tolist():
         low, high = np.degrees(arm.limits[axis])
-        stands = f"axis {axis + 1} would be at {np.degrees(q[k, axis]):.3f}°, the limits are {low:g}° and {high:g}°"
+        stands = f"axis {axis + 1} would be at {np.degrees(q[k, axis]):.3f}°, beyond the limits {low:g}° and {high:g}°"
         beyond.setdefault(k, NotCorrected(k, "beyond_limits", stands))
     return list(beyond.values())

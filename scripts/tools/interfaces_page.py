@@ -1,5 +1,4 @@
-"""Generate docs/interfaces.md from the schemas and the reference programs: `scripts/dev interfaces_page >
-docs/interfaces.md`.
+"""Generate docs/interfaces.md from the interface schemas: `scripts/dev interfaces_page > docs/interfaces.md`.
 
 The source of an interface comes from its class (`rigs.interfaces`), the independent implementations from `PEERS` of
 tests/trials/wire_peers/__main__.py. The list of unsupported interfaces is in this file.

@@ -30,7 +30,7 @@ from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window.control_posts import WindowControls
 from analysis.apps.window.guard import COOKIE, Gate, Guard, form_of
 from analysis.apps.window.made import WRITERS, OutputRequest, OutputStore
-from analysis.apps.window.shelf import MOST_SHOWN, Shelf, ShelfRun, metrics_of
+from analysis.apps.window.shelf import MOST_SHOWN, NOT_IN_DIRECTORY, Shelf, ShelfRun, metrics_of
 from analysis.apps.window.watcher import MOST_VIEWERS, Follow, Watcher
 from analysis.procedures.shared.quantity import Quantity
 from analysis.report.html_page import environment
@@ -355,7 +355,7 @@ class _Pages:
         return self._page(request, "message.html", error.status_code, message=texts.get(key, error.detail))
 
     async def failed(self, request: Request, error: RigError) -> Response:
-        status = 404 if "is no run here" in error.what else 409
+        status = 404 if NOT_IN_DIRECTORY in error.what else 409
         return self._page(request, "message.html", status, message=str(error))
 
     # ------------------------------------------------------------------------------------------------------------------

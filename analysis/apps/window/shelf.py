@@ -25,6 +25,7 @@ from rigs.errors import FileError, RigError
 from rigs.load import parse
 from rigs.schema.limits import Limit, Limits, Standing
 
+NOT_IN_DIRECTORY = "is not a run in this directory"
 MOST_SHOWN = 300
 _WORST: tuple[Standing, ...] = ("fail", "watch", "pass")
 
@@ -102,7 +103,7 @@ class Shelf:
                 return _shelf_run(look(path), self._records().get(name))
         except (OSError, ValueError):
             pass
-        raise FileError(name, "is not a run in this directory", "choose a run from the list")
+        raise FileError(name, NOT_IN_DIRECTORY, "choose a run from the list")
 
     def robots(self) -> list[str]:
         """Return the names of all rigs with runs in the directory."""

@@ -132,4 +132,4 @@ def test_a_path_in_another_unit_is_doubted_at_import(cell: Path) -> None:
     ]
     (cell / "metres.csv").write_text("\n".join([head, *metres]) + "\n")
     done = ran("import", cell / "metres.csv", "--rig", cell / "cell.yaml", "--test", "path", "-o", cell / "metres")
-    assert "doubt:" in done.stderr and "a line would be" in done.stderr
+    assert "doubt:" in done.stderr and "a line has" in done.stderr

@@ -118,7 +118,7 @@ def test_a_xacro_macro_is_the_urdf_with_a_prefix_and_a_parent() -> None:
 
 def test_a_name_that_xacro_would_compute_is_refused() -> None:
     robot = load_arm("ur5e").robot.model_copy(update={"name": "arm ${1 / 0}"})
-    with pytest.raises(FileError, match="xacro would compute"):
+    with pytest.raises(FileError, match="xacro would evaluate"):
         xacro_text(robot, geometric_arm(model_of(changed("ur5e"))), "cell.yaml")
 
 

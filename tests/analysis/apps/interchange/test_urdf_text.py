@@ -131,7 +131,7 @@ def test_a_coupled_arm_is_refused(name: str) -> None:
 
 def test_a_ratio_is_refused() -> None:
     arm = arm_of(load_arm("ur5e").robot)
-    with pytest.raises(FileError, match="axis 5 does not turn"):
+    with pytest.raises(FileError, match="axis 5 is coupled to other joints"):
         urdf_text(load_arm("ur5e").robot, replace(arm, coupling=np.diag([1, 1, 1, 1, 2.0, 1])), "cell.yaml")
 
 

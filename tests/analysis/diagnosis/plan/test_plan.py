@@ -182,7 +182,7 @@ def test_a_test_that_the_arm_cannot_drive_is_reported_and_not_advised(monkeypatc
     rig = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"axes": tuple(slow)})})
     found, impossible = possible_tests(rig, ("roll",), *planned_blocks(rig, ("roll",), 3))
     ((test, reason),) = impossible
-    assert test == "circle at 100 mm/s" and "it can do 80°/s" in reason
+    assert test == "circle at 100 mm/s" and "its limit is 80°/s" in reason
     assert len(found) > 5 and test not in [one.test for one in found]
 
 
