@@ -44,7 +44,7 @@ class JointScale(Effect):
         return [form for form in at_each_axis(cls, scope) if scope.turned[form[0].axis - 1] >= _LEAST_TURN]
 
     def plain(self, joint: str) -> str:
-        return f"scale of {joint} (gear ratio or encoder resolution)"
+        return f"angle scale of {joint}"
 
     def remedy(self) -> str:
         return (

@@ -56,7 +56,7 @@ def test_what_a_rig_file_corrects_is_not_in_the_arm_until_it_is_loaded(language:
     judged = replace(held.accuracy, standing="fail", limit="tolerance")
     held = replace(held, accuracy=judged, rig=held.rig.model_copy(update={"effects": (PLAY.effect,)}))
     words = AnswerWords(held, texts)
-    assert words.judged == texts("accuracy_uncorrected", standing=texts("standing_fail"), by="--tolerance-um")
+    assert words.judged == texts("accuracy_uncorrected", standing=texts("standing_fail"), by=texts("limit_tolerance"))
     left = {"now": micrometres(judged.now_um), "largest": micrometres(judged.now_largest_um)}
     assert words.accuracy.startswith(texts("error_corrected", **left))
 

@@ -20,7 +20,7 @@ ENGLISH = texts_of("en")
 def test_a_finding_says_what_where_and_how_much() -> None:
     (one,) = findings_of(diagnosis("named"), ENGLISH)
     assert one.what == "Axis 1 (Theta) has play of 0.0521 ± 0.0011 °."
-    assert "at 237° of the circle" in one.where
+    assert "on the circle at 237°" in one.where
     assert one.share == "It accounts for 5.8 µm rms, 90 % of the error."
     assert one.others == ()
 
