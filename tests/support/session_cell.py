@@ -110,6 +110,9 @@ class Told:
     def result(self) -> Answer:
         return self.answer
 
+    def diagnosis(self) -> None:
+        return None
+
 
 @dataclass
 class Oracle:

@@ -39,7 +39,7 @@ def place(tmp_path: Path) -> Path:
     return tmp_path / "session"
 
 
-def _blank_page(_: Session, __: object, place: SessionDirectory) -> Path:
+def _blank_page(_: Session, __: object, place: SessionDirectory, ___: object) -> Path:
     page = place.directory / report.PAGE
     page.write_text(" " * 20_000)
     return page
