@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -102,16 +103,17 @@ def _of_few_terms(model: CalibratedModel) -> CalibratedModel:
 
 @dataclass
 class Told:
-    """An inference that is done at once."""
+    """An inference that is done at once. kept: stands for its diagnosis."""
 
     answer: Answer
     is_done: bool = True
+    kept: Any = None
 
     def result(self) -> Answer:
         return self.answer
 
-    def diagnosis(self) -> None:
-        return None
+    def diagnosis(self) -> Any:
+        return self.kept
 
 
 @dataclass
@@ -129,7 +131,7 @@ class Oracle:
         answer = self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
         model = next(name for name in _model_files() if name.endswith(".yaml"))
         changed = {"runs": len(used), "judges": len(judges), "found": directory.name, "model": model}
-        return Told(answer.model_copy(update=changed))
+        return Told(answer.model_copy(update=changed), kept=tuple(run.name for run in (*used, *judges)))
 
 
 class Simulated:
