@@ -17,12 +17,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from analysis.correction.support import Support
-from analysis.correction.work import TaughtFrame, tool_poses, used_effects
+from analysis.correction.work import TaughtFrame, at_rest, tool_poses, used_effects
 from analysis.diagnosis.evidence.observation import BEYOND_DEG
 from analysis.procedures.shared.quantity import parameter_label
 from analysis.robot.kinematics.arm import RAIL_MM, Array, Integers, Mask, pose_error
-from analysis.robot.model.motion import Motion
-from analysis.robot.model.predict import Model, Path, driven, model_of
+from analysis.robot.model.predict import Model, driven, model_of, moved, posed
 from analysis.robot.model.scene import apply
 from rigs.calibration import TIMES, CalibratedModel, verdict_of
 from rigs.effects import Effect, turned
@@ -81,21 +80,24 @@ class CalibratedUncertainty:
     def pose_derivatives(self, model: Model, q: Array) -> Array:
         """Return the derivatives (p, n, 6) of the tool pose, mm and rad, by the parameters of posture-dependent terms
         about a model at joint angles q (n, 6) rad."""
-        base = tool_poses(model, q)
+        path = at_rest(q)
+        joints = driven(model, path)
+        base = posed(model, path, joints).T
         by_joint = np.stack([
-            pose_error(base, tool_poses(_with(model, turned(axis, _STEP_DEG)), q)) / np.radians(_STEP_DEG)
+            pose_error(base, posed(model, path, apply([turned(axis, _STEP_DEG)], "joint", joints)).T)
             for axis in range(1, model.arm.axes + 1)
-        ])  # fmt: skip
-        path = Path(Motion(np.arange(len(q), dtype=float), q), np.arange(len(q)))
+        ]) / np.radians(_STEP_DEG)  # fmt: skip
         scene = driven(replace(model, effects=()), path)
 
         def change(effect: Effect) -> Array:
             """Return the influence of an effect on the tool (n, 6), mm and rad."""
             if effect.STAGE == "joint":
                 turns = apply([effect], "joint", scene).link_q - scene.link_q
-                moved: Array = np.einsum("na,ani->ni", turns[:, : len(by_joint)], by_joint)
-                return moved
-            return pose_error(base, tool_poses(_with(model, effect), q))
+                by_turns: Array = np.einsum("na,ani->ni", turns[:, : len(by_joint)], by_joint)
+                return by_turns
+            changed = _with(model, effect)
+            at_joints = joints if effect.STAGE == "tool" else driven(changed, path)
+            return pose_error(base, posed(changed, path, at_joints).T)
 
         changes: dict[Effect, Array] = {}
 
@@ -188,7 +190,8 @@ class EffectsUncertainty:
     def pose_displacements(self, q: Array) -> Array:
         """Return independent displacements (k, n, 6) mm and rad at joint angles q (n, 6) rad."""
         model = model_of(self.rig, used_effects(self.rig, self.supported))
-        base = tool_poses(model, q)
+        path = at_rest(q)
+        base = moved(model, path).T
         names, moves, supported = [], [], {id(support.effect) for support in self.supported}
         for k, effect in enumerate(model.effects):
             varied: Any = effect
@@ -197,7 +200,7 @@ class EffectsUncertainty:
             for field, sd in effect.found.sd.items():
                 effects = list(model.effects)
                 effects[k] = varied.model_copy(update={field: getattr(effect, field) + sd})
-                moves.append(pose_error(base, tool_poses(replace(model, effects=tuple(effects)), q)))
+                moves.append(pose_error(base, moved(replace(model, effects=tuple(effects)), path).T))
                 names.append((parameter_label(effect, field), effect.found.correlation))
         if not moves:
             return np.zeros((0, len(q), 6))

@@ -91,9 +91,14 @@ def work_or_spread(rig: Rig, joints_rad: Array | None) -> Array:
 def tool_poses(model: Model, q: Array) -> Array:
     """Return tool poses (n, 4, 4) of the real arm at commanded angles q (n, 6) rad, for effects independent of history.
 
-    The arm is at rest in each posture, so the clock is arbitrary.
+    Several models at the same angles share the reversals of the joints: use `moved` with a single path `at_rest`.
     """
-    return moved(model, Path(Motion(np.arange(len(q), dtype=float), q), np.arange(len(q)), stands=True)).T
+    return moved(model, at_rest(q)).T
+
+
+def at_rest(q: Array) -> Path:
+    """Return the path of an arm at rest in each of the postures q (n, 6) rad. The clock is arbitrary."""
+    return Path(Motion(np.arange(len(q), dtype=float), q), np.arange(len(q)), stands=True)
 
 
 def tool_places(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:

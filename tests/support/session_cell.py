@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -105,13 +106,17 @@ def _of_few_terms(model: CalibratedModel) -> CalibratedModel:
 
 @dataclass
 class InstantDiagnosis:
-    """A diagnosis that finishes immediately."""
+    """A diagnosis that finishes immediately. kept: represents the diagnosis itself."""
 
     answer: Answer
     is_done: bool = True
+    kept: Any = None
 
     def result(self) -> Answer:
         return self.answer
+
+    def diagnosis(self) -> Any:
+        return self.kept
 
 
 @dataclass
@@ -129,7 +134,8 @@ class Oracle:
         answer = self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
         model = next(name for name in _model_files() if name.endswith(".yaml"))
         changed = {"runs": len(used), "judges": len(judges), "found": directory.name, "model": model}
-        return InstantDiagnosis(answer.model_copy(update=changed))
+        kept = tuple(run.name for run in (*used, *judges))
+        return InstantDiagnosis(answer.model_copy(update=changed), kept=kept)
 
 
 class Simulated:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
+import pickle
 import sys
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import IO, TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -35,7 +38,7 @@ _NICE = 5
 """Niceness of the inference process: the readers of gauges and robot have priority."""
 
 
-def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Answer:
+def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> tuple[Answer, Diagnosis]:
     """Diagnose runs with the model of a rig file and write the files of the diagnosis to a directory.
 
     used: runs for the diagnosis. judges: runs at the other place, used only for the judgement. Raises RigError.
@@ -68,7 +71,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         )
         for entry in diagnosis.budget[:_SHOWN]
     ]
-    return Answer(
+    answer = Answer(
         runs=len(used),
         judges=len(judges),
         condition=diagnosis.condition,
@@ -102,6 +105,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         model=model.name if model else "",
         summary=summarise(acts.diagnosis),
     )
+    return answer, diagnosis
 
 
 def _next_test(diagnosis: Diagnosis) -> str:
@@ -113,13 +117,15 @@ def _next_test(diagnosis: Diagnosis) -> str:
 
 
 def main() -> None:
-    """Run an inference process: read the request from a JSON file and write the answer as JSON next to the results."""
+    """Run an inference process: read the request from a JSON file, write the answer as JSON next to the results, and
+    return the diagnosis in the inherited file.
+    """
     from rigs.errors import RigError  # noqa: PLC0415
 
     request = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
     directory = Path(request["directory"])
     try:
-        answer = infer(
+        answer, diagnosis = infer(
             [Path(path) for path in request["used"]],
             [Path(path) for path in request["judges"]],
             Path(request["rig_file"]),
@@ -128,6 +134,8 @@ def main() -> None:
     except RigError as error:
         sys.stderr.write(f"error: {error}\n")
         sys.exit(error.exit_code)
+    with os.fdopen(int(sys.argv[2]), "wb") as returned:
+        pickle.dump(diagnosis, returned)
     write_new(directory / ANSWER, holding(answer.model_dump_json().encode()))
 
 
@@ -141,6 +149,9 @@ class Infers(Protocol):
     def result(self) -> Answer:
         """Return the answer. Raises RigError."""
 
+    def diagnosis(self) -> Diagnosis | None:
+        """Return the diagnosis of the answer; None if it was not kept."""
+
 
 StartInference = Callable[[Sequence[Path], Sequence[Path], Path, Path], Infers]
 """Starts an inference. Arguments: the runs used, the runs that judge, the rig file and the output directory."""
@@ -148,10 +159,14 @@ StartInference = Callable[[Sequence[Path], Sequence[Path], Path, Path], Infers]
 
 @dataclass
 class Inference:
-    """An inference in a separate process."""
+    """An inference in a separate process.
+
+    returned: file without a name that the process inherits and writes the diagnosis to. No other program can.
+    """
 
     child: Child
     directory: Path
+    returned: IO[bytes]
 
     @classmethod
     def start(cls, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Inference:
@@ -168,8 +183,11 @@ class Inference:
         }
         write_new(request, holding(json.dumps(asked).encode()))
         log = directory.with_suffix(".log")
-        child = Child.start("analysis.apps.session.answer", "inference", [request], log, nice=_NICE)
-        return cls(child, directory)
+        returned = tempfile.TemporaryFile()  # noqa: SIM115 - it is read when the process has ended
+        number = returned.fileno()
+        entry = "analysis.apps.session.answer"
+        child = Child.start(entry, "inference", [request, str(number)], log, nice=_NICE, keeps=[number])
+        return cls(child, directory, returned)
 
     @property
     def is_done(self) -> bool:
@@ -179,9 +197,17 @@ class Inference:
     def result(self) -> Answer:
         """Return the answer. Raises CellError if the process failed."""
         if self.child.exit_code != 0:
+            self.returned.close()
             raise self.child.ended()
         text = (self.directory / ANSWER).read_text(encoding="utf-8")
         return Answer.model_validate_json(text)
+
+    def diagnosis(self) -> Diagnosis | None:
+        """Return the diagnosis that the process has written."""
+        with self.returned:
+            self.returned.seek(0)
+            diagnosis: Diagnosis = pickle.load(self.returned)  # noqa: S301 - of our own process, by a nameless file
+            return diagnosis
 
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -61,11 +61,12 @@ class Child:
         *,
         hear: Callable[[str], None] | None = None,
         nice: int = 0,
+        keeps: Sequence[int] = (),
     ) -> Child:
         """Start the `main` function of a module as a program.
 
-        hear: called from a thread with each line of output. It also opens the standard input of the program. Raises
-        FileError if the log cannot be written.
+        hear: called from a thread with each line of output. It also opens the standard input of the program. keeps:
+        open file descriptors that the program inherits. Raises FileError if the log cannot be written.
         """
         entry = _ENTRY.format(module=module, name=name, nice=nice)
         try:
@@ -78,6 +79,7 @@ class Child:
             stdin=subprocess.PIPE if hear else subprocess.DEVNULL,
             stdout=subprocess.PIPE if hear else opened,
             stderr=opened,
+            pass_fds=keeps,
         )
         child = cls(name, log, process, opened)
         if hear:

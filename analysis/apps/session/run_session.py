@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from analysis.apps.commission.cell_reference import references_of
 from analysis.apps.session import guide
@@ -30,6 +31,7 @@ from analysis.apps.session.session_plan import (
 )
 from analysis.apps.session.session_state import (
     Aim,
+    Answer,
     Emulated,
     ProgramStep,
     Session,
@@ -48,6 +50,9 @@ from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
 from rigs.text import as_argument, counted
+
+if TYPE_CHECKING:
+    from analysis.diagnosis.judge.result import Diagnosis
 
 
 @dataclass(frozen=True)
@@ -134,6 +139,7 @@ class Conductor:
     """Executes the decisions of the guide step by step until the session ends.
 
     rig_text: text of the rig file. corrected: corrected programs, by the name of the program that each replaces.
+    latest: the last finished inference by its runs, with the diagnosis if that was kept.
     """
 
     place: SessionDirectory
@@ -145,6 +151,7 @@ class Conductor:
     start_inference: StartInference = Inference.start
     inferences: dict[guide.Runs, Infers] = field(default_factory=dict)
     corrected: Mapping[str, SessionProgram] = field(default_factory=dict)
+    latest: tuple[guide.Runs, Diagnosis | None] | None = None
 
     def run(self) -> Session:
         """Run to the end of the session. Raises RigError; the progress is stored."""
@@ -207,7 +214,7 @@ class Conductor:
         runs = self.state.inferring
         if runs is not None and self.inferences[runs].is_done:
             try:
-                event = guide.Answered(self.inferences.pop(runs).result())
+                event = guide.Answered(self._finished(runs))
             except RigError as error:
                 event = guide.Answered(None, error.what)
             self._take(event)
@@ -258,12 +265,19 @@ class Conductor:
 
     def _awaited(self) -> guide.Answered:
         assert self.state.inferring is not None  # noqa: S101 - it is waited for
-        inference, began_s = self.inferences.pop(self.state.inferring), clock.now_s()
+        runs, began_s = self.state.inferring, clock.now_s()
         count = len(self.state.session.runs_for("find"))
-        while not inference.is_done:
+        while not self.inferences[runs].is_done:
             self.screen.show(f"diagnosing {counted(count, 'run')}: {clock.now_s() - began_s:.0f} s")
             clock.sleep(_POLL_S)
-        return guide.Answered(inference.result())
+        return guide.Answered(self._finished(runs))
+
+    def _finished(self, runs: guide.Runs) -> Answer:
+        """Return the answer of a finished inference and keep its diagnosis. Raises RigError."""
+        inference = self.inferences.pop(runs)
+        answer = inference.result()
+        self.latest = runs, inference.diagnosis()
+        return answer
 
     def _verify_steps(self) -> list[ProgramStep]:
         """Return the steps after the correction with the nominal programs from which they are derived."""
@@ -307,7 +321,9 @@ class Conductor:
         self.screen.show("writing the report")
         session = self.state.session
         verified = None if session.aim == "check" else report.verified_by(session, self.place)
-        page = report.write_report(session.model_copy(update={"verified": verified}), self.guided.rig, self.place)
+        session = session.model_copy(update={"verified": verified})
+        kept = self.latest[1] if self.latest and self.latest[0] == guide.Runs(session.diagnosed_runs) else None
+        page = report.write_report(session, self.guided.rig, self.place, kept)
         return guide.Reported(verified, page.name)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from analysis.api import diagnose, evaluate_runs
 from analysis.apps.session.answer import ControllerModel, path_error
@@ -15,6 +16,9 @@ from analysis.runs.loading import load_measured
 from rigs.errors import RigError
 from rigs.load import load
 from rigs.rig import Rig
+
+if TYPE_CHECKING:
+    from analysis.diagnosis.judge.result import Diagnosis
 
 PAGE = "report.html"
 
@@ -44,20 +48,19 @@ def verified_by(session: Session, place: SessionDirectory) -> VerifiedError:
     )
 
 
-def write_report(session: Session, rig: Rig, place: SessionDirectory) -> Path:
+def write_report(session: Session, rig: Rig, place: SessionDirectory, diagnosis: Diagnosis | None = None) -> Path:
     """Write the page of a session and replace an older page.
 
-    The figures show the runs for finding errors. The diagnosis uses all runs before the correction. Raises FileError
-    and CellError.
+    The figures show the runs for finding errors. The diagnosis uses all runs before the correction. diagnosis: that of
+    these runs, if it exists already. Raises FileError and CellError.
     """
     find, judges = (
         [load_measured(run) for run in place.runs_of(session.runs_for(purpose))] for purpose in ("find", "judge")
     )
     model = find[0].rig.modelled_as(rig)
     joined = judges if session.answer and session.answer.joined else []
-    diagnosis = None
     with suppress(RigError):  # the page gives the reason for the runs that find errors
-        diagnosis = diagnose([*find, *joined], rig=model) if joined else None
+        diagnosis = diagnose([*find, *joined], rig=model) if joined and diagnosis is None else diagnosis
     results, after = evaluate_runs(find), None
     correction, judged = session.correction, session.judged
     if session.verified is not None and correction is not None:

@@ -335,6 +335,14 @@ class Session(Part):
         """Return the steps of these purposes that have a run."""
         return [step for step in self.steps if step.purpose in purposes and step.run]
 
+    @property
+    def diagnosed_runs(self) -> tuple[str, ...]:
+        """Names of the runs of the diagnosis on the page: the runs for finding errors, and joined runs of the other
+        place.
+        """
+        joined = self.runs_for("judge") if self.answer and self.answer.joined else []
+        return tuple(step.run for step in (*self.runs_for("find"), *joined) if step.run)
+
 
 def own_programs(session: Session, directory: Path) -> str:
     """Return the command for correcting other programs of the user with the model of a session.

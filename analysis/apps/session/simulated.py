@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from analysis.apps.emulate.pendant import Pendant
 from analysis.apps.emulate.robot import EmulatedRobot, write_cell_files
@@ -30,6 +30,9 @@ from daq.apps.emulate.simulated_cell import SimulatedCell
 from daq.apps.emulate.simulated_clock import SimulatedClock
 from rigs.errors import CellError
 from rigs.load import load, load_hidden
+
+if TYPE_CHECKING:
+    from analysis.diagnosis.judge.result import Diagnosis
 
 _INFERENCE_S = 20.0
 """Simulated duration of an inference. Measured: 10 to 25 s for four to twelve runs on one of two busy cores."""
@@ -173,6 +176,10 @@ class SimulatedInference:
     def result(self) -> Answer:
         """Return the answer. Raises CellError if the process failed."""
         return self.inference.result()
+
+    def diagnosis(self) -> Diagnosis | None:
+        """Return the diagnosis that the process has written."""
+        return self.inference.diagnosis()
 
 
 @contextmanager

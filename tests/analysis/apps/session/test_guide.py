@@ -39,7 +39,7 @@ def place(tmp_path: Path) -> Path:
     return tmp_path / "session"
 
 
-def _blank_page(_: Session, __: object, place: SessionDirectory) -> Path:
+def _blank_page(_: Session, __: object, place: SessionDirectory, ___: object) -> Path:
     page = place.directory / report.PAGE
     page.write_text(" " * 20_000)
     return page
@@ -53,13 +53,14 @@ def page_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @dataclass(frozen=True)
 class Whole:
-    """A session from its first program to its page, what drove it, what it asked and what it said."""
+    """A session from its first program to its page, what drove it, what it asked, said and showed on its page."""
 
     session: Session
     place: Path
     driver: Simulated
     oracle: Oracle
     screen: Screen
+    shown: list[object]
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +69,15 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
     place = folder / "session"
     begun(cell_file(folder), place)
     driver, oracle, screen = Simulated(place), Oracle(), Screen()
+    shown: list[object] = []
+
+    def page(session: Session, rig: object, at: SessionDirectory, diagnosis: object) -> Path:
+        shown.append(diagnosis)
+        return _blank_page(session, rig, at, diagnosis)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(report, "write_report", _blank_page)
-        return Whole(gone_on(place, driver, oracle, screen=screen), place, driver, oracle, screen)
+        patch.setattr(report, "write_report", page)
+        return Whole(gone_on(place, driver, oracle, screen=screen), place, driver, oracle, screen, shown)
 
 
 def finished(session: Session, place: Path) -> None:
@@ -140,6 +147,10 @@ def test_a_session_killed_at_each_step_has_the_same_end(whole: Whole, place: Pat
         step.model_dump(exclude=same) for step in whole.session.steps
     ]
     assert session.verified == whole.session.verified and not session.left_alone
+
+
+def test_the_page_shows_the_diagnosis_of_its_own_runs(whole: Whole) -> None:
+    assert whole.shown == [whole.session.diagnosed_runs] and whole.session.runs_for("judge")
 
 
 @pytest.mark.usefixtures("page_at_once")
