@@ -77,9 +77,10 @@ class ActWords:
         axis = getattr(act.effect, "axis", None)
         field = size_field(act.effect)
         size = with_uncertainty(act.effect, field, {field: act.u} if act.u is not None else {})
+        twins = next((named.twins for named in self.diagnosis.effects if named.effect == act.effect), ())
         return texts(
             key,
-            cause=self.noun(act.effect),
+            cause=texts("or").join(map(self.noun, (act.effect, *twins))),
             size=size if act.kind != "remaster" or size.startswith("-") else f"+{size}",
             axis=texts.axis(self.diagnosis.rig.robot, axis) if axis else "",
         )

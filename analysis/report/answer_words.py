@@ -321,7 +321,7 @@ class AnswerWords:
         ambiguous = [self.texts(which, faults=self._listed(alternatives))] if open_ones else []
         if not certain:
             return ambiguous, []
-        faults = [", ".join([self.noun(named.effect), size(named), *self._share(named)]) for named in certain]
+        faults = [", ".join([self.with_twins(named), size(named), *self._share(named)]) for named in certain]
         which = "finding_fault" if len(certain) == 1 else "finding_faults"
         sentence = self.texts(which, faults=self._listed(faults), count=len(certain))
         return [sentence], ambiguous
@@ -355,6 +355,10 @@ class AnswerWords:
     def _listed(self, phrases: Sequence[str]) -> str:
         ending = [self.texts("and_more", count=len(phrases) - _MOST_NAMED)] if len(phrases) > _MOST_NAMED else []
         return "; ".join([*phrases[:_MOST_NAMED], *ending])
+
+    def with_twins(self, named: Named) -> str:
+        """Return a fault and the effects that change the readings in the same way, joined by "or"."""
+        return self.texts("or").join(map(self.noun, (named.effect, *named.twins)))
 
     def with_rivals(self, named: Named) -> str:
         """Return a fault and the rivals that cannot be dismissed, joined by "or"."""

@@ -15,7 +15,10 @@ from analysis.apps.session.session_state import Answer, Session, SessionAct, Ses
 from analysis.apps.window.frames import shown_summary
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.evidence.movements import Movement
+from analysis.diagnosis.judge.acts import Act
 from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis
+from analysis.report.act_words import ActWords
+from analysis.report.answer_words import AnswerWords
 from analysis.report.diagnosis_screen import as_screen
 from analysis.report.summary import Summary, error_size
 from analysis.report.summary_screen import StackedBar, on_screen
@@ -81,6 +84,19 @@ def test_the_headline_is_cause_size_and_certainty() -> None:
     assert several.headline.endswith("certain, and 2 more.")
     usual = summarise(diagnosis("nothing_unusual", effects=(replace(PLAY, doubt="usual"),)))
     assert usual.headline.endswith("certain, normal for this arm.")
+
+
+def test_effects_that_no_reading_separates_are_named_together() -> None:
+    """A gauge that reads 5 % too much was called the other one, 5 % too little, certain."""
+    twins = (ZERO.effect,)
+    for language in LANGUAGES:
+        words = AnswerWords(diagnosis("named"), texts_of(language))
+        summary = summarise(diagnosis("named", effects=(replace(PLAY, twins=twins),)), texts_of(language))
+        assert words.noun(twins[0]) in summary.headline and texts_of(language)("certain") not in summary.headline
+    found = diagnosis("named", effects=(replace(PLAY, twins=twins),))
+    noun = AnswerWords(found).noun(twins[0])
+    assert noun in AnswerWords(found).headline
+    assert noun in ActWords(found).what(Act("repair", "fault", effect=PLAY.effect))
 
 
 def test_an_assumed_noise_is_no_uncertainty_of_the_error() -> None:
