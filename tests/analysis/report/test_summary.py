@@ -24,6 +24,7 @@ from analysis.report.summary import Summary, error_size
 from analysis.report.summary_screen import StackedBar, on_screen
 from analysis.report.summary_words import step_of, summarise
 from analysis.report.texts import LANGUAGES, Language, texts_of
+from rigs.effects import ClockRate, Effect, GaugeBaseline, GaugeScale
 from tests.support.handmade_diagnosis import ACTS, APART, LOAD, PLAY, REMASTER, ZERO, diagnosis
 
 EN = texts_of("en")
@@ -97,6 +98,16 @@ def test_effects_that_no_reading_separates_are_named_together() -> None:
     noun = AnswerWords(found).noun(twins[0])
     assert noun in AnswerWords(found).headline
     assert noun in ActWords(found).what(Act("repair", "fault", effect=PLAY.effect))
+
+
+@pytest.mark.parametrize(
+    "effect", [GaugeBaseline(delta_mm=2.9), GaugeScale(gauge="g1", relative=0.05), ClockRate(ppm=90)]
+)
+def test_a_number_of_the_gauges_is_corrected_in_the_rig_file_not_at_the_controller(effect: Effect) -> None:
+    """Enter at the controller: distance between the gauges, 2.93 mm."""
+    found = diagnosis("named", effects=(replace(PLAY, effect=effect),))
+    sentence = ActWords(found).what(Act(effect.DEED, "fault", effect=effect))
+    assert "rig file" in sentence and "controller" not in sentence and "remount" not in sentence
 
 
 def test_an_assumed_noise_is_no_uncertainty_of_the_error() -> None:
