@@ -109,8 +109,8 @@ class _SummaryWords:
         first = ", ".join(filter(None, [self.answer.noun(named.effect), size(named), certainty, usual]))
         others_too = (*named.twins, *(rival.effect for rival in likely_rivals(named)))
         rivals = list(dict.fromkeys(map(self.answer.noun, others_too)))
-        more = [self.texts("and_more", count=len(rivals) - _MOST_RIVALS)] if len(rivals) > _MOST_RIVALS else []
-        others = ", ".join([self.texts("or").join(rivals[:_MOST_RIVALS]), *more])
+        unnamed = [self.texts("and_more", count=len(rivals) - _MOST_RIVALS)] if len(rivals) > _MOST_RIVALS else []
+        others = ", ".join([self.texts("or").join(rivals[:_MOST_RIVALS]), *unnamed])
         return self.texts("otherwise", first=first, others=others) if rivals else first
 
     def unknowns(self, act: Act | None) -> list[str]:
