@@ -24,7 +24,8 @@ MOST = {
     # docstrings with paragraphs. 350 of contradicted distances, places in metres and joints of touches.
     "product lines": 108_300,
     # 24 effects, 23 drivers, 24 of makers and 28 parts of tests stand one a file; 7 of the ring for postures and 11 of
-    # that for pairs; prices of effects, and the postures of KRL and RAPID, out of files of more than 600 lines. 2 of contradictions.
+    # that for pairs; prices of effects, and the postures of KRL and RAPID, out of files of more than 600 lines; 2 of
+    # contradictions.
     "product files": 644,
     "private functions used once, per mille": 150,  # a fifth are values: readers of statements; 1 of postures and pairs
     "isinstance of a table": 18,  # most are of circles: laps, plays and the paper's tests

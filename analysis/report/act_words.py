@@ -149,7 +149,7 @@ class ActWords:
     def _check_stated(self) -> str:
         made, words = self.diagnosis.contradictions, AnswerWords(self.diagnosis, self.texts)
         keys = ", ".join(dict.fromkeys(contradiction.key for contradiction in made))
-        return self.texts("act_check_contradicted", constants="; ".join(map(words.stated, made)), keys=keys)
+        return self.texts("act_check_contradicted", constants="; ".join(map(words.constant_name, made)), keys=keys)
 
     def _measure(self, act: Act) -> str:
         texts, test = self.texts, act.test

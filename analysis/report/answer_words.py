@@ -130,7 +130,7 @@ class AnswerWords:
         """
         diagnosis = self.diagnosis
         if diagnosis.condition == "out_of_range":
-            return " ".join((*self.contradicted, self._out_of_range()))
+            return " ".join((*self.contradictions, self._out_of_range()))
         (faults, open_too), large = self._faults(), [self._large_part(part) for part in large_parts(self.diagnosis)]
         share = sum(part.share for named in diagnosis.standing if (part := part_of(diagnosis, named)))
         first = any(part.share > share for part in large_parts(diagnosis))
@@ -143,20 +143,20 @@ class AnswerWords:
         parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
         commanded = self.texts("finding_only_commanded") if diagnosis.only_commanded else ""
         moved = [movement_sentence(movement, self.texts) for movement in diagnosis.movements]
-        return " ".join(filter(None, (*self.contradicted, *moved, self.visits, *parts, commanded)))
+        return " ".join(filter(None, (*self.contradictions, *moved, self.visits, *parts, commanded)))
 
     @property
-    def contradicted(self) -> list[str]:
+    def contradictions(self) -> list[str]:
         """A sentence for each stated constant that the readings contradict."""
         return [
             self.texts(
-                "finding_contradicted", constant=self.stated(made), stated=str(made.stated),
+                "finding_contradicted", constant=self.constant_name(made), stated=str(made.stated),
                 measured=str(made.by_readings), difference=f"{abs(made.difference):.3g} {made.stated.sign}",
             )
             for made in self.diagnosis.contradictions
         ]  # fmt: skip
 
-    def stated(self, made: Contradiction) -> str:
+    def constant_name(self, made: Contradiction) -> str:
         """Return the name of a stated constant."""
         return self.texts(f"constant_{made.key.rpartition('.')[2]}", names=self.texts("and").join(made.names))
 

@@ -73,7 +73,7 @@ class _SummaryWords:
     @property
     def headline(self) -> str:
         """The stated constants that the readings contradict; otherwise the cause."""
-        return " ".join(self.answer.contradicted) or self._cause
+        return " ".join(self.answer.contradictions) or self._cause
 
     @property
     def _cause(self) -> str:
