@@ -5,6 +5,7 @@ The object represents a YAML file.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Annotated
 
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
@@ -12,7 +13,7 @@ from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_
 from rigs.calibration import CalibratedModel, CalibrationFile
 from rigs.effects import AnyEffect
 from rigs.errors import FileError
-from rigs.schema.declared_tests import Automatic, Retention, Tests
+from rigs.schema.declared_tests import Automatic, KnownSocketDistance, Retention, Tests
 from rigs.schema.effect import name_of
 from rigs.schema.feedback import Feedback, NoFeedback, carries_signal
 from rigs.schema.gauges import NO_GAUGES, Gauges
@@ -105,14 +106,9 @@ class Rig(Part):
         """Return the rig with the errors of another rig: effects and calibration."""
         return self.model_copy(update={"effects": rig.effects}).with_calibration(rig.calibration, rig._calibrated)
 
-    def with_distances_of(self, rig: Rig) -> Rig:
-        """Return the rig with the known distances that another rig states for its sockets, if both have touches."""
-        touch, other = self.tests.touch, rig.tests.touch
-        if touch is None or other is None:
-            return self
-        kept = tuple(distance for distance in other.distances if {*distance.between} <= {*touch.sockets})
-        tests = self.tests.model_copy(update={"touch": touch.model_copy(update={"distances": kept})})
-        return self.model_copy(update={"tests": tests})
+    def with_distances(self, distances: Iterable[KnownSocketDistance]) -> Rig:
+        """Return the rig with these known distances, as far as they are of its sockets."""
+        return self.model_copy(update={"tests": self.tests.with_distances(distances)})
 
     @field_validator("tests")
     @classmethod

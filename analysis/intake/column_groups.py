@@ -14,6 +14,7 @@ from itertools import permutations
 from typing import Literal
 
 from analysis.intake.raw_table import RawTable
+from rigs.errors import FileError
 
 Role = Literal["measured", "commanded", "residual", "other", "unsaid"]
 _ROLE_WORDS: dict[Role, str] = {
@@ -124,6 +125,17 @@ def is_of_spot(column: str) -> bool:
     return bool(set(_name(column, "").words) & _SPOTS)
 
 
+def _refuse_repeated(raw: RawTable, joints: Sequence[ColumnGroup]) -> None:
+    """Raise FileError if each group of joints contains a column name twice: which joint is missing cannot be told."""
+    repeated = [
+        next((name for name in group.columns if re.sub(r" \(\d+\)$", "", name) in {*group.columns} - {name}), "")
+        for group in joints
+    ]
+    if repeated and all(repeated):
+        name = re.sub(r" \(\d+\)$", "", repeated[0])
+        raise FileError(raw.where, f"has two columns {name}", "give the column of each joint a name of its own")
+
+
 def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
     """Return the candidate columns of a table for an arm with given axis names."""
     numeric = set(raw.numeric)
@@ -160,6 +172,7 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
         unexplained = [name.column for name in names if name.column not in used]
         more_joints, more_seen = _by_position(raw, unexplained, axes, not joints, not seen)
         joints, seen = [*joints, *more_joints], [*seen, *more_seen]
+    _refuse_repeated(raw, joints)
     return Groups(tuple(joints), tuple(seen), residuals, near)
 
 

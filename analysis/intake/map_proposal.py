@@ -26,6 +26,7 @@ from analysis.procedures.checks.place import NO_INSTRUMENT_MM, OF_CONTROLLER, SP
 from analysis.robot.geometry.iso_cube import cube_of
 from analysis.robot.geometry.pose_setup import fit_arm, fit_setup, position_error
 from analysis.robot.kinematics.arm import Arm, arm_of, forward, without_setup
+from analysis.runs.table_layout import SOCKET
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -259,9 +260,14 @@ def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
         )
         raise FileError(raw.where, problem, remedy)
     if not any(pose.place.role != "commanded" for pose in groups.seen) and not (groups.seen and groups.residuals):
-        nears = "only places that were commanded" if groups.seen else "the columns x, y, z of a place are missing"
-        problem = f"has {nears}, not measured; {has}"
-        raise FileError(raw.where, problem, "name the measured ones in a map (--map)")
+        socket = next((name for name in raw.names if name.strip().lower() == SOCKET), None)
+        if socket and not groups.seen:
+            problem = f"has a column {socket} and no measured place: these are touches, not poses of a tracker"
+            raise FileError(raw.where, problem, "import it with --test touch")
+        lacks = (
+            "has only places that were commanded, not measured" if groups.seen else "lacks columns x, y, z of a place"
+        )
+        raise FileError(raw.where, f"{lacks}; {has}", "name the measured ones in a map (--map)")
 
 
 def _places(groups: Groups) -> tuple[list[PlaceColumns], ColumnGroup | None]:

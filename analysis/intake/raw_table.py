@@ -23,7 +23,7 @@ import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 
 from analysis.intake.cells import Problems, TableFileError, TableProblem, value
-from analysis.intake.read import refuse_other_formats
+from analysis.intake.read import DECIMAL_COMMAS, refuse_other_formats
 from analysis.intake.table_map import SEPARATORS, FileLayout, Separator
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.csv_tables import LARGEST
@@ -286,7 +286,9 @@ def read_raw(lines: Sequence[str], layout: FileLayout, where: str) -> RawTable:
     problems = Problems()
 
     def bad(row: pa_csv.InvalidRow) -> str:
-        problem = f"has {row.actual_columns} fields, the table {row.expected_columns}; is the line cut off?"
+        is_longer = (row.actual_columns or 0) > row.expected_columns
+        why = DECIMAL_COMMAS if is_longer and mark == "," else "is the line cut off?"
+        problem = f"has {row.actual_columns} fields, the table {row.expected_columns}; {why}"
         problems.add([TableProblem(kept[row.number - 1] + 1, "", problem)])
         return "skip"
 

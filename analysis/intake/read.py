@@ -51,6 +51,8 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, DRIVEN_AXES, Direction, TestName
 from rigs.text import as_argument
 
+DECIMAL_COMMAS = "put a text with a comma in quotes, and write decimals with a point"
+"""Remedy for a row with more fields than the header."""
 _SPEED_FACTOR = 2.0
 """Factor on the rated speed of a joint above which a step counts as a jump."""
 _ROUNDING_DEG = 2.0
@@ -221,6 +223,8 @@ def refuse_other_formats(where: str, data: bytes) -> None:
     if data.lstrip().startswith(ROS_KINEMATICS.encode()):
         fact = "is the kinematics of an arm (ur_calibration of ROS), not a table of measurements"
         raise FileError(where, fact, "for the arm, give calibration.conf of the controller: rig arms ARM --calibration")
+    if where.lower().endswith((".yaml", ".yml")):
+        raise FileError(where, "is a YAML file, such as a rig file, not a table", "give the table of measurements")
 
 
 def refuse_comments(where: str, data: bytes, test: TestName) -> None:
@@ -405,11 +409,7 @@ def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Pro
     count = 0
     for line, fields in rows:
         if len(fields) != len(names):
-            why = (
-                "; put a text with a comma in quotes, and write decimals with a point"
-                if len(fields) > len(names)
-                else "; is the line cut off?"
-            )
+            why = f"; {DECIMAL_COMMAS}" if len(fields) > len(names) else "; is the line cut off?"
             problem = f"has {len(fields)} fields, the header {len(names)}{why}"
             problems.add([TableProblem(line, "", problem)])
             continue

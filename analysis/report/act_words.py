@@ -80,9 +80,10 @@ class ActWords:
         axis = getattr(act.effect, "axis", None)
         field = size_field(act.effect)
         size = with_uncertainty(act.effect, field, {field: act.u} if act.u is not None else {})
+        twins = next((named.twins for named in self.diagnosis.effects if named.effect == act.effect), ())
         return texts(
             key,
-            cause=self.noun(act.effect),
+            cause=texts("or").join(map(self.noun, (act.effect, *twins))),
             size=size if act.kind != "remaster" or size.startswith("-") else f"+{size}",
             axis=texts.axis(self.diagnosis.rig.robot, axis) if axis else "",
         )
@@ -151,7 +152,7 @@ class ActWords:
     def _check_stated(self) -> str:
         made, words = self.diagnosis.contradictions, AnswerWords(self.diagnosis, self.texts)
         keys = ", ".join(dict.fromkeys(contradiction.key for contradiction in made))
-        return self.texts("act_check_contradicted", constants="; ".join(map(words.stated, made)), keys=keys)
+        return self.texts("act_check_contradicted", constants="; ".join(map(words.constant_name, made)), keys=keys)
 
     def _measure(self, act: Act) -> str:
         texts, test = self.texts, act.test

@@ -132,7 +132,7 @@ class AnswerWords:
         """
         diagnosis = self.diagnosis
         if diagnosis.condition == "out_of_range":
-            return " ".join((*self.contradicted, self._out_of_range()))
+            return " ".join((*self.contradictions, self._out_of_range()))
         (faults, open_too), large = self._faults(), [self._large_part(part) for part in large_parts(self.diagnosis)]
         share = sum(part.share for named in diagnosis.standing if (part := part_of(diagnosis, named)))
         first = any(part.share > share for part in large_parts(diagnosis))
@@ -151,20 +151,20 @@ class AnswerWords:
         """
         moved = [movement_sentence(movement, self.texts) for movement in self.diagnosis.movements[:_MOST_MOVEMENTS]]
         commanded = [self.texts("finding_only_commanded")] if self.diagnosis.only_commanded else []
-        return [*self.contradicted, *moved, *commanded]
+        return [*self.contradictions, *moved, *commanded]
 
     @property
-    def contradicted(self) -> list[str]:
+    def contradictions(self) -> list[str]:
         """A sentence for each stated constant that the readings contradict."""
         return [
             self.texts(
-                "finding_contradicted", constant=self.stated(made), stated=str(made.stated),
+                "finding_contradicted", constant=self.constant_name(made), stated=str(made.stated),
                 measured=str(made.by_readings), difference=f"{abs(made.difference):.3g} {made.stated.sign}",
             )
             for made in self.diagnosis.contradictions
         ]  # fmt: skip
 
-    def stated(self, made: Contradiction) -> str:
+    def constant_name(self, made: Contradiction) -> str:
         """Return the name of a stated constant."""
         return self.texts(f"constant_{made.key.rpartition('.')[2]}", names=self.texts("and").join(made.names))
 
@@ -338,7 +338,7 @@ class AnswerWords:
         ambiguous = [self.texts(which, faults=self._listed(alternatives))] if open_ones else []
         if not certain:
             return ambiguous, []
-        faults = [", ".join([self.noun(named.effect), size(named), *self._share(named)]) for named in certain]
+        faults = [", ".join([self.with_twins(named), size(named), *self._share(named)]) for named in certain]
         which = "finding_fault" if len(certain) == 1 else "finding_faults"
         sentence = self.texts(which, faults=self._listed(faults), count=len(certain))
         return [sentence], ambiguous
@@ -371,6 +371,10 @@ class AnswerWords:
     def _listed(self, phrases: Sequence[str]) -> str:
         ending = [self.texts("and_more", count=len(phrases) - _MOST_NAMED)] if len(phrases) > _MOST_NAMED else []
         return "; ".join([*phrases[:_MOST_NAMED], *ending])
+
+    def with_twins(self, named: Named) -> str:
+        """Return a fault and the effects that change the readings in the same way, joined by "or"."""
+        return self.texts("or").join(map(self.noun, (named.effect, *named.twins)))
 
     def with_rivals(self, named: Named) -> str:
         """Return a fault and the rivals that cannot be dismissed, joined by "or"."""

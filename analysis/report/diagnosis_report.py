@@ -6,6 +6,7 @@ import datetime as dt
 import hashlib
 import json
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -97,8 +98,12 @@ def calibration_file(name: str, content: bytes) -> CalibrationFile:
 
 
 def require_empty(directory: Path) -> None:
-    """Raise FileError unless a directory is empty or absent."""
+    """Raise FileError unless a directory is empty, or absent and can be created."""
     try:
+        above = next(parent for parent in directory.absolute().parents if os.path.lexists(parent))
+        if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
+            why = "is not a writable directory" if above.is_dir() else "is a file, not a directory"
+            raise FileError(str(directory), f"cannot be created: {above} {why}", "choose a different --output")
         if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
             raise FileError(
                 str(directory),

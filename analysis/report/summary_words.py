@@ -124,11 +124,13 @@ class _SummaryWords:
         """Return an effect with size and certainty, a remark if the size is usual, and the likely rivals."""
         is_certain = named.posterior >= CERTAIN_ODDS
         certainty = self.texts("certain") if is_certain else self.texts("likely", odds=sure(named.posterior))
+        certainty = "" if is_certain and named.twins else certainty  # of the group, not of its first member
         usual = self.texts("usual_size") if part and part.rank == "usual" else ""
         first = ", ".join(filter(None, [self.answer.noun(named.effect), size(named), certainty, usual]))
-        rivals = list(dict.fromkeys(self.answer.noun(rival.effect) for rival in likely_rivals(named)))
-        more = [self.texts("and_more", count=len(rivals) - _MOST_RIVALS)] if len(rivals) > _MOST_RIVALS else []
-        others = ", ".join([self.texts("or").join(rivals[:_MOST_RIVALS]), *more])
+        others_too = (*named.twins, *(rival.effect for rival in likely_rivals(named)))
+        rivals = list(dict.fromkeys(map(self.answer.noun, others_too)))
+        unnamed = [self.texts("and_more", count=len(rivals) - _MOST_RIVALS)] if len(rivals) > _MOST_RIVALS else []
+        others = ", ".join([self.texts("or").join(rivals[:_MOST_RIVALS]), *unnamed])
         return self.texts("otherwise", first=first, others=others) if rivals else first
 
     def unknowns(self, act: Act | None) -> list[str]:

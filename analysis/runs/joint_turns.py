@@ -31,17 +31,20 @@ turn is empty is at most n (1 - g)^(n - 1).
 
 
 def without_whole_turns(table: Table, rig: Rig) -> tuple[Table, tuple[str, ...]]:
-    """Return poses or touches with each joint counted in the same turn, and a message for each corrected joint."""
+    """Return poses or touches with each joint counted in the same turn, and a message about all corrected joints."""
     if not isinstance(table, PlaceTable):
         return table, ()
-    limits, turned, doubts = arm_of(rig.robot).limits, np.zeros(table.q.shape), list[str]()
+    limits, turned, counted = arm_of(rig.robot).limits, np.zeros(table.q.shape), list[str]()
     for axis in range(1, min(len(limits), table.q.shape[1]) + 1):
         angle = table.q[:, axis - 1]
         turns = turns_further(angle, limits[axis - 1])
         if turns.any() and not _has_fractional_wave(rig, axis):
             turned[:, axis - 1] = _TURN * turns
-            doubts += [_counted_further(table, axis, turns, k) for k in np.unique(turns[turns != 0]).tolist()]
-    return table.counted_back(turned) if doubts else table, tuple(doubts)
+            counted += [_counted_further(table, axis, turns, k) for k in np.unique(turns[turns != 0]).tolist()]
+    if not counted:
+        return table, ()
+    reduced = "the postures are equal, and the angles are reduced to a single turn; check the export of the angles"
+    return table.counted_back(turned), (f"{', '.join(counted)}: {reduced}",)
 
 
 def turns_further(angle: Array, limits: Array) -> Integers:
@@ -100,14 +103,10 @@ def _has_fractional_wave(rig: Rig, axis: int) -> bool:
 
 
 def _counted_further(table: Table, axis: int, turns: Integers, count: int) -> str:
-    """Return the message about rows in which a joint has this number of excess turns."""
+    """Return a phrase about the rows in which a joint has this number of excess turns."""
     rows = turns == count
     turns_off = f"{counted(abs(count), 'whole turn')} {'higher' if count > 0 else 'lower'}"
-    ends = _ends(table.q[rows, axis - 1])
-    return (
-        f"axis {axis} is {turns_off} {_row_words(table, rows)} ({ends}) than in the other rows: the posture is the "
-        "same, so the turn was removed; check how the angle is exported"
-    )
+    return f"axis {axis} is {turns_off} {_row_words(table, rows)} ({_ends(table.q[rows, axis - 1])})"
 
 
 def _ends(angles: Array) -> str:

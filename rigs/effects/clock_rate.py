@@ -15,7 +15,7 @@ class ClockRate(Effect):
     ppm: float = size(10000, 20)
 
     STAGE = "time"
-    DEED = "enter"
+    DEED = "check"
 
     def apply(self, scene: S) -> S:
         """Shift each timestamp t to t - ppm t, counted from the start of the run."""

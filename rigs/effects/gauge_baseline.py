@@ -17,7 +17,7 @@ class GaugeBaseline(Effect):
     delta_mm: float = size(10, 0.05)
 
     STAGE = "setup"
-    DEED = "enter"
+    DEED = "check"
 
     def apply(self, scene: S) -> S:
         """Move each gauge outwards by half. A single gauge has no baseline."""

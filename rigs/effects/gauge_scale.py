@@ -16,7 +16,7 @@ class GaugeScale(Effect):
     relative: float = size(0.2, 5e-4)
 
     STAGE = "gauge"
-    DEED = "mount"
+    DEED = "check"
     PLACE = AT_GAUGE
 
     def apply(self, scene: S) -> S:

@@ -15,7 +15,7 @@ class TimeLag(Effect):
     lag_s: float = size(1, 1e-3)
 
     STAGE = "time"
-    DEED = "enter"
+    DEED = "check"
 
     def apply(self, scene: S) -> S:
         """Use the state `lag_s` before the timestamp."""

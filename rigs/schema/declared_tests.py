@@ -12,7 +12,7 @@ the kinematics of the arm.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import combinations
 from typing import Annotated, Literal
 
@@ -211,6 +211,18 @@ class Tests(Part):
     repeatability: Repeatability | None = None
     touch: Touch | None = None
     iso9283: Iso9283 | None = None
+
+    @property
+    def distances(self) -> tuple[KnownSocketDistance, ...]:
+        """Known distances of sockets; empty without touches."""
+        return self.touch.distances if self.touch else ()
+
+    def with_distances(self, distances: Iterable[KnownSocketDistance]) -> Tests:
+        """Return the tests with these known distances, as far as they are of its sockets."""
+        if self.touch is None:
+            return self
+        kept = tuple(distance for distance in distances if {*distance.between} <= {*self.touch.sockets})
+        return self.model_copy(update={"touch": self.touch.model_copy(update={"distances": kept})})
 
 
 NEAR_DEG = 0.5

@@ -39,10 +39,11 @@ _PART_OF: dict[Stage, PartKind] = {
     "gauge": "gauges",
 }
 Use = Literal["joint zero", "link constant", "targets only", "none"]
-Deed = Literal["repair", "remaster", "enter", "mount", "wait"]
+Deed = Literal["repair", "remaster", "enter", "mount", "wait", "check"]
 """Action for an effect.
 
-Repair a part of the arm, re-master a joint, enter a number, remount ball or gauges, or wait for thermal equilibrium.
+Repair a part of the arm, re-master a joint, enter a number, remount ball or gauges, wait for thermal equilibrium, or
+check a number that the rig file states.
 """
 PHASE = "phase_deg"
 """Parameter of waves."""

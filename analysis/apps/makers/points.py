@@ -17,13 +17,15 @@ from analysis.apps.makers.program_machine import (
     BEGIN,
     EXTERNAL,
     OFF,
+    Call,
+    Elsewhere,
+    Move,
     Program,
     Ref,
     Unknown,
     Usage,
     Value,
     family_of,
-    relative_moves,
     usages_of,
 )
 from analysis.apps.makers.target import (
@@ -142,7 +144,7 @@ class Points:
                 if source not in (None, BEGIN) and (key in places) != (source in places):
                     next_to_left.append(places[key if key in places else source])
         if targets:
-            skipped += [UncorrectedTarget(at.file, at.line, at.why, "relative") for at in relative_moves(program)]
+            skipped += [UncorrectedTarget(at.file, at.line, at.why, "relative") for at in _relative_moves(program)]
         ordered = tuple(sorted(skipped, key=lambda move: (move.file, move.line)))
         notices, named = tuple(self.notices), self._names_in_use(usages)
         return Parsed(tuple(targets), steps, ordered, tuple(next_to_left), tuple(self._sets), notices, named)
@@ -198,6 +200,23 @@ class Points:
                 targets.append(replace(target, line=usage.move.line, file=usage.move.file, offset=offset, of=base))
             self._sets += [named for usage in point.usages for named in _registers(usage)]
         return targets, places, skipped
+
+
+def _relative_moves(program: Program) -> list[Unknown]:
+    """Return the relative moves in routines that the routines with targets call, directly or through others."""
+    calls = {
+        name: {statement.name for statement in body if isinstance(statement, Call)} & program.routines.keys()
+        for name, body in program.routines.items()
+    }
+    todo = [name for name, body in program.routines.items() if any(isinstance(statement, Move) for statement in body)]
+    reached: set[str] = set()
+    while todo:
+        name = todo.pop()
+        if name not in reached:
+            reached.add(name)
+            todo += calls[name]
+    moves = (statement for name in reached for statement in program.routines[name])
+    return sorted({move.relative for move in moves if isinstance(move, Elsewhere) and move.relative})
 
 
 def _by_kind(tool: object, frame: object) -> Iterator[tuple[str, str]]:

@@ -467,23 +467,6 @@ def usages_of(program: Program) -> list[Usage]:
     return _Machine(program).run()
 
 
-def relative_moves(program: Program) -> list[Unknown]:
-    """Return the relative moves in routines that the routines with targets call, directly or through others."""
-    calls = {
-        name: {statement.name for statement in body if isinstance(statement, Call)} & program.routines.keys()
-        for name, body in program.routines.items()
-    }
-    todo = [name for name, body in program.routines.items() if any(isinstance(one, Move) for one in body)]
-    reached: set[str] = set()
-    while todo:
-        name = todo.pop()
-        if name not in reached:
-            reached.add(name)
-            todo += calls[name]
-    moves = (statement for name in reached for statement in program.routines[name])
-    return sorted({move.relative for move in moves if isinstance(move, Elsewhere) and move.relative})
-
-
 def family_of(part: str) -> str:
     """Return the family of a part: "UFRAME" for "UFRAME[3]"."""
     return part.partition("[")[0]

@@ -140,7 +140,7 @@ def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
             raise FileError(str(run.path), f"belongs to a different robot than {rig.name} ({differing})", remedy)
         cell = run.rig.model_copy(update={"name": rig.name, "description": ""}).modelled_as(rig)
         if is_given:
-            cell = cell.with_distances_of(rig)
+            cell = cell.with_distances(rig.tests.distances)
         if cell not in cells:
             cells.append(cell)
         observed = observe_run(model_of(cell), run.table, str(run.path))

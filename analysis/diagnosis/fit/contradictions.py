@@ -32,47 +32,48 @@ Chosen: chance exceeds it once in a million diagnoses, and an error of the scale
 
 
 def without_contradicted(
-    evidence: Evidence, given: Sequence[Effect] | None, progress: Callable[[str], None]
+    evidence: Evidence, effects: Sequence[Effect] | None, progress: Callable[[str], None]
 ) -> tuple[Evidence, tuple[Contradiction, ...]]:
     """Return the evidence without the known distances that the readings (m, k) mm contradict, and those distances.
 
-    `given`: effects to be fitted; None if they are searched for.
+    `effects`: those to be fitted; None if they are searched for.
     """
-    if not any(run.model.rig.tests.touch and run.model.rig.tests.touch.distances for run in evidence.runs):
+    if not any(run.model.rig.tests.distances for run in evidence.runs):
         return evidence, ()
     suspects = _contradictions(evidence.runs, fit_given(_without(evidence.runs), (), progress))
     if not suspects:
         return evidence, ()
     runs = _without(evidence.runs, suspects)
-    result = search(runs, progress) if given is None else fit_given(runs, given, progress)
-    found = {key: made for key, made in _contradictions(evidence.runs, result).items() if key in suspects}
-    if not found:
+    result = search(runs, progress) if effects is None else fit_given(runs, effects, progress)
+    certain = {key: made for key, made in _contradictions(evidence.runs, result).items() if key in suspects}
+    if not certain:
         return evidence, ()
-    runs, judges, elsewhere = (_without(use, found) for use in (evidence.runs, evidence.judges, evidence.elsewhere))
-    return replace(evidence, runs=runs, judges=judges, elsewhere=elsewhere), tuple(found.values())
+    runs, judges, elsewhere = (_without(use, certain) for use in (evidence.runs, evidence.judges, evidence.elsewhere))
+    return replace(evidence, runs=runs, judges=judges, elsewhere=elsewhere), tuple(certain.values())
 
 
 def _contradictions(runs: Sequence[ObservedRun], result: SearchResult) -> dict[KnownSocketDistance, Contradiction]:
     """Return the known distances of runs that differ from those of a fit without them, with the most certain
     placement of each.
     """
-    known = known_distances_of(runs)
-    found: dict[KnownSocketDistance, Contradiction] = {}
-    for distance, measured in zip(known.distances, _fitted_distances(known, result), strict=True):
+    distances = known_distances_of(runs)
+    contradictions: dict[KnownSocketDistance, Contradiction] = {}
+    for distance, measured in zip(distances.distances, _fitted_distances(distances, result), strict=True):
         stated = Quantity(distance.distance_mm, distance.u_mm, "mm")
         made = Contradiction("tests.touch.distances", distance.between, stated, measured)
-        if made.sigma > _SIGMA and (distance not in found or measured.u < found[distance].by_readings.u):
-            found[distance] = made
-    return found
+        least_u = contradictions[distance].by_readings.u if distance in contradictions else np.inf
+        if made.sigma > _SIGMA and measured.u < least_u:
+            contradictions[distance] = made
+    return contradictions
 
 
-def _fitted_distances(known: KnownDistances, result: SearchResult) -> list[Quantity]:
+def _fitted_distances(distances: KnownDistances, result: SearchResult) -> list[Quantity]:
     """Return the distances (t) of the sockets according to a fit, in mm, each with the uncertainty of the scale."""
     linear, posterior, place = result.linear, result.posterior, result.columns.set_ups
     columns = np.arange(place.start, place.stop)
-    slopes = known.by_setup(linear.setups, linear.terms, len(columns))
+    slopes = distances.by_setup(linear.setups, linear.terms, len(columns))
     moves, covariance = posterior.mean[columns], posterior.covariance_among(columns)
-    distances_mm, u_mm = known.fitted_mm(linear.setups, slopes, moves, covariance)
+    distances_mm, u_mm = distances.fitted_mm(linear.setups, slopes, moves, covariance)
     u_mm = np.hypot(u_mm, _scale_u(linear.blocks[0].model.rig.robot) * distances_mm)
     return [Quantity(float(value), float(u), "mm") for value, u in zip(distances_mm, u_mm, strict=True)]
 
@@ -88,13 +89,10 @@ def _scale_u(robot: Robot) -> float:
 
 def _without(runs: Sequence[ObservedRun], left_out: Container[KnownSocketDistance] | None = None) -> list[ObservedRun]:
     """Return runs without the known distances `left_out`; without any if None."""
-    return [replace(run, model=replace(run.model, rig=_rig_without(run.model.rig, left_out))) for run in runs]
 
+    def kept(rig: Rig) -> Rig:
+        return rig.with_distances(
+            distance for distance in rig.tests.distances if left_out is not None and distance not in left_out
+        )
 
-def _rig_without(rig: Rig, left_out: Container[KnownSocketDistance] | None) -> Rig:
-    touch = rig.tests.touch
-    if touch is None:
-        return rig
-    kept = tuple(distance for distance in touch.distances if left_out is not None and distance not in left_out)
-    tests = rig.tests.model_copy(update={"touch": touch.model_copy(update={"distances": kept})})
-    return rig.model_copy(update={"tests": tests})
+    return [replace(run, model=replace(run.model, rig=kept(run.model.rig))) for run in runs]

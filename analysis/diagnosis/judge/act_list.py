@@ -207,7 +207,11 @@ def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
     if cause := part.cause:  # the only certain member of a group, as an effect of usual size
         effect, remedy = cause.effect, cause.effect.remedy()
         of_part = [Named(effect, cause.sd, cause.odds, (), math.nan, remedy, cause.um, None, "usual", u_um=cause.u_um)]
-    own = [name for name in of_part if name.stands or (is_much and (rare or name.effect.DEED in ("remaster", "enter")))]
+    own = [
+        name
+        for name in of_part
+        if name.stands or (is_much and (rare or name.effect.DEED in ("remaster", "enter", "check")))
+    ]
     cancelling = [
         name for name in diagnosis.standing if name not in of_part and label_of(name.effect) in part.cancelled
     ]

@@ -99,7 +99,7 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         return
     best, as_labelled, as_good = checks_of(table.test).judged_joints(table, rig)
     if best is None:
-        yield from _far_off(table, as_labelled)
+        yield from _far_off(table, rig, as_labelled)
         return
     if as_labelled < _NOTHING_MM:
         return
@@ -117,10 +117,12 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     yield Finding(JOINTS, "decisive", best.meaning.columns, words, fact, remedy, misfit)
 
 
-def _far_off(table: Table, left_mm: float) -> Iterator[Finding]:
-    """Yield a finding if the rms residual in mm of tracker positions exceeds that of an arm with nominal constants
-    in every meaning.
+def _far_off(table: Table, rig: Rig, left_mm: float) -> Iterator[Finding]:
+    """Yield a finding if the rms residual in mm of tracker positions, or of touches, exceeds that of an arm with
+    nominal constants in every meaning.
     """
+    if facts_of(table.test).of_places and not facts_of(table.test).of_tracker:
+        yield from _far_from_sockets(table, rig, left_mm)
     if not facts_of(table.test).of_tracker:
         return
     places = table.readings
@@ -135,6 +137,18 @@ def _far_off(table: Table, left_mm: float) -> Iterator[Finding]:
     )
     remedy = "check that the rig file belongs to this arm; otherwise a zero or a length is wrong"
     yield Finding(JOINTS, "likely", (), "a different arm, or a zero or length far off", fact, remedy)
+
+
+def _far_from_sockets(table: Table, rig: Rig, left_mm: float) -> Iterator[Finding]:
+    path = checks_of(table.test).off_path(table, rig, forward(arm_of(rig.robot), table.q))
+    if left_mm <= RIGHT_MM or path is None or path.on:
+        return
+    fact = (
+        f"these touches miss their sockets by {_length(left_mm)} with the arm of the rig file, and no other order, "
+        "sign or zero of the joints fits clearly better"
+    )
+    remedy = "check that the rig file belongs to this arm, and that each row names its socket"
+    yield Finding(JOINTS, "likely", (), "a different arm, or rows of another socket", fact, remedy)
 
 
 PLACE_UNKNOWN = "the rig file lacks the place of the test"
@@ -185,6 +199,18 @@ def judged_by_places(rig: Rig, q: Array, xyz_mm: Array, rpy: Array | None) -> Ve
 
     by_places = verdict(None)
     return by_places if by_places[0] or rpy is None else verdict(rpy)
+
+
+def judged_by_sockets(table: Table, rig: Rig) -> Verdict:
+    """Return the meaning of the joints that returns the ball of touches to its sockets."""
+    arm = arm_of(rig.robot)
+
+    def off_mm(q: Array) -> float:
+        path = checks_of(table.test).off_path(table, rig, forward(arm, q))
+        return np.inf if path is None else path.off_mm
+
+    judged = [JudgedMeaning(meaning, off_mm(meaning.of(table.q)), 3 * len(table.q)) for meaning in meanings(arm.axes)]
+    return _decided(judged, off_mm(table.q), RIGHT_MM)
 
 
 def _decided(judged: Sequence[JudgedMeaning], as_labelled: float, right_mm: float) -> Verdict:

@@ -22,6 +22,7 @@ LABELS = Labels(
         "touch some postures again to measure it"
     ),
     rows="touches",
+    joints_fit="touches return to their sockets",
     distance_from="from its socket",
     outlier_check="check that the ball was seated when the joints were read",
 )

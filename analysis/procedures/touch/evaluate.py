@@ -83,7 +83,8 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
     check_numbers(where, q=table.q)
     count = len(np.unique(table.socket))
     if 3 * len(table.q) <= 3 + 3 * count or len(table.q) < _FEWEST:
-        problem = f"has {len(table.q)} touches of {count} socket{'s' * (count > 1)}, too few to fit their places"
+        touches = f"{len(table.q)} touch{'es' * (len(table.q) > 1)} of {count} socket{'s' * (count > 1)}"
+        problem = f"has {touches}, too few to fit their places"
         raise FileError(where, problem, f"give at least {max(_FEWEST, count + 2)}, in postures that differ")
     check_joints(where, table.q, "touch each socket in many postures")
     table = table.in_content_order()

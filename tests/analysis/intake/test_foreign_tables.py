@@ -180,7 +180,7 @@ def test_another_arm_is_refused_with_what_it_leaves(tmp_path: Path) -> None:
             "line 6, joint_3: 'nan'",
         ),
         (lambda lines: lines[:8], "too few to determine the meaning"),
-        (lambda lines: [line.rsplit(",", 1)[0] for line in lines], "the columns x, y, z of a place are missing"),
+        (lambda lines: [line.rsplit(",", 1)[0] for line in lines], "lacks columns x, y, z of a place"),
     ],
 )
 def test_a_bad_table_is_refused_in_words(change, says: str, tmp_path: Path) -> None:

@@ -15,13 +15,17 @@ from analysis.apps.session.session_state import Answer, Session, SessionAct, Ses
 from analysis.apps.window.frames import shown_summary
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.evidence.movements import Movement
+from analysis.diagnosis.judge.acts import Act
 from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis
 from analysis.movement.between import with_movements
+from analysis.report.act_words import ActWords
+from analysis.report.answer_words import AnswerWords
 from analysis.report.diagnosis_screen import as_screen
 from analysis.report.summary import Summary, error_size
 from analysis.report.summary_screen import StackedBar, on_screen
 from analysis.report.summary_words import step_of, summarise
 from analysis.report.texts import LANGUAGES, Language, texts_of
+from rigs.effects import ClockRate, Effect, GaugeBaseline, GaugeScale
 from tests.support.handmade_diagnosis import ACTS, APART, LOAD, PLAY, REMASTER, ZERO, diagnosis
 
 EN = texts_of("en")
@@ -82,6 +86,29 @@ def test_the_headline_is_cause_size_and_certainty() -> None:
     assert several.headline.endswith("certain, and 2 more.")
     usual = summarise(diagnosis("nothing_unusual", effects=(replace(PLAY, doubt="usual"),)))
     assert usual.headline.endswith("certain, normal for this arm.")
+
+
+def test_effects_that_no_reading_separates_are_named_together() -> None:
+    """A gauge that reads 5 % too much was called the other one, 5 % too little, certain."""
+    twins = (ZERO.effect,)
+    for language in LANGUAGES:
+        words = AnswerWords(diagnosis("named"), texts_of(language))
+        summary = summarise(diagnosis("named", effects=(replace(PLAY, twins=twins),)), texts_of(language))
+        assert words.noun(twins[0]) in summary.headline and texts_of(language)("certain") not in summary.headline
+    found = diagnosis("named", effects=(replace(PLAY, twins=twins),))
+    noun = AnswerWords(found).noun(twins[0])
+    assert noun in AnswerWords(found).headline
+    assert noun in ActWords(found).what(Act("repair", "fault", effect=PLAY.effect))
+
+
+@pytest.mark.parametrize(
+    "effect", [GaugeBaseline(delta_mm=2.9), GaugeScale(gauge="g1", relative=0.05), ClockRate(ppm=90)]
+)
+def test_a_number_of_the_gauges_is_corrected_in_the_rig_file_not_at_the_controller(effect: Effect) -> None:
+    """Enter at the controller: distance between the gauges, 2.93 mm."""
+    found = diagnosis("named", effects=(replace(PLAY, effect=effect),))
+    sentence = ActWords(found).what(Act(effect.DEED, "fault", effect=effect))
+    assert "rig file" in sentence and "controller" not in sentence and "remount" not in sentence
 
 
 def test_an_assumed_noise_is_no_uncertainty_of_the_error() -> None:

@@ -1,0 +1,107 @@
+"""First mistakes of a new user with a table of touches: the first line names the cause, and nothing is computed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow.csv as pa_csv
+import pytest
+
+from analysis.api import load_run, read_table
+from analysis.procedures.checks.check_runs import doubts_of
+from analysis.procedures.checks.meanings import joint_findings
+from analysis.report.diagnosis_report import require_empty
+from analysis.runs.csv_tables import columns_of
+from rigs.arms import load_arm
+from rigs.errors import FileError, UseError
+from rigs.load import load
+from tests.support.command_line import ran
+from tests.worlds.arms.seven_axes import draw_truth, touch_table
+
+_SOCKETS_MM = np.array([[420.0, -160.0, 30.0], [420.0, 140.0, 130.0]])
+_JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rig file with two sockets, and a table of touches of a sound arm."""
+    folder = tmp_path_factory.mktemp("cell")
+    text = f"name: cell\n{load_arm('ur10e').text}tests: {{touch: {{sockets: [A, B]}}}}\n"
+    (folder / "cell.yaml").write_text(text, encoding="utf-8")
+    robot, rng = load(folder / "cell.yaml")[0].robot, np.random.default_rng(3)
+    table = touch_table(robot, draw_truth(robot, rng, ()), rng, np.array([10.0, -5.0, 120.0]), _SOCKETS_MM, 24)
+    pa_csv.write_csv(columns_of(table).select(["socket", *_JOINTS]), folder / "t.csv")
+    return folder
+
+
+def _changed(folder: Path, name: str, joints: list[str], factors: tuple[float, ...] = (1.0,) * 6) -> Path:
+    """The table with other names of its joint columns, and joints multiplied by factors."""
+    lines = (folder / "t.csv").read_text(encoding="utf-8").splitlines()[1:]
+    rows = [",".join([row[0], *(str(float(v) * f) for v, f in zip(row[1:], factors, strict=True))]) for row in
+            (line.split(",") for line in lines)]  # fmt: skip
+    (folder / name).write_text("\n".join([",".join(["socket", *joints]), *rows]) + "\n", encoding="utf-8")
+    return folder / name
+
+
+@pytest.mark.parametrize(
+    ("joints", "factors", "words", "remedy"),
+    [
+        (["q1_deg", "q3_deg", "q2_deg", *_JOINTS[3:]], (1.0,) * 6, "J2 and J3 exchanged", "exchange the columns"),
+        (_JOINTS, (1, 1, 1, 1, -1, 1), "J5 counted the other way", "change the sign of q5_deg"),
+    ],
+)
+def test_exchanged_or_negated_joints_of_touches_are_named(
+    folder: Path, joints: list[str], factors: tuple[float, ...], words: str, remedy: str
+) -> None:
+    """An arm whose tip missed its marks by 700 mm was analysed without a word."""
+    rig = load(folder / "cell.yaml")[0]
+    run = read_table(_changed(folder, "wrong.csv", joints, factors), folder / "cell.yaml", "touch")
+    (finding,) = joint_findings(run.table, rig)
+    assert finding.strength == "decisive" and words in finding.words and remedy in finding.words
+    assert any(words in doubt for doubt in doubts_of(run))
+    sound = read_table(folder / "t.csv", folder / "cell.yaml", "touch")
+    assert not list(joint_findings(sound.table, rig))
+
+
+def test_rows_of_another_socket_are_questioned(folder: Path) -> None:
+    lines = (folder / "t.csv").read_text(encoding="utf-8").splitlines()
+    mixed = [f'"{"AB"[k % 2]}",{line.split(",", 1)[1]}' for k, line in enumerate(lines[1:])]
+    (folder / "mixed.csv").write_text("\n".join([lines[0], *mixed]) + "\n", encoding="utf-8")
+    run = read_table(folder / "mixed.csv", folder / "cell.yaml", "touch")
+    assert any("miss their sockets by" in doubt and "names its socket" in doubt for doubt in doubts_of(run))
+
+
+def test_a_column_that_occurs_twice_is_no_other_joint(folder: Path) -> None:
+    """`q1_deg` twice was read as joints 1 and 2, because the second was called `q1_deg (2)`."""
+    table = _changed(folder, "twice.csv", ["q1_deg", "q1_deg", *_JOINTS[2:]])
+    done = ran("import", table, "--rig", folder / "cell.yaml", "--test", "touch", "-o", folder / "twice")
+    assert done.returncode == 3 and not (folder / "twice").exists()
+    assert done.stderr.startswith(f"error: {table}: has two columns q1_deg; "), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("table", "test", "expected"),
+    [
+        ("cell.yaml", "touch", "is a YAML file, such as a rig file, not a table; "),
+        ("t.csv", "pose", "these are touches, not poses of a tracker; import it with --test touch"),
+    ],
+)
+def test_a_wrong_file_or_test_is_told_by_its_cause(folder: Path, table: str, test: str, expected: str) -> None:
+    done = ran("import", folder / table, "--rig", folder / "cell.yaml", "--test", test, "-o", folder / "made")
+    assert done.returncode == 3 and not (folder / "made").exists()
+    first = done.stderr.splitlines()[0]
+    assert first.startswith(f"error: {folder / table}: ") and expected in first
+
+
+def test_an_output_that_cannot_be_created_is_refused_before_anything_is_computed(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for below in ("x", "x/y"):
+        with pytest.raises(FileError, match=r"cannot be created: .*file is a file, not a directory"):
+            require_empty(tmp_path / "file" / below)
+    require_empty(tmp_path / "new" / "deeper")
+
+
+def test_what_is_no_path_of_a_run_is_refused_in_python() -> None:
+    with pytest.raises(UseError, match="a NoneType is no path"):
+        load_run(None)  # type: ignore[arg-type]
