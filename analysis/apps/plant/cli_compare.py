@@ -57,8 +57,7 @@ def compare(
 
     With --against: show by how much each figure differs from runs before a repair, and whether the spread explains it.
 
-    With two rig files or arms of the library in place of runs: show how far apart two arms of one model are, pose by
-    pose.
+    With two rig files or names of the library in place of runs: show how far apart two arms are, pose by pose.
 
     With two rig files or URDFs and then runs: show which of the two arms fits the runs, and by how much.
     """

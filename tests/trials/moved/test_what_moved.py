@@ -21,7 +21,7 @@ from analysis.movement.result import moved_of, what_moved
 from analysis.report.movement_words import headline, movement_sentence, what_to_do
 from analysis.report.texts import texts_of
 from rigs.errors import FileError
-from tests.trials.moved.__main__ import Case, label, observed
+from tests.support.moved_cell import Case, label, observed
 from tests.worlds import moved as world
 
 SCATTER_MM = 0.05
