@@ -30,7 +30,7 @@ def share(count: int, total: int) -> str:
         return "–"
     z, p = 1.96, count / total
     middle, width = p + z**2 / (2 * total), z * np.sqrt(p * (1 - p) / total + z**2 / (4 * total**2))
-    low, high = ((middle + sign * width) / (1 + z**2 / total) for sign in (-1, 1))
+    low, high = (abs((middle + sign * width) / (1 + z**2 / total)) for sign in (-1, 1))
     return f"{100 * p:.0f} ({100 * low:.0f}–{100 * high:.0f})"
 
 

@@ -153,5 +153,5 @@ def test_references_are_enough_touches_or_circles_of_both_directions_and_no_chec
     assert touches.can_be_touched and not circles.can_be_touched and len(circles.runs) == 2
     assert references_of([runs], "other") == []
     first, second = offer_lines("moved", [runs])
-    assert f"{len(case.sockets)} touches" in first and second == f"  rig moved {runs / 'before'} --live"
+    assert f"{len(case.sockets)} readings" in first and second == f"  rig moved {runs / 'before'} --live"
     assert list(offer_lines("other", [runs])) == []
