@@ -24,7 +24,7 @@ from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
 from rigs.schema.effect import size_field
 from rigs.schema.part import Part, Vector
-from rigs.text import as_argument, the_same
+from rigs.text import as_argument, nearest, the_same
 from rigs.yaml_text import read_yaml
 
 _REMEDY = "restore both files of the same diagnosis, or repeat the diagnosis"
@@ -137,8 +137,9 @@ def _find_file(
         return files[file_name]
     if path.is_dir():
         raise FileError(str(name), f"is a directory, not a {kind}", "give a file in that directory")
-    arms = ", or an arm of the library" if offered else ""
-    remedy = f"give a path, or the name of a shipped {short}: {', '.join(offered or files)}{arms}"
+    arms = ", or an arm of the library (rig arms lists them)" if offered else ""
+    meant = f"did you mean {' or '.join(near)}? Otherwise " if (near := nearest(str(name), files)) else ""
+    remedy = f"{meant}give a path, or the name of a shipped {short}: {', '.join(offered or files)}{arms}"
     raise FileError(str(name), f"no such {kind}", remedy)
 
 

@@ -117,15 +117,15 @@ def is_two_arm_table(runs: Sequence[Path], second: str | None) -> bool:
     """
     from analysis.cli.several import is_table
 
-    found = False
+    has_both = False
     if len(runs) == 1 and is_table(runs[0]):
         from analysis.intake.touch_map import has_two_arms
 
-        found = has_two_arms(runs[0])
-    if second and not found:
+        has_both = has_two_arms(runs[0])
+    if second and not has_both:
         problem = "is for one table of touches with the joints of a second arm, p1_deg …"
         raise UseError("--second", problem, "leave it out")
-    return found
+    return has_both
 
 
 def two_arms_diagnosed(

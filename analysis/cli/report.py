@@ -26,8 +26,9 @@ def report(
         str | None,
         typer.Option(
             "--rig",
+            "--arm",
             autocompletion=completion.rig_files,
-            help="Rig file with the model and the limits; default: that of the first run.",
+            help="Rig file with the model and the limits, or an arm of the library; default: that of the first run.",
         ),
     ] = None,
     lang: Annotated[Literal["en", "de", "ko"], typer.Option(help="Language of the fixed texts.")] = "en",
@@ -47,7 +48,7 @@ def report(
     """
     from analysis.cli.console import progress_of
     from analysis.cli.diagnose import with_commands_here
-    from analysis.cli.several import end_with, evaluated, runs_below, say_doubts, worst
+    from analysis.cli.several import end_with, evaluated, runs_below, say_doubts, with_tables, worst
     from analysis.report.html_page import check_page_file, check_pdf_output, is_pdf
     from analysis.report.page.page_content import gather
     from analysis.report.page.write_page import Heading, write_page
@@ -57,7 +58,7 @@ def report(
     heading.check()
     (check_pdf_output if is_pdf(output) else check_page_file)(output)
     model = load(rig_file)[0] if rig_file else None
-    paths = [run.resolve() for run in runs_below(runs)]
+    paths = [run.resolve() for run in runs_below(with_tables(runs, rig_file))]
     results, errors = evaluated(paths, jobs=jobs, scheduler=scheduler)
     if results:
         say_doubts(result.measured for result in results)

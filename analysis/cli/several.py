@@ -14,7 +14,7 @@ import typer
 
 from analysis.cli.console import say, say_error
 from analysis.runs.batch.outcomes import FailedItem, Item, Value
-from rigs.errors import FileError, RigError
+from rigs.errors import FileError, RigError, UseError
 
 if TYPE_CHECKING:
     from analysis import Measured, Result
@@ -151,8 +151,23 @@ def is_table(path: Path) -> bool:
 
 
 def with_tables(paths: Iterable[Path], rig_file: str | None) -> list[Path]:
-    """Return the paths with tables replaced by temporary runs, which exist until the command ends. Raises FileError."""
+    """Return the paths with tables replaced by temporary runs, which exist until the command ends.
+
+    Raises FileError, and UseError for the name of an arm in place of a run.
+    """
+    paths = list(paths)
+    for path in paths:
+        refuse_arm_name(path)
     return [_run_of(path, rig_file) if is_table(path) else path for path in paths]
+
+
+def refuse_arm_name(path: Path) -> None:
+    """Raise UseError if a path that does not exist is the name of an arm of the library, given in place of a run."""
+    from rigs.arms import arm_names
+
+    if str(path) in arm_names() and not path.exists():
+        problem = "is an arm of the library, not a run"
+        raise UseError(str(path), problem, f"give runs or tables, and the arm as --rig {path}")
 
 
 def _run_of(table: Path, rig_file: str | None) -> Path:

@@ -15,7 +15,7 @@ from analysis.movement.causes import Cause
 from analysis.movement.evidence import LinearReadings, Shift
 from analysis.procedures.facts import facts_of
 from analysis.robot.geometry.pose_setup import frame
-from analysis.robot.kinematics.arm import Arm, Array, forward
+from analysis.robot.kinematics.arm import Arm, Array, forward, rotation
 from analysis.robot.model.predict import Model, SetUp
 from analysis.robot.model.scene import pull
 from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM
@@ -98,9 +98,7 @@ def tool_places(run: ObservedRun, setup: SetUp) -> Array:
 
 def _motion(centre_mm: Array, change: Array) -> Array:
     """Return the motion (4, 4) with a shift of (3,) mm and a rotation of (3,) rad about a centre."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
-
-    R = Rotation.from_rotvec(change[3:]).as_matrix()
+    R = rotation(change[3:])
     return frame(R, centre_mm + change[:3] - R @ centre_mm)
 
 

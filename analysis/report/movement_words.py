@@ -96,7 +96,7 @@ def headline(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
         return texts("check_open", readings=readings, rivals=_listed(rivals, texts))
     certain = odds(named.posterior, texts)
     if named.what == "nothing":
-        return texts("check_nothing", readings=readings, scatter=f"{moved.scatter_mm:.2f}", odds=certain)
+        return texts("check_unmoved", readings=readings, scatter=f"{moved.scatter_mm:.2f}", odds=certain)
     if named.what == "other":
         return texts("check_other", odds=certain)
     thing = _capitalised(name_of(named.cause, texts, of_tracker=of_tracker))

@@ -10,7 +10,7 @@ from pathlib import Path
 from analysis.procedures.facts import facts_of, shows_joints
 from daq.store import RunInfo, read_run, survey
 from rigs.errors import FileError, RigError
-from rigs.schema.vocabulary import CIRCLES
+from rigs.schema.vocabulary import CIRCLES, TestName
 
 FEWEST = 12
 """Minimum number of touches or poses of a reference. Chosen: arm and set-up have about as many uncertain constants."""
@@ -24,14 +24,15 @@ class CellReference:
 
     rig: str
     runs: tuple[Path, ...]
-    test: str
+    test: TestName
     count: int
     day: str
 
     @property
     def can_be_touched(self) -> bool:
         """True if a robot without an instrument can repeat the readings."""
-        return self.test == "touch"
+        facts = facts_of(self.test)
+        return facts.of_places and not facts.of_tracker
 
 
 def references_of(directories: Iterable[Path], rig_name: str | None = None) -> list[CellReference]:
@@ -43,7 +44,7 @@ def references_of(directories: Iterable[Path], rig_name: str | None = None) -> l
     corrected robot and movement checks are left out.
     """
     runs = [run for directory in directories for run in _usable_runs(directory, rig_name)]
-    places = [found for run in runs if (found := _of_places(run)) is not None]
+    places = [reference for run in runs if (reference := _of_places(run)) is not None]
     newest_first = sorted(places, key=lambda reference: reference.day, reverse=True)
     return [*newest_first, *_of_circles(runs)]
 
@@ -77,7 +78,7 @@ def _of_places(run: RunInfo) -> CellReference | None:
 
 def _of_circles(runs: Sequence[RunInfo]) -> list[CellReference]:
     """Return the days with circles in both directions, newest first."""
-    days: dict[tuple[str, str, str], list[RunInfo]] = {}
+    days: dict[tuple[str, TestName, str], list[RunInfo]] = {}
     for run in runs:
         manifest = run.manifest
         if manifest is not None and manifest.test in CIRCLES:

@@ -111,27 +111,29 @@ def _find_movement(
     with progress_of("comparing the readings"):
         found = what_moved_in(rig, reference, after, plan=plan)
     if mark:
-        _mark(found, reference, after, given=new)
+        _mark(found, reference, after, new)
     return found, rig.name
 
 
-def _mark(found: MovementResult, reference: Sequence[Measured], after: Sequence[Measured], given: list[Path]) -> None:
+def _mark(
+    result: MovementResult, reference: Sequence[Measured], after: Sequence[Measured], paths: Sequence[Path]
+) -> None:
     """Store the answer with the new runs. Raises UseError if there are none, or if they are tables."""
-    from analysis.apps.commission.guided_check import mark_of
+    from analysis.apps.commission.guided_touches import mark_of
     from daq.store import mark_moved
 
-    if not after or any(path.is_file() for path in given):
+    if not after or any(path.is_file() for path in paths):
         raise UseError("--mark", "needs new runs, and tables are not kept", "import the table first: rig import")
     names = [run.run.manifest.name for run in reference]
     for run in after:
-        mark_moved(run.run.path, mark_of(found, names))
+        mark_moved(run.run.path, mark_of(result, names))
 
 
 def _check_live(
     runs: list[Path], rig_file: str | None, save: Path | None, *, is_quiet: bool
 ) -> tuple[MovementResult, str]:
     """Guide through the touches, save them as a run, and return the result and the name of the rig."""
-    from analysis.apps.commission.guided_check import GuidedCheck, follow_touches
+    from analysis.apps.commission.guided_touches import GuidedCheck, follow_touches
     from analysis.runs.written_files import refuse_existing
     from daq import clock
     from daq.service.client import Client, find_socket

@@ -1,7 +1,7 @@
 """`rig compare RUN…`: compare simulation and measurement, or with `--against RUN…` runs before and after a repair.
 
-Two rig files in place of runs compare two arms of a model, pose by pose. Runs after two rig files show which of the
-arms fits the runs.
+Two rig files, or names of arms of the library, in place of runs compare two arms of a model, pose by pose. Runs after
+them show which of the arms fits the runs.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from rigs.errors import FileError, UseError
 if TYPE_CHECKING:
     from analysis.runs.loading import Measured
     from rigs.rig import Rig
+    from rigs.schema.robot import Robot
 
 _ARMS = 2
 _ARM_FILES = (".yaml", ".yml", ".urdf")
@@ -56,19 +57,24 @@ def compare(
 
     With --against: show by how much each figure differs from runs before a repair, and whether the spread explains it.
 
-    With two rig files in place of runs: show how far apart two arms of one model are, pose by pose.
+    With two rig files or names of the library in place of runs: show how far apart two arms are, pose by pose.
 
     With two rig files or URDFs and then runs: show which of the two arms fits the runs, and by how much.
     """
-    from analysis.cli.several import runs_below
+    from analysis.cli.several import runs_below, with_tables
 
-    if len(runs) >= _ARMS and all(path.suffix in _ARM_FILES and path.is_file() for path in runs[:_ARMS]):
+    if len(runs) >= _ARMS and all(map(_is_arm, runs[:_ARMS])):
         if against or rig_file or plot or unseen:
             raise UseError("ARM ARM", "accepts only runs and --json", "omit the other options")
         arms, runs = runs[:_ARMS], runs[_ARMS:]
-        (_which_fits(arms, runs_below(runs), as_json) if runs else _arms(arms[0], arms[1], as_json))
+        table_arm = str(arms[0])
+        (
+            _which_fits(arms, runs_below(with_tables(runs, table_arm)), as_json)
+            if runs
+            else _arms(arms[0], arms[1], as_json)
+        )
         return
-    runs = runs_below(runs)
+    runs = runs_below(with_tables(runs, rig_file))
     if against:
         if rig_file or plot or unseen:
             raise UseError(
@@ -95,6 +101,13 @@ def compare(
         say_json(compared.to_dict())
     else:
         PlainConsole().print(comparison_report.as_tables(compared))
+
+
+def _is_arm(path: Path) -> bool:
+    """Return whether an argument is a rig file, a URDF, or the name of an arm of the library."""
+    from rigs.arms import arm_names
+
+    return (path.suffix in _ARM_FILES and path.is_file()) or (not path.exists() and str(path) in arm_names())
 
 
 def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bool) -> None:
@@ -155,9 +168,17 @@ def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:
     from rigs.load import load
     from rigs.yaml_text import read_yaml
 
-    if arm.suffix != ".urdf" and "name" in read_yaml(arm.read_text(encoding="utf-8"), str(arm))[1]:
+    is_of_library, is_urdf = not arm.exists(), arm.suffix == ".urdf"
+    if not (is_of_library or is_urdf) and "name" in read_yaml(arm.read_text(encoding="utf-8"), str(arm))[1]:
         return load(arm)[0]
     if not all(facts_of(run.table.test).of_places for run in runs):
         raise FileError(str(arm), "has no tool, but runs with gauges need a tool", "give the rig file of this arm")
-    robot = import_urdf(arm).section.robot if arm.suffix == ".urdf" else chosen_arm(str(arm), "tracker").robot
-    return runs[0].rig.model_copy(update={"robot": robot, "effects": ()}).with_calibration(None, None)
+    if is_of_library:
+        return _with_robot_of(runs[0].rig, load(arm)[0].robot)
+    robot = import_urdf(arm).section.robot if is_urdf else chosen_arm(str(arm), "tracker").robot
+    return _with_robot_of(runs[0].rig, robot)
+
+
+def _with_robot_of(rig: Rig, robot: Robot) -> Rig:
+    """Return a rig file with another robot and without effects."""
+    return rig.model_copy(update={"robot": robot, "effects": ()}).with_calibration(None, None)

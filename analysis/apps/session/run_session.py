@@ -40,6 +40,7 @@ from analysis.apps.session.session_state import (
     Way,
     digest_of,
 )
+from analysis.procedures.facts import facts_of
 from analysis.procedures.results import why_unusable
 from analysis.runs.written_files import holding, write_all_over
 from daq import clock
@@ -360,8 +361,7 @@ def offer_lines(rig_name: str, directories: Sequence[Path]) -> Iterator[str]:
     if not references:
         return
     reference = references[0]
-    unit = {"touch": "touch", "pose": "pose"}.get(reference.test, "circle")
-    counted_readings = counted(reference.count, unit, "touches" if unit == "touch" else "")
+    counted_readings = counted(reference.count, "reading" if facts_of(reference.test).of_places else "circle")
     runs = " ".join(as_argument(run) for run in reference.runs)
     yield f"a reference of this cell exists: {counted_readings} of {reference.day}; to ask first what moved since then:"
     yield f"  rig moved {runs} {'--live' if reference.can_be_touched else '--new NEW'}"

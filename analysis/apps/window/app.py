@@ -247,8 +247,9 @@ class _Pages:
         controls, texts = self._window.controls, report_texts(self._language(request))
         check = controls.moved.check if controls else None
         if check is None:
-            found = [one for one in references_of([self._window.shelf.directory]) if one.can_be_touched]
-            return self._page(request, "moved.html", check=None, references=found)
+            references = references_of([self._window.shelf.directory])
+            touched = [reference for reference in references if reference.can_be_touched]
+            return self._page(request, "moved.html", check=None, references=touched)
         result, next_posture = check.result, check.result.next_posture
         return self._page(
             request, "moved.html", check=check, headline=headline(result, texts), act=what_to_do(result, texts),

@@ -11,7 +11,7 @@ from analysis.apps.live.controls import label_of
 from analysis.apps.session.child_processes import Child
 from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window.watcher import Watcher
-from analysis.apps.window.window_check import WindowCheck
+from analysis.apps.window.window_touches import WindowCheck
 from daq.service.trust import may_use
 from rigs.errors import CellError, RigError, UseError
 from rigs.schema.vocabulary import MakerName, makers

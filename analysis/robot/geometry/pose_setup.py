@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.robot.kinematics.arm import Arm, Array, Integers, forward
+from analysis.robot.kinematics.arm import Arm, Array, Integers, forward, rotation
 
 
 def socket_design(T: Array, socket: Integers, sockets: int) -> Array:
@@ -56,12 +56,9 @@ def in_frame(T: Array, points: Array) -> Array:
 
 def moved_by(T: Array, shift: Array, turn: Array) -> Array:
     """Return a frame T (4, 4) shifted by (3,) mm and rotated by a rotation vector (3,) rad about its own origin."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
-
     moved = T.copy()
+    moved[:3, :3] = rotation(turn) @ T[:3, :3]
     moved[:3, 3] += shift
-    if turn.any():
-        moved[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ T[:3, :3]
     return moved
 
 

@@ -160,6 +160,17 @@ def transforms(poses: Array) -> Array:
     return T
 
 
+def rotation(turn: Array) -> Array:
+    """Return the rotation matrices (..., 3, 3) of rotation vectors (..., 3) rad, by Rodrigues' formula.
+
+    scipy has this too, but its import takes half a second, a quarter of a small command.
+    """
+    angle = np.linalg.norm(turn, axis=-1)[..., None, None]
+    K = np.cross(np.eye(3), turn[..., None, :])
+    half = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * K + half * (K @ K))
+
+
 def roll_pitch_yaw(T: Array) -> Array:
     """Return fixed-axis roll, pitch and yaw (..., 3) rad of frames (..., 4, 4). This is the inverse of `transform`.
 

@@ -9,7 +9,17 @@ from itertools import islice
 
 import numpy as np
 
-from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array, base_places, blocks, link_columns, rail_frame, rail_mm
+from analysis.robot.kinematics.arm import (
+    RAIL_MM,
+    Arm,
+    Array,
+    base_places,
+    blocks,
+    link_columns,
+    rail_frame,
+    rail_mm,
+    rotation,
+)
 from analysis.robot.model.motion import Motion
 from rigs.effects import Effect
 from rigs.schema.robot import Robot
@@ -207,10 +217,8 @@ class ModelScene:
     def tilted(self, turn: Array, below_mm: float) -> ModelScene:
         """Return the scene with the arm turned by rotation vectors (n, 3) rad in base axes, about a point below the
         base origin."""
-        from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
-
         R_base = self.arm.T_world_base[:3, :3]
-        R = Rotation.from_rotvec(turn @ R_base.T).as_matrix()
+        R = rotation(turn @ R_base.T)
         pivot = base_places(self.arm, self.q[: len(self.T)]) - below_mm * R_base[:, 2]
         T = self.T.copy()
         T[:, :3, :3] = R @ self.T[:, :3, :3]

@@ -53,3 +53,32 @@ def test_a_library_arm_is_a_rig_file_without_tests(folder: Path) -> None:
     done = ran("simulate", "ur5", "--test", "yaw", "-o", "sim", cwd=folder)
     assert done.stderr.startswith("error: ur5: has no gauges, which are needed for yaw, roll")
     assert ran("export-urdf", "ur5", "-o", "arm.urdf", cwd=folder).returncode == 0
+
+
+def test_two_arms_of_the_library_are_compared_on_a_table(folder: Path) -> None:
+    done = ran("compare", "ur5", "ur5e", "poses.csv", "--json", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    own, other = (fit["rms_um"] for fit in json.loads(done.stdout)["fits"])
+    assert own < 200 < other
+    gauges = ran("compare", "ur5", "ur10", cwd=folder)
+    assert gauges.returncode == 3 and "different build" in gauges.stderr
+
+
+def test_a_report_takes_a_table_and_an_arm_of_the_library(folder: Path) -> None:
+    done = ran("report", "poses.csv", "--arm", "ur5", "-o", "page.html", "--no-diagnosis", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "read as a pose table of ur5" in done.stderr and (folder / "page.html").is_file()
+
+
+@pytest.mark.parametrize("command", [("diagnose", "ur5", "poses.csv"), ("analyse", "ur5"), ("compare", "ur5")])
+def test_an_arm_in_place_of_a_run_is_named_as_such(folder: Path, command: tuple[str, ...]) -> None:
+    done = ran(*command, cwd=folder)
+    assert done.returncode == 2
+    assert done.stderr.startswith(
+        "error: ur5: is an arm of the library, not a run; give runs or tables, and the arm as"
+    )
+
+
+def test_a_rig_file_that_is_missing_has_similar_arms(folder: Path) -> None:
+    done = ran("analyse", "poses.csv", "--rig", "ur5x", cwd=folder)
+    assert done.returncode == 3 and "no such rig file; did you mean" in done.stderr and "ur5" in done.stderr

@@ -24,7 +24,8 @@ from analysis.robot.model.predict import Model, model_of
 from analysis.runs.tables import PoseTable, TouchTable
 from rigs.arms import load_arm
 from rigs.load import parse
-from tests.trials.moved.__main__ import label, share
+from tests.support.moved_cell import label
+from tests.trials.moved.__main__ import share
 
 Array = NDArray[np.float64]
 _ARMS = {"panda_1": "franka-fr3", "panda_2": "franka-fr3", "kuka_14": "kuka-lbr-iiwa-14"}

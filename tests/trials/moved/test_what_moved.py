@@ -23,7 +23,7 @@ from analysis.report.movement_words import headline, movement_sentence, what_to_
 from analysis.report.summary_words import summarise
 from analysis.report.texts import texts_of
 from rigs.errors import FileError
-from tests.trials.moved.__main__ import Case, label, observed
+from tests.support.moved_cell import Case, label, observed
 from tests.worlds import moved as world
 
 SCATTER_MM = 0.05

@@ -217,7 +217,7 @@ def test_each_language_has_each_text() -> None:
         for key, text in own.items():
             places = {part.split("}")[0] for part in text.split("{")[1:]}
             assert places == {part.split("}")[0] for part in english[key].split("{")[1:]}, (language, key)
-    dynamic = ("js_lap_", "js_next_", "js_step_", "js_where_", "status_", "moved_what_")
+    dynamic = ("js_lap_", "js_next_", "js_step_", "js_where_", "status_", "moved_unit_")
     for key in english:
         name = key.removeprefix("js_")
         assert key.startswith(dynamic) or f"t.{name}" in used or f'"{name}"' in used or f"t.{key}" in used, key

@@ -132,7 +132,7 @@ def test_visits_are_grouped_and_judged_by_iso_9283() -> None:
 
 @pytest.mark.parametrize("many", [0, 1000])
 def test_groups_are_those_of_comparing_every_row_with_every_other(many: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pose, "_MANY_ROWS", many)
+    monkeypatch.setattr(pose, "_MANY_ROWS", many)  # private: both ways at the same size
     q = np.random.default_rng(3).integers(0, 3, (300, 6)) * 0.9e-3
     expected = np.full(300, -1)
     for row in range(300):

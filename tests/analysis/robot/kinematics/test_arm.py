@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from analysis.robot.kinematics.arm import (
     blocks,
@@ -13,7 +14,9 @@ from analysis.robot.kinematics.arm import (
     link_frames,
     pose_error,
     roll_pitch_yaw,
+    rotation,
     transform,
+    transforms,
 )
 from rigs.schema.robot import Pose
 from tests.support.five_arms import ARMS, OPW, PeerArm, pose_apart
@@ -123,6 +126,22 @@ def test_roll_pitch_yaw_makes_the_frame_again(below_90_deg: float, sign: int) ->
     np.testing.assert_allclose(again, T, atol=1e-12)
     if below_90_deg >= 1:
         np.testing.assert_allclose(found, given, atol=1e-9)
+
+
+def test_a_rotation_vector_is_that_of_scipy() -> None:
+    directions = np.random.default_rng(4).normal(size=(40, 3))
+    for size in (1e-12, 1e-6, 1e-3, 1.0, 3.0):
+        expected = Rotation.from_rotvec(size * directions).as_matrix()
+        np.testing.assert_allclose(rotation(size * directions), expected, atol=2e-15)
+    np.testing.assert_array_equal(rotation(np.zeros(3)), np.eye(3))
+
+
+def test_frames_of_many_poses_are_those_of_scipy() -> None:
+    poses = np.random.default_rng(5).uniform(-180, 180, (30, 6))
+    np.testing.assert_allclose(
+        transforms(poses)[:, :3, :3], Rotation.from_euler("xyz", poses[:, 3:], degrees=True).as_matrix(), atol=1e-14
+    )
+    np.testing.assert_array_equal(transforms(poses)[:, :3, 3], poses[:, :3])
 
 
 def test_upright_the_roll_is_zero() -> None:

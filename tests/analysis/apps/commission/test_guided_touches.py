@@ -12,18 +12,17 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis import load_run
-from analysis.apps.commission import guided_check
+from analysis.apps.commission import guided_touches
 from analysis.apps.commission.cell_reference import FEWEST, references_of
-from analysis.apps.commission.guided_check import GuidedCheck, follow_touches, mark_of
+from analysis.apps.commission.guided_touches import GuidedCheck, follow_touches, mark_of
 from analysis.apps.commission.touched_ball import STANDS_S
 from analysis.apps.session.run_session import offer_lines
 from analysis.cli import app
 from daq.store import mark_moved
 from daq.store.marks import load_marks
 from rigs.errors import FileError, UseError
-from tests.support.moved_cell import moved_cell, touch_near, write_touches
+from tests.support.moved_cell import Case, moved_cell, touch_near, write_touches
 from tests.support.simulated_laps import lap_run
-from tests.trials.moved.__main__ import Case
 
 EVERY_S = 0.1
 
@@ -63,7 +62,7 @@ def _last_proposal(said: list[str]) -> str:
 
 @pytest.fixture(autouse=True)
 def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("analysis.apps.commission.record_touches._LOOK_S", 0.0)
+    monkeypatch.setattr("analysis.apps.commission.record_touches._LOOK_S", 0.0)  # private: no waiting
 
 
 def test_a_person_is_led_to_the_cause_and_the_touches_are_kept(tmp_path: Path) -> None:
@@ -93,10 +92,10 @@ def test_the_command_follows_the_daemon_and_history_marks_the_day(
 ) -> None:
     case = moved_cell(tmp_path, "tool", seed=3)
     person = Person(case)
-    follow = guided_check.follow_touches
+    follow = guided_touches.follow_touches
     monkeypatch.setattr("daq.service.client.find_socket", lambda name: tmp_path / name)
     monkeypatch.setattr("daq.service.client.Client", _Client)
-    monkeypatch.setattr(guided_check, "follow_touches", lambda _, check, say: follow(person, check, person.say))
+    monkeypatch.setattr(guided_touches, "follow_touches", lambda _, check, say: follow(person, check, person.say))
     runs = tmp_path / "runs"
     words = ["moved", str(runs / "before"), "--live", "--save", str(runs / "after")]
     done = CliRunner().invoke(app, words)
@@ -154,5 +153,5 @@ def test_references_are_enough_touches_or_circles_of_both_directions_and_no_chec
     assert touches.can_be_touched and not circles.can_be_touched and len(circles.runs) == 2
     assert references_of([runs], "other") == []
     first, second = offer_lines("moved", [runs])
-    assert f"{len(case.sockets)} touches" in first and second == f"  rig moved {runs / 'before'} --live"
+    assert f"{len(case.sockets)} readings" in first and second == f"  rig moved {runs / 'before'} --live"
     assert list(offer_lines("other", [runs])) == []

@@ -13,13 +13,12 @@ import pytest
 
 from analysis import load_run
 from analysis.apps.window.watcher import Watcher
-from analysis.apps.window.window_check import WindowCheck
+from analysis.apps.window.window_touches import WindowCheck
 from analysis.report.texts import texts_of
 from daq.store.marks import load_marks
 from rigs.errors import CellError, FileError, UseError
-from tests.support.moved_cell import moved_cell, touch_near, write_touches
+from tests.support.moved_cell import Case, moved_cell, touch_near, write_touches
 from tests.support.windows import Served, no_daemon, served
-from tests.trials.moved.__main__ import Case
 
 
 @pytest.fixture(scope="module")

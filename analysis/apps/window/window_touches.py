@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis.apps.commission.cell_reference import CellReference, references_of
-from analysis.apps.commission.guided_check import GuidedCheck
+from analysis.apps.commission.guided_touches import GuidedCheck
 from analysis.apps.window.watcher import Watcher
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import load_measured
@@ -62,7 +62,7 @@ class WindowCheck:
         return ""
 
     def _begin(self, name: str) -> str:
-        chosen = next((one for one in self.references() if one.runs[0].name == name), None)
+        chosen = next((reference for reference in self.references() if reference.runs[0].name == name), None)
         if chosen is None:
             raise UseError("reference", f"{name!r} is no reference here", "choose one of the list")
         self.check = GuidedCheck.of_runs([load_measured(chosen.runs[0])])
