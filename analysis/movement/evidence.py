@@ -133,16 +133,16 @@ class Conditioned:
         predictions, near = [], {id(other): _nearness(other, new) for other in (self.reference, new)}
         day_cov = (day / unit) @ (day / unit).T
         for s in self.scenarios:
-            across, own = (
+            across, within = (
                 (s.arm_level**2 * other.arm @ new.arm.T + other.setup @ new.setup.T
                  + s.unexplained_mm**2 * near[id(other)]) / (other.sd_mm[:, None] * unit.T)
                 for other in (self.reference, new)
             )  # fmt: skip
             turned = s.vectors.T @ across
             weighted = turned / (s.values + s.scatter**2)[:, None]
-            known = s.vectors.T @ (self.reference.residual / self.reference.sd_mm)
-            mean = weighted.T @ known
-            cov = own - turned.T @ weighted + day_cov + s.scatter**2 * np.eye(len(new.residual))
+            projected = s.vectors.T @ (self.reference.residual / self.reference.sd_mm)
+            mean = weighted.T @ projected
+            cov = within - turned.T @ weighted + day_cov + s.scatter**2 * np.eye(len(new.residual))
             predictions.append(Prediction(s.weight, s.scatter, new.residual / new.sd_mm - mean, cov))
         return predictions
 
@@ -163,19 +163,19 @@ def regional_scatter(
     scores: dict[Cause, list[Array]] = {cause: [] for cause in columns}
     for fold in folds:
         for number in np.unique(fold).tolist():
-            own = np.flatnonzero(fold == number)
-            precision = inverse[np.ix_(own, own)]
+            rows = np.flatnonzero(fold == number)
+            precision = inverse[np.ix_(rows, rows)]
             for cause, whole in columns.items():
-                own_columns = whole[own] / reference.sd_mm[own, None]
+                own_columns = whole[rows] / reference.sd_mm[rows, None]
                 information = np.einsum("nm,nk,km->m", own_columns, precision, own_columns)
-                estimate = own_columns.T @ weighted[own] / np.maximum(information, 1e-12)
+                estimate = own_columns.T @ weighted[rows] / np.maximum(information, 1e-12)
                 scores[cause].append(np.stack([estimate**2, 1 / np.maximum(information, 1e-12)]))
-    found = {}
+    sizes = {}
     for cause, pairs in scores.items():
         squares, variances = np.stack(pairs, axis=1)
         excess = (squares / variances).mean(axis=0) - 1 - 2 * np.sqrt(2 / len(squares))
-        found[cause] = np.sqrt(np.where(excess > 0, np.maximum((squares - variances).mean(axis=0), 0.0), 0.0))
-    return found
+        sizes[cause] = np.sqrt(np.where(excess > 0, np.maximum((squares - variances).mean(axis=0), 0.0), 0.0))
+    return sizes
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ def condition(reference: LinearReadings) -> Conditioned:
     y, arm, setup = (getattr(reference, name).T / unit for name in ("residual", "arm", "setup"))
     of_arm, of_setup = arm.T @ arm, setup.T @ setup
     near = _nearness(reference, reference) / np.outer(unit, unit)
-    found: list[tuple[float, float, float, float, Array, Array]] = []
+    points: list[tuple[float, float, float, float, Array, Array]] = []
     for level in _ARM_LEVELS.tolist():
         for unexplained_mm, share in zip(_UNEXPLAINED_MM.tolist(), _UNEXPLAINED_SHARES.tolist(), strict=True):
             values, vectors = np.linalg.eigh(level**2 * of_arm + of_setup + unexplained_mm**2 * near)
@@ -219,9 +219,9 @@ def condition(reference: LinearReadings) -> Conditioned:
             for scatter, log_prior in zip(_SCATTERS.tolist(), _SCATTER_PRIOR.tolist(), strict=True):
                 total = values + scatter**2
                 log_weight = np.log(share) + log_prior - 0.5 * float(np.log(total).sum() + (turned / total).sum())
-                found.append((log_weight, scatter, level, unexplained_mm, vectors, values))
-    most = max(point[0] for point in found)
-    kept = [(np.exp(point[0] - most), *point[1:]) for point in found if point[0] > most + np.log(_NEGLIGIBLE)]
+                points.append((log_weight, scatter, level, unexplained_mm, vectors, values))
+    most = max(point[0] for point in points)
+    kept = [(np.exp(point[0] - most), *point[1:]) for point in points if point[0] > most + np.log(_NEGLIGIBLE)]
     total_weight = sum(point[0] for point in kept)
     return Conditioned(reference, tuple(Scenario(float(point[0] / total_weight), *point[1:]) for point in kept))
 
@@ -268,8 +268,8 @@ def posterior(
     estimates[OTHER] = _estimate_other(predictions)
     outlier_log, wild_row = {}, {}
     for cause in [NOTHING, *columns]:
-        own = columns.get(cause, none)
-        outlier_log[cause], wild_row[cause] = _with_outlier(predictions, own, cause, estimates[cause], row)
+        shift = columns.get(cause, none)
+        outlier_log[cause], wild_row[cause] = _with_outlier(predictions, shift, cause, estimates[cause], row)
     probability = _normalised(single, estimates, outlier_log)
     best = max(probability, key=lambda cause: probability[cause])
     if probability[OTHER] > 1 / 21 or not _fits(predictions, columns, estimates, best):
@@ -362,8 +362,8 @@ def _with_outlier(
     logs = []
     for number in numbers.tolist():
         entries = np.flatnonzero(row == number)
-        own = np.eye(len(row))[:, entries]
-        both = Shift(np.concatenate([shift.columns, own], axis=1), shift.offset)
+        outlier = np.eye(len(row))[:, entries]
+        both = Shift(np.concatenate([shift.columns, outlier], axis=1), shift.offset)
         scale = np.concatenate([cause.scale * level, np.full(len(entries), _OUTLIER_UNITS * _scatter(predictions))])
         log = _estimate(
             predictions, both, scale, _OUTLIER_LEVELS[:, None] ** (np.arange(len(scale)) >= len(cause.scale))
@@ -403,7 +403,7 @@ def _fits(
 
 def _pair_estimates(predictions: Sequence[Prediction], columns: Mapping[Cause, Shift]) -> dict[Cause, Estimate]:
     """Return the estimate of each pair of causes."""
-    causes, found = list(columns), {}
+    causes, estimates = list(columns), {}
     for k, first in enumerate(causes):
         for second in causes[k + 1 :]:
             pair = Cause("pair", members=(first, second))
@@ -413,5 +413,5 @@ def _pair_estimates(predictions: Sequence[Prediction], columns: Mapping[Cause, S
             one, other = columns[first], columns[second]
             both = Shift(np.concatenate([one.columns, other.columns], axis=1), one.offset + other.offset)
             if both.columns.shape[1] < both.columns.shape[0]:
-                found[pair] = _estimate(predictions, both, pair.scale, levels)
-    return found
+                estimates[pair] = _estimate(predictions, both, pair.scale, levels)
+    return estimates

@@ -90,7 +90,7 @@ def _scale_u(robot: Robot) -> float:
 def _without(runs: Sequence[ObservedRun], left_out: Container[KnownSocketDistance] | None = None) -> list[ObservedRun]:
     """Return runs without the known distances `left_out`; without any if None."""
 
-    def kept(rig: Rig) -> Rig:
+    def is_consistent(rig: Rig) -> Rig:
         return rig.with_distances(
             distance for distance in rig.tests.distances if left_out is not None and distance not in left_out
         )

@@ -587,8 +587,7 @@ def is_open(part: BudgetPart, named: Named) -> bool:
 
 
 def is_certain_part(diagnosis: Diagnosis, part: BudgetPart) -> bool:
-    """Return whether the contribution of a part is certain, although the cause may be any of several similar
-    effects."""
+    """Return whether the contribution of a part is certain, even if several similar effects may be the cause."""
     if part.index is None:
         return part.sigma >= CERTAIN_SIGMA
     # If usual errors may have the same result, the cause is undecided and the contribution certain.
