@@ -76,7 +76,7 @@ def test_check_says_that_the_model_begins_with_effects_and_where_from(tmp_path: 
     found = "found: {date: 2026-05-01, runs: [mon, tue]}"
     file.write_text(TEXT + f"  - {{effect: joint_offset, axis: 2, offset_deg: 0.01, {found}}}\n")
     told = CliRunner().invoke(app, ["check", str(file)]).stdout
-    said = "3 effects, written by hand: backlash 1, backlash 5; found on 2026-05-01 in mon, tue: joint_offset 2"
+    said = "3 effects, written by hand: play of axis 1, play of axis 5; found on 2026-05-01 in mon, tue: zero of axis 2"
     assert told.count(f"  the model already contains {said}\n") == 1
     assert "begins with" not in CliRunner().invoke(app, ["check", "paper-fanuc"]).stdout
 

@@ -80,7 +80,7 @@ def test_what_is_far_below_its_uncertainty_is_said_to_be_so(left: ModelResidual,
 def test_a_comparison_shows_where_with_the_joint_that_turns_back() -> None:
     runs = circles((PLAY,), seed=73, count=1)
     bare = disagreement(RIG, runs)
-    assert bare.staircase is None and {place.joint for place in bare.where if "jumps" in place.why} == {1}
+    assert bare.staircase is None and {place.joint for place in bare.where if "step" in place.why} == {1}
     compared = located(compare(runs, RIG), RIG, runs)
     assert any(place["joint"] == 1 for place in compared.to_dict()["where"])
 
