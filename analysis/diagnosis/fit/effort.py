@@ -9,9 +9,11 @@ _MOST_ROUNDS = 60
 cell with an unknown cause did not converge. After the limit, the residual widens the uncertainties by the
 strength of the band.
 """
-_MOST_VAIN = 4
-"""Largest number of successive vain rounds. Chosen: a healthy cell with an unknown cause named 24 effects in 60 rounds,
-of which rounds 5 to 60 left the unexplained energy as it was; no other golden case has more than two."""
+_USUAL_ROUNDS, _MOST_VAIN = 10, 4
+"""Number of rounds from which vain rounds count, and largest number of successive ones. Chosen: sound cells and poses
+of a UR10 end after 1 to 9 rounds, of which up to five are vain. A healthy cell with an unknown cause named 24 effects
+in 60 rounds, most of which left the unexplained energy as it was.
+"""
 _LITTLE = 50.0
 """Log evidence below which a gain is little: that from which a free form competes with names."""
 _UNEXPLAINED, _REDUCED = 0.02, 0.02
@@ -41,4 +43,5 @@ class Effort:
     @property
     def is_spent(self) -> bool:
         """Whether no further round is allowed."""
-        return self.rounds >= _MOST_ROUNDS or self.vain >= _MOST_VAIN
+        is_vain = self.rounds >= _USUAL_ROUNDS and self.vain >= _MOST_VAIN
+        return is_vain or self.rounds >= _MOST_ROUNDS
