@@ -90,9 +90,9 @@ def _scale_u(robot: Robot) -> float:
 def _without(runs: Sequence[ObservedRun], left_out: Container[KnownSocketDistance] | None = None) -> list[ObservedRun]:
     """Return runs without the known distances `left_out`; without any if None."""
 
-    def with_remaining_distances(rig: Rig) -> Rig:
+    def rig_without(rig: Rig) -> Rig:
         return rig.with_distances(
             distance for distance in rig.tests.distances if left_out is not None and distance not in left_out
         )
 
-    return [replace(run, model=replace(run.model, rig=with_remaining_distances(run.model.rig))) for run in runs]
+    return [replace(run, model=replace(run.model, rig=rig_without(run.model.rig))) for run in runs]
