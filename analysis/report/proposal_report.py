@@ -15,8 +15,8 @@ from analysis.report.plain_console import fold_long_words, right
 from analysis.report.plan_report import noise_in_words
 from analysis.runs.written_files import refuse_existing
 from rigs.edit import Keys, Value, with_values
+from rigs.effect_names import name_in_words, names_in_words
 from rigs.rig import Rig
-from rigs.schema.effect_names import name_in_words, names_in_words
 from rigs.schema.vocabulary import CIRCLES
 
 _MOST_REASONS = 3
