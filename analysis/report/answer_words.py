@@ -38,9 +38,9 @@ from analysis.report.diagnosis_words import (
 )
 from analysis.report.movement_words import movement_sentence
 from analysis.report.texts import Texts, texts_of
+from rigs.effect_names import name_in_words
 from rigs.effects import Effect
 from rigs.schema.effect import name_of, size_field, whole_order
-from rigs.schema.effect_names import name_in_words
 
 SMALL_SHARE = 0.001
 """Share of the error below which ordinary parts are counted together."""

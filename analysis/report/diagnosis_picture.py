@@ -22,7 +22,7 @@ from analysis.report.summary_words import summarise
 from analysis.report.texts import texts_of
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.readings import rms
-from rigs.schema.effect_names import name_in_words
+from rigs.effect_names import name_in_words
 
 _WIDTH = 11.0
 _MOST_GROUPS = 5

@@ -34,7 +34,7 @@ from analysis.report.stairs import stairs_of, stairs_table
 from analysis.report.summary_screen import on_screen
 from analysis.report.summary_words import summarise
 from analysis.report.texts import texts_of
-from rigs.schema.effect_names import name_in_words, names_in_words, parameter_in_words
+from rigs.effect_names import name_in_words, names_in_words, parameter_in_words
 from rigs.schema.vocabulary import CIRCLES
 from rigs.text import counted
 

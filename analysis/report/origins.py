@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rigs.calibration import CalibratedModel
+from rigs.effect_names import name_in_words
 from rigs.effects import Effect
 from rigs.schema.effect import name_of
-from rigs.schema.effect_names import name_in_words
 from rigs.text import counted
 
 _MOST_NAMED = 5

@@ -55,6 +55,8 @@ class Backlash(Effect):
     preload: float = shape(0, 1, 0.0)
 
     STAGE = "joint"
+    KIND_NAME = "play"
+    SEAT_NOUN = "axis"
     PLACE = AT_AXIS
     STRAIGHT = 0.0
     MOST = 200.0

@@ -24,6 +24,7 @@ class BallForm(Effect):
     phase_deg: float = shape(-360, 360, 0.0)
 
     STAGE = "setup"
+    KIND_NAME = "form of the ball"
     DEED = "mount"
     PLACE = SeatNotation(r"(?P<lobes>\d+)", "3 (lobes)")
 

@@ -23,6 +23,7 @@ class BaseSags(Effect):
     """Healthy value, derived: tilt of a good base (`base_yields`, 0.09 µrad/Nm) at 100 mm from the support."""
 
     STAGE = "tool"
+    KIND_NAME = "sag of the base under load"
     DEED = "mount"
     PART = "gravity"
     PLACE = SeatNotation("(?P<way>x|y)?", "x", {"way": _WAYS})

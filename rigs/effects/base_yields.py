@@ -47,6 +47,7 @@ class BaseYields(Effect):
     below_mm: float = shape(0, 5000, 0.0)
 
     STAGE = "tool"
+    KIND_NAME = "tilt of the base under load"
     DEED = "mount"
     PART = "gravity"
     PLACE = SeatNotation("(?P<way>evenly|xy|yx|x|y)?", "evenly", {"way": _WAYS})

@@ -49,6 +49,8 @@ class Compliance(Effect):
     payload_kg: float = shape(-500, 500, 0.0)
 
     STAGE = "joint"
+    KIND_NAME = "deflection under load"
+    SEAT_NOUN = "axis"
     DEED = "enter"
     PART = "gravity"
     PLACE = AT_AXIS

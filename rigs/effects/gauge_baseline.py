@@ -17,6 +17,7 @@ class GaugeBaseline(Effect):
     delta_mm: float = size(10, 0.05)
 
     STAGE = "setup"
+    KIND_NAME = "distance between the gauges"
     DEED = "check"
 
     def apply(self, scene: S) -> S:

@@ -36,6 +36,8 @@ class GaugeCyclic(Effect):
     phase_deg: float = shape(-360, 360, 0.0)
 
     STAGE = "gauge"
+    KIND_NAME = "interpolation error"
+    SEAT_NOUN = "gauge"
     DEED = "mount"
     PLACE = SeatNotation(rf"(?P<gauge>g[12]):(?P<period_mm>{NUMBER})", "g1:0.5 (gauge:period in mm)")
     STRETCHED = (StretchedShape("period_mm", 0.05),)

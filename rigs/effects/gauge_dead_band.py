@@ -26,6 +26,8 @@ class GaugeDeadBand(Effect):
     width_mm: float = size(0.5, 5e-4, least=0.0)
 
     STAGE = "gauge"
+    KIND_NAME = "sticking"
+    SEAT_NOUN = "gauge"
     NEEDS_REPEATS = True
     DEED = "mount"
     PLACE = AT_GAUGE

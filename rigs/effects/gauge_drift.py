@@ -16,6 +16,8 @@ class GaugeDrift(Effect):
     mm_per_min: float = size(1, 2e-4)
 
     STAGE = "gauge"
+    KIND_NAME = "drift"
+    SEAT_NOUN = "gauge"
     NEEDS_REPEATS = True
     DEED = "wait"
     PLACE = AT_GAUGE

@@ -18,6 +18,8 @@ class GaugeInclination(Effect):
     angle_deg: float = size(30, 0.5, least=0.0)
 
     STAGE = "gauge"
+    KIND_NAME = "inclination"
+    SEAT_NOUN = "gauge"
     DEED = "mount"
     PLACE = AT_GAUGE
 

@@ -16,6 +16,8 @@ class GaugeScale(Effect):
     relative: float = size(0.2, 5e-4)
 
     STAGE = "gauge"
+    KIND_NAME = "scale"
+    SEAT_NOUN = "gauge"
     DEED = "check"
     PLACE = AT_GAUGE
 

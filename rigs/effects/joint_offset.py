@@ -20,6 +20,8 @@ class JointOffset(Effect):
     offset_deg: float = size(5, 0.02)
 
     STAGE = "joint"
+    KIND_NAME = "zero"
+    SEAT_NOUN = "axis"
     DEED = "remaster"
     PART = "constants"
     PLACE = AT_AXIS

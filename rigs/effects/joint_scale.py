@@ -26,6 +26,8 @@ class JointScale(Effect):
     """
 
     STAGE = "joint"
+    KIND_NAME = "angle scale"
+    SEAT_NOUN = "axis"
     DEED = "enter"
     PART = "constants"
     PLACE = AT_AXIS

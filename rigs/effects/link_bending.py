@@ -25,6 +25,8 @@ class LinkBending(Effect):
     mm_per_Nm: float = size(0.05, 1e-4, least=0.0)
 
     STAGE = "tool"
+    KIND_NAME = "bending"
+    SEAT_NOUN = "link"
     DEED = "enter"
     PLACE = AT_AXIS
 

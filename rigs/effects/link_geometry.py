@@ -29,6 +29,7 @@ class LinkGeometry(Effect):
     delta: float = size(50, 0.2)
 
     STAGE = "arm"
+    SEAT_NOUN = "axis"
     DEED = "enter"
     STRAIGHT = 0.02  # beyond this share of a healthy size the non-linearity would be visible
     # The angle beta of Hayati is an addition to the four parameters of a joint.
@@ -52,6 +53,11 @@ class LinkGeometry(Effect):
             # The angle of Hayati applies to a joint parallel to the previous joint; otherwise it is redundant.
             if field != "beta" or (axis > 1 and abs(np.sin(np.radians(scope.twist_deg[axis - 1]))) < _PARALLEL)
         ]
+
+    @classmethod
+    def kind_name(cls, field: str) -> str:
+        """Return the name of a constant, empty if there is no such constant."""
+        return next((name for constant, name in _IN_WORDS.items() if constant == field), "")
 
     def plain(self, joint: str) -> str:
         return f"{_IN_WORDS[self.field]} of {joint} in the rig file"

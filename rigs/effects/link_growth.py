@@ -31,6 +31,7 @@ class LinkGrowth(Effect):
     time_constant_s: float = shape(1, 1e5, 600.0)
 
     STAGE = "gauge"
+    KIND_NAME = "thermal growth of the ball link"
     NEEDS_REPEATS = True
     DEED = "wait"
     PART = "warming"

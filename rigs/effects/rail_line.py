@@ -38,6 +38,7 @@ class RailLine(Effect):
     """
 
     STAGE = "tool"
+    KIND_NAME = "straightness of the rail"
     DEED = "mount"
     PART = "constants"
     PLACE = SeatNotation("(?P<way>along|across|up)?", "along", {"way": _WAYS})

@@ -40,6 +40,8 @@ class ReversalSpike(Effect):
     rise: float = shape(0, 1, 0.0)
 
     STAGE = "joint"
+    KIND_NAME = "wind-up after reversals"
+    SEAT_NOUN = "axis"
     PLACE = AT_AXIS
     FREE = (FreeShape("slow", 0.0, 0.2), FreeShape("rise", 0.02, 0.05))
     STRETCHED = (StretchedShape("decay_s", 0.7),)

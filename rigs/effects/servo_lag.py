@@ -17,6 +17,8 @@ class ServoLag(Effect):
     lag_s: float = size(0.2, 5e-4, least=0.0)
 
     STAGE = "joint"
+    KIND_NAME = "lag behind the feedback"
+    SEAT_NOUN = "axis"
     PART = "clocks"
     PLACE = AT_AXIS
 

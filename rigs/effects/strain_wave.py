@@ -84,6 +84,8 @@ class StrainWave(Effect):
     loss: float = shape(0, 2, 0.0)
 
     STAGE = "joint"
+    KIND_NAME = "torsion of the gear"
+    SEAT_NOUN = "axis"
     DEED = "enter"
     PART = "gravity"
     PLACE = AT_AXIS

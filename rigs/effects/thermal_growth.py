@@ -36,6 +36,7 @@ class ThermalGrowth(Effect):
     time_constant_s: float = shape(1, 1e5, 600.0)
 
     STAGE = "tool"
+    KIND_NAME = "thermal growth of the arm"
     NEEDS_REPEATS = True
     DEED = "wait"
     PART = "warming"

@@ -15,6 +15,7 @@ class TimeLag(Effect):
     lag_s: float = size(1, 1e-3)
 
     STAGE = "time"
+    KIND_NAME = "delay of the gauges"
     DEED = "check"
 
     def apply(self, scene: S) -> S:

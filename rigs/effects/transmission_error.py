@@ -53,6 +53,8 @@ class TransmissionError(Effect):
     third: float = shape(-1, 1, 0.0)
 
     STAGE = "joint"
+    KIND_NAME = "gear error"
+    SEAT_NOUN = "axis"
     PART = "curve"
     # An open gear starts with eccentricity and twice that order.
     PLACE = SeatNotation(

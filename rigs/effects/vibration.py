@@ -20,6 +20,7 @@ class Vibration(Effect):
     phase_deg: float = shape(-360, 360, 0.0)
 
     STAGE = "gauge"
+    KIND_NAME = "vibration"
     PART = "gauges"
     PLACE = SeatNotation(rf"(?P<frequency_hz>{NUMBER})", "8.5 (Hz)")
 

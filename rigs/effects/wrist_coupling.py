@@ -21,6 +21,7 @@ class WristCoupling(Effect):
     ratio: float = size(0.1, 1e-4)
 
     STAGE = "joint"
+    KIND_NAME = "coupling between wrist axes"
     DEED = "enter"
     PART = "constants"
     PLACE = SeatNotation(r"(?P<from_axis>[1-7])\.(?P<to_axis>[1-7])", "4.5 (from.to)")

@@ -209,6 +209,10 @@ class Effect(Part, ABC):
     found: EffectProvenance | None = None
 
     STAGE: ClassVar[Stage]
+    KIND_NAME: ClassVar[str] = ""
+    """Everyday name of the effect without its seat; the identifier if empty."""
+    SEAT_NOUN: ClassVar[str] = ""
+    """Noun of the seat: axis, link or gauge; empty if the effect has none of these."""
     PLACE: ClassVar[SeatNotation] = NOWHERE
     STRAIGHT: ClassVar[float] = 1.0
     """Largest size, in healthy sizes, with a linear response; 0 for nonlinear effects such as backlash."""
@@ -239,6 +243,12 @@ class Effect(Part, ABC):
 
         Callers add the second phase of a wave.
         """
+
+    @classmethod
+    def kind_name(cls, field: str) -> str:
+        """Return the everyday name without the seat; field: the part of the seat after its dot, if any."""
+        del field
+        return cls.KIND_NAME
 
     @abstractmethod
     def plain(self, joint: str) -> str:

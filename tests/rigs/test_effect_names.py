@@ -2,8 +2,8 @@
 
 import pytest
 
+from rigs.effect_names import kind_in_words, name_in_words, names_in_words
 from rigs.effects import VOCABULARY
-from rigs.schema.effect_names import kind_in_words, name_in_words, names_in_words
 
 _FIELDS = {"link_geometry": (" a", " alpha", " beta", " d")}
 

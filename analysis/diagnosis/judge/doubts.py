@@ -19,9 +19,9 @@ from analysis.diagnosis.judge.validation import shows_noise
 from analysis.diagnosis.judge.verdict import shows_time
 from analysis.procedures.facts import labels_of
 from analysis.robot.kinematics.arm import rail_mm
+from rigs.effect_names import name_in_words
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
-from rigs.schema.effect_names import name_in_words
 
 _BETTER = 0.97
 """Ratio of the residual without an effect of the rig file to the residual with it, below which the effect is

@@ -43,10 +43,10 @@ from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import Measured
 from rigs.calibration import ModelAssessment
+from rigs.effect_names import name_in_words
 from rigs.errors import RigError
 from rigs.rig import Rig
 from rigs.schema.effect import is_wave, label_of, name_of, size_field, size_of
-from rigs.schema.effect_names import name_in_words
 from rigs.schema.limits import Limit, Limits, Standing
 from rigs.schema.scene import OUTSIDE_ARM
 from rigs.schema.vocabulary import TestName

@@ -13,8 +13,8 @@ from analysis.report.answer_words import AnswerWords, fields_of, part_of, shown_
 from analysis.report.diagnosis_words import micrometres, percent, size, sure, um_with_u
 from analysis.report.stairs import residual_words, stairs_of
 from analysis.report.texts import Texts
+from rigs.effect_names import name_in_words
 from rigs.effects import Effect
-from rigs.schema.effect_names import name_in_words
 from rigs.schema.vocabulary import CIRCLES
 
 _MOST_GROUPS = 3

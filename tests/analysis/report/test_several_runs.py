@@ -71,7 +71,7 @@ def test_runs_of_other_poses_have_no_common_mean(tmp_path: Path) -> None:
 
 def test_every_repeat_is_paired_and_runs_of_a_direction_become_a_mean(laps: list[Result]) -> None:
     words = [str(part) for part in as_tables(laps).renderables]  # type: ignore[attr-defined]
-    assert any(line.startswith("acw against cw (2 pairs): ") for line in words)
+    assert any(line.startswith("acw against cw (2 pairs):") for line in words)
     assert "mean of 2 yaw acw runs and 2 yaw cw runs ± standard uncertainty of the mean" in " ".join(words)
     answer = as_object(laps)
     (both,) = answer["acw_against_cw"]

@@ -25,9 +25,9 @@ from analysis.diagnosis.plan.expected import (
 )
 from analysis.procedures.shared.quantity import quantity_of
 from analysis.report.plain_console import fold_long_words, right
+from rigs.effect_names import kind_in_words, name_in_words, names_in_words
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import name_of
-from rigs.schema.effect_names import kind_in_words, name_in_words, names_in_words
 from rigs.schema.vocabulary import CIRCLES, TestName
 from rigs.text import counted
 
@@ -55,11 +55,10 @@ def as_table(plan: CapabilityOfTests) -> RenderableType:
     small = sum(all(map(_small, forms)) for forms in plan.names.values())
     larger = len(plan.names) - small - unseen
     words = (
-        f"Of {len(plan.names)} possible errors, these tests detect {small} as soon as they are faults, {larger} only "
+        f"These tests detect {small} of {len(plan.names)} possible errors as soon as they are faults, {larger} only "
     )
-    words += (
-        f"if they are larger, and {unseen} at no size. {counted(len(plan.pairs), 'pair looks', 'pairs look')} alike.\n"
-    )
+    alike = counted(len(plan.pairs), "pair looks", "pairs look")
+    words += f"only if they are larger, and {unseen} at no size. {alike} alike.\n"
     columns = ("error", "unit", right("usual"), right("detected from"))
     table = Table(*columns, title=_title("Base, ball, gauges and clocks"), header_style="bold", **_TITLE)
     for kind, seats in _by_seat(plan, joints=False).items():

@@ -15,8 +15,8 @@ from analysis.diagnosis.plan.proposal import SET_UP_MIN, CircleProposal, Propose
 from analysis.report.plain_console import fold_long_words, right
 from analysis.runs.written_files import refuse_existing
 from rigs.edit import Keys, Value, with_values
+from rigs.effect_names import name_in_words, names_in_words
 from rigs.rig import Rig
-from rigs.schema.effect_names import name_in_words, names_in_words
 from rigs.schema.vocabulary import CIRCLES
 
 _MOST_REASONS = 3

@@ -94,7 +94,7 @@ def test_a_single_figure_is_not_spoken_of_as_several(laps: list[Result]) -> None
     for bound, overall in ((100.0, "pass"), (1e-6, "fail")):
         verdict = judge(laps[:1], _limits(band_deg=Limit(fail=bound)))
         assert (verdict.overall, len(verdict.judged)) == (overall, 1)
-        assert "1 figures" not in verdict_sentence(verdict, TEXTS)
+        assert ("fails: " in verdict_sentence(verdict, TEXTS)) == (overall == "fail")
 
 
 def test_a_figure_whose_uncertainty_reaches_over_its_limit_does_not_pass(laps: list[Result]) -> None:
