@@ -13,8 +13,8 @@ import pytest
 ENGLISH = runpy.run_path(str(Path(__file__).parents[1] / "scripts" / "tools" / "english.py"))
 MOST = {
     "docstrings": 2.5,
-    "messages": 9.0,
-    "page texts": 10.8,  # half of it are keys of data: held_out, nothing_unusual, unjudged
+    "messages": 8.8,
+    "page texts": 10.6,  # half of it are keys of data: held_out, nothing_unusual, unjudged
     "documents": 7.0,
     "docstrings without a noun or verb first": 0.0,
     "names of a participle or preposition": 8.0,  # public names and attributes of users' own extensions
