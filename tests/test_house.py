@@ -22,7 +22,8 @@ MOST = {
     # 800 of the five parts of each test in files of their own, 300 of stages of the diagnosis and readers: heads,
     # imports and types of 39 files. 1700 of two arms, 1450 of the better posture, 500 of the summary in tiles; 2000 of
     # docstrings with paragraphs.
-    "product lines": 107_900,
+    # 120 of vain rounds, and of the diagnosis that a session reuses for its page.
+    "product lines": 108_020,
     # 24 effects, 23 drivers, 24 of makers and 28 parts of tests stand one a file; 7 of the ring for postures and 11 of
     # that for pairs; prices of effects, and the postures of KRL and RAPID, out of files of more than 600 lines.
     "product files": 642,
@@ -32,7 +33,8 @@ MOST = {
     "names that say nothing": 147,  # 42 in what moved, whose JSON has the field "what"
     "circles of modules": 0,
     "files that name one maker": 7,  # outside its own; 18 before a maker owned itself; ros_kinematics reads ur's alone
-    "suppressions": 240,  # 94 slow imports inside of functions, and 79 asserts on what a reader has checked
+    # 94 slow imports inside of functions, 79 asserts on what a reader has checked; 1 unpickles from our own process
+    "suppressions": 241,
     "lines of the longest file": 600,
 }
 """The largest value of each number of `scripts/dev house`. Lower it where it fell; raise it with a reason beside it."""
