@@ -41,7 +41,8 @@ MOST = {
     "names that say nothing": 151,  # 46 in what moved, whose JSON and mark have the field "what"
     "circles of modules": 0,
     "files that name one maker": 7,  # outside its own; 18 before a maker owned itself; ros_kinematics reads ur's alone
-    "suppressions": 240,  # 94 slow imports inside of functions, and 79 asserts on what a reader has checked
+    # 94 slow imports inside of functions, 79 asserts on what a reader has checked; 1 unpickles from our own process
+    "suppressions": 241,
     "lines of the longest file": 600,
 }
 """The largest value of each number of `scripts/dev house`. Lower it where it fell; raise it with a reason beside it."""

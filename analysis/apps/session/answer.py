@@ -6,11 +6,10 @@ import json
 import os
 import pickle
 import sys
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -161,12 +160,13 @@ StartInference = Callable[[Sequence[Path], Sequence[Path], Path, Path], Infers]
 class Inference:
     """An inference in a separate process.
 
-    returned: file without a name that the process inherits and writes the diagnosis to. No other program can.
+    returned: descriptor of a file in memory, which the process inherits and writes the diagnosis to. No other program
+    can write to it.
     """
 
     child: Child
     directory: Path
-    returned: IO[bytes]
+    returned: int
 
     @classmethod
     def start(cls, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Inference:
@@ -183,10 +183,8 @@ class Inference:
         }
         write_new(request, holding(json.dumps(asked).encode()))
         log = directory.with_suffix(".log")
-        returned = tempfile.TemporaryFile()  # noqa: SIM115 - it is read when the process has ended
-        number = returned.fileno()
-        entry = "analysis.apps.session.answer"
-        child = Child.start(entry, "inference", [request, str(number)], log, nice=_NICE, keeps=[number])
+        returned, entry = os.memfd_create("diagnosis"), "analysis.apps.session.answer"
+        child = Child.start(entry, "inference", [request, str(returned)], log, nice=_NICE, keeps=[returned])
         return cls(child, directory, returned)
 
     @property
@@ -197,16 +195,16 @@ class Inference:
     def result(self) -> Answer:
         """Return the answer. Raises CellError if the process failed."""
         if self.child.exit_code != 0:
-            self.returned.close()
+            os.close(self.returned)
             raise self.child.ended()
         text = (self.directory / ANSWER).read_text(encoding="utf-8")
         return Answer.model_validate_json(text)
 
     def diagnosis(self) -> Diagnosis | None:
         """Return the diagnosis that the process has written."""
-        with self.returned:
-            self.returned.seek(0)
-            diagnosis: Diagnosis = pickle.load(self.returned)  # noqa: S301 - of our own process, by a nameless file
+        with os.fdopen(self.returned, "rb") as returned:
+            returned.seek(0)
+            diagnosis: Diagnosis = pickle.load(returned)  # noqa: S301 - of our own process, by a nameless file
             return diagnosis
 
 

@@ -247,9 +247,9 @@ def _placed(runs: Sequence[ObservedRun], starts: Mapping[str, SetUp]) -> dict[st
 
     def slopes(run: ObservedRun, scene: ModelScene, terms: Array) -> Array:
         steps = [terms, *(terms + _STEP_MM * np.eye(len(terms)))]
-        here, *moved_by_step = (residual_at(run, scene, step) for step in steps)
-        J = np.zeros((len(here), count))  # zero for the terms of other set-ups
-        J[:, columns[run.setup]] = (here[:, None] - np.stack(moved_by_step, axis=1)) / _STEP_MM
+        unmoved, *moved_by_step = (residual_at(run, scene, step) for step in steps)
+        J = np.zeros((len(unmoved), count))  # zero for the terms of other set-ups
+        J[:, columns[run.setup]] = (unmoved[:, None] - np.stack(moved_by_step, axis=1)) / _STEP_MM
         return J
 
     ball = np.arange(count) < (0 if poses else 3)

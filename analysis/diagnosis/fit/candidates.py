@@ -316,8 +316,8 @@ class Columns:
         return kept[1]
 
     def weighted_products(self, responses: Sequence[Response], weights: BandWeights) -> Array:
-        """Return the weighted products (k, p) of the columns of responses with all columns. The products by band are
-        cached with each response, and those of all new responses are computed together.
+        """Return the weighted products (k, p) of whitened responses with all columns. The products by band are cached
+        with each response, and those of all new responses are computed together.
         """
         key = weights.shape.tobytes()
         new = [response for response in responses if self._products.get(response, (b"",))[0] != key]
