@@ -126,7 +126,7 @@ def is_of_spot(column: str) -> bool:
 
 
 def _refuse_repeated(raw: RawTable, joints: Sequence[ColumnGroup]) -> None:
-    """Check that not every group of joints contains a column name twice: which joint is missing cannot be told."""
+    """Check that some group of joints has distinct column names. Raises FileError: a joint is missing then."""
     repeated = [
         next((name for name in group.columns if re.sub(r" \(\d+\)$", "", name) in {*group.columns} - {name}), "")
         for group in joints
