@@ -52,7 +52,7 @@ def test_a_recorded_run_is_verified_and_analysed_with_page_and_pictures(recorded
 def test_a_rig_file_is_checked() -> None:
     done = _rig("check", "paper-fanuc")
     assert done.returncode == 0, done.stderr
-    assert "circle of 70 mm: reachable" in done.stdout
+    assert "circle of radius 70 mm: reachable" in done.stdout
 
 
 def test_simulated_runs_are_written_and_analysed(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ def test_a_file_without_its_second_gauge_is_ready_for_distances_alone() -> None:
     ready = [test for test in get_args(TestName) if not missing_for(rig, test)]
     assert ready == ["radial", "repeatability"]
     assert [missing.key for missing in missing_for(rig, "yaw")] == ["gauges.g2"]
-    assert "not yaw, roll: has only one gauge, but" in "\n".join(readiness_lines(rig))
+    assert "not possible: yaw, roll: has only one gauge, but" in "\n".join(readiness_lines(rig))
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from analysis.diagnosis.evidence.observation import ObservedRun, observe_run
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.background import Background, background_of
 from analysis.diagnosis.fit.candidates import Columns, Form, candidates_for, columns_for
-from analysis.diagnosis.fit.responses import Linearisation, linearise
+from analysis.diagnosis.fit.responses import Linearisation, linearise, noise_um
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.plan.detectability import CapabilityOfTests, plan
 from analysis.procedures.prediction import nominal_setup, path_of
@@ -220,3 +220,9 @@ def no_background(linear: Linearisation, more: Array | None = None) -> Backgroun
     X = np.concatenate([linear.U, other], axis=1)
     variance = np.concatenate([np.full(linear.U.shape[1], 100.0), np.ones(other.shape[1])])
     return background_of(columns_of(X, np.zeros(len(X), dtype=np.int64)), np.ones(len(X)), variance)
+
+
+def scatter_um(linear: Linearisation) -> Array:
+    """Return the noise (b,) µm of a run without the part that timestamps add."""
+    blocks = [replace(block, apart_mm=block.steady_mm) for block in linear.blocks]
+    return noise_um(linearise(blocks, linear.setups))

@@ -218,7 +218,7 @@ def _moved(t: _Table, rng: np.random.Generator) -> None:
     later = np.arange(len(t.q)) >= int(len(t.q) * rng.uniform(0.4, 0.85))
     turn = Rotation.from_rotvec(rng.normal(0, np.radians(0.3), 3))
     t.xyz_mm = np.where(later[:, None], turn.apply(t.xyz_mm) + rng.normal(0, 8, 3), t.xyz_mm)
-    t.says, t.sound = "far from|left out|elsewhere", False
+    t.says, t.sound = "far from|left out|elsewhere|different place", False
 
 
 def _another_arm(t: _Table, rng: np.random.Generator) -> None:

@@ -100,8 +100,8 @@ def _two_rigs(first_file: str, second_file: str) -> tuple[tuple[Rig, str], tuple
 
     first, second = load(first_file), load(second_file)
     if first[0].name == second[0].name:
-        problem = f"has the name {first[0].name}, as the first rig file"
-        raise FileError(second_file, problem, "give each arm a name of its own (key name)")
+        problem = f"has the same name as the first rig file, {first[0].name}"
+        raise FileError(second_file, problem, "give each arm a unique name (key name)")
     return first, second
 
 

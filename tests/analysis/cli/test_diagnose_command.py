@@ -221,7 +221,8 @@ def test_a_model_without_effects_is_not_corrected_by(
     effects: tuple[Any, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A sound arm's model led to `has no effects to correct`."""
-    say_correct(replace(diagnosis("named"), effects=effects, calibrated=None), Path("found/cell.yaml"))
+    found = replace(diagnosis("named"), acts=(LOAD,), effects=effects, calibrated=None)
+    say_correct(found, Path("found/cell.yaml"))
     assert capsys.readouterr().err == ("next: rig correct found/cell.yaml -o corrections\n" if effects else "")
     nothing = (replace(LOAD, kind="none"),)
     say_correct(replace(diagnosis("named"), acts=nothing, effects=effects, calibrated=None), Path("found/cell.yaml"))

@@ -48,7 +48,7 @@ def _changed(folder: Path, name: str, joints: list[str], factors: tuple[float, .
     ("joints", "factors", "words", "remedy"),
     [
         (["q1_deg", "q3_deg", "q2_deg", *_JOINTS[3:]], (1.0,) * 6, "J2 and J3 exchanged", "exchange the columns"),
-        (_JOINTS, (1, 1, 1, 1, -1, 1), "J5 counted the other way", "change the sign of q5_deg"),
+        (_JOINTS, (1, 1, 1, 1, -1, 1), "J5 counted in the opposite direction", "change the sign of q5_deg"),
     ],
 )
 def test_exchanged_or_negated_joints_of_touches_are_named(

@@ -22,8 +22,8 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_plan_of_touches_is_of_touches(cell: Path) -> None:
     said = ran("plan", str(cell), "--tests", "touch", COLUMNS="200").stdout
-    assert "touch: 3 runs each\n" in said
-    assert "a touch, each coordinate" in said
+    assert "touch: 3 runs of each test\n" in said
+    assert "each coordinate of a touch" in said
     assert "the places of the sockets" in said
     assert not [word for word in ("circle", "gauge") if word in said]
 

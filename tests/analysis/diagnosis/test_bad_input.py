@@ -95,7 +95,7 @@ def test_a_true_effect_in_the_rig_file_leaves_nothing_to_name() -> None:
 def test_a_wrong_effect_in_the_rig_file_is_doubted_and_taken_back() -> None:
     # Of two runs a direction the noise is known so badly that one such case in four ended as outside the library.
     found = found_in(circles(seed=26, count=4), _with(JointOffset(axis=3, offset_deg=0.12)))
-    assert _has_doubt(found, "without joint_offset 3 of the rig file") and _has_doubt(found, "remove it")
+    assert _has_doubt(found, "without the zero of axis 3 of the rig file") and _has_doubt(found, "remove it")
     assert found.condition == "named"
     (one,) = found.effects
     assert name_of(one.effect) == "joint_offset 3"
@@ -104,7 +104,7 @@ def test_a_wrong_effect_in_the_rig_file_is_doubted_and_taken_back() -> None:
 
 def test_a_wrong_zero_in_the_rig_file_is_doubted_and_taken_back_from_poses() -> None:
     found = found_in([poses(26)], _with(JointOffset(axis=3, offset_deg=0.12)))
-    assert _has_doubt(found, "without joint_offset 3 of the rig file") and _has_doubt(found, "remove it")
+    assert _has_doubt(found, "without the zero of axis 3 of the rig file") and _has_doubt(found, "remove it")
     (one,) = found.standing
     assert name_of(one.effect) == "joint_offset 3"
     assert abs(getattr(one.effect, "offset_deg", 0.0) + 0.12) < 3 * one.sd["offset_deg"]

@@ -94,7 +94,7 @@ def test_what_makes_most_and_may_be_one_of_a_few_is_said_with_all_of_them() -> N
     usual = replace(ZERO, doubt="usual")
     headline = AnswerWords(diagnosis("uncalibrated", effects=(usual,))).headline
     assert headline.startswith(
-        "90 % of the error is zero of axis 5 (beta) or length a of axis 5 (beta) in the rig file. No worn,"
+        "90 % of the error is zero of axis 5 (beta) or length a of axis 5 (beta) in the rig file. No part was found"
     )
 
 

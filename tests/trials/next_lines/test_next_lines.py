@@ -39,7 +39,7 @@ def test_the_commands_of_a_line_are_seen(tmp_path: Path, line: str, commands: li
         ("see rig frobnicate --all", True),
         ("see rig arms --none", True),
         ("see rig arms nobody", False),  # its error says: rig arms lists all
-        ("see rig check nobody.yaml", True),  # its error names no command
+        ("see rig simulate nobody.yaml", True),  # its error names no command
     ],
 )
 def test_a_dead_end_is_seen(tmp_path: Path, line: str, *, dead: bool) -> None:

@@ -54,9 +54,7 @@ def as_table(plan: CapabilityOfTests) -> RenderableType:
     unseen = len(plan.undetectable)
     small = sum(all(map(_small, forms)) for forms in plan.names.values())
     larger = len(plan.names) - small - unseen
-    words = (
-        f"These tests detect {small} of {len(plan.names)} possible errors as soon as they are faults, {larger} only "
-    )
+    words = f"These tests detect {small} of {len(plan.names)} possible errors as soon as they are faults, {larger} "
     alike = counted(len(plan.pairs), "pair looks", "pairs look")
     words += f"only if they are larger, and {unseen} at no size. {alike} alike.\n"
     columns = ("error", "unit", right("usual"), right("detected from"))

@@ -15,7 +15,7 @@ from analysis import load_run
 from analysis.apps.commission import guided_touches
 from analysis.apps.commission.cell_reference import FEWEST, references_of
 from analysis.apps.commission.guided_touches import GuidedCheck, follow_touches, mark_of
-from analysis.apps.commission.touched_ball import STANDS_S
+from analysis.apps.commission.touched_ball import REST_S
 from analysis.apps.session.run_session import offer_lines
 from analysis.cli import app
 from daq.store import mark_moved
@@ -47,7 +47,7 @@ class Person:
             goal, self._first = self._first, None
         lifted = self._at + 10.0  # a proposal may be the posture of the touch before
         way = lifted + np.linspace(0, 1, 20)[:, None] * (goal - lifted)
-        rows = [*way, *[goal] * round((STANDS_S + 0.5) / EVERY_S)]
+        rows = [*way, *[goal] * round((REST_S + 0.5) / EVERY_S)]
         self._at = goal
         begin, self._sent = self._sent, self._sent + len(rows)
         samples = [[int(1e9 * EVERY_S * (begin + k)), *row] for k, row in enumerate(rows)]
@@ -62,7 +62,7 @@ def _last_proposal(said: list[str]) -> str:
 
 @pytest.fixture(autouse=True)
 def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("analysis.apps.commission.record_touches._LOOK_S", 0.0)  # private: no waiting
+    monkeypatch.setattr("analysis.apps.commission.record_touches._POLL_S", 0.0)  # private: no waiting
 
 
 def test_a_person_is_led_to_the_cause_and_the_touches_are_kept(tmp_path: Path) -> None:

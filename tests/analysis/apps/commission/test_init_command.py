@@ -138,7 +138,7 @@ def test_without_a_terminal_every_question_has_its_option(tmp_path: Path) -> Non
     assert f"g1 is {second} (sylvac_opto_rs), on the + side, and counts towards" in done.stdout
     unpushed = "Push g2 in. If the number goes up, restart with --key g2.counts=towards"
     assert f"g2 is {first} (sylvac_opto_rs), on the - side. {unpushed}" in done.stdout
-    assert "good" in done.stdout and "next:" in done.stdout
+    assert "valid" in done.stdout and "next:" in done.stdout
     assert "rigd 'My Cell.yaml'" in done.stdout and "rig circle fit --live" in done.stdout
 
 

@@ -210,7 +210,7 @@ def test_a_soft_joint_is_held_in_part_and_said_to_be(tmp_path: Path) -> None:
     assert told.startswith("Enter the ")
     assert f"falls from {before:.0f} to {after:.0f} µm rms with frame and tool taught with the robot" in told
     assert f"(corrected targets: {targets:.0f} µm)" in told
-    assert f"entries correct {before - after:.0f} of {before:.0f} µm over the work area" in told
+    assert f"entries correct {before - after:.0f} of {before:.0f} µm rms over the work area" in told
 
 
 def test_twins_share_what_is_known_of_their_sum(tmp_path: Path) -> None:

@@ -10,13 +10,13 @@ import pytest
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.link_swing import FoundVibration, find_vibration
 from analysis.diagnosis.evidence.setups import fit_run_setups
-from analysis.diagnosis.fit.responses import linearise, scatter_um
+from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.judge.result import Named
 from analysis.diagnosis.judge.verdict import doubts_of_phases, named_vibration
 from analysis.runs.loading import Measured
 from analysis.runs.tables import CircleTable
 from rigs.effects import swing as vibration_at
-from tests.support.diagnosis_cells import circles, measured, response, seen, table_of
+from tests.support.diagnosis_cells import circles, measured, response, scatter_um, seen, table_of
 from tests.support.nightly import cases
 
 SURE = 7.0
@@ -90,8 +90,8 @@ def test_a_vibration_states_what_it_adds_to_the_scatter_of_runs(frequency_hz: fl
     shown = _scatter_um(runs) ** 2 - _scatter_um(circles(count=4)) ** 2
     found = _swing(runs)
     assert found
-    (scatter_um,) = found.scatter_um.values()
-    assert scatter_um**2 == pytest.approx(shown, rel=0.15)
+    (found_um,) = found.scatter_um.values()
+    assert found_um**2 == pytest.approx(shown, rel=0.15)
 
 
 def _scatter_um(runs: list[Measured]) -> float:

@@ -14,7 +14,7 @@ from analysis.diagnosis.evidence.blocks import Block, blocks_of
 from analysis.diagnosis.evidence.noise import Repeated, RunScatter, stamp_noise
 from analysis.diagnosis.evidence.observation import GRID, ORDER_OF, STAMP_SCATTER, Sampling, curve, sampling_of
 from analysis.diagnosis.fit.candidates import candidates_for, columns_for
-from analysis.diagnosis.fit.responses import Linearisation, linearise, noise_um, scatter_um
+from analysis.diagnosis.fit.responses import Linearisation, linearise, noise_um
 from analysis.diagnosis.judge.budget import GapMeasure
 from analysis.diagnosis.judge.residuals import places
 from analysis.diagnosis.plan.expected import planned_blocks
@@ -22,7 +22,7 @@ from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import Measured
 from analysis.runs.tables import CircleTable
 from rigs.effects import Backlash
-from tests.support.diagnosis_cells import RIG, circles, planted, seen
+from tests.support.diagnosis_cells import RIG, circles, planted, scatter_um, seen
 
 LAP_S, ROWS, LAPS = 15.0, 900, 2
 STEP_S = LAP_S / ROWS

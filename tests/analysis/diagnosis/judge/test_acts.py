@@ -171,7 +171,7 @@ def test_a_play_of_twice_the_usual_is_no_fault_however_little_else_the_arm_shows
     found = one_play()
     (play,) = found.effects
     assert found.level < 0.2 and play.doubt == "usual" and is_sure(found, found.budget[0])
-    assert AnswerWords(found).headline.startswith("Almost all of the error (99 %) is play of axis 1 (Theta) (0.0199")
+    assert AnswerWords(found).headline.startswith("Almost all of the error (99 %) is play of axis 1 (Theta), 0.0199")
     assert found.condition != "undecided"  # what is sure is not doubted for having been driven once
     today, cause = found.acts[:2]
     assert (today.kind, cause.kind, cause.why) == ("approach", "repair", "not_enough")

@@ -97,7 +97,7 @@ def test_a_comparison_adds_the_effects_of_the_rig_file_the_largest_first(tmp_pat
     assert um[0] > 10 * um[1] > 10 * um[2] * 0.9
     stairs = stairs_of_model(own)
     assert stairs and [step.name for step in stairs.steps[:2]] == [
-        "the model with effects removed",
+        "the model without these effects",
         "+ play of axis 1 (Theta)",
     ]
     assert tmp_path / "where.png" in save_pictures(compared, tmp_path)

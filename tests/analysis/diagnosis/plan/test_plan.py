@@ -72,7 +72,7 @@ def test_80_columns_hold_every_size_of_the_table_of_joints_whole() -> None:
     console = Console(width=80, file=io.StringIO())
     with console.capture() as shown:
         console.print(as_table(circle_alone))
-    joints = shown.get().partition("joints and links")[2].partition("the rest")[0]
+    joints = shown.get().partition("Joints and links")[2].partition("Base, ball, gauges")[0]
     assert "…" not in joints
     for one in circle_alone.detectabilities:
         if one.name.startswith(("joint_offset", "backlash")) and not one.hidden:
@@ -234,7 +234,7 @@ def test_a_distance_that_nobody_measured_is_a_further_test_of_touches() -> None:
     touch, known = (Touch(sockets=("A", "B"), distances=apart) for apart in ((), (APART,)))
     rigs = [RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"touch": each})}) for each in (touch, known)]
     words = [[further.choices[0][0] for further in further_tests(rig, ("touch",))] for rig in rigs]
-    assert [[text for text in each if "tests.touch.distances of A and B" in text] != [] for each in words] == [
+    assert [[text for text in each if "between A and B (tests.touch.distances)" in text] != [] for each in words] == [
         True,
         False,
     ]

@@ -17,7 +17,7 @@ from analysis.diagnosis.fit.responses import (
     noise_um,
 )
 from analysis.robot.kinematics.arm import Array
-from tests.support.diagnosis_cells import healthy
+from tests.support.diagnosis_cells import healthy, scatter_um
 
 RUNS = 40
 
@@ -29,12 +29,6 @@ def _with_apart(um: float) -> Linearisation:
     apart = [rng.normal(0.0, sd_mm, (RUNS, len(block.y_mm))) for block in linear.blocks]
     blocks = [replace(block, steady_mm=one) for block, one in zip(linear.blocks, apart, strict=True)]
     return linearise(blocks, linear.setups)
-
-
-def scatter_um(linear: Linearisation) -> Array:
-    """The noise (b,) µm of a run without what stamps add to it."""
-    blocks = [replace(block, apart_mm=block.steady_mm) for block in linear.blocks]
-    return noise_um(linearise(blocks, linear.setups))
 
 
 @pytest.mark.parametrize("um", [5.0, 50.0])

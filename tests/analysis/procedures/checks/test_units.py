@@ -292,4 +292,4 @@ def test_a_target_that_the_robot_was_not_at_is_doubted_by_name(test: TestName) -
     if test == "radial":
         rows["polar_deg"][9:12] = ["60"] * 3
     (doubt,) = check(rows, test)
-    assert "from target 8 in row 10, and further than 20 mm in 3 of 24 rows" in doubt
+    assert "from target 8 in row 10, and further away than 20 mm in 3 of 24 rows" in doubt

@@ -198,7 +198,7 @@ def test_poses_need_neither_gauges_nor_feedback(tmp_path: Path) -> None:
     import_table(table, tmp_path / "run", rig_file=str(rig), test="pose")
     assert evaluate(load_run(tmp_path / "run")).figures["rms_mm"].value < 0.02
     checked = ran("check", rig)
-    assert checked.returncode == 0 and "no gauges: for poses of a tracker" in checked.stdout
+    assert checked.returncode == 0 and "no gauges; measured by a tracker" in checked.stdout
     for words, code in ((["simulate", rig, "--test", "radial", "-o", tmp_path / "x"], 3), (["emulate", rig], 3)):
         done = ran(*words)
         assert done.returncode == code and len(done.stderr.strip().splitlines()) == 1, done.stderr

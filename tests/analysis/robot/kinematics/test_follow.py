@@ -105,8 +105,8 @@ def test_what_the_arm_cannot_reach_is_told(name: str) -> None:
 
 
 def test_a_centre_in_metres_is_told_as_that() -> None:
-    """The centre [0.1, 0.2, 0.3] is within the base; the message only said to move it."""
-    arm = ARMS["ur10e"]
+    """The centre [0.1, 0.2, 0.3] is within the base, which an arm of unequal links cannot reach."""
+    arm = replace(ARMS["ur10e"], a=np.array([0.0, 0.0, -900.0, -250.0, 0.0, 0.0]))
     poses = np.repeat(forward(arm, START[None]), 2, axis=0)
     for place, is_metres in (([0.1, 0.2, 0.3], True), ([9000.0, 200.0, 300.0], False)):
         poses[:, :3, 3] = place
