@@ -58,7 +58,7 @@ def as_table(plan: CapabilityOfTests) -> RenderableType:
     alike = counted(len(plan.pairs), "pair looks", "pairs look")
     words += f"only if they are larger, and {unseen} at no size. {alike} alike.\n"
     columns = ("error", "unit", right("usual"), right("detected from"))
-    table = Table(*columns, title=_title("Base, ball, gauges and clocks"), header_style="bold", **_TITLE)
+    table = Table(*columns, title=_title("Other errors"), header_style="bold", **_TITLE)
     for kind, seats in _by_seat(plan, joints=False).items():
         for seat, sights in seats.items():
             effect = sights[0].effect
