@@ -94,22 +94,27 @@ class _SummaryWords:
         return f"{headline[:1].upper()}{headline[1:]}"
 
     def _lower_case_cause(self) -> str:
-        """Return cause, size and certainty of the largest cause; the condition if no cause is certain."""
+        """Return cause, size and certainty of the largest cause, and of the largest fault if that is another cause;
+        the condition if no cause is certain.
+        """
         names_open = any(named.doubt == "commanded" for named in self.diagnosis.effects)
         if self.diagnosis.condition in ("out_of_range", "outside_library") or names_open:
             return self.answer.condition_sentence
         if leading := self._leading():
-            first, others = leading[0], len(leading) - 1
-            ending = f", {self.texts('and_more', count=others)}" if others else ""
+            (first, is_fault), *others = leading
+            if not is_fault and (faults := [phrase for phrase, of_fault in others if of_fault]):
+                others = others[1:]
+                first = self.texts("also_a_fault", first=first, fault=faults[0])
+            ending = f", {self.texts('and_more', count=len(others))}" if others else ""
             return f"{first}{ending}."
         return self.answer.condition_sentence
 
-    def _leading(self) -> list[str]:
-        """Return the faults and the other large parts of the error as phrases, largest first."""
+    def _leading(self) -> list[tuple[str, bool]]:
+        """Return the faults and the other large parts of the error as phrases, largest first, and which are faults."""
         faults = [(part_of(self.diagnosis, named), named) for named in self.diagnosis.standing]
-        phrases = [(part.share if part else 0.0, self._effect(named, part)) for part, named in faults]
-        phrases += [(part.share, self._part(part)) for part in large_parts(self.diagnosis)]
-        return [phrase for _, phrase in sorted(phrases, key=lambda entry: -entry[0])]
+        phrases = [(part.share if part else 0.0, self._effect(named, part), True) for part, named in faults]
+        phrases += [(part.share, self._part(part), False) for part in large_parts(self.diagnosis)]
+        return [(phrase, is_fault) for _, phrase, is_fault in sorted(phrases, key=lambda entry: -entry[0])]
 
     def _part(self, part: BudgetPart) -> str:
         if part.index is not None:

@@ -139,7 +139,9 @@ def test_the_headline_names_the_largest_cause_also_if_it_is_no_fault() -> None:
         BudgetPart("effect", 1.0, 0.1, 0.2, axis=1, name="backlash 1", index=0, rank="unusual", odds=1.0),
     )
     found = diagnosis("named", effects=(fault,), budget=budget)
-    assert summarise(found).headline == "Deflection under load, and 1 more."
+    assert (
+        summarise(found).headline == "Deflection under load. Fault: play of axis 1 (Theta), 0.0521 ± 0.0011 °, certain."
+    )
     swapped = (replace(budget[0], share=0.4), replace(budget[1], share=0.6))
     assert summarise(replace(found, budget=swapped)).headline.startswith("Play of axis 1")
 
