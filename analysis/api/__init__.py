@@ -369,11 +369,13 @@ def _diagnosed(
 ) -> Diagnosis:
     from analysis.diagnosis.diagnose import diagnose as diagnose_with  # noqa: PLC0415
     from analysis.movement.between import with_movements, without_moved  # noqa: PLC0415
-    from analysis.runs.loading import refuse_copies  # noqa: PLC0415
+    from analysis.runs.loading import refuse_copied_rows, refuse_copies  # noqa: PLC0415
 
     used, held_out, elsewhere = _runs(runs), _runs(hold_out), _runs(unseen)
     model = _model(rig, used)
-    refuse_copies((run.path, run.run.readings_sha256) for run in (*used, *held_out, *elsewhere))
+    every = (*used, *held_out, *elsewhere)
+    refuse_copies((run.path, run.run.readings_sha256) for run in every)
+    refuse_copied_rows(every)
     sound, movements, doubts = without_moved(model, used)
     diagnosis = diagnose_with(model, sound, held_out, elsewhere, progress or _silent, tolerance_um, given)
     return with_movements(diagnosis, movements, doubts)

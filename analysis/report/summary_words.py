@@ -79,7 +79,9 @@ class _SummaryWords:
         diagnosis = self.diagnosis
         keys = ["contradicted"] * bool(diagnosis.contradictions) + ["moved"] * bool(diagnosis.movements)
         if not keys or (not diagnosis.contradictions and diagnosis.condition not in _HARMLESS):
-            keys.append(diagnosis.condition)
+            # Plain scatter hides every other error, so that nothing is shown to be usual.
+            is_hidden = diagnosis.unexplained is not None and diagnosis.unexplained.scatter_um is not None
+            keys.append("undecided" if is_hidden else diagnosis.condition)
         return ", ".join(self.texts(f"badge_{key}") for key in keys)
 
     @property

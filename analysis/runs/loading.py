@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 
 from analysis.robot.kinematics.arm import Array
@@ -28,7 +29,7 @@ from analysis.runs.robot_condition import NOT_SHOWN, Condition, condition_of
 from analysis.runs.stands import average_standstills
 from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import RAIL
-from analysis.runs.tables import CircleTable, Table
+from analysis.runs.tables import CircleTable, PoseTable, Table
 from analysis.runs.tabular import Tabular
 from daq.store import Run, read_run
 from rigs.errors import FileError
@@ -117,6 +118,28 @@ def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
         if first := by_digest.get(readings):
             raise FileError(str(path), f"contains the same readings as {first}", "give each recording once")
         by_digest[readings] = path
+
+
+_COPIED = 0.5
+"""Share of equal rows from which a table of poses is a copy. Chosen: no two visits agree in posture and position to the
+last digit.
+"""
+
+
+def refuse_copied_rows(runs: Sequence[Measured]) -> None:
+    """Raise FileError if most poses of a run also occur in an earlier one, in any order of the rows and any turn of the
+    joints (n, axes) rad."""
+    seen: list[tuple[str, set[bytes]]] = []
+    for run in runs:
+        if not isinstance(run.table, PoseTable):
+            continue
+        q = run.table.q
+        rows = {row.tobytes() for row in np.hstack([np.cos(q), np.sin(q), run.table.xyz_mm]).round(6) + 0.0}
+        name = run.run.manifest.name
+        for first, earlier in seen:
+            if len(rows & earlier) > _COPIED * len(rows):
+                raise FileError(name, f"contains the poses of {first} in another order", "give each pose once")
+        seen.append((name, rows))
 
 
 def rig_of(run: Run) -> Rig:

@@ -16,6 +16,7 @@ from analysis.apps.window.frames import shown_summary
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.judge.acts import Act
+from analysis.diagnosis.judge.remains import Unexplained
 from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis
 from analysis.movement.between import with_movements
 from analysis.report.act_words import ActWords
@@ -174,6 +175,11 @@ def test_a_movement_comes_first_in_badge_headline_and_next_step() -> None:
     assert moved.next.startswith("Fasten the base")
     assert summarise(with_movements(diagnosis("named"), [MOVED], [])).badge == "MOVED, FAULT FOUND"
     assert with_movements(sound, [], []) == sound
+
+
+def test_scatter_that_hides_every_error_is_undecided() -> None:
+    hidden = diagnosis("nothing_unusual", unexplained=Unexplained(0.0, scatter_um=230.0))
+    assert summarise(hidden).badge == "UNDECIDED"
 
 
 def test_with_commanded_angles_alone_a_large_cause_is_not_confirmed() -> None:

@@ -14,8 +14,9 @@ from analysis.procedures.checks.lost_poses import WILDNESS, far_poses
 from analysis.procedures.results import result_of
 from analysis.robot.geometry.pose_setup import fit_setup
 from analysis.robot.kinematics.arm import arm_of, forward, without_setup
-from analysis.runs.loading import Measured
+from analysis.runs.loading import Measured, refuse_copied_rows
 from analysis.runs.tables import PoseTable
+from rigs.errors import FileError
 from rigs.load import load
 from tests.support.conventions import run_of
 from tests.support.made_once import made_once
@@ -72,6 +73,17 @@ def test_wild_rows_are_named_when_they_are_imported_and_left_out_of_every_fit(sp
 def test_sound_poses_are_none_of_them_wild(seed: int, count: int) -> None:
     run, _ = _run(seed, "none", count)
     assert not far_poses(run.table, without_setup(arm_of(RIG.robot))).far.any()  # type: ignore[arg-type]
+
+
+def test_the_same_poses_in_another_order_are_no_repeats() -> None:
+    run, _ = _run(0, "none")
+    table, order = run.table, np.random.default_rng(1).permutation(60)
+    assert isinstance(table, PoseTable)
+    shuffled = replace(table, q=table.q[order] + 2 * np.pi, xyz_mm=table.xyz_mm[order])
+    with pytest.raises(FileError, match="in another order"):
+        refuse_copied_rows([run, replace(run, table=shuffled)])
+    visited_again = replace(shuffled, xyz_mm=shuffled.xyz_mm + np.random.default_rng(2).normal(0, 0.01, (60, 3)))
+    refuse_copied_rows([run, replace(run, table=visited_again)])
 
 
 @pytest.mark.parametrize("count", [112, 400])  # more than are fitted at once
