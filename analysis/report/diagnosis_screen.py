@@ -13,7 +13,7 @@ from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.judge.acts import Doubt
 from analysis.diagnosis.judge.residuals import ResidualPlace
-from analysis.diagnosis.judge.result import Condition, Diagnosis
+from analysis.diagnosis.judge.result import Diagnosis
 from analysis.report.act_words import acts_in_words
 from analysis.report.answer_words import AnswerWords, shown_parts
 from analysis.report.diagnosis_words import (
@@ -58,7 +58,9 @@ def places_table(where: Sequence[ResidualPlace]) -> list[RenderableType]:
     return [table, *(Text(note, style="dim") for note in notes)]
 
 
-_COLOUR: dict[Condition, str] = {
+_COLOUR: dict[str, str] = {
+    "contradicted": "bold yellow",
+    "moved": "bold yellow",
     "named": "bold yellow",
     "ambiguous": "bold yellow",
     "out_of_range": "bold red",
@@ -76,7 +78,8 @@ _MOST_NAMES = 40
 def as_screen(diagnosis: Diagnosis) -> RenderableType:
     """Return verdicts, budget, faults, gaps, acts, indistinguishable effects, places and remarks."""
     words, texts = AnswerWords(diagnosis), texts_of("en")
-    parts = on_screen(summarise(diagnosis), texts, _COLOUR[diagnosis.condition])
+    summary = summarise(diagnosis)
+    parts = on_screen(summary, texts, _COLOUR[summary.standing])
     stairs = stairs_of(diagnosis)
     unexplained = []
     if diagnosis.is_testable:

@@ -55,11 +55,13 @@ class ErrorChange:
 class Summary:
     """Headline and three tiles.
 
+    `standing` is the condition that decides the colour of the badge; `moved` and `contradicted` come before conditions.
     `unknowns` are the limits of the evidence, shown before the next step. `command` carries out the next step; it is
     empty if no command does.
     """
 
     badge: str
+    standing: str
     headline: str
     unknowns: tuple[str, ...]
     error: ErrorChange

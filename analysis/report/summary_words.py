@@ -47,6 +47,7 @@ def summarise(
     act = open_acts[0] if open_acts else None
     return Summary(
         badge=words.badge,
+        standing=words.badge_keys[0],
         headline=" ".join(words.first_sentences),
         unknowns=tuple(words.unknowns(act)),
         error=driven_error(*driven, words.texts) if driven else words.error,
@@ -76,13 +77,18 @@ class _SummaryWords:
     @property
     def badge(self) -> str:
         """The condition of the arm in a word or two, after a contradicted constant or a movement."""
+        return ", ".join(self.texts(f"badge_{key}") for key in self.badge_keys)
+
+    @property
+    def badge_keys(self) -> list[str]:
+        """The parts of the badge."""
         diagnosis = self.diagnosis
         keys = ["contradicted"] * bool(diagnosis.contradictions) + ["moved"] * bool(diagnosis.movements)
         if not keys or (not diagnosis.contradictions and diagnosis.condition not in _HARMLESS):
             # Plain scatter hides every other error, so that nothing is shown to be usual.
             is_hidden = diagnosis.unexplained is not None and diagnosis.unexplained.scatter_um is not None
             keys.append("undecided" if is_hidden else diagnosis.condition)
-        return ", ".join(self.texts(f"badge_{key}") for key in keys)
+        return keys
 
     @property
     def first_sentences(self) -> list[str]:

@@ -171,7 +171,9 @@ def test_what_is_unknown_comes_before_the_next_step(changes: dict[str, object], 
 def test_a_movement_comes_first_in_badge_headline_and_next_step() -> None:
     sound = diagnosis("nothing_unusual", acts=())
     moved = summarise(with_movements(sound, [MOVED], []))
-    assert moved.badge == "MOVED" and moved.headline.startswith("The base moved by 0.40 ± 0.01 mm")
+    assert (moved.badge, moved.standing) == ("MOVED", "moved") and moved.headline.startswith(
+        "The base moved by 0.40 ± 0.01 mm"
+    )
     assert moved.next.startswith("Fasten the base")
     assert summarise(with_movements(diagnosis("named"), [MOVED], [])).badge == "MOVED, FAULT FOUND"
     assert with_movements(sound, [], []) == sound
@@ -179,7 +181,8 @@ def test_a_movement_comes_first_in_badge_headline_and_next_step() -> None:
 
 def test_scatter_that_hides_every_error_is_undecided() -> None:
     hidden = diagnosis("nothing_unusual", unexplained=Unexplained(0.0, scatter_um=230.0))
-    assert summarise(hidden).badge == "UNDECIDED"
+    summary = summarise(hidden)
+    assert (summary.badge, summary.standing) == ("UNDECIDED", "undecided"), "not the green of nothing unusual"
 
 
 def test_with_commanded_angles_alone_a_large_cause_is_not_confirmed() -> None:
