@@ -14,13 +14,19 @@ from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.acts import FOUND, Act
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.plan.naming_tests import JOINED
-from analysis.report.answer_words import AnswerWords
+from analysis.report.answer_words import AnswerWords, measures_places
 from analysis.report.diagnosis_words import micrometres, percent, size_in_words, sure, with_uncertainty
 from analysis.report.movement_words import act_after
 from analysis.report.texts import Texts, texts_of
 from rigs.effects import Effect, size_field
 from rigs.schema.effect import label_of, name_of
-from rigs.schema.vocabulary import WITHOUT_GAUGES
+
+_KEYS = {
+    "elsewhere": "act_elsewhere", "revisit": "act_revisit", "commanded": "act_commanded",
+    "not_visible": "next_plan", "visits_differ": "act_repeats_differ",
+}  # fmt: skip
+"""Texts of measurements that need no further words."""
+_SAME_FOR_PLACES = ("elsewhere", "revisit", "commanded")
 
 
 @dataclass(frozen=True)
@@ -159,8 +165,8 @@ class ActWords:
         if act.why in ("few_runs", "one_lap"):
             cause = self.noun(act.effect) if act.effect else ""
             return texts("next_repeat" if act.why == "few_runs" else "act_one_lap", cause=cause, count=act.runs)
-        if act.why in ("elsewhere", "revisit", "visits_differ", "commanded", "not_visible"):
-            return texts(self._of_places("next_plan") if act.why == "not_visible" else f"act_{act.why}")
+        if act.why in _KEYS:
+            return texts(_KEYS[act.why] if act.why in _SAME_FOR_PLACES else self._of_places(_KEYS[act.why]))
         if act.why == "follows" and self.diagnosis.unexplained and (followed := self.diagnosis.unexplained.likeliest):
             joint = texts.axis(self.diagnosis.rig.robot, followed.axis) if followed.axis else ""
             return texts(f"act_follows_{followed.what}", joint=joint)
@@ -181,8 +187,7 @@ class ActWords:
         """Return the key of a text, or its variant for runs that measured only poses or touches, with no ball and
         gauges.
         """
-        tests = {name.split()[0].strip(",;") for name in self.diagnosis.setups}
-        return f"{key}_places" if tests and tests <= set(WITHOUT_GAUGES) else key
+        return f"{key}_places" if measures_places(self.diagnosis) else key
 
 
 def acts_in_words(diagnosis: Diagnosis, texts: Texts) -> list[str]:

@@ -41,6 +41,7 @@ from analysis.report.texts import Texts, texts_of
 from rigs.effect_names import name_in_words
 from rigs.effects import Effect
 from rigs.schema.effect import name_of, size_field, whole_order
+from rigs.schema.vocabulary import WITHOUT_GAUGES
 
 SMALL_SHARE = 0.001
 """Share of the error below which ordinary parts are counted together."""
@@ -68,6 +69,12 @@ def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
         and part not in faults
         and (is_certain_part(diagnosis, part) or part.members)
     ]
+
+
+def measures_places(diagnosis: Diagnosis) -> bool:
+    """Return whether every run measured poses or touches, with no ball and gauges."""
+    tests = {name.split()[0].strip(",;") for name in diagnosis.setups}
+    return bool(tests) and tests <= set(WITHOUT_GAUGES)
 
 
 def sure_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
@@ -127,12 +134,16 @@ class AnswerWords:
 
     @property
     def headline(self) -> str:
-        """The findings in a few sentences: large parts of the error before small ones, certain causes before open
-        ones, then the limits of these runs.
-        """
+        """The limits of every name, then the findings in a few sentences."""
+        limits = self.contradictions if self.diagnosis.condition == "out_of_range" else self.preconditions
+        return " ".join(filter(None, (*limits, self.findings)))
+
+    @property
+    def findings(self) -> str:
+        """Large parts of the error before small ones, certain causes before open ones, then what the runs limit."""
         diagnosis = self.diagnosis
         if diagnosis.condition == "out_of_range":
-            return " ".join((*self.contradictions, self._out_of_range()))
+            return self._out_of_range()
         (faults, open_too), large = self._faults(), [self._large_part(part) for part in large_parts(self.diagnosis)]
         share = sum(part.share for named in diagnosis.standing if (part := part_of(diagnosis, named)))
         first = any(part.share > share for part in large_parts(diagnosis))
@@ -142,16 +153,24 @@ class AnswerWords:
         sentence = " ".join(f"{clause[:1].upper()}{clause[1:]}." for clause in [*wrong, *open_too, *measured])
         condition = self._condition()
         parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
-        return " ".join(filter(None, (*self.preconditions, self.visits, *parts)))
+        return " ".join(filter(None, (self.visits, *parts)))
 
     @property
     def preconditions(self) -> list[str]:
-        """Contradicted constants, movements and commanded angles, which limit every name, as sentences. They come
-        first.
+        """Contradicted constants, movements, commanded angles and deviations that may be scatter, which limit every
+        name, as sentences. They come first.
         """
         moved = [movement_sentence(movement, self.texts) for movement in self.diagnosis.movements[:_MOST_MOVEMENTS]]
         commanded = [self.texts("finding_only_commanded")] if self.diagnosis.only_commanded else []
-        return [*self.contradictions, *moved, *commanded]
+        return [*self.contradictions, *moved, *commanded, *self.unrepeated]
+
+    @property
+    def unrepeated(self) -> list[str]:
+        """A sentence on deviations larger than usual scatter, if no target was visited twice."""
+        unexplained = self.diagnosis.unexplained
+        if unexplained is None or unexplained.unrepeated_um is None or unexplained.scatter_um is not None:
+            return []
+        return [self.texts("finding_unrepeated", um=micrometres(unexplained.unrepeated_um))]
 
     @property
     def contradictions(self) -> list[str]:
@@ -170,9 +189,12 @@ class AnswerWords:
 
     @property
     def visits(self) -> str:
-        """The difference between visits of a target, if it exceeds the usual repeatability; otherwise empty."""
+        """The difference between visits of a target or repeats of a circle, if it exceeds the usual repeatability;
+        otherwise empty.
+        """
         visits_um = self.diagnosis.unexplained.visits_um if self.diagnosis.unexplained else None
-        return self.texts("finding_visits_differ", um=_length(visits_um)) if visits_um else ""
+        places = "_places" if measures_places(self.diagnosis) else ""
+        return self.texts(f"finding_repeats_differ{places}", um=_length(visits_um)) if visits_um else ""
 
     @property
     def accuracy(self) -> str:
@@ -252,13 +274,13 @@ class AnswerWords:
     def _condition(self) -> str:
         """Return the limits of these runs, or that the search found nothing; empty if the faults say it all."""
         if self.diagnosis.condition in ("named", "ambiguous"):
-            return ""
+            return self.unexplained_too
         if usual_or_fault := self._usual_or_faults():
             return usual_or_fault
         # Effects already in the rig file, since "nothing found" then means nothing further.
         nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
         already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
-        return " ".join(filter(None, [self.condition_sentence, self.follows, already_held]))
+        return " ".join(filter(None, [self.condition_sentence, self.unexplained_too, self.follows, already_held]))
 
     def _usual_or_faults(self) -> str:
         """Return the effects of usual size that may be faults; empty if the number of runs decides instead."""
@@ -292,9 +314,20 @@ class AnswerWords:
             which = "outside_library_there"
         return self.texts(f"finding_{which}", **values)
 
+    @property
+    def unexplained_too(self) -> str:
+        """The error of unknown cause, unless the condition states it."""
+        remainder = self.diagnosis.remainder
+        if not remainder.is_material or self.diagnosis.condition in ("outside_library", "out_of_range"):
+            return ""
+        where = "there" if remainder.at_new_places else "too"
+        return self.texts(f"finding_unexplained_{where}", um=micrometres(remainder.um))
+
     def _undecided(self) -> str:
         """Return the reason why no part can be confirmed although the runs are enough."""
         doubts = {named.doubt for named in self.diagnosis.effects}
+        if self.unrepeated:
+            return "undecided_unexplained" if "unexplained" in doubts else "undecided_unrepeated"
         return next((f"undecided_{doubt}" for doubt in ("commanded", "unexplained") if doubt in doubts), "undecided")
 
     @property

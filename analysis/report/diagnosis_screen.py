@@ -89,7 +89,7 @@ def as_screen(diagnosis: Diagnosis) -> RenderableType:
         unexplained += [Text(f"{runs_of(band)}, {band.part}: {band.words}", style="dim") for band in diagnosis.left]
         unexplained += map(Text, remains_lines(diagnosis.remains, texts) if diagnosis.remains else ())
     sections = (
-        ("Details", [Text(words.headline), Text(words.accuracy)]),
+        ("Details", [Text(words.findings), Text(words.accuracy)]),
         ("Error budget", _budget(diagnosis)),
         ("Fitted effects" if diagnosis.given else "Faults", _faults(diagnosis)),
         ("All steps", [Text(f"{k + 1}. {act}") for k, act in enumerate(acts_in_words(diagnosis, texts))]),

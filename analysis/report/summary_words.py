@@ -22,6 +22,8 @@ _MOST_RIVALS = 3
 _LEAST_SHARE = 0.01
 """Minimum share of the error for a main cause. Chosen: the narrowest visible segment."""
 _TENTH_PERCENT = 0.001
+_LIKELY = 0.5
+"""Odds below which the likeliest member of a part is not named in the headline: another member is likelier."""
 _IMITATED: tuple[Doubt, ...] = ("unexplained", "commanded")
 """Doubts about an effect that a different cause may imitate."""
 _HARMLESS = ("uncalibrated", "nothing_unusual")
@@ -92,8 +94,11 @@ class _SummaryWords:
 
     @property
     def first_sentences(self) -> list[str]:
-        """The limits of every name, then the cause, which a contradicted constant leaves for later."""
-        return [*self.answer.preconditions, *([] if self.diagnosis.contradictions else [self._cause])]
+        """The limits of every name, then the cause, which a contradicted constant leaves for later, and the error that
+        has none.
+        """
+        causes = [self._cause, *filter(None, [self.answer.unexplained_too])]
+        return [*self.answer.preconditions, *([] if self.diagnosis.contradictions else causes)]
 
     @property
     def _cause(self) -> str:
@@ -131,6 +136,8 @@ class _SummaryWords:
         if not part.members:
             return name
         member = part.members[0]
+        if member.odds < _LIKELY:
+            return self.texts("no_single_member", part=name)
         return self.texts("probable_member", part=name, member=self.answer.noun(member.effect), odds=sure(member.odds))
 
     def _effect(self, named: Named, part: BudgetPart | None) -> str:

@@ -334,11 +334,17 @@ def _measurements(
 def _may_repeat(diagnosis: Diagnosis, scatter: tuple[int, ...]) -> bool:
     """Return whether the scatter of places may be an error that every visit repeats: it is large, and no place was
     visited twice."""
-    if diagnosis.unexplained and diagnosis.unexplained.scatter_um:
+    if _is_more_than_scatter(diagnosis):
         return True
     of_places = all(facts_of(tested.test).of_places for tested in diagnosis.train.tests)
     large = any(diagnosis.budget[k].share > LEAST_SHARE for k in scatter)
     return of_places and large and not diagnosis.repeated
+
+
+def _is_more_than_scatter(diagnosis: Diagnosis) -> bool:
+    """Return whether places visited once deviate by more than usual scatter, or by scatter that hides every error."""
+    unexplained = diagnosis.unexplained
+    return unexplained is not None and (unexplained.scatter_um or unexplained.unrepeated_um) is not None
 
 
 def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) -> bool:
@@ -348,7 +354,8 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
     rivals of the largest part.
     """
     if measurement.why in ("commanded", "visits_differ", "revisit"):
-        return measurement.why != "revisit" or measurement.parts[:1] == (0,)  # scatter is the largest part
+        is_largest = measurement.parts[:1] == (0,)
+        return measurement.why != "revisit" or is_largest or _is_more_than_scatter(diagnosis)
     if measurement.why in ("unexplained", "follows"):
         return not any(act.kind == "load" for act in acts)
     if measurement.why == "one_lap":

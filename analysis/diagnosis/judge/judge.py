@@ -24,7 +24,7 @@ from analysis.diagnosis.judge.result import (
     Verdict,
     fault_rivals,
 )
-from analysis.diagnosis.judge.unexplained import unexplained_of, unusual_visits_um
+from analysis.diagnosis.judge.unexplained import unexplained_of, unrepeated_um, unusual_visits_um
 from analysis.diagnosis.judge.validate import Validation
 from analysis.diagnosis.judge.validation import held_out_gains, shows_noise
 from analysis.diagnosis.judge.verdict import (
@@ -85,17 +85,19 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Verdict
         else standing_within(evidence.tolerance_um, validation.fitted)
     )
     accuracy = accuracy_of(gaps, *standing)
-    remainder, is_material = remainder_of(result, named, result.scatter_limits_um, gaps)
-    named = within_unexplained(named, remainder.um if is_material else 0.0, gaps.train.noise_floor_um)
+    remainder = remainder_of(result, named, result.scatter_limits_um, gaps)
+    unrepeated = None if early else unrepeated_um(result)
+    unknown_um = max(remainder.um if remainder.is_material else 0.0, unrepeated or 0.0)
+    named = within_unexplained(named, unknown_um, gaps.train.noise_floor_um)
     if any(run.has_only_commanded_angles for run in evidence.uses.used):
         named = within_commanded(named)
     named = sorted(named, key=lambda name: (not name.stands, -name.worth_um))
-    condition = condition_of(result, named, remainder, validation.whole, is_material=is_material, early=bool(early))
+    condition = condition_of(result, named, remainder, validation.whole, early=bool(early), unrepeated_um=unrepeated)
     budget: tuple[BudgetPart, ...] = ()
     if condition != "not_testable_here":
         budget = tuple(Budget(result, gaps.train).parts(named, changes))
         condition = "out_of_range" if fit.out_of_range else condition
-    unexplained = Unexplained(remainder.um, visits_um=unusual_visits_um(result))
+    unexplained = Unexplained(remainder.um, visits_um=unusual_visits_um(result), unrepeated_um=unrepeated)
     answer = _Answer(condition, accuracy, named, budget, remainder, unexplained)
     if condition == "outside_library":
         answer = _of_unknown_cause(answer, fit, validation)
@@ -134,7 +136,10 @@ def _of_unknown_cause(answer: _Answer, fit: Fit, validation: Validation) -> _Ans
 
     If it depends on none and no target was visited twice, it is scatter.
     """
-    unexplained = unexplained_of(fit.result, validation.left_out, answer.remainder.um)
+    unexplained = replace(
+        unexplained_of(fit.result, validation.left_out, answer.remainder.um),
+        unrepeated_um=answer.unexplained.unrepeated_um,
+    )
     if not unexplained.scatter_um or any(name.stands for name in answer.named):
         return replace(answer, unexplained=unexplained)
     budget, remainder = as_scatter(answer.budget, answer.remainder)

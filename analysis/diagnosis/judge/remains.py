@@ -55,14 +55,17 @@ class Unexplained:
     (`follows`), most likely first.
 
     `scatter_um`: scatter of a coordinate of poses if scatter explains the part and targets were visited only once;
-    otherwise None. `visits_um`: rms distance between a visit of a target and the mean of its visits if it exceeds the
-    usual repeatability of the build; otherwise None.
+    otherwise None. `visits_um`: rms distance between a visit of a target and the mean of its visits, or between a
+    circle and the mean of its repeats, if it exceeds the usual repeatability of the build; otherwise None.
+    `unrepeated_um`: rms deviation of targets from the calibrated model if no target was visited twice and usual scatter
+    is smaller, so that it may be scatter or an error of an unknown cause; otherwise None.
     """
 
     rms_um: float
     follows: tuple[Followed, ...] = ()
     scatter_um: float | None = None
     visits_um: float | None = None
+    unrepeated_um: float | None = None
 
     @property
     def likeliest(self) -> Followed | None:

@@ -302,6 +302,7 @@ class Remainder:
     words: description of the pattern.
     healthy_um: rms of the usual errors of a healthy arm.
     at_new_places: True if this is the error at places not used in the fit, because it is larger there.
+    is_material: True if it exceeds the scatter of a run.
     """
 
     um: float
@@ -309,6 +310,7 @@ class Remainder:
     words: str
     healthy_um: float
     at_new_places: bool = False
+    is_material: bool = False
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,22 @@ from functools import partial
 import numpy as np
 
 from analysis.diagnosis.evidence.blocks import Block
+from analysis.diagnosis.fit.responses import noise_um
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.misses import LeftOut, share_left_out, sides_of
 from analysis.diagnosis.judge.remains import Followed, Unexplained, What
+from analysis.diagnosis.judge.validation import shows_noise
 from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.scene import pull
-from analysis.runs.noise.cell_noise import TARGET_MM
+from analysis.runs.noise.cell_noise import (
+    REPEATABILITY_MM,
+    RP_PER_SD,
+    SLOW_MM,
+    TARGET_MM,
+    TRACKER_U_MM,
+    WHITE_MM,
+)
 from rigs.effects import play_of_joint
 
 _UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
@@ -65,14 +74,45 @@ def unexplained_of(result: SearchResult, left_out: LeftOut | None, rms_um: float
 
 
 def unusual_visits_um(result: SearchResult) -> float | None:
-    """Return the rms distance in µm between a visit of a target and the mean of its visits, if it exceeds the
-    repeatability of arms of this build; None if it does not, or if no target was visited twice."""
+    """Return the rms distance in µm between a visit of a target and the mean of its visits, or between a circle and the
+    mean of its repeats, if it exceeds the repeatability of arms of this build; None if it does not, or if nothing was
+    measured twice."""
+    differ = [um for um in (_visits_um(result), _circles_um(result)) if um is not None]
+    return max(differ, default=None)
+
+
+def _circles_um(result: SearchResult) -> float | None:
+    """Return the rms difference in µm between repeated circles, None if it is usual or unknown."""
+    blocks = result.linear.blocks
+    differ = [
+        um for block, um in zip(blocks, noise_um(result.linear), strict=True) if block.sampling and block.measured
+    ]
+    usual_um = 1e3 * float(np.hypot(SLOW_MM.high, WHITE_MM.high))
+    return max((float(um) for um in differ if um > usual_um), default=None)
+
+
+def _visits_um(result: SearchResult) -> float | None:
+    """Return the rms distance in µm between visits of a target, None if it is usual or unknown."""
     blocks = [block for block in result.linear.blocks if facts_of(block.table.test).of_places and block.measured]
     if not blocks:
         return None
     square_mm2 = np.mean(np.concatenate([block.count * block.sd_mm**2 for block in blocks]))
     visits_um = 1e3 * float(np.sqrt(3 * square_mm2))
     return visits_um if visits_um > most_usual_visits_um(result) else None
+
+
+def unrepeated_um(result: SearchResult) -> float | None:
+    """Return the rms deviation in µm of places from the calibrated model if it exceeds the usual scatter of such arms
+    and instruments and no place was measured twice; otherwise None.
+
+    The deviations may then be scatter or an error of an unknown cause.
+    """
+    if any(block.measured or not shows_noise(block) for block in result.linear.blocks):
+        return None
+    stops_mm = REPEATABILITY_MM / RP_PER_SD * play_of_joint(1, 1.0).usual_times(result.design)
+    usual_um = 1e3 * float(np.sqrt(3) * np.hypot(stops_mm, TRACKER_U_MM))
+    off_um = float(np.sqrt(3)) * _scatter_um(result)
+    return off_um if off_um > usual_um else None
 
 
 def most_usual_visits_um(result: SearchResult) -> float:

@@ -333,8 +333,8 @@ def _doubt(
         (odds <= _LIKELY, "rival"),
         (change.um <= _SIGMA * change.u_um, "unsure"),
         # A size compatible with zero is not a fault, however certain the shape, such as backlash resting on the same
-        # flank in every pose.
-        (abs(getattr(effect, size_field(effect))) <= u, "unsure"),
+        # flank in nearly every pose.
+        (abs(getattr(effect, size_field(effect))) <= _SIGMA * u, "unsure"),
     )
     return next((doubt for holds, doubt in reasons if holds), None)
 
@@ -374,9 +374,9 @@ def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple
     )
 
 
-def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, gaps: Gaps) -> tuple[Remainder, bool]:
-    """Return the remainder beyond the noise, at most the gap of the runs used, and whether it exceeds the limits (b,)
-    µm.
+def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, gaps: Gaps) -> Remainder:
+    """Return the remainder beyond the noise, at most the gap of the runs used. It is material if it exceeds the limits
+    (b,) µm.
 
     The remainder includes the contributions of contradicted effects and the residual of the calibrated model beyond the
     noise: a non-repeating error looks like scatter about the mean of the runs. The prediction error at places not used
@@ -401,7 +401,7 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
     words = (
         _in_words(result, imitating) if is_material else "no more than noise, scatter and the errors of a healthy arm"
     )
-    return Remainder(um, share, words, healthy.whole_um, at_new_places=um == missed_um > 0), is_material
+    return Remainder(um, share, words, healthy.whole_um, um == missed_um > 0, bool(is_material))
 
 
 def _single_runs_um(train: Gap) -> float:
@@ -414,12 +414,9 @@ def _single_runs_um(train: Gap) -> float:
 
 
 def _missed_elsewhere_um(gaps: Gaps) -> float:
-    """Return the rms error in µm of the model at places not used in the fit; 0 if it is within the noise, or a
-    negligible share of the residual.
-    """
-    missed_um, before_um = gaps.unexplained_um, gaps.train.before_um
-    counts = gaps.train.noise_floor_um < missed_um < before_um and missed_um**2 > _CRUMBS * before_um**2
-    return missed_um if counts else 0.0
+    """Return the rms error in µm of the model at places not used in the fit; 0 if it is within the noise."""
+    missed_um = gaps.unexplained_um
+    return missed_um if gaps.train.noise_floor_um < missed_um < gaps.train.before_um else 0.0
 
 
 def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
@@ -438,17 +435,19 @@ def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
 
 
 def condition_of(
-    result: SearchResult, named: Sequence[Named], remainder: Remainder, gaps: Gaps, *, is_material: bool, early: bool
-) -> Condition:
+    result: SearchResult, named: Sequence[Named], remainder: Remainder, gaps: Gaps, *, early: bool,
+    unrepeated_um: float | None = None,
+) -> Condition:  # fmt: skip
     """Return the condition of the arm.
 
-    `is_material`: the remainder exceeds the scatter of a run. `early`: poses were read before the joints came to rest.
+    `early`: poses were read before the joints came to rest.
+    `unrepeated_um`: unusual deviation of places visited only once, which may be an unknown error.
     """
     if not _is_testable(result, early=early):
         return "not_testable_here"
     outside = gaps.is_foreign
     # more than a negligible part of the arm's error, including the part explained by an earlier calibration
-    if is_material:
+    if remainder.is_material:
         calibrated = result.linear.blocks[0].model.rig.calibrated
         whole_um = max(gaps.train.before_um, calibrated.before_um if calibrated else 0.0, 1e-12)
         outside |= remainder.share * (gaps.train.before_um / whole_um) ** 2 > _CRUMBS
@@ -460,7 +459,7 @@ def condition_of(
         # The condition follows the larger confirmed share: a small name with a rival does not label the others.
         sure_um2, open_um2 = (sum(name.worth_um**2 for name in names) for names in (sure, open_ones))
         return "named" if sure_um2 > open_um2 else "ambiguous"
-    if is_undecided(named):
+    if is_undecided(named) or unrepeated_um:
         return "undecided"
     return "uncalibrated" if gaps.gains_elsewhere else "nothing_unusual"
 
@@ -513,8 +512,8 @@ def within_unexplained(named: Sequence[Named], unexplained_um: float, noise_um: 
     """
     weight = noise_um**2 / max(noise_um**2 + unexplained_um**2, 1e-12)
     return [
-        replace(_with_odds_to_the(weight, name), doubt="unexplained")
-        if name.stands and name.worth_um < (_MUCH_MORE if name.directions < 2 else _MORE) * unexplained_um
+        replace(_with_odds_to_the(weight, name), doubt="unexplained" if name.stands else name.doubt)
+        if name.worth_um < (_MUCH_MORE if name.directions < 2 else _MORE) * unexplained_um
         else name
         for name in named
     ]

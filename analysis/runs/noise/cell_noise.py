@@ -55,6 +55,12 @@ BALL_ELSEWHERE_MM = 3 * BALL_MM.high
 TARGET_MM = LogUniform(0.003, 0.060)
 """Scatter between stops at a target, from ISO 9283 repeatability. Each target has a separate scatter, with heavy
 tails."""
+REPEATABILITY_MM = 0.1
+"""Largest pose repeatability RP (ISO 9283) in data sheets of collaborative arms: Panda, iiwa 14 (0.15), UR10 of the CB
+series. Industrial arms of the same reach state 0.02 to 0.08."""
+RP_PER_SD = 3.6
+"""RP per standard deviation of a coordinate: mean plus three standard deviations of the distance from the barycentre,
+1.60 + 3 · 0.67 for equal scatter in three directions."""
 SEAT_MM = 0.01
 """Standard uncertainty of a coordinate of a ball held by a magnet in a cone or on three balls. Kinematic seats
 repeat to some micrometres; dust and oil contribute a hundredth of a millimetre."""

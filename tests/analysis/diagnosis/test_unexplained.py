@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from analysis.diagnosis.judge.remains import Followed, Unexplained
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.report.act_words import ActWords
 from analysis.report.answer_words import AnswerWords
+from analysis.report.summary_words import summarise
 from analysis.robot.kinematics.arm import Array
 from rigs.load import load
 from tests.support.diagnosis_cells import found_in
@@ -39,6 +42,31 @@ def test_plain_noise_is_scatter_and_not_an_unknown_cause(seed: int) -> None:
     assert "Measure some targets twice" in ActWords(found).next
     assert not any(part.kind == "unexplained" for part in found.budget)
     assert sum(part.share for part in found.budget) == pytest.approx(1)
+
+
+def test_deviations_beyond_usual_scatter_may_be_an_unknown_error_unless_targets_are_repeated() -> None:
+    """Robots and trackers scatter by about 60 µm rms; 0.045 mm in each coordinate is more."""
+    usual, unusual = _found(40, 0.02), _found(40, 0.045)
+    assert usual.unexplained is not None and usual.unexplained.unrepeated_um is None
+    assert unusual.unexplained is not None and unusual.unexplained.unrepeated_um is not None
+    assert unusual.unexplained.unrepeated_um == pytest.approx(np.sqrt(3) * 45, rel=0.3)
+    assert unusual.condition == "undecided" and not unusual.standing
+    summary = summarise(unusual)
+    assert summary.badge == "UNDECIDED" and summary.headline.startswith("The calibrated model misses the readings by")
+    assert unusual.acts[0].why == "revisit" and "Measure some targets twice" in summary.next
+
+
+def test_repeated_circles_that_differ_are_reported_first() -> None:
+    differ = diagnosis("undecided", unexplained=Unexplained(0.0, visits_um=43.0))
+    assert "Repeated circles differ by 43 µm rms" in AnswerWords(differ).findings
+
+
+def test_a_material_error_without_a_cause_is_stated_beside_the_causes() -> None:
+    named = diagnosis("named")
+    material = replace(named, remainder=replace(named.remainder, um=97.0, at_new_places=True, is_material=True))
+    told = "At places that were not used to fit the model, 97 µm rms are unexplained."
+    assert told in summarise(material).headline and told in AnswerWords(material).findings
+    assert "unexplained" not in summarise(named).headline
 
 
 def test_a_wandering_zero_scatters_where_a_table_states_no_times() -> None:

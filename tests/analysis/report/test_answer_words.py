@@ -264,7 +264,7 @@ def test_what_another_place_judged_is_said_where_its_runs_joined() -> None:
 
 
 def test_noise_that_no_run_repeats_is_said_to_be_assumed() -> None:
-    told = "The noise is assumed, because nothing was measured twice"
+    told = "The noise of tests that were not repeated is assumed."
     for shows_noise in (True, False):
         screen = io.StringIO()
         Console(width=200, file=screen).print(as_screen(diagnosis("named", shows_noise=shows_noise)))

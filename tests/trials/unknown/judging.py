@@ -89,15 +89,15 @@ def judge(cell: Cell, answer: Mapping[str, Any], found: Path) -> Verdict:
 
 
 def was_told(answer: Mapping[str, Any]) -> bool:
-    """Return whether the answer says that an unknown cause remains, that something moved between rows or runs, or that
-    visits of a target differ by more than such arms repeat."""
-    if (answer.get("unexplained") or {}).get("visits_um"):
+    """Return whether the answer says that an unknown cause remains or may remain, that something moved between rows or
+    runs, or that visits of a target differ by more than such arms repeat."""
+    unexplained, remainder = answer.get("unexplained") or {}, answer.get("remainder") or {}
+    if unexplained.get("visits_um") or unexplained.get("unrepeated_um") or remainder.get("is_material"):
         return True
     if answer.get("condition") in _TOLD or answer.get("movements"):
         return True
     if any(act.get("why") == "unexplained" for act in (answer.get("acts") or [])[:1]):
         return True
-    remainder = answer.get("remainder") or {}
     return float(remainder.get("share") or 0.0) >= TOLD_SHARE
 
 

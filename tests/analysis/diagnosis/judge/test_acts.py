@@ -186,7 +186,8 @@ def test_a_small_name_with_a_rival_labels_no_others() -> None:
     small = replace(sure, posterior=0.6, worth_um=133.0)
 
     def condition(*names: Named) -> str:
-        return condition_of(None, names, None, Gaps(found.train, None, None), is_material=False, early=False)  # type: ignore[arg-type]
+        gaps = Gaps(found.train, None, None)
+        return condition_of(None, names, found.remainder, gaps, early=False)  # type: ignore[arg-type]
 
     with pytest.MonkeyPatch.context() as patch:
         # private: the names are judged without runs
