@@ -316,9 +316,9 @@ class AnswerWords:
 
     @property
     def unexplained_too(self) -> str:
-        """The error of unknown cause, unless the condition states it."""
-        remainder = self.diagnosis.remainder
-        if not remainder.is_material or self.diagnosis.condition in ("outside_library", "out_of_range"):
+        """The error of unknown cause, unless the condition or the deviations from the model state it."""
+        remainder, condition = self.diagnosis.remainder, self.diagnosis.condition
+        if not remainder.is_material or self.unrepeated or condition in ("outside_library", "out_of_range"):
             return ""
         where = "there" if remainder.at_new_places else "too"
         return self.texts(f"finding_unexplained_{where}", um=micrometres(remainder.um))

@@ -472,7 +472,7 @@ def as_scatter(budget: Sequence[BudgetPart], remainder: Remainder) -> tuple[tupl
     um = float(np.sqrt(sum(part.um**2 for part in merged)))
     scatter = BudgetPart("scatter", um, 0.0, sum(part.share for part in merged))
     parts = [*(part for part in budget if part not in merged), scatter]
-    of_scatter = replace(remainder, um=0.0, share=0.0, words="no pattern, it looks like scatter")
+    of_scatter = replace(remainder, um=0.0, share=0.0, words="no pattern, it looks like scatter", is_material=False)
     return tuple(sorted(parts, key=lambda part: -part.share)), of_scatter
 
 
