@@ -18,7 +18,7 @@ _ROUNDS = 3
 
 
 def bounded_least_squares(A: Array, values: Array, low: Array, high: Array) -> tuple[Array, Mask]:
-    """Return the unknowns (q,) from `low` to `high` that minimise |A x - values|, and the mask (q,) of those at a bound.
+    """Return the unknowns (q,) from `low` to `high` that minimise |A x - values|, and the mask of those at a bound.
 
     A (n, q) has independent columns. The algorithm is the active set of Stark and Parker (1995): release the bound with
     the largest slope, then step towards the optimum of the free unknowns until none of them passes a bound.
