@@ -184,20 +184,22 @@ def _write(
 
     by_use: the runs used, the held-out runs, and the unseen runs.
     """
-    from analysis import evaluate_runs
-    from analysis.cli.console import progress_of
-    from analysis.report.diagnosis_report import write
     from analysis.report.html_page import is_page
-    from analysis.report.page.page_content import gather
-    from analysis.report.page.write_page import write_page
 
     if is_page(output):
+        from analysis import evaluate_runs
+        from analysis.cli.console import progress_of
+        from analysis.report.page.page_content import gather
+        from analysis.report.page.write_page import write_page
+
         with progress_of() as progress:
             results = evaluate_runs(by_use[0])
             diagnosed = with_commands_here(diagnosis, output)
             report = gather(results, diagnosis.rig, diagnosis=diagnosed, left_out=errors, progress=progress)
             written = [write_page(report, output)]
     else:
+        from analysis.report.diagnosis_report import write
+
         written = write(diagnosis, text, output)
     for path in written:
         say(f"wrote {path}", err=True)

@@ -41,7 +41,7 @@ from analysis.diagnosis.evidence.observation_of import observation_of
 from analysis.diagnosis.evidence.setups import moved_setup, with_effects, without_origin
 from analysis.procedures.facts import facts_of
 from analysis.procedures.pose.evaluate import groups as visits
-from analysis.robot.kinematics.arm import Array, Integers
+from analysis.robot.kinematics.arm import Array, Integers, cos_sin
 from analysis.robot.model.predict import Model, SetUp, driven, posed
 from analysis.robot.model.scene import ModelScene, apply
 from analysis.runs.tables import SAME_RAD
@@ -400,7 +400,7 @@ class SimulatedBlock:
                 axes, order, phase, size = np.array([sine_of(few[k]) for k in waves]).T
                 joint = axes.astype(np.int64) - 1
                 angles = self._joints(early).q[self.block.samples].T[joint]
-                error = size[:, None] * np.sin(order[:, None] * angles + phase[:, None])
+                error = size[:, None] * cos_sin(order[:, None] * angles + phase[:, None])[1]
                 added[waves] = self._slopes_of_axes[joint] * error[:, :, None]
             for k, effect in enumerate(few):
                 if is_sine(effect):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -98,7 +99,12 @@ def judged_figures(results: Sequence[Result], limits: Limits) -> tuple[JudgedFig
                 if (limit := limits.of(test, name)) is not None:
                     sheet = limits.from_data_sheet(test, name)
                     judged.append(JudgedFigure(test, column, name, figure, limit, sheet))
-    return tuple(sorted(judged, key=lambda figure: (_WORST.index(figure.standing), -figure.excess)))
+    return tuple(sorted(judged, key=_rank))
+
+
+def _rank(figure: JudgedFigure) -> tuple[int, float]:
+    """Sort key of a judged figure, smallest for the worst."""
+    return _WORST.index(figure.standing), -figure.excess
 
 
 def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Literal["rig_file", "data_sheet"] | None]:
@@ -106,22 +112,31 @@ def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Li
     no figure has a limit.
 
     Runs that cannot be evaluated have no figures. Limits apply to the arm as it drives, not to the residual of a
-    calibrated model.
+    calibrated model. After a failed test the other tests are not evaluated, because nothing is worse.
     """
-    results = []
-    for run in runs:
-        if rig.limits.judge(run.run.manifest.test):
-            try:
-                results.append(result_of(run))
-            except RigError:
-                continue
-    for borrower in borrowers(results):  # a single lap uses the noise of a second run of the same test
-        place, result = evaluated_again(borrower)
-        results[place] = result
-    judged = judged_figures(results, rig.limits)
+    judged: list[JudgedFigure] = []
+    tests = dict.fromkeys(run.run.manifest.test for run in runs)
+    for test in filter(rig.limits.judge, tests):
+        of_test = [run for run in runs if run.run.manifest.test == test]
+        judged += judged_figures(_results_of(of_test), rig.limits)
+        if rig.limits.data_sheet_rp_mm is None and any(figure.standing == "fail" for figure in judged):
+            break
     if not judged:
         return None, None
-    return judged[0].standing, "data_sheet" if judged[0].of_data_sheet else "rig_file"
+    worst = min(judged, key=_rank)
+    return worst.standing, "data_sheet" if worst.of_data_sheet else "rig_file"
+
+
+def _results_of(runs: Sequence[Measured]) -> list[Result]:
+    """Evaluate the runs of a test that can be evaluated. A single lap uses the noise of a second run of the test."""
+    results = []
+    for run in runs:
+        with suppress(RigError):
+            results.append(result_of(run))
+    for borrower in borrowers(results):
+        place, result = evaluated_again(borrower)
+        results[place] = result
+    return results
 
 
 # ----------------------------------------------------------------------------------------------------------------------

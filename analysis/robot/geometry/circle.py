@@ -230,11 +230,12 @@ def link_readings(
     form_mm (n,): form error of the ball, added to the distance.
     """
     to_ball = ball - T[:, :3, 3]
-    distance = np.linalg.norm(to_ball, axis=1)
-    line = to_ball / distance[:, None]
-    along_e = np.einsum("ni,ni->n", line, T[:, :3, BASELINE_AXIS[test]])
-    along_z = np.einsum("ni,ni->n", line, T[:, :3, 2])
-    return np.asarray(((distance - link_mm + form_mm)[:, None] - along_e[:, None] * offsets_mm) / along_z[:, None])
+    distance = np.sqrt(np.einsum("ni,ni->n", to_ball, to_ball))
+    # products with the whole line to the ball, whose length is common to all terms
+    along_e = np.einsum("ni,ni->n", to_ball, T[:, :3, BASELINE_AXIS[test]])
+    along_z = np.einsum("ni,ni->n", to_ball, T[:, :3, 2])
+    radial = (distance - link_mm + form_mm) * distance
+    return np.asarray((radial[:, None] - along_e[:, None] * offsets_mm) / along_z[:, None])
 
 
 def link_angle(g1: Array, g2: Array, baseline_mm: float) -> Array:

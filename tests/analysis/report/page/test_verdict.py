@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -9,7 +10,7 @@ from typing import get_args
 import pytest
 import yaml
 
-from analysis import Result, evaluate_runs, load_run
+from analysis import Measured, Result, evaluate_runs, load_run
 from analysis.diagnosis.judge.verdict import standing_of
 from analysis.procedures.facts import Labels
 from analysis.procedures.pooled import figure_columns
@@ -133,3 +134,24 @@ def test_the_data_sheet_is_named_where_it_is_the_limit(tmp_path: Path) -> None:
     judged = {one.name: one for one in judge(evaluate_runs([load_run(run)]), RIG.limits).judged}
     assert (judged["rp_mm"].of_data_sheet, judged["rp_mm"].standing) == (True, "pass")
     assert not judged["bi_mm"].of_data_sheet
+
+
+@pytest.mark.parametrize(("factor", "expected"), [(0.5, 1), (3.0, 2)])
+def test_no_test_is_evaluated_after_one_that_failed(
+    laps: list[Result], monkeypatch: pytest.MonkeyPatch, factor: float, expected: int
+) -> None:
+    """The same runs, as those of two tests: only a failure makes the second test unnecessary."""
+    evaluated: list[str] = []
+
+    def results_of(runs: Sequence[Measured]) -> list[Result]:
+        evaluated.append(runs[0].run.manifest.test)
+        return laps
+
+    monkeypatch.setattr("analysis.diagnosis.judge.verdict._results_of", results_of)
+    yaw = laps[0].measured
+    manifest = yaw.run.manifest.model_copy(update={"test": "roll"})
+    roll = replace(yaw, run=replace(yaw.run, manifest=manifest))
+    limit = Limit(fail=factor * laps[0].figures["band_deg"].value)
+    limits = Limits(yaw=_limits(band_deg=limit).yaw, roll=_limits(band_deg=limit).yaw)
+    standing_of(RIG.model_copy(update={"limits": limits}), [yaw, roll])
+    assert len(evaluated) == expected
