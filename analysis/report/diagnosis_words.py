@@ -32,7 +32,7 @@ def with_uncertainty(effect: Effect, field: str, sd: Mapping[str, float], times:
     """Return a parameter ± `times` the standard uncertainty in sensible digits; no ± if the uncertainty is unknown."""
     quantity = quantity_of(effect, field, sd)
     if not 0 < quantity.u < math.inf:
-        return f"{quantity.value:.4g} {quantity.sign}".rstrip()
+        return f"{quantity.value:z.4g} {quantity.sign}".rstrip()
     return str(Quantity(quantity.value, times * quantity.u, quantity.unit))
 
 

@@ -64,7 +64,7 @@ class LinkGeometry(Effect):
 
     def remedy(self) -> str:
         return (
-            f"add {self.delta:+.4f} {'mm' if self._length else '°'} to {self.field} of axis {self.axis} in the rig file"
+            f"add {self.delta:+z.4f} {'mm' if self._length else '°'} to {self.field} of axis {self.axis} in the rig file"
             f" ({self.symbol} in the robot's constants)"
         )
 
