@@ -215,7 +215,11 @@ def _as_arguments(used: Sequence[Path], held_out: Sequence[Path], unseen: Sequen
     from analysis.cli.several import runs_below
 
     directory, current = used[0].parent, Path.cwd()
-    is_whole = len(used) > 1 and {path.resolve() for path in runs_below([directory])} <= {*used, *held_out, *unseen}
+    is_whole = (
+        len(used) > 1
+        and not any(path.is_file() for path in used)
+        and {path.resolve() for path in runs_below([directory])} <= {*used, *held_out, *unseen}
+    )
     uses = ([directory] if is_whole else used, held_out, unseen)
     return " ".join(
         f"{option}{as_argument(path.relative_to(current) if path.is_relative_to(current) else path)}"
