@@ -198,6 +198,7 @@ function showSummary(summary) {
     return;
   }
   put("summary-badge", summary.badge);
+  byId("summary-badge").className = `badge ${summary.tone}`;
   put("summary-headline", summary.headline);
   items("summary-unknowns", summary.unknowns);
   put("summary-title", summary.error.title);
