@@ -233,7 +233,8 @@ def say_correct(diagnosis: Diagnosis, model: Path) -> None:
     from rigs.calibration import verdict_of
 
     calibrated = diagnosis.calibrated
-    is_correctable = any(act.kind == "load" for act in diagnosis.acts)
+    kinds = [act.kind for act in diagnosis.acts if act.kind in ("check", "load")]
+    is_correctable = kinds[:1] == ["load"]  # a wrong parameter is checked before a correction hides it
     holds_some = is_correctable and bool(diagnosis.written or (calibrated and calibrated.effects))
     if holds_some and (calibrated is None or verdict_of(calibrated) == "correct"):
         say(f"next: rig correct {as_argument(model)} -o corrections", err=True)
