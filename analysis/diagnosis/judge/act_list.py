@@ -98,10 +98,8 @@ def acts_of(
         # Within the limits, a correction or a one-sided approach would change programs needlessly.
         large = tuple(k for k, part in enumerate(diagnosis.budget) if part.share > LEAST_SHARE)
         return (*before, Act("none", "sound", parts=large), *_measurements(diagnosis, judged, tests))
-    acts = in_order(
-        [*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis, judged)], diagnosis.train.before_um
-    )
-    acts = _parameters_first(acts, diagnosis)
+    reducing = [*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis, judged)]
+    acts = _parameters_first(in_order(reducing, diagnosis.train.before_um), diagnosis)
     acts = one_after_the_other(acts + following, judged)
     asked = _measurements(diagnosis, judged, tests)
     first = [act for act in asked if _comes_first(act, acts, diagnosis)]
@@ -274,12 +272,10 @@ def _of_the_place(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Against]:
 def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
     """Return the interim correction: programs and entries with all effects of the arm in the model, if the gain is
     certain and worthwhile."""
-    if (
-        diagnosis.calibrated is None
-        or verdict_of(diagnosis.calibrated) == "nothing"
-        or _may_not_have_arrived(diagnosis)
-    ):
-        return []  # a correction would hide a joint that does not reach its commanded angle
+    if diagnosis.calibrated is None or verdict_of(diagnosis.calibrated) == "nothing":
+        return []
+    if _may_not_have_arrived(diagnosis):  # a correction would hide it
+        return []
     effects = [effect for effect in judged.stages.calibrated.effects if effect.compensation().use != "none"]
     if not effects:
         return []
