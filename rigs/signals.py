@@ -5,9 +5,13 @@ from __future__ import annotations
 import contextlib
 import signal
 import threading
+from collections import deque
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TypeVar
 
+COMPLETED: deque[Path] = deque(maxlen=1000)
+"""The last files and directories that this process put in place, for the message after Ctrl-C."""
 _POLL_S = 0.5
 _End = TypeVar("_End")
 

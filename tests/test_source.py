@@ -379,3 +379,23 @@ def test_every_access_to_a_private_name_gives_its_reason() -> None:
         for access in unexplained(path.read_text(encoding="utf-8"))
     ]
     assert not missing, "\n".join(missing)
+
+
+# --- numbers
+
+
+def test_a_signed_number_never_shows_a_negative_zero() -> None:
+    """The point of a movement was `+1.60, +0.19, -0.00 mm`: a format with a sign also has the option z of PEP 682."""
+    wire = {"daq/gauges/magnescale_lt.py", "daq/acquisition/capture_writer.py"}  # formats of other programs
+    signed, bare = re.compile(r"\+z[\d.{}]*[fg%]?"), re.compile(r"\+0?[\d.{}]*[fg%]")
+    specs = [
+        (name_of(path), spec)
+        for path in FILES
+        for node in nodes_of(path)
+        if isinstance(node, ast.JoinedStr)
+        for value in node.values
+        if isinstance(value, ast.FormattedValue) and value.format_spec is not None
+        for spec in [ast.unparse(value.format_spec).removeprefix("f'").removesuffix("'")]
+    ]
+    assert sum(bool(signed.fullmatch(spec)) for _, spec in specs) > 30
+    assert [entry for entry in specs if bare.fullmatch(entry[1]) and entry[0] not in wire] == []

@@ -67,7 +67,7 @@ def load_run(path: str | Path) -> Measured:
     """
     if not isinstance(path, str | Path):
         raise UseError("path", f"a {type(path).__name__} is no path", "give the path of a run directory")
-    return load_measured(Path(path))
+    return load_measured(path if isinstance(path, Path) else Path(path))
 
 
 def read_table(

@@ -14,10 +14,10 @@ import typer
 from typer.exceptions import TyperException
 
 from analysis.cli.commands import app
-from analysis.cli.console import say_error
+from analysis.cli.console import INTERRUPTED, say_error, say_interrupted
 from analysis.runs.batch.outcomes import is_numerical
 from rigs.errors import CellError, FileError, RigError, wrong_use
-from rigs.signals import ignore_interrupts
+from rigs.signals import COMPLETED, ignore_interrupts
 from rigs.text import forget_width_of_0
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -40,9 +40,6 @@ objects, and a collection among them takes 30 of the 650 ms of a small run (meas
 collections took a tenth of it.
 """
 
-_INTERRUPTED = 130
-"""Exit code expected by a shell for a program ended by Ctrl-C."""
-
 
 def main() -> None:
     """Entry point: report every expected failure in a line and set the exit code."""
@@ -50,6 +47,7 @@ def main() -> None:
         sys.stdout.reconfigure(errors="replace")  # a terminal that cannot show φ shows ? instead
     os.environ.update({name: os.environ.get(name, "1") for name in (*_THREADS, _NO_PLUGINS)})
     forget_width_of_0()
+    COMPLETED.clear()
     gc.set_threshold(_GARBAGE)
     # numpy only warns when a figure becomes nan; such a figure is not a result.
     warnings.simplefilter("error", RuntimeWarning)
@@ -60,7 +58,8 @@ def main() -> None:
     except typer.Abort:
         sys.exit(1)
     except KeyboardInterrupt:  # between the command and this point
-        sys.exit(_INTERRUPTED)
+        say_interrupted()
+        sys.exit(INTERRUPTED)
     except RigError as error:
         _fail(error)
     except ModuleNotFoundError as error:

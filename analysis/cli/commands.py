@@ -18,6 +18,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 from typer.main import get_command_name, get_group
 
+from analysis.cli.console import INTERRUPTED, say_interrupted
 from rigs.distribution import version
 
 JOBS = {
@@ -225,6 +226,13 @@ class _RigCommands(CommandGroup):
             for job, summaries in JOBS.items()
             for name, summary in summaries.items()
         }
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            say_interrupted()
+            raise typer.Exit(INTERRUPTED) from None
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
         name, listed, remaining = super().resolve_command(ctx, args)

@@ -6,8 +6,10 @@ Progress appears only on a terminal. Tables: `PlainConsole`.
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,6 +18,7 @@ from typing import Any
 import typer
 
 from rigs.errors import RigError
+from rigs.signals import COMPLETED
 from rigs.text import plain
 
 
@@ -28,6 +31,20 @@ def say_error(error: RigError) -> None:
     """Print an error on standard error, a line for each mistake."""
     for line in error.lines():
         say(f"error: {line}", err=True)
+
+
+INTERRUPTED = 130
+"""Exit code expected by a shell for a program ended by Ctrl-C."""
+_MOST_WRITTEN = 3
+
+
+def say_interrupted() -> None:
+    """Report the files and directories that the command completed before Ctrl-C, on standard error."""
+    hidden, temporary = f".tmp{os.sep}", f"{tempfile.gettempdir()}{os.sep}rig-"
+    paths = [path for path in dict.fromkeys(map(str, COMPLETED)) if not path.startswith(temporary)]
+    paths = [path for path in paths if hidden not in path and os.path.lexists(path)]
+    shown = [*paths[:_MOST_WRITTEN], *([f"{len(paths) - _MOST_WRITTEN} more"] if len(paths) > _MOST_WRITTEN else [])]
+    say(f"interrupted; {'complete: ' + ', '.join(shown) if paths else 'nothing was written'}", err=True)
 
 
 def say_json(value: Any) -> None:

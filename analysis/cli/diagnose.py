@@ -217,7 +217,11 @@ def _as_arguments(used: Sequence[Path], held_out: Sequence[Path], unseen: Sequen
     from analysis.cli.several import runs_below
 
     directory, current = used[0].parent, Path.cwd()
-    is_whole = len(used) > 1 and {path.resolve() for path in runs_below([directory])} <= {*used, *held_out, *unseen}
+    is_whole = (
+        len(used) > 1
+        and not any(path.is_file() for path in used)
+        and {path.resolve() for path in runs_below([directory])} <= {*used, *held_out, *unseen}
+    )
     uses = ([directory] if is_whole else used, held_out, unseen)
     return " ".join(
         f"{option}{as_argument(path.relative_to(current) if path.is_relative_to(current) else path)}"
@@ -231,7 +235,8 @@ def say_correct(diagnosis: Diagnosis, model: Path) -> None:
     from rigs.calibration import verdict_of
 
     calibrated = diagnosis.calibrated
-    is_correctable = any(act.kind == "load" for act in diagnosis.acts)
+    kinds = [act.kind for act in diagnosis.acts if act.kind in ("check", "load")]
+    is_correctable = kinds[:1] == ["load"]  # a wrong parameter is checked before a correction hides it
     holds_some = is_correctable and bool(diagnosis.written or (calibrated and calibrated.effects))
     if holds_some and (calibrated is None or verdict_of(calibrated) == "correct"):
         say(f"next: rig correct {as_argument(model)} -o corrections", err=True)

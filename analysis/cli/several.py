@@ -151,13 +151,16 @@ def is_table(path: Path) -> bool:
 
 
 def with_tables(paths: Iterable[Path], rig_file: str | None) -> list[Path]:
-    """Return the paths with tables replaced by temporary runs, which exist until the command ends.
+    """Return the paths, with each table imported to a temporary run, which exists until the command ends.
 
     Raises FileError, and UseError for the name of an arm in place of a run.
     """
     paths = list(paths)
     for path in paths:
         refuse_arm_name(path)
+        if path.suffix.lower() in _TABLES and not path.exists():
+            remedy = f"check the path; accepted are run directories, and tables ({', '.join(_TABLES)}) with --rig"
+            raise FileError(str(path), "no such file or directory", remedy)
     return [_run_of(path, rig_file) if is_table(path) else path for path in paths]
 
 
@@ -171,8 +174,9 @@ def refuse_arm_name(path: Path) -> None:
 
 
 def _run_of(table: Path, rig_file: str | None) -> Path:
-    """Import a table to a temporary run and return the run directory. The columns determine the test."""
+    """Import a table to a temporary run and return the table with it. The columns determine the test."""
     from analysis.api import read_table, save_run
+    from analysis.runs.batch.remote_path import ImportedTable
 
     if rig_file is None:
         problem = "is a table without an arm"
@@ -180,7 +184,7 @@ def _run_of(table: Path, rig_file: str | None) -> Path:
     measured = read_table(table, rig_file)
     say(f"{table}: read as a {measured.run.manifest.test} table of {rig_file}, according to the columns", err=True)
     _imported.append(TemporaryDirectory(prefix="rig-"))
-    return save_run(measured, Path(_imported[-1].name) / table.stem)
+    return ImportedTable.of(table, save_run(measured, Path(_imported[-1].name) / table.stem))
 
 
 def load_runs(

@@ -20,7 +20,7 @@ from analysis.intake.column_groups import ColumnGroup, Groups, PlaceColumns, gro
 from analysis.intake.cube_stops import with_joints
 from analysis.intake.mapped import MappedPoses, fits_in_parts, meant, poses_of, spread_of
 from analysis.intake.raw_table import RawTable
-from analysis.intake.table_map import TO_MM, Angles, FileLayout, Lengths, Residual, TableMap, TurnColumns
+from analysis.intake.table_map import TO_MM, Angles, FileLayout, Lengths, Residual, TableMap, TurnColumns, line_of_map
 from analysis.procedures.checks.meanings import AS_WELL, CLEARLY, FEWEST, RIGHT_MM, RIGHT_SHARE, fit_nearest, left_mm
 from analysis.procedures.checks.place import NO_INSTRUMENT_MM, OF_CONTROLLER, SPARE
 from analysis.robot.geometry.iso_cube import cube_of
@@ -29,6 +29,7 @@ from analysis.robot.kinematics.arm import Arm, arm_of, forward, without_setup
 from analysis.runs.table_layout import SOCKET
 from rigs.errors import FileError
 from rigs.rig import Rig
+from rigs.text import as_argument
 
 _JUDGED = 200
 """Number of evenly selected rows used to compare interpretations; more rows add little."""
@@ -182,7 +183,7 @@ def propose(raw: RawTable, layouts: Sequence[FileLayout], join: str, rig: Rig) -
     judge = _Judge(raw.evenly(_JUDGED), bare, tuple(layouts), join)
     if len(raw.lines) < FEWEST:
         problem = f"has {len(raw.lines)} poses, too few to determine the meaning of the columns ({FEWEST} are needed)"
-        raise FileError(raw.where, problem, "write a map by hand, and give the map with --map")
+        raise FileError(raw.where, problem, _map_by_hand(raw, groups, layouts))
     measured, unsaid, commanded = (
         [group for group in groups.joints if group.role == role] for role in ("measured", "unsaid", "commanded")
     )
@@ -208,6 +209,18 @@ def propose(raw: RawTable, layouts: Sequence[FileLayout], join: str, rig: Rig) -
     if judge.assumed:
         table_map = table_map.model_copy(update={"assumed": tuple(judge.assumed)})
     return MapProposal(table_map, tuple(judge.questions), tuple(judge.checked), len(raw.lines))
+
+
+def _map_by_hand(raw: RawTable, groups: Groups, layouts: Sequence[FileLayout]) -> str:
+    """Return the remedy for a table without a proposed map, with the map itself if the header states all units."""
+    command = f"rig import {as_argument(raw.where)} --rig RIG --test pose --map MAP.yaml -o RUN"
+    joints, places = groups.joints[:1], [pose.place for pose in groups.seen[:1]]
+    if not all(group.unit for group in (*joints, *places)) or not (joints and places):
+        return f"write a map by hand (MAP.yaml), and run {command}"
+    of_groups = (("joints", joints[0]), ("place", places[0]))
+    columns = {name: {"columns": group.columns, "unit": group.unit} for name, group in of_groups}
+    inline = line_of_map(TableMap.model_validate({"files": layouts, **columns}))
+    return f"by the header the places are in {places[0].unit}: save {inline} as MAP.yaml, and run {command}"
 
 
 def _stops_of_cube(raw: RawTable, groups: Groups, rig: Rig) -> RawTable | None:

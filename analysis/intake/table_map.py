@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints, ValidationError, model_validator
 
@@ -173,10 +173,7 @@ def map_text(table_map: TableMap, open_keys: dict[str, list[str]] | None = None)
     """Return a map as YAML. open_keys: keys for the operator to fill in, such as `residual.meaning`, with the
     options as text.
     """
-    data = table_map.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
-    data["files"] = [
-        layout.model_dump(mode="json", exclude_defaults=True) or {"separator": "comma"} for layout in table_map.files
-    ]
+    data = _without_defaults(table_map)
     lines, questions = list[str](), open_keys or {}
     for key, value in data.items():
         if key in questions:
@@ -190,6 +187,17 @@ def map_text(table_map: TableMap, open_keys: dict[str, list[str]] | None = None)
                 lines += [f"  {line}" for line in _choices(place, questions[place])] if place in questions else []
                 lines.append(f"  {flow(name)}: {flow(OPEN if place in questions else entry)}")
     return "\n".join(lines) + "\n"
+
+
+def line_of_map(table_map: TableMap) -> str:
+    """Return a map as a single line of YAML."""
+    return flow(_without_defaults(table_map))
+
+
+def _without_defaults(table_map: TableMap) -> dict[str, Any]:
+    data = table_map.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    files = [layout.model_dump(mode="json", exclude_defaults=True) for layout in table_map.files]
+    return data | {"files": [file or {"separator": "comma"} for file in files]}
 
 
 def value_text(value: Part | None) -> str:

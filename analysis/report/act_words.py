@@ -56,7 +56,9 @@ class ActWords:
         is_instead = act.kind in ("remaster", "enter", "repair", "mount") and any(
             earlier.kind == "load" for earlier in before
         )
+        is_otherwise = act.kind == "load" and any(earlier.kind == "check" for earlier in before)
         instead = self.texts("act_instead") if is_instead and not corrected else ""
+        instead = self.texts("act_otherwise") if is_otherwise else instead
         sentence = " ".join(filter(None, [self.what(act), self.removes(act), instead]))
         return f"{sentence.removesuffix('.')} ({against})." if against else sentence
 
@@ -83,6 +85,8 @@ class ActWords:
             key = "act_mount_base"
         if act.kind == "check" and act.effect.part in ("gauges", "clocks"):
             key = "act_check_gauges"
+        if act.kind == "check" and f"act_check_{act.effect.effect}" in texts.words:
+            key = f"act_check_{act.effect.effect}"
         axis = getattr(act.effect, "axis", None)
         field = size_field(act.effect)
         size = with_uncertainty(act.effect, field, {field: act.u} if act.u is not None else {})
@@ -101,7 +105,7 @@ class ActWords:
         """
         if act.kind == "approach" and act.removes_um is None:
             return self.texts("act_not_computed")
-        if act.kind in ("none", "measure", "approach") or (act.effect is None and act.kind != "load"):
+        if act.kind in ("none", "measure") or (act.effect is None and act.kind != "load"):
             return ""
         before = act.gain_um + act.remains_um
         change = act.gain_um / before if before > 0 else 0.0

@@ -43,6 +43,8 @@ from rigs.effects import Effect
 from rigs.schema.effect import name_of, size_field, whole_order
 from rigs.schema.vocabulary import WITHOUT_GAUGES
 
+HARMLESS = ("uncalibrated", "nothing_unusual")
+"""Conditions without a fault."""
 SMALL_SHARE = 0.001
 """Share of the error below which ordinary parts are counted together."""
 _WIDELY = 2.0
@@ -93,6 +95,15 @@ def sure_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
     ]
 
 
+def unusual_groups(diagnosis: Diagnosis) -> list[BudgetPart]:
+    """Return the groups of small errors that are larger than usual although no single cause is certain.
+
+    The list is empty if a fault was found or the condition is open, because the condition then does not contradict it.
+    """
+    groups = [part for part in diagnosis.budget if part.rank == "unusual" and part.index is None]
+    return groups if diagnosis.condition in HARMLESS else []
+
+
 def shown_parts(diagnosis: Diagnosis) -> tuple[list[BudgetPart], list[BudgetPart]]:
     """Return the parts of the error with separate lines, and the small parts that are counted together."""
     small = [part for part in diagnosis.budget if part.share < SMALL_SHARE and part.rank != "unusual"]
@@ -111,8 +122,7 @@ def is_complete(diagnosis: Diagnosis) -> bool:
     error. Smaller shares are not worth an act.
     """
     scatter = sum(part.share for part in diagnosis.budget if part.kind == "scatter")
-    no_fault = diagnosis.condition in ("uncalibrated", "nothing_unusual")
-    return has_model(diagnosis) and no_fault and scatter > 1 - LEAST_SHARE
+    return has_model(diagnosis) and diagnosis.condition in HARMLESS and scatter > 1 - LEAST_SHARE
 
 
 def fields_of(effect: Effect) -> dict[str, Any]:
@@ -312,7 +322,9 @@ class AnswerWords:
             which = self._undecided()
         if which == "outside_library" and diagnosis.remainder.at_new_places:
             which = "outside_library_there"
-        return self.texts(f"finding_{which}", **values)
+        unusual = [", ".join([self.short_name(part), self.times_usual(part)]) for part in unusual_groups(diagnosis)]
+        larger = self.texts("finding_unusual_group", parts=self._listed(unusual)) if unusual else ""
+        return f"{self.texts(f'finding_{which}', **values)} {larger}".rstrip()
 
     @property
     def unexplained_too(self) -> str:

@@ -46,13 +46,13 @@ def _gauges(state: dict[str, Any]) -> Table:
     ages = {name: age for stream in state["streams"].values() for name, age in stream["age_s"].items()}
     for gauge in ("g1", "g2", *FURTHER):
         if (name := f"{gauge}_mm") in values:
-            table.add_row(gauge, _number(values[name], ages[name], "9.4f", "mm"))
+            table.add_row(gauge, _number(values[name], ages[name], "z9.4f", "mm"))
     if {"g1_mm", "g2_mm"} <= values.keys() and state["baseline_mm"]:
         degrees = math.degrees(math.atan((values["g2_mm"] - values["g1_mm"]) / state["baseline_mm"]))
-        table.add_row("angle", _number(degrees, max(ages["g1_mm"], ages["g2_mm"]), "9.4f", "°"))
+        table.add_row("angle", _number(degrees, max(ages["g1_mm"], ages["g2_mm"]), "z9.4f", "°"))
     joints = [f"q{axis}_deg" for axis in range(1, 7)]
     if all(name in values for name in joints):
-        row = Text("  ").join(_number(values[name], ages[name], "8.3f", "") for name in joints)
+        row = Text("  ").join(_number(values[name], ages[name], "z8.3f", "") for name in joints)
         table.add_row("joints °", row)
     if "signal" in values:
         table.add_row("signal", _number(values["signal"], ages["signal"], "8.0f", ""))

@@ -31,6 +31,7 @@ from analysis.report.diagnosis_words import (
 )
 from analysis.report.plain_console import bare_table, right
 from analysis.report.stairs import stairs_of, stairs_table
+from analysis.report.summary import Tone
 from analysis.report.summary_screen import on_screen
 from analysis.report.summary_words import summarise
 from analysis.report.texts import texts_of
@@ -58,17 +59,11 @@ def places_table(where: Sequence[ResidualPlace]) -> list[RenderableType]:
     return [table, *(Text(note, style="dim") for note in notes)]
 
 
-_COLOUR: dict[str, str] = {
-    "contradicted": "bold yellow",
-    "moved": "bold yellow",
-    "named": "bold yellow",
-    "ambiguous": "bold yellow",
-    "out_of_range": "bold red",
-    "outside_library": "bold red",
-    "undecided": "bold yellow",
-    "uncalibrated": "bold green",
-    "nothing_unusual": "bold green",
-    "not_testable_here": "bold yellow",
+_COLOUR: dict[Tone, str] = {
+    "pass": "bold green",
+    "watch": "bold yellow",
+    "fail": "bold red",
+    "unjudged": "bold yellow",
 }
 _MOST_GROUPS = 6
 _MOST_NAMES = 40
@@ -79,7 +74,7 @@ def as_screen(diagnosis: Diagnosis) -> RenderableType:
     """Return verdicts, budget, faults, gaps, acts, indistinguishable effects, places and remarks."""
     words, texts = AnswerWords(diagnosis), texts_of("en")
     summary = summarise(diagnosis)
-    parts = on_screen(summary, texts, _COLOUR[summary.standing])
+    parts = on_screen(summary, texts, _COLOUR[summary.tone])
     stairs = stairs_of(diagnosis)
     unexplained = []
     if diagnosis.is_testable:

@@ -18,7 +18,7 @@ from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES
 _WHOLE_LAP_DEG = 350.0
 LEAST_ODDS = 0.01
 """Odds below which a cause is shown as "< 1 %" and not listed among the likeliest."""
-_UPPER_BOUND = 1 / 3
+UPPER_BOUND = 1 / 3
 """Ratio to the standard uncertainty below which a figure is shown as an upper bound."""
 
 
@@ -32,7 +32,7 @@ def with_uncertainty(effect: Effect, field: str, sd: Mapping[str, float], times:
     """Return a parameter ± `times` the standard uncertainty in sensible digits; no ± if the uncertainty is unknown."""
     quantity = quantity_of(effect, field, sd)
     if not 0 < quantity.u < math.inf:
-        return f"{quantity.value:.4g} {quantity.sign}".rstrip()
+        return f"{quantity.value:z.4g} {quantity.sign}".rstrip()
     return str(Quantity(quantity.value, times * quantity.u, quantity.unit))
 
 
@@ -84,7 +84,7 @@ def um_with_u(um: float, u_um: float) -> str:
     """Return a size in µm ± standard uncertainty to a tenth, for a table column; "< u" if much smaller than u."""
     if not math.isfinite(um):
         return "–"
-    if um < _UPPER_BOUND * u_um:
+    if um < UPPER_BOUND * u_um:
         return f"< {u_um:.1f}"
     return f"{um:.1f} ± {u_um:.1f}" if u_um > 0 else f"{um:.1f}"
 
@@ -93,7 +93,7 @@ def size_in_words(um: float, u_um: float) -> str:
     """Return a size in µm ± standard uncertainty; "< u" if much smaller than u."""
     if not math.isfinite(um):
         return "–"
-    if um < _UPPER_BOUND * u_um:
+    if um < UPPER_BOUND * u_um:
         return f"< {micrometres(u_um)}"
     return f"{micrometres(um).removesuffix(' µm')} ± {micrometres(u_um)}" if u_um > 0 else micrometres(um)
 

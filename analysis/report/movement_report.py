@@ -36,7 +36,7 @@ def rows_of(moved: MovementResult, texts: Texts) -> list[tuple[str, str, str, st
 
 
 def _at(point: Vector) -> str:
-    return ", ".join(f"{value:+.2f}" for value in point) + " mm"
+    return ", ".join(f"{value:+z.2f}" for value in point) + " mm"
 
 
 def as_screen(moved: MovementResult, language: Language = "en") -> RenderableType:
@@ -56,7 +56,7 @@ def as_screen(moved: MovementResult, language: Language = "en") -> RenderableTyp
 
 def footer(moved: MovementResult, texts: Texts) -> str:
     """Return the numbers of readings, their scatter, and the middle of the work."""
-    at = ", ".join(f"{value:.0f}" for value in moved.centre_mm)
+    at = ", ".join(f"{value:z.0f}" for value in moved.centre_mm)
     scatter = f"{moved.scatter_mm:.3f}"
     return texts("check_footer", new=moved.readings, old=moved.reference_readings, scatter=scatter, at=at)
 

@@ -60,12 +60,12 @@ def movement_sentence(movement: Movement, texts: Texts) -> str:
 
 
 def _angle(size_deg: float, u_deg: float) -> str:
-    return f"{size_deg:+.3f} ± {u_deg:.3f}°"
+    return f"{size_deg:+z.3f} ± {u_deg:.3f}°"
 
 
 def _shift(shift_mm: Vector, u_mm: float, turn_deg: Vector | None, u_turn_deg: float | None, texts: Texts) -> str:
     """Return the length of a shift with the components that exceed their uncertainty, and a turn that does."""
-    shown = [f"{axis} {mm:+.2f}" for axis, mm in zip("xyz", shift_mm, strict=True) if abs(mm) > _SMALL * u_mm]
+    shown = [f"{axis} {mm:+z.2f}" for axis, mm in zip("xyz", shift_mm, strict=True) if abs(mm) > _SMALL * u_mm]
     direction = f"{', '.join(shown)} mm" if shown else texts("moved_nowhere")
     words = f"{math.hypot(*shift_mm):.2f} ± {u_mm:.2f} mm ({direction})"
     turn = math.hypot(*turn_deg) if turn_deg else 0.0
@@ -139,7 +139,7 @@ def _act(moved: Cause | Movement, name: str, texts: Texts, *, of_tracker: bool) 
 
 def next_words(posture: ReferencePosture, texts: Texts = _ENGLISH) -> str:
     """Return the posture to touch next."""
-    angles = ", ".join(f"J{k} {np.degrees(angle):.1f}" for k, angle in enumerate(posture.angles, start=1))
+    angles = ", ".join(f"J{k} {np.degrees(angle):z.1f}" for k, angle in enumerate(posture.angles, start=1))
     key = "check_next_touch" if posture.socket else "check_next_pose"
     return texts(key, name=posture.socket, row=posture.row + 1, angles=angles)
 

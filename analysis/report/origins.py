@@ -37,7 +37,7 @@ def in_calibration(model: CalibratedModel) -> list[str]:
         accuracy += f" ({model.held_out_um:.0f} µm in readings not used to fit it)"
     if model.widened > 1:
         accuracy += f"; its uncertainty was increased {model.widened:.2g} times, because these readings required it"
-    joints = ", ".join(f"{axis}: {low:.0f}° to {high:.0f}°" for axis, (low, high) in enumerate(model.joints_deg, 1))
+    joints = ", ".join(f"{axis}: {low:z.0f}° to {high:z.0f}°" for axis, (low, high) in enumerate(model.joints_deg, 1))
     return [
         f"calibrated on {model.date} from {runs}: {len(model.terms)} terms; {accuracy}",
         f"valid for these joint angles, axis by axis: {joints}; outside, typical errors are assumed",

@@ -127,7 +127,7 @@ def _hemisphere(result: Result, curve: RadialCurve, texts: Texts) -> list[Pictur
     )
     grid = directions(polar, azimuth)
     names = tuple(
-        f"{texts('target')} {number}: {1e3 * deviation:+.1f} µm"
+        f"{texts('target')} {number}: {1e3 * deviation:+z.1f} µm"
         for number, deviation in zip(curve.target[used], curve.deviation_mm[used], strict=True)
     )
     chart = SphereChart(

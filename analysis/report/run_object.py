@@ -124,7 +124,7 @@ def warmth_in_words(group: Sequence[Result]) -> list[str]:
             means, rises = ([getattr(warming, key) for warming in warmth.values()] for key in ("mean_c", "rise_c"))
             most = max(rises, key=abs)
             line = f"{result.title}, {result.name}: joints {min(means):.1f} to {max(means):.1f} °C in the mean"
-            lines.append(f"{line}; axis {list(warmth)[rises.index(most)]} changed by {most:+.1f} °C within the run")
+            lines.append(f"{line}; axis {list(warmth)[rises.index(most)]} changed by {most:+z.1f} °C within the run")
     return lines
 
 

@@ -113,7 +113,7 @@ def _table(group: Sequence[Result], truth_of: dict[int, dict[str, TruthCompariso
             figure, comparison = result.figures.get(name), truth_of.get(id(result), {}).get(name)
             cell: str | Text = "" if figure is None else str(figure)
             if figure is not None and comparison is not None:
-                true = f"truth {figure.rounded(comparison.truth)} ({comparison.deviation_u:+.1f}u)"
+                true = f"truth {figure.rounded(comparison.truth)} ({comparison.deviation_u:+z.1f}u)"
                 cell = _stack_texts(str(figure), true, "green" if abs(comparison.deviation_u) <= 2 else "red")
             cells.append(cell)
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")

@@ -13,6 +13,7 @@ from analysis.diagnosis.judge.staircase import ModelResidual, Staircase
 from analysis.report.answer_words import AnswerWords
 from analysis.report.diagnosis_words import plain
 from analysis.report.plain_console import bare_table, right
+from analysis.report.summary import error_size
 from analysis.report.texts import Texts, texts_of
 
 _BAR = 16
@@ -72,10 +73,8 @@ def _name_stairs(staircase: Staircase, first: str, parts: Sequence[str], texts: 
 
 
 def residual_words(residue: ModelResidual) -> str:
-    """Return a residual ± standard uncertainty in µm; "< u" if much smaller than u."""
-    if residue.um < residue.u_um / 2:
-        return f"< {residue.u_um:.1f}"
-    return f"{residue.um:.1f} ± {residue.u_um:.1f}" if residue.u_um > 0 else f"{residue.um:.1f}"
+    """Return a residual ± standard uncertainty in µm, as in the tiles."""
+    return error_size(residue.um, residue.u_um)
 
 
 def stairs_table(stairs: Stairs) -> Table:

@@ -7,9 +7,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from analysis.correction.deviation import Deviation
+from analysis.report.diagnosis_words import UPPER_BOUND
 from analysis.report.texts import Texts
+
+Tone = Literal["pass", "watch", "fail", "unjudged"]
+"""Colour of a badge: green, yellow, red, or grey for an open question."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,8 @@ class ErrorChange:
 class Summary:
     """Headline and three tiles.
 
-    `standing` is the condition that decides the colour of the badge; `moved` and `contradicted` come before conditions.
+    `standing` is the leading condition of the badge; `moved` and `contradicted` come before conditions. `tone` is the
+    colour of the badge on every output.
     `unknowns` are the limits of the evidence, shown before the next step. `command` carries out the next step; it is
     empty if no command does.
     """
@@ -68,12 +74,15 @@ class Summary:
     causes: tuple[BarSegment, ...]
     next: str
     command: str = ""
+    tone: Tone = "unjudged"
 
 
 def error_size(um: float, u_um: float) -> str:
-    """Return an error in µm with its standard uncertainty, both with the same decimals."""
+    """Return an error in µm with its standard uncertainty, both with the same decimals; "< u" if much smaller."""
     if not math.isfinite(um):
         return "–"
+    if um < UPPER_BOUND * u_um:
+        return f"< {error_size(u_um, 0.0)}"
     decimals = 1 if min(um, u_um or um) < 9.95 else 0
     return f"{um:.{decimals}f} ± {u_um:.{decimals}f}" if u_um > 0 else f"{um:.{decimals}f}"
 
@@ -92,12 +101,23 @@ def with_corrections_removed(summary: Summary, kind: str, way: str, texts: Texts
     return replace(summary, next=f"{summary.next} {texts(f'then_without_{way}')}")
 
 
-def driven_error(before: Deviation, after: Deviation, texts: Texts) -> ErrorChange:
-    """Return the measured error of the robot before and after a correction."""
-    return ErrorChange(
+WITHOUT_FAULT = ("uncalibrated", "nothing_unusual", "unusual_group")
+"""Badges to which the limits of the accuracy are added, because they alone would look like a pass."""
+
+
+def with_driven_error(summary: Summary, before: Deviation, after: Deviation, texts: Texts) -> Summary:
+    """Return a summary with the measured error before and after a correction.
+
+    The limits of the badge applied to the uncorrected robot.
+    """
+    error = ErrorChange(
         now_label=texts("error_before_label"),
         now=error_size(before.um, before.u_um),
         after_label=texts("error_driven_label"),
         after=error_size(after.um, after.u_um),
         basis=texts("basis_driven"),
     )
+    if summary.standing not in WITHOUT_FAULT:
+        return replace(summary, error=error)
+    tone: Tone = "watch" if summary.standing == "unusual_group" else "pass"
+    return replace(summary, error=error, badge=texts(f"badge_{summary.standing}"), tone=tone)

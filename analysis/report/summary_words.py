@@ -7,12 +7,29 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from analysis.correction.deviation import Deviation
+from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.acts import Act, Doubt
 from analysis.diagnosis.judge.result import CERTAIN_ODDS, BudgetPart, Diagnosis, Named, likely_rivals
 from analysis.report.act_words import ActWords, command, without_idle_mounts
-from analysis.report.answer_words import AnswerWords, has_model, is_complete, large_parts, part_of
+from analysis.report.answer_words import (
+    HARMLESS,
+    AnswerWords,
+    has_model,
+    is_complete,
+    large_parts,
+    part_of,
+    unusual_groups,
+)
 from analysis.report.diagnosis_words import size, sure
-from analysis.report.summary import BarSegment, ErrorChange, Summary, driven_error, error_size
+from analysis.report.summary import (
+    WITHOUT_FAULT,
+    BarSegment,
+    ErrorChange,
+    Summary,
+    Tone,
+    error_size,
+    with_driven_error,
+)
 from analysis.report.texts import Texts, texts_of
 
 _MOST_CAUSES = 3
@@ -26,7 +43,6 @@ _LIKELY = 0.5
 """Odds below which the likeliest member of a part is not named in the headline: another member is likelier."""
 _IMITATED: tuple[Doubt, ...] = ("unexplained", "commanded")
 """Doubts about an effect that a different cause may imitate."""
-_HARMLESS = ("uncalibrated", "nothing_unusual")
 _UNDECIDED = ("out_of_range", "outside_library", "undecided", "not_testable_here")
 """Conditions of a diagnosis that limit the evidence for every cause and act."""
 
@@ -47,16 +63,18 @@ def summarise(
     words = _SummaryWords(diagnosis, texts or texts_of("en"), judged_elsewhere)
     open_acts = without_idle_mounts(diagnosis.acts) if acts is None else acts
     act = open_acts[0] if open_acts else None
-    return Summary(
+    summary = Summary(
         badge=words.badge,
         standing=words.badge_keys[0],
+        tone=words.tone,
         headline=" ".join(words.first_sentences),
         unknowns=tuple(words.unknowns(act)),
-        error=driven_error(*driven, words.texts) if driven else words.error,
+        error=words.error,
         causes=tuple(words.causes),
         next=step_of(act, words.diagnosis, words.texts) if act else "",
         command=command(act) if act else "",
     )
+    return with_driven_error(summary, *driven, words.texts) if driven else summary
 
 
 def _tenths_percent(share: float) -> str:
@@ -86,11 +104,25 @@ class _SummaryWords:
         """The parts of the badge."""
         diagnosis = self.diagnosis
         keys = ["contradicted"] * bool(diagnosis.contradictions) + ["moved"] * bool(diagnosis.movements)
-        if not keys or (not diagnosis.contradictions and diagnosis.condition not in _HARMLESS):
+        if not keys or (not diagnosis.contradictions and diagnosis.condition not in HARMLESS):
             # Plain scatter hides every other error, so that nothing is shown to be usual.
             is_hidden = diagnosis.unexplained is not None and diagnosis.unexplained.scatter_um is not None
-            keys.append("undecided" if is_hidden else diagnosis.condition)
+            is_larger = any(part.share > LEAST_SHARE for part in unusual_groups(diagnosis))
+            keys.append("undecided" if is_hidden else "unusual_group" if is_larger else diagnosis.condition)
+        if keys[0] in WITHOUT_FAULT and diagnosis.accuracy.standing in ("watch", "fail"):
+            # Without a fault the badge alone would look like a pass.
+            keys.append(f"limits_{diagnosis.accuracy.standing}{'_uncorrected' * has_model(diagnosis)}")
         return keys
+
+    @property
+    def tone(self) -> Tone:
+        """The colour of the badge: that of the accuracy if no fault was found."""
+        first, *others = self.badge_keys
+        if first in WITHOUT_FAULT and any("fail" in key for key in others):
+            return "fail"
+        if first in HARMLESS and not others:
+            return "pass"
+        return "unjudged" if first in ("undecided", "not_testable_here") else "watch"
 
     @property
     def first_sentences(self) -> list[str]:
@@ -202,7 +234,7 @@ class _SummaryWords:
         if is_complete(diagnosis) and place == "used":
             return replace(change, now=now, basis=texts("basis_now"))
         if diagnosis.condition == "out_of_range":
-            after = error_size(diagnosis.train.after_um, diagnosis.train.u_um)
+            after = error_size(diagnosis.train.after_um, diagnosis.train.left_u_um)
             now = error_size(accuracy.now_um, diagnosis.train.u_um)
             return replace(change, now=now, after=after, basis=texts("basis_out_of_range"))
         return replace(change, now=now, after=error_size(after_um, gap.left_u_um), basis=texts(f"basis_{place}"))

@@ -89,8 +89,8 @@ def beyond_limits(table: Table, rig: Rig) -> tuple[str, ...]:
         if outside.any():
             farthest = np.degrees(angle[np.argmax(np.abs(angle - (low + high) / 2))])
             doubts.append(
-                f"axis {axis} is outside the limits of {np.degrees(low):.6g}° to {np.degrees(high):.6g}°: it is at "
-                f"{farthest:.1f}° {_row_words(table, outside)}; check the column, the zero, and limits_deg of the rig "
+                f"axis {axis} is outside the limits of {np.degrees(low):z.6g}° to {np.degrees(high):z.6g}°: it is at "
+                f"{farthest:z.1f}° {_row_words(table, outside)}; check the column, the zero, and limits_deg of the rig "
                 "file"
             )
     return tuple(doubts)
@@ -111,7 +111,7 @@ def _counted_further(table: Table, axis: int, turns: Integers, count: int) -> st
 
 def _ends(angles: Array) -> str:
     """Return the range of angles in degrees, a single value if both ends are the same."""
-    return " to ".join(dict.fromkeys(f"{np.degrees(angle):.1f}°" for angle in (angles.min(), angles.max())))
+    return " to ".join(dict.fromkeys(f"{np.degrees(angle):z.1f}°" for angle in (angles.min(), angles.max())))
 
 
 def _row_words(table: Table, chosen: Mask) -> str:

@@ -220,7 +220,7 @@ def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
         if name in names and gauge.certificate and gauge.certificate.valid_mm
     ]
     if "link" in table_format.certified and link_excess_mm(rig):
-        missing.append(f"the difference of {link_excess_mm(rig):+.4f} mm between link and radius")
+        missing.append(f"the difference of {link_excess_mm(rig):+z.4f} mm between link and radius")
     towards = [name for name, gauge in rig.gauges if name in names and gauge.sign < 0]
     turned = (
         f"imported readings are assumed to increase with the distance from the ball: counts of {' and '.join(towards)} "

@@ -23,6 +23,7 @@ from daq.store.run_directory import files_into, surely
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError
 from rigs.files import read_from
+from rigs.signals import COMPLETED
 from rigs.text import plain_lines
 
 if TYPE_CHECKING:
@@ -165,6 +166,7 @@ def write_new(path: Path, write: Writer) -> None:
         except OSError:  # memory sticks and some network shares do not support links
             refuse_existing(path)
             temporary.rename(path)
+        COMPLETED.append(path)
     except FileExistsError:
         raise _exists(path) from None
     except OSError as error:

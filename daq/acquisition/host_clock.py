@@ -76,7 +76,7 @@ class HostClockMonitor:
                 datetime.fromtimestamp(wall_ns // 10**6 / 1e3, UTC).isoformat(timespec="milliseconds")
                 for wall_ns in (now.wall_ns - set_ns, now.wall_ns)
             )
-            details.append(f"the wall clock was set by {set_ns / 1e9:+.3f} s, from {earlier} to {after}")
+            details.append(f"the wall clock was set by {set_ns / 1e9:+z.3f} s, from {earlier} to {after}")
         if details:
             self._known = now
         return [Fault(FaultKind.CLOCK, now.monotonic_ns, detail) for detail in details]

@@ -17,6 +17,8 @@ import shutil
 from contextlib import suppress
 from pathlib import Path
 
+from rigs.signals import COMPLETED
+
 try:
     import fcntl
 except ImportError:  # Windows
@@ -125,6 +127,7 @@ def close(fd: int) -> None:
 def rename(old: Path, new: Path) -> None:
     """Rename a file, replacing an existing one. The change is durable after a sync of the directory."""
     os.replace(old, new)  # noqa: PTH105
+    COMPLETED.append(new)
 
 
 def remove(path: Path) -> None:

@@ -134,8 +134,8 @@ def no_run(path: Path) -> FileError:
         named = [directory for directory in alike if directory.is_dir()]
     except OSError:
         named = []
-    meant = f"did you mean {as_argument(named[0])}?" if len(named) == 1 else "check the path"
-    return FileError(str(path), "no such run directory", meant)
+    meant = f"did you mean {as_argument(named[0])}?" if len(named) == 1 else "check the path; a run is a directory"
+    return FileError(str(path), "no such file or directory", meant)
 
 
 def first_error(error: ValidationError) -> str:

@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 
+from rigs.effects.joint_offset import JointOffset
 from rigs.schema.effect import (
     AT_AXIS,
     Compensation,
@@ -101,6 +102,10 @@ class Backlash(Effect):
         return Compensation(
             "none", "depends on the direction of approach: only the same approach direction for every target helps"
         )
+
+    def from_one_side(self, side: int) -> JointOffset | None:
+        """Return the flank as a constant offset; None if gravity determines it, since it then differs by posture."""
+        return None if self.preload else JointOffset(axis=self.axis, offset_deg=side * self.width_deg / 2)
 
     @property
     def idle(self) -> str:

@@ -31,7 +31,7 @@ class ClockRate(Effect):
         return "rate of the gauges' clock against the robot's"
 
     def remedy(self) -> str:
-        return f"the clocks differ by {self.ppm:+.3g} ppm: synchronise them"
+        return f"the clocks differ by {self.ppm:+z.3g} ppm: synchronise them"
 
     def compensation(self) -> Compensation:
         return OF_THE_CLOCKS

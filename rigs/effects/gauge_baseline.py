@@ -36,7 +36,7 @@ class GaugeBaseline(Effect):
         return "distance between the gauges"
 
     def remedy(self) -> str:
-        return f"the gauges stand {self.delta_mm:+.3f} mm further apart than the rig file says: measure and enter it"
+        return f"the gauges stand {self.delta_mm:+z.3f} mm further apart than the rig file says: measure and enter it"
 
     def compensation(self) -> Compensation:
         return OF_THE_GAUGES

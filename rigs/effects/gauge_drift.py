@@ -35,7 +35,7 @@ class GaugeDrift(Effect):
 
     def remedy(self) -> str:
         return (
-            f"{self.gauge} drifts by {1e3 * self.mm_per_min:+.2g} µm a minute: warm up the gauge, and check the holder"
+            f"{self.gauge} drifts by {1e3 * self.mm_per_min:+z.2g} µm a minute: warm up the gauge, and check the holder"
         )
 
     def compensation(self) -> Compensation:

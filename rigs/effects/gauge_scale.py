@@ -33,7 +33,7 @@ class GaugeScale(Effect):
         return f"scale of gauge {self.gauge}"
 
     def remedy(self) -> str:
-        return f"{self.gauge} reads {1e2 * self.relative:+.3g} %: have it calibrated, or enter the scale"
+        return f"{self.gauge} reads {1e2 * self.relative:+z.3g} %: have it calibrated, or enter the scale"
 
     def compensation(self) -> Compensation:
         return OF_THE_GAUGES

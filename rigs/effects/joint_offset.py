@@ -40,7 +40,7 @@ class JointOffset(Effect):
         return f"zero of {joint}"
 
     def remedy(self) -> str:
-        return f"re-master axis {self.axis} (actual angle minus reading: {self.offset_deg:+.4f}°), or enter the offset"
+        return f"re-master axis {self.axis} (actual angle minus reading: {self.offset_deg:+z.4f}°), or enter the offset"
 
     def compensation(self) -> Compensation:
         """Return the zero of the joint in the controller as the constant to correct."""

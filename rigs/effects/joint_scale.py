@@ -28,7 +28,7 @@ class JointScale(Effect):
     STAGE = "joint"
     KIND_NAME = "angle scale"
     SEAT_NOUN = "axis"
-    DEED = "enter"
+    DEED = "check"
     PART = "constants"
     PLACE = AT_AXIS
     MOST = 2000.0

@@ -64,8 +64,8 @@ class LinkGeometry(Effect):
 
     def remedy(self) -> str:
         return (
-            f"add {self.delta:+.4f} {'mm' if self._length else '°'} to {self.field} of axis {self.axis} in the rig file"
-            f" ({self.symbol} in the robot's constants)"
+            f"add {self.delta:+z.4f} {'mm' if self._length else '°'} to {self.field} of axis {self.axis} in the rig "
+            f"file ({self.symbol} in the robot's constants)"
         )
 
     def compensation(self) -> Compensation:

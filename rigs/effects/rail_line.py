@@ -56,7 +56,7 @@ class RailLine(Effect):
         return _IN_WORDS[self.way]
 
     def remedy(self) -> str:
-        return f"the arm is displaced by {self.mm_per_m:+.4f} mm per metre of the rail: {_REMEDIES[self.way]}"
+        return f"the arm is displaced by {self.mm_per_m:+z.4f} mm per metre of the rail: {_REMEDIES[self.way]}"
 
     def compensation(self) -> Compensation:
         """Return a compensation by targets: the effect depends on the rail position, which is part of a target."""

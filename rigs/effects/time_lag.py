@@ -32,7 +32,7 @@ class TimeLag(Effect):
 
     def remedy(self) -> str:
         late_ms = 1e3 * self.lag_s
-        return f"gauge stamps are {late_ms:+.3g} ms late: enter the delay of the line, or stamp nearer to the gauge"
+        return f"gauge stamps are {late_ms:+z.3g} ms late: enter the delay of the line, or stamp nearer to the gauge"
 
     def compensation(self) -> Compensation:
         return OF_THE_CLOCKS

@@ -22,7 +22,7 @@ class WristCoupling(Effect):
 
     STAGE = "joint"
     KIND_NAME = "coupling between wrist axes"
-    DEED = "enter"
+    DEED = "check"
     PART = "constants"
     PLACE = SeatNotation(r"(?P<from_axis>[1-7])\.(?P<to_axis>[1-7])", "4.5 (from.to)")
 

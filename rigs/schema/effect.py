@@ -267,6 +267,10 @@ class Effect(Part, ABC):
         """Return the shapes to fit with the effect for a given payload in kg; 0 if unknown."""
         return cls.FREE
 
+    def from_one_side(self, side: int) -> Effect | None:
+        """Return the error that remains if each target is approached from the same side, 1 or -1; None if unknown."""
+        return None
+
     @property
     def part(self) -> PartKind:
         """Return the part of the arm's error."""

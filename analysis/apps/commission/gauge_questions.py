@@ -116,7 +116,7 @@ def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
         also = f"; {', '.join(gauge.also)} also match" if gauge.also else ""
         lines.append(f"  {numbers[gauge.place]} {gauge.place}")
         kind = f"{gauge.gauge.interface}, {gauge.gauge.line}, {gauge.rate_hz:.0f} readings a second"
-        lines.append(f"      {kind}: {gauge.reading_mm:+.4f} {unit}{also}")
+        lines.append(f"      {kind}: {gauge.reading_mm:+z.4f} {unit}{also}")
     return lines
 
 
@@ -206,7 +206,7 @@ def _pushed(name: str, remaining: dict[str, FoundGauge], watch: PortWatch, dialo
 def _readings(watch: PortWatch, numbers: dict[str, str]) -> str:
     """Format the current readings as a prompt in a single line. numbers: number of each gauge in the list, by place."""
     now_mm = watch.readings_mm()
-    shown = [f"{number} {now_mm[place]:+.4f}" for place, number in numbers.items() if place in now_mm]
+    shown = [f"{number} {now_mm[place]:+z.4f}" for place, number in numbers.items() if place in now_mm]
     return f"  {'   '.join(shown[:_MOST_SHOWN])}: "
 
 

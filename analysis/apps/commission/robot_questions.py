@@ -114,7 +114,7 @@ def describe_robot(report: RobotReport) -> Iterator[str]:
     """Yield a description of the robot found."""
     assert report.feedback is not None  # noqa: S101 - of a robot that was found
     yield f"  {report.feedback.interface} at {report.feedback.port}, {report.rate_hz:.0f} readings a second"
-    yield f"      joints now: {' '.join(f'{angle:.3f}' for angle in report.joints_deg)} deg"
+    yield f"      joints now: {' '.join(f'{angle:z.3f}' for angle in report.joints_deg)} deg"
     if report.reported:
         yield f"      the controller reports: {report.reported}"
 

@@ -258,7 +258,7 @@ def _timed(tracks: dict[str, _SenderMessages]) -> tuple[tuple[Integers, Array], 
         doubts.append(f"{without}: the messages have no timestamps; the times of reception are used")
         by = log
     elif abs(late_s[0] - late_s[1]) > _APART_S:
-        fact = f"timestamps of joints and {stamped[1]} differ by {late_s[1] - late_s[0]:+.3f} s, so their clocks differ"
+        fact = f"times of joints and {stamped[1]} differ by {late_s[1] - late_s[0]:+z.3f} s, so their clocks differ"
         doubts.append(f"{fact}; the times of reception are used")
         by = log
     elif any(uneven.values()):

@@ -142,8 +142,8 @@ def draw_straight(area: Area, view: LiveView, controls: LiveControls, curves: tu
     if dots.width_dots < 4 or dots.height_dots < 4:
         return
     if any(len(curve.phi) for curve in curves):
-        area.put(1, 1, f"{scale * factor:+g}{unit}", "dim")
-        area.put(area.height - 2, 1, f"{-scale * factor:+g}{unit}", "dim")
+        area.put(1, 1, f"{scale * factor:+zg}{unit}", "dim")
+        area.put(area.height - 2, 1, f"{-scale * factor:+zg}{unit}", "dim")
     for quarter in range(_QUARTERS + 1):
         label = f"{90 * quarter}°"
         column = _LABEL + round(quarter / _QUARTERS * (plot.width - 1)) - (len(label) if quarter == _QUARTERS else 0)

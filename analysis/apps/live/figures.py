@@ -145,7 +145,7 @@ def plain_line(view: LiveView, units: Units, zero_mm: tuple[float, float] = (0.0
         less = f" less {zero * units.per_mm:.{units.decimals}f}" if zero else ""
         parts.append(f"{name} {(reading.mm - zero) * units.per_mm:.{units.decimals}f} {units.name}{less}{old}")
     if (degrees := angle_deg(view, zero_mm)) is not None:
-        parts.append(f"{angle_name(view)} {degrees:.4f}°")
+        parts.append(f"{angle_name(view)} {degrees:z.4f}°")
     if (phi := phi_deg(view)) is not None:
         share, sense = lap_share(view), {1: " acw", -1: " cw", 0: ""}[view.lap.sense]
         lap = ", way back" if lap_state(view).place == "way_back" else ""

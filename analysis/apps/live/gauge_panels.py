@@ -73,7 +73,7 @@ def draw_angle(area: Area, view: LiveView, controls: LiveControls, scale: int) -
     area.put(0, column, " °" if degrees is not None else " needs two gauges", "" if degrees is not None else "dim")
     if degrees is not None:
         fits = [candidate for candidate in range(1, scale + 1) if width_of(_ANGLE_TEXT, candidate) <= area.width - 2]
-        put_large(area, 1, 1, f"{degrees:8.4f}", max(fits, default=1), f"bold {ANGLE_COLOUR}")
+        put_large(area, 1, 1, f"{degrees:z8.4f}", max(fits, default=1), f"bold {ANGLE_COLOUR}")
     draw_lap(area.part(area.height - 1, 0, area.width, 1), view)
 
 

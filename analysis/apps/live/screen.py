@@ -67,7 +67,7 @@ def _middle(area: Area, view: LiveView, controls: LiveControls, *, with_angle: b
         top = gauge_rows(1) + 1
     elif with_angle:
         degrees = angle_deg(view, controls.zero_mm)
-        right.put(0, 1, f"{angle_name(view)} {degrees:.4f}°" if degrees is not None else "", "bold")
+        right.put(0, 1, f"{angle_name(view)} {degrees:z.4f}°" if degrees is not None else "", "bold")
         draw_lap(right.part(1, 0, right.width, 1), view)
         top = 2
     else:

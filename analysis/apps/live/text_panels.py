@@ -69,9 +69,9 @@ def draw_joints(area: Area, view: LiveView) -> None:
         sense = moves(float(speed[k]))
         column = area.put(k, 1, f"{k + 1} ", "bold")
         area.put(k, column, name[:9])
-        area.put(k, 13, f"{math.degrees(view.rows.q[-1, k]):9.3f}°")
+        area.put(k, 13, f"{math.degrees(view.rows.q[-1, k]):z9.3f}°")
         column = area.put(k, 24, {1: "▲", -1: "▼", 0: "■"}[sense], "" if sense else "dim")
-        column = area.put(k, column + 1, f"{math.degrees(speed[k]):+6.1f}°/s" if sense else "   stands", "dim")
+        column = area.put(k, column + 1, f"{math.degrees(speed[k]):+z6.1f}°/s" if sense else "   stands", "dim")
         if k + 1 in last:
             area.put(
                 k, 37, f"{view.reversal_counts[k]} rev, last {_place(last[k + 1])}", direction_colour(last[k + 1].sense)
@@ -113,7 +113,7 @@ def draw_links(area: Area, view: LiveView) -> None:
         if old and stream["connected"]:
             column = area.put(row, column + 1, f"silent {stream['age_s'][old[0]]:.0f} s", "yellow")
         for gauge in [part for part in name.split("_") if part in FURTHER and part in view.readings]:
-            column = area.put(row, column + 1, f"{gauge} {view.readings[gauge].mm:.4f} mm", "bold")
+            column = area.put(row, column + 1, f"{gauge} {view.readings[gauge].mm:z.4f} mm", "bold")
         column = _clock(area, row, column + 1, state.get("clocks", {}).get(name))
         faults = ", ".join(f"{n} {kind}" for kind, n in stream["counters"].items() if kind != "samples")
         area.put(
@@ -173,7 +173,7 @@ def _clock(area: Area, row: int, column: int, clock: dict[str, Any] | None) -> i
     if not clock:
         return column
     drift = clock.get("drift_ppm")
-    words = f"late {1e3 * clock['late_s']:.1f} ms" + (f", clock {drift:+.0f} ppm" if drift is not None else "")
+    words = f"late {1e3 * clock['late_s']:z.1f} ms" + (f", clock {drift:+z.0f} ppm" if drift is not None else "")
     return area.put(row, column, words, "yellow" if drift is not None and abs(drift) > _LATE_DRIFT_PPM else "dim") + 1
 
 

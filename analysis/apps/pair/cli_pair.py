@@ -192,7 +192,7 @@ def _simulated(first: Rig, second: Rig, planned: PlannedTouches, seed: int) -> s
     from analysis.apps.pair.simulated import base_of, simulated_touches
 
     touches, state = simulated_touches(first, second, planned.table, seed)
-    place = ", ".join(f"{value:.3f}" for value in base_of(first, second, state))
+    place = ", ".join(f"{value:z.3f}" for value in base_of(first, second, state))
     say(f"drawn: base of {second.name} in {first.name} at {place} mm", err=True)
     return type(planned)(touches, planned.expected).csv()
 

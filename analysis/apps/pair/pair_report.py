@@ -66,17 +66,17 @@ def base_rows(result: PairResult, texts: Texts) -> list[tuple[str, ...]]:
     base = result.base
     places = zip("xyz", base.xyz_mm, base.u_xyz_mm, strict=True)
     angles = zip(("roll", "pitch", "yaw"), base.rpy_deg, base.u_rotation_deg, strict=True)
-    at = ", ".join(f"{value:.0f}" for value in base.work_mm)
+    at = ", ".join(f"{value:z.0f}" for value in base.work_mm)
     return [
-        *((axis, f"{value:.3f}", f"{u:.3f}", "mm") for axis, value, u in places),
-        *((axis, f"{value:.4f}", f"{u:.4f}", "°") for axis, value, u in angles),
+        *((axis, f"{value:z.3f}", f"{u:z.3f}", "mm") for axis, value, u in places),
+        *((axis, f"{value:z.4f}", f"{u:z.4f}", "°") for axis, value, u in angles),
         (texts("pair_distance"), f"{base.distance_mm:.3f}", f"{base.u_distance_mm:.3f}", "mm"),
         (texts("pair_frame", at=at), "", _triple(base.u_work_mm), texts("pair_frame_unit")),
     ]
 
 
 def _triple(values: Vector) -> str:
-    return ", ".join(f"{value:.3f}" for value in values)
+    return ", ".join(f"{value:z.3f}" for value in values)
 
 
 def constant_rows(result: PairResult) -> list[tuple[str, ...]]:

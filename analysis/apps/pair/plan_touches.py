@@ -62,7 +62,7 @@ class PlannedTouches:
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow([SOCKET, *joint_columns(self.table.q.shape[1]), *second_joint_columns(self.table.p.shape[1])])
         for socket, q, p in zip(self.table.socket.tolist(), self.table.q, self.table.p, strict=True):
-            writer.writerow([socket, *(f"{angle:.4f}" for angle in np.degrees(np.concatenate([q, p])))])
+            writer.writerow([socket, *(f"{angle:z.4f}" for angle in np.degrees(np.concatenate([q, p])))])
         return text.getvalue()
 
 

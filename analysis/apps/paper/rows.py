@@ -128,9 +128,10 @@ def yaw_rows(rig: Rig) -> Iterator[PaperRow]:
             jumps[f"{rig.robot.axes[turn.axis - 1].name} {at:.0f}°"] = by_play
         ranked = sorted(jumps, key=lambda name: -abs(jumps[name]))
         place = ranked.index(jump_name) + 1 if jump_name in ranked else 0
-        others = ", ".join(f"{name} {jumps[name]:+.2f}°" for name in [name for name in ranked if name != jump_name][:2])
+        largest = [name for name in ranked if name != jump_name][:2]
+        others = ", ".join(f"{name} {jumps[name]:+z.2f}°" for name in largest)
         note = f"from play, within {STEP_DEG:.0f}° of travel; {place} of {len(ranked)} in size; {others}"
-        ours = f"{jumps[jump_name]:+.2f}°" if jump_name in jumps else "none"
+        ours = f"{jumps[jump_name]:+z.2f}°" if jump_name in jumps else "none"
         yield PaperRow("Fig. 8", f"yaw jumps at {jump_name}, {direction}", "sudden change", ours, "", note)
 
 
@@ -184,7 +185,7 @@ def sphere_rows(rig: Rig) -> Iterator[PaperRow]:
 
 
 def _towards(ball: FittedSphere, measured: FittedSphere | None = None) -> str:
-    text = "by ({:+.2f}, {:+.2f}, {:+.2f}) mm".format(*ball.centre_mm)
+    text = f"by ({', '.join(f'{value:+z.2f}' for value in ball.centre_mm)}) mm"
     if measured is None:
         return text
     cosine = ball.centre_mm @ measured.centre_mm / (ball.shift_mm * measured.shift_mm)
@@ -237,7 +238,7 @@ def as_table(rig: Rig, rows: Sequence[PaperRow]) -> RenderableType:
         previous = section
         difference = ""
         if row.difference is not None:
-            difference = f"{round(row.difference, row.digits) + 0.0:+.{row.digits}f}"  # adding 0.0 avoids -0.0
+            difference = f"{row.difference:+z.{row.digits}f}"
         table.add_row(row.where, row.figure, written(row, row.paper), written(row, row.ours), difference, row.note)
     effects = "Effects: " + "; ".join(in_words(rig, effect) for effect in rig.effects) + "."
     return Group(fold_long_words(table), *(Text(line, style="dim") for line in (effects, SLIPS, CAVEAT)))

@@ -28,13 +28,13 @@ def arms_apart_tables(apart: ArmsApart) -> RenderableType:
         "are left."
     )
     worst = int(np.argmax(apart.distance_mm))
-    place = ", ".join(f"{angle:.0f}" for angle in apart.q_deg[worst])
+    place = ", ".join(f"{angle:z.0f}" for angle in apart.q_deg[worst])
     where = Text(f"Farthest apart at joint angles {place} °.")
     headings = ("axis", "zero °", "a mm", "d mm", "alpha °", "beta °", f"play {first} °", f"play {second} °")
     table = Table(*map(right, headings), header_style="bold", title=f"{second} less {first}", title_style="bold")
     for axis, constants in enumerate(apart.constants, start=1):
-        differences = [f"{value:+.4f}" if abs(value) > _SHOWN else "" for value in constants.values()]
-        plays = [f"{width[axis]:.4f}" if axis in width else "" for width in apart.play_deg]
+        differences = [f"{value:+z.4f}" if abs(value) > _SHOWN else "" for value in constants.values()]
+        plays = [f"{width[axis]:z.4f}" if axis in width else "" for width in apart.play_deg]
         table.add_row(str(axis), *differences, *plays)
     return Group(Text(head), where, table, *(Text(doubt, style="yellow") for doubt in apart.doubts))
 

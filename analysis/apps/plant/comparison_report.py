@@ -47,7 +47,7 @@ def as_tables(compared: Compared) -> RenderableType:
             figure, value = figures[name], simulated[name].value
             cells = (str(figure), figure.rounded(value), figure.rounded(figure.value - value))
             table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
-        table.add_row("correlation of the curves", "", f"{comparison.correlation:.4f}", "")
+        table.add_row("correlation of the curves", "", f"{comparison.correlation:z.4f}", "")
         table.add_row("unexplained, rms of the readings", "", f"{comparison.rms_um:.2f} µm", "")
         tables.append(fold_long_words(table))
     where: list[RenderableType] = []
@@ -88,5 +88,5 @@ def _figure(comparison: Comparison) -> Figure:
     difference = replace(measured, name="difference", role="quiet", y=measured.y - simulated.y)
     below = replace(chart, title="Measured less simulated", caption="", lines=(difference,))
     title = f"{comparison.result.title} · {comparison.result.name}: measured and simulated"
-    parts = [part_of(chart, f", correlation {comparison.correlation:.3f}"), part_of(below)]
+    parts = [part_of(chart, f", correlation {comparison.correlation:z.3f}"), part_of(below)]
     return Sheet.of_parts([title], parts, 9.0)

@@ -80,7 +80,7 @@ def map_words(postures: Postures, texts: Texts) -> str:
         return texts("postures_no_place", part=part)
     x, y = work_map.best_mm
     now = work_map.at(*postures.reached[:, :2, 3].mean(axis=0))
-    words = texts("postures_place", part=part, x=f"{x:.0f}", y=f"{y:.0f}", best=f"{work_map.at(x, y):.3f}")
+    words = texts("postures_place", part=part, x=f"{x:z.0f}", y=f"{y:z.0f}", best=f"{work_map.at(x, y):z.3f}")
     return words if np.isnan(now) else f"{words} {texts('postures_place_now', now=f'{now:.3f}')}"
 
 
@@ -124,8 +124,8 @@ def chosen_words(postures: Postures, row: int) -> str:
 def _angles(postures: Postures, row: int) -> str:
     axes = len(postures.rig.robot.axes)
     q = postures.candidates.q[row]
-    words = ", ".join(f"{angle:.0f}" for angle in np.degrees(q[:axes]))
-    return words + "".join(f", E1 {RAIL_MM * stand:.0f} mm" for stand in q[axes:])
+    words = ", ".join(f"{angle:z.0f}" for angle in np.degrees(q[:axes]))
+    return words + "".join(f", E1 {RAIL_MM * stand:z.0f} mm" for stand in q[axes:])
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -170,7 +170,7 @@ def _joint_names(robot: Robot) -> list[str]:
 
 def _joint_cells(postures: Postures, row: int) -> list[str]:
     axes, q = len(postures.rig.robot.axes), postures.candidates.q[row]
-    return [*(f"{angle:.6f}" for angle in np.degrees(q[:axes])), *(f"{RAIL_MM * stand:.4f}" for stand in q[axes:])]
+    return [*(f"{angle:z.6f}" for angle in np.degrees(q[:axes])), *(f"{RAIL_MM * stand:z.4f}" for stand in q[axes:])]
 
 
 def _error_cells(postures: Postures, row: int) -> list[str]:

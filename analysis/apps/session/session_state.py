@@ -18,7 +18,7 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from analysis.correction.deviation import Count, Deviation, Expected, NotNegative, Side, Work
 from analysis.diagnosis.judge.acts import is_done
-from analysis.report.summary import Summary, driven_error, with_corrections_removed
+from analysis.report.summary import Summary, with_corrections_removed, with_driven_error
 from analysis.report.texts import texts_of
 from daq.store import durable
 from rigs.errors import CellError, FileError
@@ -322,7 +322,7 @@ class Session(Part):
             return None
         acts, verified = self.open_acts, self.verified
         if verified and verified.same_before and verified.same_after:
-            summary = replace(summary, error=driven_error(verified.same_before, verified.same_after, texts_of("en")))
+            summary = with_driven_error(summary, verified.same_before, verified.same_after, texts_of("en"))
         elif self.judged and self.judged.summary:
             summary = replace(summary, error=self.judged.summary.error)
         if not acts:

@@ -98,7 +98,8 @@ def acts_of(
         # Within the limits, a correction or a one-sided approach would change programs needlessly.
         large = tuple(k for k, part in enumerate(diagnosis.budget) if part.share > LEAST_SHARE)
         return (*before, Act("none", "sound", parts=large), *_measurements(diagnosis, judged, tests))
-    acts = in_order([*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis)], diagnosis.train.before_um)
+    reducing = [*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis, judged)]
+    acts = _parameters_first(in_order(reducing, diagnosis.train.before_um), diagnosis)
     acts = one_after_the_other(acts + following, judged)
     asked = _measurements(diagnosis, judged, tests)
     first = [act for act in asked if _comes_first(act, acts, diagnosis)]
@@ -124,7 +125,7 @@ def _check(diagnosis: Diagnosis, judged: JudgedPlace) -> Act:
 
 
 def in_order(acts: Sequence[Act], now_um: float) -> list[Act]:
-    """Sort actions by their reduction, and a one-sided approach, whose gain is unknown, by the error of the part.
+    """Sort actions by their reduction, and a one-sided approach of unknown gain by the error of the part.
 
     Usual effects are corrected first and repaired if this is not sufficient: the repair follows the correction.
     """
@@ -135,7 +136,7 @@ def in_order(acts: Sequence[Act], now_um: float) -> list[Act]:
 
     def weight_um(act: Act) -> float:
         without_um = math.sqrt(max(now_um**2 - act.remains_um**2, 0.0))
-        return now_um - without_um if act.kind == "approach" else act.gain_um
+        return now_um - without_um if act.kind == "approach" and act.removes_um is None else act.gain_um
 
     by_weight = sorted(acts, key=weight_um, reverse=True)
     for act in [act for act in by_weight if act not in late]:
@@ -145,6 +146,15 @@ def in_order(acts: Sequence[Act], now_um: float) -> list[Act]:
         ordered += [replace(repair, why="not_enough") for repair in behind]
         late = [repair for repair in late if repair not in behind]
     return ordered
+
+
+def _parameters_first(acts: Sequence[Act], diagnosis: Diagnosis) -> list[Act]:
+    """Return the actions with the checks of large faults ahead of everything that would hide a wrong parameter."""
+
+    def is_first(act: Act) -> bool:
+        return act.kind == "check" and any(diagnosis.budget[k].share > LEAST_SHARE for k in act.parts)
+
+    return sorted(acts, key=lambda act: not is_first(act))
 
 
 def one_after_the_other(acts: Sequence[Act], judged: JudgedPlace) -> list[Act]:
@@ -162,16 +172,23 @@ def one_after_the_other(acts: Sequence[Act], judged: JudgedPlace) -> list[Act]:
     return ordered
 
 
-def _approaches(diagnosis: Diagnosis) -> list[Act]:
+def _approaches(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
     """Return the interim action for direction-dependent effects, which targets cannot represent: a one-sided approach
-    to every target."""
+    to every target.
+
+    The gain is that of the worse side, because both sides are equally likely to be chosen.
+    """
     acts = []
     for k, part in enumerate(diagnosis.budget):
         if part.index is None or part.share <= LEAST_SHARE or not is_sure(diagnosis, part):
             continue
         effect = diagnosis.effects[part.index].effect
         if effect.part == "reversal" and effect.compensation().use == "none":
-            acts.append(Act("approach", "history", (k,), remains_um=part.um, remains_u_um=part.u_um, effect=effect))
+            constants = [effect.from_one_side(-side) for side in (1, -1)]
+            sides = [judged.removed([effect, flank], part.u_um / part.um) for flank in constants if flank is not None]
+            unknown = Act("approach", "history", remains_um=part.um, remains_u_um=part.u_um)
+            figures = max(sides, key=lambda act: act.remains_um, default=unknown)
+            acts.append(replace(figures, kind="approach", why="history", parts=(k,), effect=effect))
     return acts
 
 
@@ -243,7 +260,8 @@ def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, don
 
 def _of_the_place(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Against]:
     """Return the objections common to all figures of the validation place."""
-    against = [Against("not_judged_elsewhere")] if judged.place == "used" else []
+    against = [Against("doubt", doubt="commanded")] if diagnosis.only_commanded else []
+    against += [Against("not_judged_elsewhere")] if judged.place == "used" else []
     if diagnosis.runs_to_decide is not None:
         against.append(Against("few_runs", runs=diagnosis.runs_to_decide))
     if diagnosis.condition == "outside_library":
@@ -255,6 +273,8 @@ def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
     """Return the interim correction: programs and entries with all effects of the arm in the model, if the gain is
     certain and worthwhile."""
     if diagnosis.calibrated is None or verdict_of(diagnosis.calibrated) == "nothing":
+        return []
+    if _may_not_have_arrived(diagnosis):  # a correction would hide it
         return []
     effects = [effect for effect in judged.stages.calibrated.effects if effect.compensation().use != "none"]
     if not effects:
@@ -289,7 +309,10 @@ def _measurements(
     diagnosis: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]]
 ) -> list[Act]:
     """Return the measurements to make: to separate rivals, identify a group, decide, or validate elsewhere."""
-    acts = [Act("measure", "commanded")] if any(named.doubt == "commanded" for named in diagnosis.effects) else []
+    acts = []
+    if _may_not_have_arrived(diagnosis):
+        large = tuple(k for k, part in enumerate(diagnosis.budget) if part.share > LEAST_SHARE)
+        acts.append(Act("measure", "commanded", parts=large))
     scatter = tuple(k for k, part in enumerate(diagnosis.budget) if part.kind == "scatter")
     if _may_repeat(diagnosis, scatter):
         acts.append(Act("measure", "revisit", parts=scatter))
@@ -329,6 +352,11 @@ def _measurements(
     if judged.place == "used":
         acts.append(Act("measure", "elsewhere", place="used"))
     return acts
+
+
+def _may_not_have_arrived(diagnosis: Diagnosis) -> bool:
+    """Return whether a would-be fault may be an angle that the arm was commanded to and did not reach."""
+    return any(named.doubt == "commanded" for named in diagnosis.effects)
 
 
 def _may_repeat(diagnosis: Diagnosis, scatter: tuple[int, ...]) -> bool:

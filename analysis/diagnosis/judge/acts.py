@@ -94,8 +94,8 @@ class NamingTest:
 class Act:
     """An action. `parts` are indices into the budget. `removes_um` is the reduction by this action only at the `place`,
     and `remains_um` the remaining error there, rms of the readings in µm, each with standard uncertainty. The reduction
-    is None if not computed, for example for a one-sided approach, and for actions that do not reduce the error
-    themselves.
+    is None if not computed, for example for a one-sided approach under gravity, and for actions that do not reduce the
+    error themselves.
 
     `with_before_um` is the remaining error there in µm, with standard uncertainty, after all preceding manual actions
     of the list; None for the first.

@@ -59,9 +59,8 @@ def staircase_of(
     residuals_um.append([gap.calibrated_um if gap else None for gap in gaps])
     steps = []
     for (parts, _), row in zip(rungs, residuals_um, strict=True):
-        # the uncertainty of the actions
         used, held_out, unseen = (
-            ModelResidual(um, gap.left_u_um) if gap is not None and um is not None else None
+            ModelResidual(um, gap.left_u_um if parts else gap.u_um) if gap is not None and um is not None else None
             for gap, um in zip(gaps, row, strict=True)
         )
         assert used is not None  # noqa: S101 - a diagnosis has runs that it used

@@ -338,6 +338,8 @@ is defined."""
 class Gap:
     """Root mean square of the residual in µm, before and after the effects are added to the model.
 
+    `before_um` has the standard uncertainty `u_um`, the residual of any model `left_u_um`.
+
     runs: names of the runs.
     before_um: rms with the initial model.
     after_um: rms with the effects found.
@@ -357,7 +359,7 @@ class Gap:
 
     @property
     def u_um(self) -> float:
-        """Standard uncertainty of each rms in µm, for the mean of all runs, each with the noise."""
+        """Standard uncertainty of the initial residual in µm, for the mean of all runs, each with the noise."""
         return self.noise_floor_um / math.sqrt(max(len(self.runs), 1))
 
     @property
@@ -371,8 +373,10 @@ class Gap:
         """Return plain types; the keys omit the unit, µm."""
         return {
             "before": self.before_um,
+            "before_u": self.u_um,
             "after": self.after_um,
             "calibrated": self.calibrated_um,
+            "calibrated_u": self.left_u_um,
             "noise_floor": self.noise_floor_um,
             "set_up": "kept" if self.keeps_setup else "fitted",
             "tests": {tested.test: tested.to_dict() for tested in self.tests},
@@ -530,7 +534,7 @@ class Diagnosis(Verdict, Tabular):
         accuracy = self.accuracy.to_dict()
         if not self.is_modelled:
             for figures, key in ((accuracy, "calibrated_um"), *((gap, "calibrated") for gap in gaps.values() if gap)):
-                figures[key] = None
+                figures.update({name: None for name in (key, f"{key}_u") if name in figures})
         plain: dict[str, Any] = for_json(
             {
                 "condition": self.condition,

@@ -40,9 +40,9 @@ class CommandError:
     def words(self) -> str:
         """Return a sentence with the figures of the axis."""
         reasons = [("load", self.with_load), ("speed", self.with_speed)]
-        known = [f"{name} {value:+.2f}" for name, value in reasons if value is not None]
+        known = [f"{name} {value:+z.2f}" for name, value in reasons if value is not None]
         correlation = f", correlation with {', with '.join(known)}" if known else ""
-        return f"axis {self.axis} mean {self.mean_deg:+.4f}°, rms {self.rms_deg:.4f}°{correlation}"
+        return f"axis {self.axis} mean {self.mean_deg:+z.4f}°, rms {self.rms_deg:.4f}°{correlation}"
 
 
 def command_errors(run: Measured) -> tuple[CommandError, ...]:

@@ -87,8 +87,8 @@ def order_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
     if exchanged.apart_mm <= _CLOSER * labelled.apart_mm:
         (u, v), (angle_u, angle_v) = labelled.by_distance, labelled.by_angle
         fact = (
-            f"g1 and g2 may be exchanged, which reverses every angle: the ball is ({u:.2f}, {v:.2f}) mm off centre by "
-            f"their mean, ({angle_u:.2f}, {angle_v:.2f}) mm by their difference"
+            f"g1 and g2 may be exchanged, which reverses every angle: the ball is ({u:z.2f}, {v:z.2f}) mm off centre "
+            f"by their mean, ({angle_u:z.2f}, {angle_v:z.2f}) mm by their difference"
         )
         remedy = (
             "press a probe to see which is which, and exchange their columns or ports; if they are right, the robot "

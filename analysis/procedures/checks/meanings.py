@@ -50,7 +50,7 @@ def meanings(axes: int) -> list[Meaning]:
     for axis, off_deg in product(range(1, axes + 1), _ZEROS_DEG):
         offset = np.radians(off_deg) * np.eye(axes)[axis - 1]
         do = f"add {off_deg:.0f}° to q{axis}_deg, or to offset_deg of axis {axis} in the rig file"
-        ways.append(_meaning((axis,), f"{off_deg:+.0f}° on J{axis}", do, np.eye(axes), offset))
+        ways.append(_meaning((axis,), f"{off_deg:+z.0f}° on J{axis}", do, np.eye(axes), offset))
     return ways
 
 

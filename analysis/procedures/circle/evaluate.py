@@ -204,7 +204,7 @@ class AngleTest:
 def _about_noise(curve: LapCurve) -> tuple[str, ...]:
     """Return remarks about noise not measured in this run, and about events between its laps."""
     if curve.slips:
-        sizes = ", ".join(f"{np.degrees(slip):+.4f}°" for slip in curve.slips)
+        sizes = ", ".join(f"{np.degrees(slip):+z.4f}°" for slip in curve.slips)
         why = "which is more than noise and drift explain: check the clamps"
         return (f"the angle steps by {sizes} between laps, {why}",)
     match curve.noise.source:

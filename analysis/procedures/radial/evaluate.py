@@ -368,7 +368,7 @@ def _notes(
     most = float(np.nanmax(np.abs(off_mm[~far])))
     for k in np.flatnonzero(far):
         worst = off_mm[k, np.nanargmax(np.abs(off_mm[k]))]
-        reading = f"a reading {worst:+.3f} mm off the sphere, those of the others within {most:.3f} mm"
+        reading = f"a reading {worst:+z.3f} mm off the sphere, those of the others within {most:.3f} mm"
         notes.append(f"target {cells.target[k]} ignored: {reading}")
     if free.unknown:
         why = "the targets are too close to a plane or place to determine them; measure at more polar angles"

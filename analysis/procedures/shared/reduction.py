@@ -278,6 +278,6 @@ def _steady(nodes: Array) -> tuple[Array, tuple[str, ...]]:
         whole, slips = without_slips(laps)
         steady.append(whole)
         if slips:
-            sizes = ", ".join(f"{1e3 * slip:+.1f}" for slip in slips)
+            sizes = ", ".join(f"{1e3 * slip:+z.1f}" for slip in slips)
             notes.append(f"{name} slipped between the laps by {sizes} µm, which was removed: check the clamp")
     return np.stack(steady, axis=2), tuple(notes)

@@ -11,7 +11,7 @@ from contextvars import ContextVar
 from pathlib import Path
 
 from analysis.runs.batch.outcomes import Item, Value
-from analysis.runs.batch.remote_path import RemotePath
+from analysis.runs.batch.remote_path import ImportedTable, RemotePath
 from analysis.runs.batch.remote_store import entries, explained, is_read, opened
 from daq.store.ledger import to_recover
 from daq.store.run_directory import removed_at_signals
@@ -27,21 +27,28 @@ def fetched(run: Path) -> Iterator[Path]:
     """Provide the directory of a run. A remote run is copied, and the copy is removed at the end.
 
     A process has a single copy at a time and therefore needs space for the largest run only. Errors in the block name
-    the original run. Raises RigError if the run cannot be fetched.
+    the original run or table. Raises RigError if the run cannot be fetched.
     """
-    if not isinstance(run, RemotePath):
+    if isinstance(run, RemotePath):
+        with _temporary_directory(_place.get()) as name:
+            copy = Path(name) / "run"
+            _fetch(run, copy)
+            with _errors_name(run, copy):
+                yield copy
+    elif isinstance(run, ImportedTable):
+        with _errors_name(run, run.run):
+            yield run.run
+    else:
         yield run
-        return
-    with _temporary_directory(_place.get()) as name:
-        copy = Path(name) / "run"
-        _fetch(run, copy)
-        try:
-            yield copy
-        except RigError as error:
-            kind = FileError if isinstance(error, FileError) else CellError
-            raise kind(
-                *(restore_run_path(text, copy, run) for text in (error.where, error.what, error.remedy))
-            ) from None
+
+
+@contextmanager
+def _errors_name(run: Path, copy: Path) -> Iterator[None]:
+    try:
+        yield
+    except RigError as error:
+        kind = FileError if isinstance(error, FileError) else CellError
+        raise kind(*(restore_run_path(text, copy, run) for text in (error.where, error.what, error.remedy))) from None
 
 
 def restore_run_path(text: str, copy: Path, run: Path) -> str:

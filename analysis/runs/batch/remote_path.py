@@ -59,6 +59,31 @@ class RemotePath(_Path):
         return self.parts[1 if self.protocol in _WITHOUT_HOST else 2 :]
 
 
+class ImportedTable(_Path):
+    """A table of the user in place of a run. run: the temporary run that it was imported to."""
+
+    run: Path
+
+    @classmethod
+    def of(cls, table: Path, run: Path) -> ImportedTable:
+        """Return the table with its temporary run."""
+        made = cls(table)
+        made.run = run
+        return made
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Support pickling for the workers of several runs."""
+        return ImportedTable.of, (Path(str(self)), self.run)
+
+    def absolute(self) -> ImportedTable:
+        """Return the path itself, so that messages name the table as the user does."""
+        return self
+
+    def resolve(self, strict: bool = False) -> ImportedTable:
+        """Return the path itself."""
+        return self
+
+
 def location(text: str) -> Path:
     """Parse a local path or a URL. Raises FileError for an unsupported URL."""
     url = _URL.fullmatch(text)

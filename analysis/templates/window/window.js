@@ -17,8 +17,10 @@ function put(id, text) {
   if (element && element.textContent !== text) element.textContent = text;
 }
 
+// Formats a number, without the sign of a value that rounds to zero.
 function fixed(value, digits) {
-  return value === null || value === undefined ? "–" : value.toFixed(digits);
+  if (value === null || value === undefined) return "–";
+  return value.toFixed(digits).replace(/^-(?=[0.]+$)/, "");
 }
 
 // Puts rows of cells into a table's body, keeping what is there already; a cell is a text, or [text, class].
@@ -55,13 +57,13 @@ function gauge(name, at, told) {
   const one = told.gauges[name], figure = byId(name);
   if (!figure) return;
   const zero = told.zero_mm ? told.zero_mm[at] : 0;
-  put(name, one ? (one.mm - zero).toFixed(4) : "–");
+  put(name, one ? fixed(one.mm - zero, 4) : "–");
   figure.classList.toggle("old", !one || one.age_s > told.old_s);
   if (!one) return;
   const trend = one.trend_mm_s;
   const moves = trend === null || Math.abs(trend) < 0.0005 ? words("steady") : `${trend > 0 ? "▲ +" : "▼ "}${trend.toFixed(3)} mm/s`;
   const old = one.age_s > told.old_s ? words("old", { seconds: one.age_s.toFixed(0) }) : moves;
-  put(`${name}-trend`, zero ? `${old} · ${words("less", { mm: zero.toFixed(4) })}` : old);
+  put(`${name}-trend`, zero ? `${old} · ${words("less", { mm: fixed(zero, 4) })}` : old);
   put(`${name}-min`, `min ${fixed(one.min_mm === null ? null : one.min_mm - zero, 4)}`);
   put(`${name}-max`, `max ${fixed(one.max_mm === null ? null : one.max_mm - zero, 4)}`);
   const range = known.cell?.range_mm?.[at] ?? [one.min_mm ?? 0, one.max_mm ?? 1], bar = byId(`${name}-bar`);
@@ -80,7 +82,7 @@ function showNow(told) {
   gauge("g2", 1, told);
   put("angle-name", `${words(told.angle_name)} °`);
   put("angle", fixed(told.angle_deg, 4));
-  put("phi", `φ ${told.phi_deg === null ? "–" : `${told.phi_deg.toFixed(1)}°`}`);
+  put("phi", `φ ${told.phi_deg === null ? "–" : `${fixed(told.phi_deg, 1)}°`}`);
   byId("lap-bar").value = told.lap.place === "lap" ? told.lap.share : 0;
   put("lap", known.cell ? lapWords(told.lap, told.sense) : "–");
   const recording = byId("recording");
@@ -117,7 +119,7 @@ function showCurve(name) {
     phi.map((deg, at) => `${at ? "L" : "M"}${placed(deg / 10, error[at] / 1e5 / scale).join(" ")}`).join("")).join("");
   byId(`${name}-path`).setAttribute("d", path);
   const unit = known.cell?.unit ?? "";
-  put(`${name}-band`, told.band === null ? "–" : `${told.band.toFixed(4)} ${unit}${told.whole ? "" : "…"}`);
+  put(`${name}-band`, told.band === null ? "–" : `${fixed(told.band, 4)} ${unit}${told.whole ? "" : "…"}`);
 }
 
 function showCircle() {
@@ -196,6 +198,7 @@ function showSummary(summary) {
     return;
   }
   put("summary-badge", summary.badge);
+  byId("summary-badge").className = `badge ${summary.tone}`;
   put("summary-headline", summary.headline);
   items("summary-unknowns", summary.unknowns);
   put("summary-title", summary.error.title);

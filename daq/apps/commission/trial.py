@@ -245,7 +245,7 @@ def pace_of_clock(about: str, samples: Sequence[Sample]) -> CellFinding | None:
     level_ns = [late - slope * (s.last_byte_ns - begin_ns) for late, s in zip(late_ns, samples, strict=True)]
     jitter_ns = sorted(level_ns)[len(level_ns) // 2] - min(level_ns)
     drift_ppm, uncertain_ppm = -1e6 * slope, 1e6 * jitter_ns / (end_ns - begin_ns)
-    observation = f"the clock runs {drift_ppm:+.0f} ± {uncertain_ppm:.0f} ppm against this computer's"
+    observation = f"the clock runs {drift_ppm:+z.0f} ± {uncertain_ppm:.0f} ppm against this computer's"
     if abs(drift_ppm) - 3 * uncertain_ppm < _POOR_PPM:
         return ok(about, observation)
     return doubtful(about, observation, "check `rate_hz` and the unit of the clock; a good clock is within 100 ppm")

@@ -109,7 +109,7 @@ class Steps:
         """Return the result as text."""
         off_ms = statistics.median(self.judged_ns or [0.0]) / 1e6
         counted = {"skipped": self.skipped, "repeated": self.repeated, "s out of step": self.seconds_out}
-        return ", ".join([f"{off_ms:+.1f} ms off", *(f"{count} {event}" for event, count in counted.items() if count)])
+        return ", ".join([f"{off_ms:+z.1f} ms off", *(f"{count} {event}" for event, count in counted.items() if count)])
 
 
 def u_asked_ns(pieces: Sequence[Piece]) -> float:

@@ -129,7 +129,9 @@ def test_the_extended_rig_simulates_and_nothing_more_is_missing(
     done = _rig("diagnose", *cell.runs, cell.runs[0], "--rig", extended)
     assert done.exit_code == 0, (done.output, done.exception)
     plain = " ".join(done.stdout.split())
-    assert plain.startswith("NOTHING UNUSUAL: The model is complete: the remaining error is scatter between runs.")
+    badge, _, words = plain.partition(": ")
+    assert badge.startswith("NO FAULT FOUND")
+    assert words.startswith("The model is complete: the remaining error is scatter between runs.")
     assert "A calibration reduces" not in plain and done.stderr == ""
     assert f"{len(cell.runs)} runs" in done.stdout
 

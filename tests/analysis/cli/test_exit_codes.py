@@ -10,7 +10,7 @@ import pytest
 
 from rigs.errors import CellError, FileError, RigError
 from rigs.load import load
-from tests.support.command_line import ended
+from tests.support.command_line import ended, ran
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "command-line.md").read_text()
@@ -98,3 +98,31 @@ def test_what_failures_end_with(failure: BaseException, code: int, monkeypatch: 
     monkeypatch.setattr(rigs.load, "load", fail)
     assert ended("check", "ur10e") == code
     assert code in TABLE
+
+
+def test_ctrl_c_says_in_a_line_what_was_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The exit was silent, and nobody knew whether the third of five runs was there."""
+    import rigs.load  # noqa: PLC0415
+    from analysis.runs import written_files  # noqa: PLC0415
+
+    simulate = ("simulate", "ur10e", "--test", "radial", "--csv", "--times", "2", "-o", tmp_path)
+    with monkeypatch.context() as patched:
+        write, calls = written_files.write_csv, []
+
+        def stop_at_second(table: object, file: object) -> None:
+            calls.append(table)
+            if len(calls) > 1:
+                raise KeyboardInterrupt
+            write(table, file)  # type: ignore[arg-type]
+
+        patched.setattr(written_files, "write_csv", stop_at_second)
+        done = ran(*simulate)
+    (first,) = tmp_path.iterdir()
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (130, f"interrupted; complete: {first}")
+
+    def fail(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(rigs.load, "load", fail)
+    done = ran("check", "ur10e")
+    assert (done.returncode, done.stderr) == (130, "interrupted; nothing was written\n")

@@ -41,6 +41,23 @@ def test_a_table_without_an_arm_is_refused_in_a_line(folder: Path) -> None:
     assert done.stderr.startswith("error: poses.csv: is a table without an arm; give --rig")
 
 
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_messages_name_the_table_and_not_its_temporary_run(folder: Path, jobs: str) -> None:
+    (folder / "again.csv").write_bytes((folder / "poses.csv").read_bytes())
+    given = ("poses.csv", "again.csv", "--arm", "ur5", "--jobs", jobs)
+    refused = ran("diagnose", *given, cwd=folder)
+    assert "error: again.csv: contains the same readings as poses.csv" in refused.stderr
+    done = ran("analyse", *given, "--json", cwd=folder)
+    assert [run["run"] for run in json.loads(done.stdout)["runs"]] == ["poses.csv", "again.csv"]
+    assert "rig-" not in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("command", ["analyse", "diagnose", "compare", "moved"])
+def test_a_missing_table_is_called_a_file_and_the_accepted_input_is_listed(folder: Path, command: str) -> None:
+    done = ran(command, "nofile.csv", "poses.csv", "--arm", "ur5", cwd=folder)
+    assert done.stderr.startswith("error: nofile.csv: no such file or directory; check the path; accepted are run dir")
+
+
 def test_an_import_infers_its_test_and_says_it(folder: Path) -> None:
     done = ran("import", "poses.csv", "--arm", "ur5", "-o", "runs/poses", cwd=folder)
     assert done.returncode == 0 and "poses.csv: a pose table according to the columns" in done.stderr

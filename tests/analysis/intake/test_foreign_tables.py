@@ -171,6 +171,19 @@ def test_another_arm_is_refused_with_what_it_leaves(tmp_path: Path) -> None:
         propose_map([path], "paper-fanuc")
 
 
+def test_a_short_table_in_metres_is_refused_with_its_map_and_the_command(tmp_path: Path) -> None:
+    p, names = poses(), [*(f"q{axis}_deg" for axis in range(1, 7)), "x_m", "y_m", "z_m"]
+    path = with_header(p, names, np.degrees(p.q), 1e-3 * p.xyz_mm, tmp_path=tmp_path)
+    path.write_text("\n".join(path.read_text().splitlines()[:6]) + "\n")
+    with pytest.raises(FileError, match="the places are in m: save ") as refused:
+        propose_map([path], "ur10e")
+    written = refused.value.remedy.partition("save ")[2].partition(" as MAP.yaml")[0]
+    (tmp_path / "MAP.yaml").write_text(written)
+    command = refused.value.remedy.rpartition("run rig ")[2].replace("RIG", "ur10e").replace("RUN", str(tmp_path / "r"))
+    done = ran(*command.replace("MAP.yaml", str(tmp_path / "MAP.yaml")).split())
+    assert done.returncode == 0, done.stderr
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [

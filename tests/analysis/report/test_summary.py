@@ -51,6 +51,32 @@ def fields(summary: Summary) -> list[str]:
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
+def test_a_badge_without_a_fault_is_green_only_within_the_limits(language: Language) -> None:
+    """FAIL stood next to a green NO FAULT, on page and screen."""
+    texts, tones = texts_of(language), {None: "pass", "pass": "pass", "watch": "watch", "fail": "fail"}
+    found = diagnosis("uncalibrated")
+    for standing, tone in tones.items():
+        judged = replace(found.accuracy, standing=standing, limit="rig_file")
+        summary = summarise(replace(found, accuracy=judged), texts)
+        assert summary.tone == tone
+        assert (summary.badge == texts("badge_uncalibrated")) == (tone == "pass")
+    before, after = (Deviation(um=um, u_um=1.0, largest_um=2 * um, runs=2) for um in (9.0, 3.0))
+    corrected = summarise(replace(found, accuracy=judged), texts, driven=(before, after))
+    assert (corrected.badge, corrected.tone) == (texts("badge_uncalibrated"), "pass"), "limits of before the correction"
+    assert summarise(replace(found, condition="undecided", accuracy=judged), texts).badge == texts("badge_undecided")
+
+
+def test_an_unusual_group_is_no_plain_pass() -> None:
+    """The budget called a part unusual under the headline that nothing is unusual."""
+    part = BudgetPart("gravity", 80.0, 2.0, 0.8, times_usual=9.0, rank="unusual")
+    summary = summarise(diagnosis("nothing_unusual", budget=(part,)))
+    assert (summary.badge, summary.tone) == (EN("badge_unusual_group"), "watch")
+    small = replace(part, share=0.02)
+    found = diagnosis("nothing_unusual", budget=(small,))
+    assert summarise(found).tone == "pass" and "deflection under load, 9.0 × usual" in AnswerWords(found).headline
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_every_condition_has_a_summary_in_every_language(condition: Condition, language: Language) -> None:
     found = diagnosis(condition)
@@ -237,7 +263,8 @@ def test_the_next_step_is_an_imperative_with_its_command_apart() -> None:
 def test_an_error_and_its_uncertainty_have_the_same_decimals() -> None:
     assert error_size(126.08, 2.64) == "126.1 ± 2.6"
     assert error_size(126.08, 12.4) == "126 ± 12"
-    assert error_size(2.84, 12.4) == "2.8 ± 12.4"
+    assert error_size(6.84, 12.4) == "6.8 ± 12.4"
+    assert error_size(2.84, 12.4) == "< 12", "as in the tables"
     assert error_size(34.2, 0.0) == "34"
     assert error_size(float("nan"), 1.0) == "–"
 

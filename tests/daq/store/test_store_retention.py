@@ -64,7 +64,7 @@ def test_damaged_marks_are_told_and_the_run_stays(run: Path) -> None:
 
 
 def test_what_cannot_be_marked_is_told(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(FileError, match="no such run"):
+    with pytest.raises(FileError, match="no such file or directory"):
         mark_kept(tmp_path / "nothing", True)
     writer = record(tmp_path / "open")
     with pytest.raises(FileError, match="being recorded"):

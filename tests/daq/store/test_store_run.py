@@ -146,7 +146,7 @@ def test_crashed_run_names_the_cure(tmp_path: Path) -> None:
 
 def test_missing_run_and_manifest(tmp_path: Path) -> None:
     for act in (read_run, recover):
-        with pytest.raises(FileError, match="no such run"):
+        with pytest.raises(FileError, match="no such file or directory"):
             act(tmp_path / "none")
     with pytest.raises(FileError, match="File name too long"):
         read_run(tmp_path / ("x" * 300))
@@ -314,10 +314,10 @@ def test_a_run_that_is_named_without_its_time_is_suggested(tmp_path: Path) -> No
     run = tmp_path / "20261124T020526Z_trial-acw"
     run.mkdir()
     for what in (read_run, recover):
-        with pytest.raises(FileError, match=f"no such run directory; did you mean {run}"):
+        with pytest.raises(FileError, match=f"no such file or directory; did you mean {run}"):
             what(tmp_path / "trial-acw")
     (tmp_path / "20261125T020526Z_trial-acw").mkdir()  # either may be meant
-    with pytest.raises(FileError, match="no such run directory; check the path"):
+    with pytest.raises(FileError, match="no such file or directory; check the path"):
         read_run(tmp_path / "trial-acw")
     (tmp_path / "trial").touch()
     with pytest.raises(FileError, match="is a file, not the directory of a run"):

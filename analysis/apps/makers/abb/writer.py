@@ -56,8 +56,8 @@ def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
     data: dict[str, str] = {}
     T = start_of(plan).T
     x, y, z = T[:3, 3]
-    quaternion = " ".join(f"{value:.4f}" for value in _quaternion(T))
-    begin = f"(world) X {x:.1f} Y {y:.1f} Z {z:.1f} mm, q1..q4 {quaternion}"
+    quaternion = " ".join(f"{value:z.4f}" for value in _quaternion(T))
+    begin = f"(world) X {x:z.1f} Y {y:z.1f} Z {z:z.1f} mm, q1..q4 {quaternion}"
     comments = [f"  {line}" for line in _WORDS.remarks(*heading(plan, demand, begin))]
     moves = [f"    {line}" for step in plan.steps for line in _WORDS.lines(plan, step, partial(_move, data))]
     declared = [f"  LOCAL CONST {text.replace('@', item)};" for text, item in data.items()]

@@ -140,7 +140,7 @@ def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
     T = start_of(plan).T
     x, y, z = T[:3, 3]
     w, p, r = fixed_xyz_deg(T)
-    begin = f"(world) X {x:.1f} Y {y:.1f} Z {z:.1f} mm W {w:.2f} P {p:.2f} R {r:.2f} deg"
+    begin = f"(world) X {x:z.1f} Y {y:z.1f} Z {z:z.1f} mm W {w:z.2f} P {p:z.2f} R {r:z.2f} deg"
     remarks = _WORDS.remarks(*heading(plan, demand, begin))
     moves = [line for step in plan.steps for line in _WORDS.lines(plan, step, partial(_move, plan.arm, positions))]
     # The world frame, and the frame of the tool from the rig file, set through a position register

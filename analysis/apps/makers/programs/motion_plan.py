@@ -273,7 +273,7 @@ def demand_lines(plan: MotionPlan, demand: Demand, names: list[str]) -> list[str
             f"the link comes off {demand.removals} times, where the arm cannot follow the sphere past a singularity"
         )
     lines += [
-        f"{names[axis]} turns from {low[axis]:.0f}° to {high[axis]:.0f}°, {travel[axis] / 360:.1f} turns "
+        f"{names[axis]} turns from {low[axis]:z.0f}° to {high[axis]:z.0f}°, {travel[axis] / 360:z.1f} turns "
         "in total: route cables and hoses accordingly"
         for axis in np.flatnonzero(high - low > _FULL_TURN_DEG)
     ]

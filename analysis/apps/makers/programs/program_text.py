@@ -113,8 +113,8 @@ def heading(plan: MotionPlan, demand: Demand, shown: str) -> list[str]:
     shown: the pose at the start as displayed by the pendant of this controller.
     """
     low, high = demand.box_mm + np.array([[-_CLEARANCE_MM], [_CLEARANCE_MM]])
-    space = ", ".join(f"{axis} {a:.0f} to {b:.0f}" for axis, a, b in zip("XYZ", low, high, strict=True))
-    joints = " ".join(f"{angle:.2f}" for angle in np.degrees(start_of(plan).q))
+    space = ", ".join(f"{axis} {a:z.0f} to {b:z.0f}" for axis, a, b in zip("XYZ", low, high, strict=True))
+    joints = " ".join(f"{angle:z.2f}" for angle in np.degrees(start_of(plan).q))
     tool = "tool and link" if plan.has_link else "the tool"
     link = "link off until" if plan.has_link else "keep away until"
     return [

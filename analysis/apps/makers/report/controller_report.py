@@ -109,10 +109,10 @@ def _entries(entries: ControllerEntries, entered: bool) -> Table:
     columns: tuple[str | Column, ...] = ("add to", *map(right, numbers), "unit", *sizes)
     table = Table(*columns, title=title, title_style="bold", title_justify="left", header_style="bold")
     for entry in entries.entries:
-        reading = f"{entry.reading_deg:+.4f}°" if entry.reading_deg else "same"
+        reading = f"{entry.reading_deg:+z.4f}°" if entry.reading_deg else "same"
         # The value has a sign and as many decimals as its uncertainty with two digits; counts are whole numbers.
         digits = 1 - math.floor(math.log10(entry.u)) if entry.u > 0 else 6
-        numbers = (f"{entry.add:+.{max(0, digits)}f}", f"{entry.u:.2g}", entry.unit, reading)
+        numbers = (f"{entry.add:+z.{max(0, digits)}f}", f"{entry.u:.2g}", entry.unit, reading)
         now = ["" if entry.now is None else f"±{entry.now:g}"] * lengths
         worths = (entry.worth_um, entry.leaves_um) if round(entry.worth_um) else ()
         table.add_row(entry.parameter, *now, *numbers, *([f"{um:.0f} µm" for um in worths] or ["turns only"]))

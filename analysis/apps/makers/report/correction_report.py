@@ -72,8 +72,8 @@ def as_table(corrections: Corrections) -> RenderableType:
     # The entries of a controller already cover the complete model. Listing these values too would correct twice.
     if not corrections.at_controller:
         instead = [
-            f"master axis {zero.axis} so that the reading at the same position is {zero.delta:+.4f}° (± {zero.u:.4f}°) "
-            "larger"
+            f"master axis {zero.axis} so that the reading at the same position is {zero.delta:+z.4f}° (± {zero.u:.4f}°)"
+            " larger"
             for zero in corrections.zeros
         ]
         instead += [

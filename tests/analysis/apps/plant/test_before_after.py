@@ -74,5 +74,5 @@ def test_runs_that_cannot_be_compared_are_refused(runs: list[Path], tmp_path: Pa
         differences(runs[:2], runs[1:])
     with pytest.raises(FileError, match="no combination of test, direction, placement and program"):
         differences([dated_run(tmp_path, 0, 0.01, "cw")], runs[:1])
-    with pytest.raises(FileError, match="no such run"):
+    with pytest.raises(FileError, match="no such file or directory"):
         differences([tmp_path / "nowhere"], runs[:1])

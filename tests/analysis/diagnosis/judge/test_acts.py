@@ -12,7 +12,15 @@ import pytest
 
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.setups import fit_run_setups
-from analysis.diagnosis.judge.act_list import LEAST_SHARE, JudgedPlace, acts_of, in_order, one_after_the_other
+from analysis.diagnosis.judge.act_list import (
+    LEAST_SHARE,
+    JudgedPlace,
+    _corrections,  # the rest of the actions needs a search
+    _parameters_first,  # the same
+    acts_of,
+    in_order,
+    one_after_the_other,
+)
 from analysis.diagnosis.judge.acts import Act
 from analysis.diagnosis.judge.result import BudgetPart, Diagnosis, GroupMember, Named, is_sure
 from analysis.diagnosis.judge.verdict import Gaps, condition_of, shows_time
@@ -315,11 +323,46 @@ def test_a_test_that_separates_rivals_is_looked_for_from_the_shortest_on() -> No
     assert NamingTests(tests[1:2]).for_rivals(effect, rival) is None
 
 
-def test_a_gain_that_was_not_computed_is_none_and_said_so() -> None:
-    """The approach from one side removed 0.0 µm in the JSON, of an error that it removes almost whole."""
+def test_the_gain_of_an_approach_from_one_side_is_computed() -> None:
+    """A play of axis 1 then turns the whole arm, which a base taught anew absorbs: the error goes with the play."""
     acts = one_play().acts
     approach = next(act for act in acts if act.kind == "approach")
+    before_um = approach.gain_um + approach.remains_um
+    assert approach.removes_um == pytest.approx(before_um, rel=0.05) and approach.removes
+    assert "not computed" not in ActWords(one_play()).sentence(approach)
+    assert all(act.removes_um is None for act in acts if act.kind in ("measure", "none"))
+    assert all(act.removes_um is not None for act in acts if act.effect)
+
+
+def test_a_gain_that_was_not_computed_is_none_and_said_so() -> None:
+    """Gravity may choose the flank, so that an approach from one side leaves no constant error."""
+    assert Backlash(axis=2, width_deg=0.02, preload=0.4).from_one_side(1) is None
+    flank = Backlash(axis=2, width_deg=0.02).from_one_side(-1)
+    assert flank is not None and flank.offset_deg == pytest.approx(-0.01)
+    approach = Act("approach", "history", (0,), effect=Backlash(axis=2, width_deg=0.02, preload=0.4))
     assert approach.to_dict()["removes_um"] is None and approach.to_dict()["removes_u_um"] is None
-    assert "not computed" in ActWords(one_play()).sentence(approach)
-    assert all(act.removes_um is None for act in acts if act.kind in ("approach", "measure", "none"))
-    assert all(act.removes_um is not None for act in acts if act.effect and act.kind != "approach")
+    assert "not computed" in ActWords(one_play()).removes(approach)
+
+
+def test_no_correction_hides_an_angle_that_the_arm_may_not_have_reached() -> None:
+    found = one_zero()
+    doubted = replace(found, effects=tuple(replace(named, doubt="commanded") for named in found.effects))
+    removed = Act("none", "sound", removes_um=90.0, removes_u_um=1.0, remains_um=10.0)
+    calibrated = SimpleNamespace(effects=[named.effect for named in found.effects])
+    stages = SimpleNamespace(calibrated=calibrated)
+    judged = cast("JudgedPlace", SimpleNamespace(place="used", stages=stages, removed=lambda _: removed))
+    assert [act.kind for act in _corrections(found, judged)] == ["load"] and _corrections(doubted, judged) == []
+    (usual,) = _corrections(replace(found, only_commanded=True), judged)
+    assert "commanded" in [objection.doubt for objection in usual.against], "the doubt is told in the step"
+
+
+def test_a_wrong_parameter_is_checked_before_a_correction_hides_it() -> None:
+    budget = tuple(BudgetPart("effect", 100.0, 1.0, share, index=k) for k, share in enumerate((0.7, 0.25, 0.05)))
+    found = diagnosis("named", budget=budget)
+    load, large, small = (
+        Act(kind, why, (k,), removes_um=um)
+        for kind, why, k, um in (("load", "correction", 0, 90), ("check", "fault", 1, 40), ("check", "fault", 2, 5))
+    )
+    assert _parameters_first([load, large, small], found) == [large, load, small], "a crumb does not lead"
+    words = ActWords(replace(found, acts=(large, load)))
+    assert "cannot be corrected" in words.sentence(load)
