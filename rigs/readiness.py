@@ -6,7 +6,7 @@ then reported immediately, not after ten programs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import TypeVar, get_args
 
@@ -90,13 +90,20 @@ def unmeasurable(rig: Rig) -> tuple[MissingEntry, ...]:
     return tuple(dict.fromkeys(missing for test in declared for missing in missing_gauges(rig, test)))
 
 
-def readiness_lines(rig: Rig) -> list[str]:
-    """Return a line with the tests that are ready, and a line for each missing part with the tests that need it."""
+def readiness_lines(rig: Rig, unreachable: Collection[str] = ()) -> list[str]:
+    """Return a line with the tests that are ready, and a line for each missing part with the tests that need it.
+
+    unreachable: parts of `tests` with a path that the arm cannot drive.
+    """
     lacks: dict[MissingEntry, list[str]] = {}
     for test in get_args(TestName):
-        for missing in missing_for(rig, test):
+        lacking = missing_for(rig, test)
+        if not lacking and (part := TEST_PARTS[test]) in unreachable:
+            lacking = (MissingEntry(f"tests.{part}", f"the arm cannot drive tests.{part}", "see the error below"),)
+        for missing in lacking:
             lacks.setdefault(missing, []).append(test)
-    ready = ", ".join(test for test in get_args(TestName) if not missing_for(rig, test)) or "none"
+    lacking_tests = {test for tests in lacks.values() for test in tests}
+    ready = ", ".join(test for test in get_args(TestName) if test not in lacking_tests) or "none"
     lines = [f"possible tests: {ready}; tables of poses and touches can be imported with any rig file"]
     return lines + [
         f"not possible: {', '.join(tests)}: {missing.problem}; {missing.remedy}" for missing, tests in lacks.items()

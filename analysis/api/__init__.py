@@ -65,9 +65,7 @@ def load_run(path: str | Path) -> Measured:
 
     Source: docs/recording.md (run directories), docs/analysis.md (alignment of times).
     """
-    if not isinstance(path, str | Path):
-        raise UseError("path", f"a {type(path).__name__} is no path", "give the path of a run directory")
-    return load_measured(path if isinstance(path, Path) else Path(path))
+    return load_measured(_path(path, "path"))
 
 
 def read_table(
@@ -106,8 +104,8 @@ def read_table(
     from analysis.intake.any_table import read_any_table  # noqa: PLC0415 - what it needs is slow to import
 
     return read_any_table(
-        Path(path),
-        rig_file=rig,
+        _path(path, "path"),
+        rig_file=_path(rig, "rig"),
         test=None if test is None else _test(test),
         direction=_direction(direction),
         operator=operator,
@@ -136,7 +134,7 @@ def save_run(run: Measured, directory: str | Path) -> Path:
     """
     from daq.store import write_table_run  # noqa: PLC0415
 
-    path = Path(directory)
+    run, path = _run(run), _path(directory, "directory")
     if run.run.table is None:
         raise FileError(
             str(run.path), "is a recorded run, but only the table was read", "copy the directory of the run"
@@ -176,7 +174,7 @@ def simulate(
     """
     from analysis.procedures.simulate import simulated_run  # noqa: PLC0415
 
-    model, text = load(rig)
+    model, text = load(_path(rig, "rig"))
     if effects is not None:
         hidden = load_hidden(effects) if isinstance(effects, str | Path) else Hidden(effects=tuple(effects))
         model = hidden.apply_to(model)
@@ -355,7 +353,7 @@ def calibrated_arm(rig: RigFile | Rig) -> CalibratedArm:
 
     Source: docs/calibration.md.
     """
-    return CalibratedArm(rig if isinstance(rig, Rig) else load(rig)[0])
+    return CalibratedArm(rig if isinstance(rig, Rig) else load(_path(rig, "rig"))[0])
 
 
 def _diagnosed(
@@ -381,13 +379,20 @@ def _diagnosed(
     return with_movements(diagnosis, movements, doubts)
 
 
+def _path(path: str | Path, name: str) -> Path:
+    """Return an argument as a path. Raises UseError for any other type."""
+    if not isinstance(path, str | Path):
+        raise UseError(name, f"must be a path, but has the type {type(path).__name__}", "give a string or a Path")
+    return Path(path)
+
+
 def _run(run: AnyRun) -> Measured:
     """Return the run, read from a directory if necessary. Raises UseError for any other type."""
     if isinstance(run, str | Path):
         return load_run(run)
     if not isinstance(run, Measured):
         remedy = "give a run of load_run, read_table or simulate, or the path of a run directory"
-        raise UseError("run", f"a {type(run).__name__} is not a run", remedy)
+        raise UseError("run", f"must be a run, but has the type {type(run).__name__}", remedy)
     return run
 
 
@@ -425,4 +430,4 @@ def _model(rig: RigFile | Rig | None, runs: Sequence[Measured]) -> Rig:
         raise FileError("runs", "none is given", "give one or more")
     if rig is None:
         return runs[0].rig
-    return rig if isinstance(rig, Rig) else load(rig)[0]
+    return rig if isinstance(rig, Rig) else load(_path(rig, "rig"))[0]

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,6 +18,7 @@ from rigs.errors import FileError, UseError
 
 if TYPE_CHECKING:
     from analysis.runs.loading import Measured
+    from rigs.schema.robot import Robot
 
 
 @command(app, "rig check cell.yaml")
@@ -102,15 +103,29 @@ def _check_rig(rig_file: str) -> None:
     for line in in_calibration(rig.calibrated) if rig.calibrated else ():
         say(f"  {line}")
     parts = [*(name for name, _ in rig.gauges), "ball", "link"]
-    for line in (*doubts_of(rig, parts, dt.datetime.now(dt.UTC).date()), *tests):
+    for line in (*_in_metres(rig.robot), *doubts_of(rig, parts, dt.datetime.now(dt.UTC).date()), *tests):
         say(f"  {line}")
-    for line in readiness_lines(rig):
+    unreachable = {error.where.rpartition("tests.")[2] for error in errors if "tests." in error.where}
+    for line in readiness_lines(rig, unreachable):
         say(f"  {line}")
     if rig.automatic:
         say(f"  recorded automatically: {', '.join(rule.event for rule in rig.automatic.rules)}")
     for error in errors:
         say_error(error)
     end_with(worst(errors))
+
+
+def _in_metres(robot: Robot) -> Iterator[str]:
+    """Yield a doubt for each length that may be in metres, unless an arm of the library has the same length."""
+    from rigs.arms import arm_files, load_arm
+
+    if not (lengths := list(robot.short_lengths())):
+        return
+    known = {value for name in arm_files() for *_, value in load_arm(name).robot.short_lengths()}
+    for axis, key, value in lengths:
+        if value not in known:
+            words = robot.axis_words(axis)
+            yield f"doubt: {words}: {key} is only {value:g}; if it is in metres, multiply it by 1000: {1000 * value:g}"
 
 
 @command(app, "rig example rigs")

@@ -23,6 +23,7 @@ from analysis.correction.pose_uncertainty import (
 from analysis.correction.reasons import Reason
 from analysis.correction.support import Support, why_nothing
 from analysis.correction.work import (
+    FEWEST_TAUGHT,
     base_u_um,
     left_out_mm,
     rest_effects,
@@ -48,10 +49,6 @@ _ROUNDS = 20
 _REACHED = 1e-6
 """Error in mm, with a radian counted as 1 m, of a reached target: 1 nm, below any resolution."""
 _SINGULAR = "cannot be corrected: the arm is at a singularity"
-_FEWEST_TAUGHT = 4
-"""Minimum number of targets for teaching a frame: three determine a frame but do not show its error."""
-
-
 GAIN_UM = 1.0
 """Minimum gain of a correction in µm. Chosen: below the repeatability of any robot."""
 
@@ -64,7 +61,9 @@ class WorkError:
     `before_um`: uncorrected. `after_um`: with corrected targets, the standard uncertainty, including `u_um` of the
     model and the uncorrectable error. `model_um`: correctable part. `base`: the same errors in the robot's base.
     `base_u_um`: contribution of the arm's position on the base to the uncertainty. `unknown`: share of postures not
-    covered by runs, for which these figures are estimates of the model.
+    covered by runs, for which these figures are estimates of the model. `taught_elsewhere`: the targets are too few to
+    teach a frame, so it is taught over the work area; the uncorrected error is then at most that in the base, which the
+    correction removes.
     """
 
     before_um: float
@@ -74,9 +73,10 @@ class WorkError:
     base_u_um: float
     model_um: float
     unknown: float
+    taught_elsewhere: bool = False
 
     @classmethod
-    def of(cls, sizes_mm: Array, inside: Mask | None) -> WorkError:
+    def of(cls, sizes_mm: Array, inside: Mask | None, *, taught_elsewhere: bool = False) -> WorkError:
         """Return the rms error of displaced positions.
 
         sizes_mm (5, n): displacement in the base and in a taught frame, uncertainties in both, and uncorrectable part,
@@ -89,7 +89,7 @@ class WorkError:
 
         unknown = 0.0 if inside is None else float(np.mean(~inside))
         in_base, base_u = InBase(*errors(off_mm, u_mm)), base_u_um(u_mm, u_frame_mm)
-        return cls(*errors(taught_mm, u_frame_mm), in_base, base_u, rms_um(taught_mm), unknown)
+        return cls(*errors(taught_mm, u_frame_mm), in_base, base_u, rms_um(taught_mm), unknown, taught_elsewhere)
 
     @property
     def gains(self) -> bool:
@@ -165,8 +165,8 @@ def corrected(
     inside = covered(uncertainty, at)
     left_out = left_out_mm(rig, uncorrected, at)
     stays_mm = np.linalg.norm(left_out, axis=1)
-    taught = at if inside is None else at[inside]
-    if len(taught) < _FEWEST_TAUGHT:
+    taught = q[done] if inside is None else q[done][inside]
+    if too_few := len(taught) < FEWEST_TAUGHT:
         taught = work_or_spread(rig, uncertainty.joints_rad)
     u_mm, u_frame_mm = places_u_mm(rig, uncertainty, at, taught)
     used, nominal, frame = used_effects(rig, supported), forward(arm, q[done]), forward(arm, taught)
@@ -177,6 +177,7 @@ def corrected(
         unknown[done] = why_unknown(rig, uncertainty, at)
     distance: Array = np.linalg.norm(before - nominal[:, :3, 3], axis=1)
     taught_mm = rest_mm(before, nominal, (tool_places(rig, used, taught), frame))
+    taught_mm = np.minimum(taught_mm, distance) if too_few else taught_mm
     sizes_mm = np.array([distance, taught_mm, u_mm, u_frame_mm, stays_mm])
     sizes_mm = sizes_mm if inside is None else sizes_mm[:, inside]
     return CorrectedTargets(
@@ -192,7 +193,7 @@ def corrected(
         done,
         tuple(skipped),
         tuple(unknown.tolist()),
-        WorkError.of(sizes_mm, inside) if sizes_mm.size else None,
+        WorkError.of(sizes_mm, inside, taught_elsewhere=too_few) if sizes_mm.size else None,
     )
 
 

@@ -36,6 +36,10 @@ _FEWEST, _SPREAD = 12, 60
 """Minimum number of postures of a work area used to judge a correction, and the number used otherwise. Chosen: about
 24 constants need several times as many values.
 """
+FEWEST_TAUGHT = 12
+"""Minimum number of postures at which frame and tool are taught. Chosen: their nine constants take a quarter of the
+coordinates.
+"""
 _AROUND_RAD = np.radians(30.0)
 """Range around the work area if the runs' joint angles are unknown. Chosen: a usual range."""
 _STEP_RAD = np.radians(15.0)

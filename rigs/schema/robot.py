@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -118,6 +118,13 @@ class Robot(Part):
                 f"arm; if the values are in metres, multiply them by {MM_PER_M}"
             )
         return self
+
+    def short_lengths(self) -> Iterator[tuple[int, str, float]]:
+        """Yield axis, key and value of each length that would be plausible in metres but is below 1 mm."""
+        for number, axis in enumerate(self.axes, 1):
+            for key, value in (("a_mm", axis.a_mm), ("d_mm", axis.d_mm)):
+                if _SHORTEST_MM < MM_PER_M * abs(value) < MM_PER_M:
+                    yield number, key, value
 
     @property
     def design(self) -> Build:

@@ -306,13 +306,16 @@ def test_a_path_stands_for_its_run(laps: list[Measured], kept: Path) -> None:
 @pytest.mark.parametrize(
     ("call", "says"),
     [
-        (lambda: evaluate(5), "run: a int is not a run; give a run of load_run"),  # type: ignore[arg-type]
-        (lambda: calibrate(5), "run: a int is not a run"),  # type: ignore[arg-type]
-        (lambda: evaluate_runs([None]), "run: a NoneType is not a run"),  # type: ignore[list-item]
+        (lambda: evaluate(5), "run: must be a run, but has the type int; give a run of load_run"),  # type: ignore[arg-type]
+        (lambda: calibrate(5), "run: must be a run, but has the type int"),  # type: ignore[arg-type]
+        (lambda: evaluate_runs([None]), "run: must be a run, but has the type NoneType"),  # type: ignore[list-item]
         (lambda: simulate("ur10e", "yaw", "left"), "'left' is not a direction; give acw or cw"),  # type: ignore[arg-type]
         (lambda: simulate("ur10e", "yow", "cw"), "'yow' is not a test; give one of yaw"),  # type: ignore[arg-type]
         (lambda: analysis.calibrated_arm("ur10e").forward("here"), "is not an array of numbers"),  # type: ignore[arg-type]
         (lambda: analysis.calibrated_arm("ur55"), "no such rig file"),
+        (lambda: analysis.calibrated_arm(5), "rig: must be a path, but has the type int"),  # type: ignore[arg-type]
+        (lambda: analysis.read_table("table.csv", 5), "rig: must be a path"),  # type: ignore[arg-type]
+        (lambda: save_run(5, "run"), "run: must be a run"),  # type: ignore[arg-type]
     ],
 )
 def test_what_a_person_writes_wrongly_is_a_line(call: Callable[[], object], says: str) -> None:

@@ -8,7 +8,7 @@ from typing import get_args
 import pytest
 
 from analysis.runs.table_format import format_of
-from rigs.load import SHIPPED, parse
+from rigs.load import SHIPPED, load, parse
 from rigs.readiness import gauges_needed, missing_for, readiness_lines
 from rigs.rig import Rig
 from rigs.schema.vocabulary import TestName
@@ -54,3 +54,16 @@ def test_a_command_that_needs_two_gauges_says_so_first(words: tuple[str, ...], t
         first.startswith("error: ") and "cell.yaml: has only one gauge, but yaw" in first and "add gauges.g2" in first
     )
     assert sorted(path.name for path in tmp_path.iterdir()) in (["cell.yaml"], ["cell.yaml", "session"])
+
+
+def test_one_length_in_metres_is_doubted_and_its_unreachable_test_is_not_possible(tmp_path: Path) -> None:
+    text = load("ur10e")[1]
+    for key, value, doubt, missing in (
+        ("d_mm: 119.85", "d_mm: 0.11985", "axis 5 (wrist 2): d_mm is only 0.11985", ""),
+        ("a_mm: -612.7", "a_mm: -0.6127", "axis 3 (elbow): a_mm is only -0.6127", "not possible: yaw, roll: the arm"),
+    ):
+        assert key in text
+        (tmp_path / "cell.yaml").write_text(text.replace(key, value), encoding="utf-8")
+        shown = ran("check", "cell.yaml", cwd=tmp_path).stdout
+        assert f"doubt: {doubt}" in shown and missing in shown
+    assert "doubt" not in ran("check", "kinova-gen3-7").stdout

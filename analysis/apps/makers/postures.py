@@ -91,6 +91,7 @@ def solved(
     tips = np.zeros((len(targets), 3)) if tips is None else tips
     ways = _Ways(arm, poses, branches, q, tips, [target.joints for target in targets])
     _derive_postures(ways, targets, steps, reasons)
+    _take_from_approaches(ways, targets, steps, reasons)
     for k in asked:
         if k not in reasons and not np.isfinite(q[k]).all():
             reasons[k] = "no_posture"
@@ -164,6 +165,21 @@ def _derive_postures(
             if why := _not_the_same(ways, step, free, reasons) or _turned(ways, step.arc, reasons):
                 bad[step.target] = why
         reasons.update(bad)
+
+
+def _take_from_approaches(
+    ways: _Ways, targets: Sequence[Target], steps: Sequence[TargetMove], reasons: dict[int, Reason]
+) -> None:
+    """Give points that the program reaches only with an offset the posture of an approach."""
+    reached = {step.target for step in steps}
+    for approach, target in enumerate(targets):
+        k = target.of
+        if k is None or k in reached or k in reasons or isinstance(ways.branches.get(k, "unreachable"), str):
+            continue
+        if ways.is_solved(approach) and approach not in reasons and not ways.is_solved(k):
+            arrived = ways.reached(approach, k, "line")
+            if not isinstance(arrived, str):
+                ways.q[k] = arrived
 
 
 @dataclass

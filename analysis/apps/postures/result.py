@@ -14,15 +14,11 @@ from analysis.apps.postures.sequence import CHANGE, Sequence, best_sequence, seq
 from analysis.apps.postures.work_map import WorkMap, work_map
 from analysis.correction.pose_uncertainty import pose_uncertainty
 from analysis.correction.support import supports, why_nothing
-from analysis.correction.work import work_or_spread
+from analysis.correction.work import FEWEST_TAUGHT, work_or_spread
 from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array, Integers, Mask, arm_of
 from analysis.robot.kinematics.newton import conditioning
 from rigs.rig import Rig
 
-_FEWEST_TAUGHT = 12
-"""Minimum number of postures at which frame and tool are taught. Chosen: their nine constants take a quarter of the
-coordinates.
-"""
 _SAME_RAD = np.radians(0.5)
 """Largest difference between a candidate and the posture in a table of joint angles."""
 
@@ -182,7 +178,7 @@ def _taught(rig: Rig, candidates: Candidates) -> Array:
     the joint ranges."""
     measured = pose_uncertainty(rig, supports(rig)).joints_rad
     _, first = np.unique(candidates.solution, return_index=True)
-    if measured is not None or len(first) < _FEWEST_TAUGHT:
+    if measured is not None or len(first) < FEWEST_TAUGHT:
         return work_or_spread(rig, measured)
     return candidates.q[first]
 

@@ -103,5 +103,5 @@ def test_an_output_that_cannot_be_created_is_refused_before_anything_is_computed
 
 
 def test_what_is_no_path_of_a_run_is_refused_in_python() -> None:
-    with pytest.raises(UseError, match="a NoneType is no path"):
+    with pytest.raises(UseError, match="must be a path, but has the type NoneType"):
         load_run(None)  # type: ignore[arg-type]

@@ -107,7 +107,7 @@ def test_an_unusual_part_that_is_no_fault_is_said_too() -> None:
 def test_what_remains_after_the_calibration_is_said_of_where_it_was_found() -> None:
     words = AnswerWords(diagnosis())
     assert words.accuracy == (
-        "The error is 6.1 µm rms, at most 21 µm. In readings that were not used to fit the model, "
+        "The error of the readings used is 6.1 µm rms, at most 21 µm. In readings that were not used to fit the model, "
         "a calibration reduces the error from 6.3 µm to 1.9 µm rms."
     )
     used = replace(words.diagnosis.accuracy, place="used")

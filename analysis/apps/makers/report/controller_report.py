@@ -102,10 +102,10 @@ def carried(entries: ControllerEntries) -> str:
 def _entries(entries: ControllerEntries, entered: bool) -> Table:
     state = "already entered" if entered else "to be entered together, and only once,"
     where = f"{state} at the controller ({entries.controller.maker})"
-    title = f"{where}; gain and remaining: error of the tool over the tests, rms"
+    title = f"{where}; tool moves: by this value alone, over the work area, rms"
     lengths = any(entry.now is not None for entry in entries.entries)
     numbers = (*["now"] * lengths, "value", "± u")
-    sizes = map(right, ("reading", "gain", "remaining"))
+    sizes = map(right, ("reading", "tool moves", "± u (tool)"))
     columns: tuple[str | Column, ...] = ("add to", *map(right, numbers), "unit", *sizes)
     table = Table(*columns, title=title, title_style="bold", title_justify="left", header_style="bold")
     for entry in entries.entries:

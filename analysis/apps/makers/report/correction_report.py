@@ -100,6 +100,9 @@ def _first(corrections: Corrections) -> str:
         return first + _never_both(corrections) + of_work
     if corrections.programs and all(program.held for program in corrections.programs) and not corrections.path:
         return "No program was written: some targets were not corrected (--all-or-nothing requires all of them)."
+    if corrections.programs and not any(program.names for program in corrections.programs) and not corrections.path:
+        names = ", ".join(program.path.name for program in corrections.programs)
+        return f"No target was corrected in {names}; the reasons are listed below."
     errors, options = corrections.errors, "--program FILE, or " * corrections.rig.takes_programs + "--path TARGETS.csv"
     send = "Move the robot to the corrected targets of"
     sentences = [_falls(f"{send} {path.name}", error, of_work=False) for path, error in errors.items() if error]
@@ -123,9 +126,10 @@ def _falls(how: str, error: WorkError, *, of_work: bool) -> str:
         guess += "and may increase the error. Measure there first, or keep them unchanged."
         unknown = guess if error.unknown else ""
     falls = f"{how}: the tool error {where} falls from"
+    taught = "taught with the robot" + " over the work area" * error.taught_elsewhere
     if error.before_um - error.after_um >= GAIN_UM:
         return (
-            f"{falls} {before} to {after} µm rms with frame and tool taught with the robot (standard uncertainty of "
+            f"{falls} {before} to {after} µm rms with frame and tool {taught} (standard uncertainty of "
             f"the model {error.u_um:.0f} µm).{base_note(error.base_u_um, error.after_um)}{unknown}"
         )
     if error.gains:
@@ -135,7 +139,7 @@ def _falls(how: str, error: WorkError, *, of_work: bool) -> str:
         )
     return (
         f"Do not change the targets: a correction would move the tool by only {error.model_um:.0f} ± {error.u_um:.0f} "
-        f"µm rms {where}, with frame and tool taught with the robot. The error would change from {before} to {after} "
+        f"µm rms {where}, with frame and tool {taught}. The error would change from {before} to {after} "
         "µm. "
         f"More runs, at a different place or of a different test, would reduce the uncertainty.{unknown}"
     )

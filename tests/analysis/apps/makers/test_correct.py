@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 from analysis.apps.makers.correct_rig import correct_rig
 from analysis.apps.makers.report.correction_report import write
 from analysis.cli import app
+from analysis.correction.corrected_targets import corrected
 from analysis.correction.support import joint_zeros, link_constants, supports
 from analysis.correction.work import tool_poses
 from analysis.intake.cells import TableFileError
@@ -404,3 +405,12 @@ def test_what_moves_the_whole_arm_is_not_in_the_uncertainty_of_a_taught_frame(tm
     assert both.path and elbow.path
     np.testing.assert_allclose(both.path[2].u_frame_mm, elbow.path[2].u_frame_mm, rtol=1e-2)
     assert (elbow.path[2].u_frame_mm < elbow.path[2].u_mm).all() and elbow.path[2].u_frame_mm.min() > 0
+
+
+def test_a_frame_taught_at_the_targets_removes_error_and_never_adds_it() -> None:
+    """Fifteen targets in nearly one orientation hardly determine the shift of the tool."""
+    rig = _rig(ZERO_3)
+    q = np.radians(TARGETS[0] + np.random.default_rng(1).normal(0, 0.2, (15, 6)))
+    error, few = corrected(rig, supports(rig), q).error, corrected(rig, supports(rig), q[:4]).error
+    assert error is not None and not error.taught_elsewhere and error.before_um < error.base.before_um
+    assert few is not None and few.taught_elsewhere

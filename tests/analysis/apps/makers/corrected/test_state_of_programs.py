@@ -177,6 +177,13 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
     "one that is far away": (
         module_of("MoveJ Offs(p,0,-420,200),v9,fine,t;\nMoveL p,v9,fine,t;\n", data=NEAR), [(3, "offset")]
     ),
+    "an approach to a point that no move reaches itself": (
+        module_of("MoveAbsJ {q0},v9,fine,t;\nConfL\\Off;\nMoveL Offs(p,0,0,50),v9,fine,t;\n", data=NEAR), []
+    ),
+    "a far one": (
+        module_of("MoveAbsJ {q0},v9,fine,t;\nConfL\\Off;\nMoveL Offs(p,0,-420,200),v9,fine,t;\n", data=NEAR),
+        [(3, "offset")],
+    ),
     "an arc whose wrist is not controlled": (
         module_of("MoveAbsJ {q0},v9,fine,t;\nCirPathMode\\Wrist45;\nMoveC {p1},{p2},v9,fine,t;\n"
             "CirPathMode\\PathFrame;\n"

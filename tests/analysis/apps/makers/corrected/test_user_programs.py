@@ -433,7 +433,7 @@ MODULE MainModule\r
   PROC main()\r
     TPWrite "MoveAbsJ [[0,0,0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]";\r
     MoveAbsJ jHome\\NoEOffs,v1000,z50,tGripper;\r
-    MoveJ Offs(pPick,0,0,50),v1000,z10,tGripper\\WObj:=wTable;\r
+    MoveJ Offs(pPick,0,0,90),v1000,z10,tGripper\\WObj:=wTable;\r
     MoveL pPick,v100,fine,tGripper\\WObj:=wTable;\r
     Set doGrip;\r
     MoveL {inline},\r
@@ -469,7 +469,7 @@ def test_abb(tmp_path: Path) -> None:
     data = found.files["MainModule.mod"]
     assert _changed(path.read_bytes(), data) == {9, 20}
     assert _why(found) == [
-        (11, "offset"),  # 50 mm above it the correction is another one
+        (11, "offset"),  # 90 mm above it the correction is another one
         (12, "external_axes"),
         (13, "changed"),
         (25, "not_literal"),
