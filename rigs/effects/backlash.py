@@ -98,9 +98,7 @@ class Backlash(Effect):
 
     def compensation(self) -> Compensation:
         """Return no compensation by targets, because the effect depends on the history."""
-        return Compensation(
-            "none", "depends on the direction of approach: only the same approach direction for every target helps"
-        )
+        return Compensation("none", "depends on the direction of approach: approach every target from the same side")
 
     @property
     def idle(self) -> str:

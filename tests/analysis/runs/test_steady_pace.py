@@ -158,5 +158,5 @@ def test_a_pace_that_is_left_is_told() -> None:
         for doubt in align.timing_doubts("g1", Instants(np.empty(0), 0.0, np.empty(0), wanders_s=wanders_s))
     ]
     assert [doubt.split(":")[:2] for doubt in doubts] == [
-        ["g1", " its messages deviate from their steady pace by 5.2 ms"]
+        ["g1", " the messages deviate from their steady pace by 5.2 ms"]
     ]

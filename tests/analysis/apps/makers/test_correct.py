@@ -316,7 +316,7 @@ def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: 
     monkeypatch.setenv("COLUMNS", "200")
     done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(out)])
     assert done.exit_code == 0, done.output
-    assert "only the same approach direction for every target helps" in done.stdout
+    assert "approach every target from the same side" in done.stdout
     assert "master axis 3 so that the reading at the same position is +0.0500° (± 0.0020°) larger" in done.stdout
     assert {file.name for file in out.iterdir()} == {"corrections.yaml", "dh.csv", "corrected-path.csv"}
     held = yaml.safe_load((out / "corrections.yaml").read_text())
@@ -342,7 +342,7 @@ def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: 
         ("x_mm,y_mm,z_mm", "900,0,0", "has no column rx_deg, ry_deg, rz_deg"),
         ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", "9000,0,0,0,180,0", "line 2: is out of the nominal arm's reach"),
         (f"{HEAD},u_um", "A,0,20,10,0,60,0,1", "is the path already corrected?"),
-        (HEAD, "", "has a header without rows"),
+        (HEAD, "", "has a header but no rows"),
     ],
 )
 def test_a_bad_path_is_refused_with_its_line(tmp_path: Path, head: str, row: str, told: str) -> None:
