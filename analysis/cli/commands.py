@@ -63,7 +63,7 @@ JOBS = {
         "history": "Show each figure of a robot over time, and report what changed by more than the scatter between "
         "its runs.",
         "fleet": "List the robots of a plant: state against limits, what changed and since when, runs and doubts.",
-        "paper": "Simulate and evaluate the tests of the paper, and compare the published figures with those computed here.",
+        "paper": "Simulate and evaluate the tests of the paper, and compare the figures with the published ones.",
     },
     "Correct": {
         "calibrate": "Calibrate the model of a robot, validate it on data not used for the fit, and write a rig file.",

@@ -41,7 +41,7 @@ _WAYS = {
     "link_constants": "enter these values into the controller if possible; dh.csv is the complete table.",
     "controller": "changes of the controller's own parameters that cover most of the model.",
     "path": "the corrected targets cover the whole model, for a controller with unchanged zeros and constants.",
-    "programs": "the programs contain the complete model, but none has run on a real controller: try each at reduced speed.",
+    "programs": "they contain the complete model, but none has run on a real controller: try each at reduced speed.",
 }
 _NOTHING = (
     "Nothing to enter is here: --for MAKER writes values to enter, --program FILE or --path FILE corrected targets."
