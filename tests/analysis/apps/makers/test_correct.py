@@ -1,4 +1,4 @@
-"""The correction: the real arm comes to where the nominal one was sent, and what no target can mend is left alone."""
+"""Corrections: the real arm reaches the nominal target, and errors that no target can correct are left unchanged."""
 
 from __future__ import annotations
 
@@ -129,8 +129,7 @@ def test_a_controller_given_corrected_poses_brings_the_real_arm_to_the_poses(tmp
 
 
 def test_one_target_is_corrected_by_a_model_that_knows_the_clocks(tmp_path: Path) -> None:
-    """A robot that stands has no time, and no servo that is late: a calibration holds both beside what moves the
-    arm."""
+    """A target has neither a time nor servo lag, although the calibration contains clock and lag effects."""
     late = ServoLag(axis=2, lag_s=0.001, found=_found(lag_s=0.0001))
     portions = JointPortions(portions=(Portion(of=late.model_copy(update={"found": None}), times=2.0),))
     rig = _rig(ZERO_3, ClockRate(ppm=200.0, found=_found(ppm=20.0)), late, portions)

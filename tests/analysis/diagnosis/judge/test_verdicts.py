@@ -63,7 +63,7 @@ HIDDEN: dict[str, tuple[Effect, ...]] = {
 
 
 def _names(found: Diagnosis) -> list[str]:
-    """Those that it stands by."""
+    """Return the names of the confirmed effects."""
     return sorted(name_of(one.effect) for one in found.standing)
 
 

@@ -59,7 +59,9 @@ def test_one_slip_among_the_orientations_leaves_its_target_out() -> None:
 
 @pytest.mark.parametrize("name", ["paper-fanuc", "ur10e", "paper-errors"])
 def test_plays_leave_no_target_out_but_a_wrong_place_is(name: str) -> None:
-    """What plays do comes in two kinds, few targets far from the many: that is the robot."""
+    """Backlash produces two groups of errors, the smaller of only a few targets. These are errors of the robot, not
+    outliers.
+    """
     rig, _ = load(name)
     for seed in range(3):
         table = simulate(rig, "radial", None, seed)

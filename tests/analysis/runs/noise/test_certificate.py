@@ -1,4 +1,4 @@
-"""Gauges that are wrong by what their certificates say: readings come out right, and what is left is in the figures."""
+"""Gauges with the errors stated by their certificates: readings are corrected, and the remaining error is part of u."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ def test_an_opc_ua_server_that_is_spoken_to_says_what_is_missing() -> None:
 
 
 class _Listener:
-    """A program that waits for what it is told."""
+    """A program that waits for input."""
 
     sent = 0
 
