@@ -183,8 +183,8 @@ def export_urdf(
 ) -> None:
     """Write the arm of a rig file for other programs, with the joint zeros and link constants that were found.
 
-    Errors other than geometry are omitted (play as well, except in MJCF), and the command reports the size of the
-    omitted errors.
+    Errors other than geometry are omitted (play as well, except in MJCF), and
+    the command reports the size of the omitted errors.
     """
     from analysis.apps.interchange.exported_arm import geometric_share, simulated_arm
     from analysis.robot.model.predict import geometric_arm, model_of
