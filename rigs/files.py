@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from rigs.errors import FileError
 
-_REMEDY = "check the path and its permissions"
+_REMEDY = "check the path and the permissions"
 _POSIX = ("O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC")
 _FLAGS = os.O_RDONLY | sum(getattr(os, name, 0) for name in _POSIX) | getattr(os, "O_BINARY", 0)
 """Open flags: do not wait for the other end of a FIFO (not on Windows), and keep line ends (only on Windows)."""

@@ -190,7 +190,7 @@ def _read_calibration(path: Path, digest: str) -> CalibratedModel:
             str(path), problem, "copy the file there, or remove the key calibration from the rig file"
         ) from None
     if hashlib.sha256(data).hexdigest() != digest:
-        problem = "is not the file that the rig file names: its SHA-256 differs, so it was changed or replaced"
+        problem = "was changed or replaced: the SHA-256 differs from that in the rig file"
         raise FileError(str(path), problem, "restore both files of the same diagnosis, or repeat the diagnosis")
     try:
         return CalibratedModel.read(data)
@@ -213,7 +213,7 @@ def _text(path: Path) -> str:
 
 
 def _unreadable(path: Path, error: OSError) -> FileError:
-    return FileError(str(path), error.strerror or str(error), "check the path and its permissions")
+    return FileError(str(path), error.strerror or str(error), "check the path and the permissions")
 
 
 @contextmanager

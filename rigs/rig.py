@@ -147,7 +147,7 @@ class Rig(Part):
     @model_validator(mode="after")
     def _read_together(self) -> Rig:
         if dict(self.gauges) and isinstance(self.feedback, NoFeedback):
-            problem = "gauges without feedback: rigd always records both"
+            problem = "gauges require feedback: rigd always records both"
             raise ValueError(f"{problem}; add feedback, or remove the gauges if only a tracker is used")
         return self
 
@@ -158,7 +158,7 @@ class Rig(Part):
             return automatic
         gauges = len(list(info.data["gauges"]))
         if not gauges or isinstance(info.data["feedback"], NoFeedback):
-            raise ValueError("without gauges and feedback, there is nothing to record; add both, or remove the key")
+            raise ValueError("requires gauges and feedback; add both, or remove the key")
         if lacking := automatic.lacking(signal=carries_signal(info.data["feedback"]), gauges=gauges):
             raise ValueError("; ".join(lacking))
         return automatic

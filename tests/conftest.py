@@ -56,8 +56,10 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave tests of a night out where nobody asks for them, and repeat tests that watch real time where they were held
-    up, each try with the whole time limit."""
+    """Deselect nightly tests unless requested, and repeat tests of real time after an interruption, each with the
+    complete
+    time limit.
+    """
     for item in items:
         if is_moved(item.nodeid):
             item.add_marker(pytest.mark.nightly)

@@ -38,7 +38,7 @@ def test_an_unknown_program_is_refused_with_the_names_of_those_there_are(name: s
 
 @pytest.mark.parametrize("name", sorted({*PROGRAMS} - {"booted"} - LOCKED))
 def test_each_program_starts(name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """Without those that need packages of their own, or root."""
+    """Excludes programs that require additional packages or root."""
     monkeypatch.setattr(sys, "argv", [name, "--help"])
     try:
         runpy.run_path(str(FILES[name]), run_name="__main__")

@@ -88,7 +88,7 @@ def test_80_columns_hold_the_help_of_every_command_whole(command: tuple[str, ...
 
 
 def test_no_help_is_lost_as_markup() -> None:
-    """rich takes what stands in brackets for its own: `[default: the user]` was never seen."""
+    """rich interprets brackets as markup, so `[default: the user]` would disappear."""
     told = re.findall(r'help="([^"]*)"', "".join(path.read_text() for path in _SOURCES))
     assert len(told) > 50
     assert [one for one in told if "[" in one] == []
@@ -128,7 +128,7 @@ def _rows() -> dict[str, list[str]]:
 
 
 def _choices(name: str) -> set[str]:
-    """What the keys of a gauge may be set to, where that is a choice of words."""
+    """Return the allowed values of the keys of a gauge with a choice of words."""
     (model,) = (one for one in models(Gauge) if name_of(one) == name)
     kinds = [get_args(field.annotation) for field in model.model_fields.values()]
     return {word for kind in kinds for word in kind if isinstance(word, str)}

@@ -41,8 +41,10 @@ def counted() -> dict[str, int]:
 
 
 def set_up(gauges: str, robot: str, cell: EmulatedInstruments, hand: Pushed, path: Path) -> int:
-    """The page's own `rig init cell.yaml`, told what emulated ports do not show, and the sensors' zero; the keys that a
-    person pressed."""
+    """Run `rig init cell.yaml` as on the page, with options for facts that emulated ports cannot show; return the
+    number of
+    key presses.
+    """
     ports = [port for place, port in cell.ports.items() if place != "feedback"]
     if gauges == "micro_epsilon":
         for port in ports:

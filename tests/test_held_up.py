@@ -1,5 +1,4 @@
-"""A test that watches real time is judged where nothing held it up, and repeated or skipped, with the reason, where it
-was."""
+"""Tests of real time count only without interruption; otherwise they are repeated, or skipped with the reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`scripts/dev nightly`: it ends in time, and its result says what was not begun and what failed."""
+"""`scripts/dev nightly` ends in time, and reports tests not started and tests failed."""
 
 from __future__ import annotations
 

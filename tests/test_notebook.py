@@ -1,4 +1,4 @@
-"""Every cell of docs/notebook runs, in order, and says what the text beside it promises."""
+"""All cells of docs/notebook run in order, and the output agrees with the text."""
 
 import json
 import os

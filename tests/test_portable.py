@@ -1,6 +1,6 @@
-"""Saved runs are analysed where nothing that only POSIX has can be imported: on Windows as on Linux.
+"""Analysis of saved runs without POSIX-only modules, as on Windows.
 
-`tests/portable_child.py` takes those modules and functions away. What only a cell needs says so in one line.
+`tests/portable_child.py` removes these modules and functions. Features that need a cell report this in one line.
 """
 
 import json

@@ -71,7 +71,7 @@ def _classes() -> dict[str, ast.ClassDef]:
 
 
 def _inherited(of_class: ast.ClassDef) -> set[str]:
-    """The methods whose words stand in a class that this one extends."""
+    """Return the methods whose docstrings are in a base class."""
     names = {ast.unparse(base).partition("[")[0] for base in of_class.bases}
     above = [_classes()[name] for name in names if name in _classes() and name != of_class.name]
     methods = [one for body in above for one in body.body if isinstance(one, ast.FunctionDef)]
@@ -95,7 +95,7 @@ def _words(one: ast.FunctionDef, of_class: str) -> str:
 
 
 FRAGMENT = re.compile(r"(Of|By|That|In which|In the|As (for|in)|Beside|Times (the|what|a|as)) ")
-"""How a docstring begins that leaves out what it is about: `Of a cycle: …`."""
+"""Beginnings of docstrings that omit the subject: `Of a cycle: …`."""
 QUAINT = re.compile(r"\b(tells?|told|nobody|whoever|anew|awaited|no doubt|mended?)\b", re.I)
 """Words for which this project has plainer ones: report, distinguish, unknown, again, correct."""
 
@@ -190,7 +190,7 @@ WORK = {
 }
 """Last names of calls that work."""
 MADE = {"array", "asarray", "empty", "zeros", "ones", "full", "eye", "default_rng"}
-"""What numpy makes without computing; everything else of numpy works, and so does a product of matrices."""
+"""numpy functions that create arrays without computation. All other numpy functions and matrix products compute."""
 
 
 def working_constructors(source: str) -> dict[str, set[str]]:

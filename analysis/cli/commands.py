@@ -24,13 +24,13 @@ from rigs.distribution import version
 JOBS = {
     "Set up": {
         "example": "Copy the shipped rig files, and the hidden effects of their emulated cells, to a directory.",
-        "init": "Look for gauges and robot, ask which is which, and write a checked rig file.",
+        "init": "Find gauges and robot, identify each, and write a checked rig file.",
         "check": "Check a rig file, or the labels of runs.",
         "doctor": "Report what is wrong with a cell: ports, line settings, rates, clocks, disk, service.",
         "interfaces": "List the gauge and robot interfaces with instruments, line settings, protocol source and open "
         "questions.",
         "arms": "List the arm library, or show one arm as the robot section of a rig file.",
-        "import-urdf": "Turn a URDF into the robot section of a rig file, equal to it within 1e-9 mm and rad.",
+        "import-urdf": "Convert a URDF to the robot section of a rig file, accurate to 1e-9 mm and rad.",
         "parts": "Write the parts of touches and of the link as STL, with a drawing and a list of what to buy.",
         "circle": "Fit the circle of a rig file to recorded robot motion.",
         "ball": "Fit the ball position of the hemisphere test to recorded robot poses.",
@@ -64,11 +64,11 @@ JOBS = {
         "history": "Show each figure of a robot over time, and report what changed by more than the scatter between "
         "its runs.",
         "fleet": "List the robots of a plant: state against limits, what changed and since when, runs and doubts.",
-        "paper": "Simulate and evaluate the tests of the paper, and show its figures beside those computed here.",
+        "paper": "Simulate and evaluate the tests of the paper, and compare the figures with the published ones.",
     },
     "Correct": {
         "calibrate": "Calibrate the model of a robot, validate it on data not used for the fit, and write a rig file.",
-        "correct": "Write joint zeros, link constants, corrected targets and programs, each only where the effects "
+        "correct": "Write joint zeros, link constants, corrected targets and programs, each only if the effects "
         "support it.",
         "pair": "Calibrate two arms by each other: a ball on the flange of one, a socket on the flange of the other.",
         "postures": "Rank all postures that reach each target by their expected error, and choose the best sequence.",

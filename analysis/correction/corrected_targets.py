@@ -299,7 +299,7 @@ def _turned(rig: Rig, supported: Sequence[Support], q: Array, at: Array) -> list
     really = tool_poses(model_of(rig, used_effects(rig, supported)), at)
     most_deg = float(np.degrees(turned_rad(really, forward(arm_of(rig.robot), q)).max()))
     return [
-        f"an arm of {axes} axes turns its tool in {axes - 3} ways at a position: each position is corrected, and the "
+        f"an arm of {axes} axes turns the tool in {axes - 3} ways at a position: each position is corrected, and the "
         f"tool stays turned by up to {most_deg:.2g}°"
     ]
 

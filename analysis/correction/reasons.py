@@ -53,7 +53,7 @@ WHY: dict[Reason, str] = {
     "offset": "is used with an offset that is unknown, or that may need a different correction than the point",
     "displaced": "is moved by a displacement that is or may be active there",
     "tracked": "is, or may be, followed on a conveyor, or moved by a sensor or a force, there",
-    "external_tcp": "is, or may be, reached with a tool that stands outside of the robot",
+    "external_tcp": "is, or may be, reached with a tool fixed outside of the robot",
     "coordinated": "is, or may be, coordinated with a different axis or robot there",
     "switched": "may have a different meaning there, after a switch of the language",
     "selected": "belongs to a frame or a tool that may not be selected there, which some controllers do not check: "

@@ -72,10 +72,10 @@ def _support(effect: Effect, u: float, *, from_calibration: bool = False) -> Sup
     if use == "none":
         return Support(effect, value, u, use, effect.compensation().why_not)
     if effect.found is None and not from_calibration:
-        why = "is in the rig file without provenance: diagnose or calibrate the arm"
+        why = "has no provenance in the rig file: diagnose or calibrate the arm"
         return Support(effect, value, u, "none", why)
     if not u > 0:
-        return Support(effect, value, u, "none", "was found without an uncertainty: calibrate the arm")
+        return Support(effect, value, u, "none", "has no uncertainty: calibrate the arm")
     if u >= abs(value):
         alike = " and ".join(effect.found.together if effect.found else ())
         if not alike:

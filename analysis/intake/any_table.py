@@ -41,7 +41,7 @@ def read_any_table(source: Path, *, rig_file: str | Path, test: TestName | None,
     proposal = propose_map([source], rig_file)
     if proposal.questions:
         asks = "; ".join(f"{question.key}: {question.asks}" for question in proposal.questions)
-        raise FileError(str(source), f"leaves questions open ({asks})", "answer the questions of rig import")
+        raise FileError(str(source), f"has open questions ({asks})", "answer the questions of rig import")
     return read_mapped([source], proposal.assumed().table_map, rig_file=rig_file, test=kind, **label)
 
 

@@ -77,7 +77,7 @@ class TableReading:
     def line(self, next_best: TableReading | None = None) -> str:
         """Return the interpretation and the residual as text, with the next best for comparison."""
         text = f"{self.words}{self._leaves()}"
-        return f"{text}. The next best reading: {next_best.words}{next_best._leaves()}" if next_best else text
+        return f"{text}. The second-best interpretation: {next_best.words}{next_best._leaves()}" if next_best else text
 
     def _leaves(self) -> str:
         if np.isnan(self.left):
@@ -352,7 +352,7 @@ def _accept_faulty_arm(judge: _Judge, best: TableReading, readings: Sequence[Tab
     """
     plain = next(reading for reading in readings if reading.value.sees == "the tool")
     if part := fits_in_parts(judge.raw, judge.bare, plain.value):
-        problem = f"fits the arm of the rig file in {part}, but not as a whole; {plain.line()}"
+        problem = f"fits the arm of the rig file in {part}, but not completely; {plain.line()}"
         remedy = "give measurements with a different place of target or instrument as separate files, one run each"
         raise FileError(judge.raw.where, problem, remedy)
     nominal = f"{RIGHT_MM:g} mm and {100 * RIGHT_SHARE:g} % of the extent of the places"

@@ -274,7 +274,7 @@ def read_raw(lines: Sequence[str], layout: FileLayout, where: str) -> RawTable:
         k for k in range(layout.first_line - 1, len(lines)) if lines[k].strip() and not is_comment(lines[k].lstrip())
     ]
     if not kept:
-        raise FileError(where, "has a header without rows", "give the measured rows")
+        raise FileError(where, "has a header but no rows", "give the measured rows")
     body = [lines[k] for k in kept]
     if mark == " ":
         mark, body = "\t", ["\t".join(line.split()) for line in body]

@@ -322,7 +322,7 @@ def parse_csv(
     problems = Problems()
     columns, lines = columns_of(_whole_rows(rows, names, where, problems), names, layout, problems)
     if not len(lines) and not problems.count:
-        raise FileError(where, "has a header without rows", "give the measured rows")
+        raise FileError(where, "has a header but no rows", "give the measured rows")
     if direction and "direction" not in columns:
         completed: dict[str, pa.ChunkedArray] = {}
         for name, values in columns.items():

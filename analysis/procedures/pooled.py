@@ -25,9 +25,9 @@ from analysis.runs.tables import PlaceTable
 from rigs.errors import FileError
 
 ONE_RUN = (
-    "single run: repeat it, because u does not include the scatter between runs (typically "
-    f"{1e3 * BALL_MM.low:g} to {1e3 * BALL_MM.high:g} µm of the ball and {JOINT_DEG.low:g} to {JOINT_DEG.high:g}° of "
-    "each joint)"
+    "single run: u does not include the scatter between runs (typically "
+    f"{1e3 * BALL_MM.low:g} to {1e3 * BALL_MM.high:g}µm for the ball and {JOINT_DEG.low:g} to {JOINT_DEG.high:g}° for "
+    "each joint); repeat the run"
 )
 _SPREADS = 5.0
 """A ball counts as remounted if its distance from the others exceeds both `BALL_ELSEWHERE_MM` and this multiple of

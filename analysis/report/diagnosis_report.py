@@ -143,7 +143,7 @@ def write_model(diagnosis: Diagnosis, text: str, output: Path) -> list[Path]:
     if diagnosis.condition == "out_of_range":
         (named,) = diagnosis.effects
         problem = f"was not written: {name_of(named.effect)} is beyond the range that rig corrects"
-        raise FileError(str(output), problem, "check the rig file, the variant of the arm and its mastering")
+        raise FileError(str(output), problem, "check the rig file, the variant of the arm and the mastering")
     return write_extended(text, _origins(diagnosis), output, diagnosis.calibrated)
 
 

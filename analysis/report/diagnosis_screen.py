@@ -52,9 +52,9 @@ def places_table(where: Sequence[ResidualPlace]) -> list[RenderableType]:
         table.add_row(*row, f"{place.rms_um:.1f}", f"{place.sigma:.0f}")
     unlisted = len(where) - _MOST_PLACES
     circles = any(place.test in CIRCLES for place in where)
-    notes = [f"and {unlisted} more (all with --json)"] * (unlisted > 0)
+    notes = [f"and {unlisted} more (--json lists all)"] * (unlisted > 0)
     notes += [
-        "distance: mean of both gauges; angle: difference of the gauges; an axis reverses where one is given"
+        "distance: mean of both gauges; angle: difference of the gauges; axis: this axis reverses there"
     ] * circles
     return [table, *(Text(note, style="dim") for note in notes)]
 
@@ -122,7 +122,7 @@ def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
     if small:
         share = sum(part.share for part in small)
         table.add_row(
-            f"{counted(len(small), 'smaller part')} (all with --json)", "", percent(share), "", "", style="dim"
+            f"{counted(len(small), 'smaller part')} (--json lists all)", "", percent(share), "", "", style="dim"
         )
     cut_off = f"× usual: multiple of the typical size in a healthy arm; a size is unusual above {FAULT:g}"
     return [table, Text(cut_off, style="dim")]
@@ -187,7 +187,7 @@ def _number(value: float) -> str:
 def _inseparable(diagnosis: Diagnosis) -> list[RenderableType]:
     lines = [Text(" or ".join(map(name_in_words, group))) for group in diagnosis.groups[:_MOST_GROUPS]]
     others = len(diagnosis.groups) - _MOST_GROUPS
-    lines += [Text(f"and {others} more groups (all with --json)", style="dim")] if others > 0 else []
+    lines += [Text(f"and {others} more groups (--json lists all)", style="dim")] if others > 0 else []
     return list(lines)
 
 

@@ -79,7 +79,7 @@ _NEVER = ("gauges and robot were never recorded at the same time", "record both 
 _STALLED = 5.0
 """Threshold of a doubtful row time: this multiple of the usual individual uncertainty, and at least _STALLED_S."""
 _TOGETHER = {
-    True: "arrival together with a later one; have each message sent at once (TCP_NODELAY), or with its own time",
+    True: "arrival together with a later one; have each message sent immediately (TCP_NODELAY), or with a timestamp",
     False: "the same timestamp as the previous message; use timestamps with a finer resolution",
 }
 """Reasons for rows with equal times, with remedies; the key states whether the times are arrivals."""
@@ -429,12 +429,14 @@ def timing_doubts(name: str, instants: Instants | InstrumentObservations) -> lis
         )
     if instants.wanders_s > WANDERS_S:
         doubts.append(
-            f"{name}: its messages deviate from their steady pace by {1e3 * instants.wanders_s:.1f} ms: it waited, or "
+            f"{name}: the messages deviate from their steady pace by {1e3 * instants.wanders_s:.1f} ms: it waited, or "
             "they came later for good; the uncertainty covers both; repeat the recording on a computer that is less "
             "busy"
         )
     if instants.held:
-        doubts.append(f"{name}: the adapter holds bytes back, which adds uncertainty; set its latency_timer to 1 ms")
+        doubts.append(
+            f"{name}: the adapter delays bytes, which adds uncertainty; set the latency_timer of the adapter to 1 ms"
+        )
     return [*doubts, *(f"{name}: {words}" for words in instants.doubts)]
 
 

@@ -59,11 +59,11 @@ _SPARSE = (
 )
 _NOT_ADVANCING = "the instrument clock does not advance and is not used; check the instrument"
 _FOUND = (
-    "the readings repeat with a separate cycle of {:.2f} ms; each takes the time of its tick; "
+    "the readings repeat with a separate cycle of {:.2f} ms; each gets the time of the tick; "
     "state the cycle as timing.cycle_ms in the rig file"
 )
 _UNEVEN = (
-    "the readings repeat while it moves, in an uneven cycle of some {:.0f} ms; each takes the time of its first copy, "
+    "the readings repeat while it moves, in an uneven cycle of some {:.0f} ms; each gets the time of the first copy, "
     "which adds uncertainty; see timing in the rig file and the instrument's manual"
 )
 _NOT_SEEN = (

@@ -50,7 +50,7 @@ def columns_of(table: Table) -> pa.Table:
 
 LARGEST = 1e12
 """Largest plausible angle, length or time, in any unit that may have been chosen by mistake."""
-_REMEDY = "restore the run from a copy, or correct the table and import it again"
+_REMEDY = "restore the run from a copy, or correct and re-import the table"
 
 
 def check_table_rows(table: Table, where: str) -> None:

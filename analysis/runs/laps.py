@@ -303,5 +303,5 @@ def _require_covered(where: str, ahead: Array, sense: float, start: float) -> No
     if gaps[widest] > max(_GAP_RAD, min(_STEPS * float(np.median(gaps)), _WIDEST_RAD)):
         begin, end = (np.degrees(start + sense * edges[k]) % 360 for k in (widest, widest + 1))
         problem = f"the lap has no data from {begin:.0f}° to {end:.0f}° ({np.degrees(gaps[widest]):.0f}° wide)"
-        remedy = "record the whole circle, including lead-in and lead-out, on a less busy computer"
+        remedy = "record the complete circle, including lead-in and lead-out, on a less busy computer"
         raise FileError(where, problem, remedy)

@@ -53,7 +53,7 @@ def package_of(test: TestName) -> ModuleType:
     offer = TEST_PACKAGES.get(test)
     if offer is None:
         problem = f"the installed {NAME} does not offer it as rig.tests"
-        raise FileError(f"test {test}", problem, "install it again; in a checkout: pip install --no-deps -e .")
+        raise FileError(f"test {test}", problem, "reinstall it; in a checkout: pip install --no-deps -e .")
     if offer.attr:
         problem = f"{offer.value}, which a package offers, has the form of version 1.1: a test is now a package"
         remedy = f"offer {offer.module.rpartition('.')[0] or offer.module}, with format.py and evaluate.py in it"

@@ -155,7 +155,11 @@ class PlausibilityCheck:
         observation = (
             f"has shown exactly {gauge.reading:.4f} mm for {seconds:.0f} s while the robot moved {moved_deg:.0f}°"
         )
-        return [_doubtful(now_ns, f"{_name(column)} {observation}: is its plunger free, is the display on HOLD?")]
+        return [
+            _doubtful(
+                now_ns, f"{_name(column)} {observation}: check that the plunger is free and the display is not on HOLD"
+            )
+        ]
 
     def _intermittent(self, stream: str, columns: Sequence[str], items: Sequence[Item]) -> list[Fault]:
         in_error, doubts = self._in_error.setdefault(stream, set()), list[Fault]()
@@ -179,7 +183,7 @@ class PlausibilityCheck:
                 if len(times_ns) == TIMES_IN_ERROR and span_s <= IN_ERROR_S:
                     times_ns.clear()
                     often = f"{name} went in and out of error {TIMES_IN_ERROR} times in {span_s:.0f} s ({item.detail})"
-                    doubts.append(_doubtful(item.at_ns, f"{often}: does the whole motion lie within the range?"))
+                    doubts.append(_doubtful(item.at_ns, f"{often}: check that the complete motion is within the range"))
         return doubts
 
 

@@ -55,7 +55,7 @@ def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
 def streams_of(rig: Rig) -> list[Stream]:
     """Return all streams of a rig, with the robot last. Raises CellError if the rig has no instruments."""
     if isinstance(rig.feedback, NoFeedback):
-        problem = "has no gauges and no feedback, so nothing can be read"
+        problem = "has neither gauges nor feedback to read"
         remedy = "add feedback to the rig file, and gauges for circles; poses of a tracker are imported: rig import"
         raise CellError(rig.name, problem, remedy)
     members = rig.gauges.recorded

@@ -55,5 +55,5 @@ def _read(data: bytes, gauge: CDIIQ) -> Reading:
     if reply and _NUMBER.fullmatch(reply[1].replace(b" ", b"")):
         return in_mm(reply[1], reply[2], gauge)
     if data in _REFUSALS:
-        return Trouble(f"{data.decode()}: the indicator {_REFUSALS[data]}; see the display, and end its menu")
+        return Trouble(f"{data.decode()}: the indicator {_REFUSALS[data]}; check the display, and leave the menu")
     return garbled(data)

@@ -80,7 +80,9 @@ def _read(data: bytes, gauge: SylvacOptoRS) -> Reading:
     if match := _READING.fullmatch(data):
         return mm(match[1], gauge)
     if _COMMA.fullmatch(data):
-        detail = f"{printable_message(data)} has a decimal comma; set a decimal point in the gauge or in its software"
+        detail = (
+            f"{printable_message(data)} has a decimal comma; set a decimal point in the gauge or the gauge software"
+        )
         return Trouble(detail, FaultKind.GARBLED, polled.Then.DRAIN)
     if data in _ERRORS:
         return Trouble(f"{data.decode()}: {_ERRORS[data]}")

@@ -177,7 +177,7 @@ def unasked(wire: Wire, message: Message) -> Fault:
     """Return the fault for a message that does not answer the current request."""
     at_ns = message.last_byte_ns
     if (asked := wire.asks(message.data)) is not None:
-        detail = f"a different master asks unit {asked} on this line; disconnect it, or let it read for both"
+        detail = f"another master polls unit {asked} on this line; disconnect it, or let it read for both"
         return Fault(FaultKind.STRANGER, at_ns, detail)
     unit, _, content = wire.open(message.data)
     if not content:

@@ -116,7 +116,7 @@ class Trigger:
         """Return the commands that result from elapsed time, in case the robot has stopped sending."""
         if self._running is None or now_ns - self._last_sample_ns < _SILENT_NS:
             return []
-        return self._stop(StopRun(now_ns, f"the robot sent nothing for {_SILENT_NS // _S} s", in_order=False))
+        return self._stop(StopRun(now_ns, f"the robot sent no data for {_SILENT_NS // _S} s", in_order=False))
 
     def reset(self) -> None:
         """Forget the requested run, which was refused or ended by an operator. The next event starts a recording."""

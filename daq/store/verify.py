@@ -157,7 +157,7 @@ def _manifest(path: Path, manifest: Manifest, *, is_recorded: bool) -> list[str]
     elif manifest.exit_status == "recording":
         problems.append(f"{path}: was never closed: the recording crashed; {to_recover(path)}")
     if sha256(manifest.rig_text.encode()) != manifest.rig_sha256:
-        problems.append(f"{path}: the rig file in the manifest does not match its SHA-256")
+        problems.append(f"{path}: the rig file in the manifest does not match the SHA-256")
     return problems
 
 

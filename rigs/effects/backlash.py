@@ -99,9 +99,7 @@ class Backlash(Effect):
 
     def compensation(self) -> Compensation:
         """Return no compensation by targets, because the effect depends on the history."""
-        return Compensation(
-            "none", "depends on the direction of approach: only the same approach direction for every target helps"
-        )
+        return Compensation("none", "depends on the direction of approach: approach every target from the same side")
 
     def from_one_side(self, side: int) -> JointOffset | None:
         """Return the flank as a constant offset; None if gravity determines it, since it then differs by posture."""

@@ -41,7 +41,10 @@ class BallForm(Effect):
         return f"form of the ball, {self.lobes} lobes"
 
     def remedy(self) -> str:
-        return "the ball is out of round: turn it by a quarter and measure again; replace it if the error turns with it"
+        return (
+            "the ball is out of round: turn the ball by 90° and repeat the measurement; replace the ball if the error "
+            "turns with it"
+        )
 
     def compensation(self) -> Compensation:
         return Compensation("none", "is a property of the ball, which the robot's controller cannot correct")

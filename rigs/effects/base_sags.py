@@ -41,7 +41,7 @@ class BaseSags(Effect):
         return f"sag of the base under load, with the moment about its {self.way}"
 
     def remedy(self) -> str:
-        return "the base sags under the arm's moment: bolt the base down firmly and stiffen its support"
+        return "the base sags under the arm's moment: bolt the base down firmly and stiffen the support"
 
     def compensation(self) -> Compensation:
         """Return a compensation by targets: the effect depends only on the posture."""

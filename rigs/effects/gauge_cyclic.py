@@ -57,7 +57,7 @@ class GaugeCyclic(Effect):
 
     def remedy(self) -> str:
         return (
-            f"{self.gauge} has an error every {self.period_mm:g} mm: clean its scale, have its interpolation adjusted"
+            f"{self.gauge} has an error every {self.period_mm:g} mm: clean the scale, have the interpolation adjusted"
         )
 
     def compensation(self) -> Compensation:

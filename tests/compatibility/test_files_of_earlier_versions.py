@@ -136,7 +136,7 @@ ENDS = {
     "1.0/release": ("gear error of axis 4", "95.9 ± 1.0 µm rms", "10 runs"),
     "1.1/release": ("zero of axis 3 (U) (0.0489 ± 0.0019 °", "96.3 ± 21.8 µm rms", "8 runs"),
 }
-"""What sessions had found, what the error was before, and how many runs were driven."""
+"""Finding, initial error and number of runs of each stored session."""
 
 
 @pytest.mark.parametrize(("state", "end"), ENDS.items(), indirect=["state"], ids=ENDS)

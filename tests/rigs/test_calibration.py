@@ -212,7 +212,7 @@ def test_a_rig_file_names_a_file_beside_it_and_nothing_else() -> None:
 
 
 def test_a_copy_without_the_calibration_is_refused_where_the_model_is_needed(tmp_path: Path) -> None:
-    """A run keeps the text of its rig file, and not what lies beside it."""
+    """A run stores the text of its rig file, but not the neighbouring calibration file."""
     rig_file, beside = written(tmp_path / "here")
     (tmp_path / "there").mkdir()
     copy = Path(shutil.copy(rig_file, tmp_path / "there"))

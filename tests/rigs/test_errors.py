@@ -1,4 +1,4 @@
-"""What a person is told, whatever a damaged file has put into it."""
+"""Error messages are safe for any content of a damaged file."""
 
 from __future__ import annotations
 

@@ -33,10 +33,11 @@ def doctor(
 ) -> None:
     """Report what is wrong with a cell: ports, line settings, rates, clocks, disk, service.
 
-    Talks to the instruments as rigd would, at other line settings too where they
-    do not answer; where rigd runs, it is asked instead. With --scan Modbus gauges
-    are read in other ways than the rig file says, until one moves like a probe.
-    Exit code 1 where something is wrong.
+    Connects to the instruments in the same way as rigd, and tries other line
+    settings if an instrument does not answer. If rigd is running, its state is
+    reported instead. With --scan, other addresses and formats of Modbus gauges
+    are tried until a value changes like a moved probe. The exit code is 1 if
+    something is wrong.
     """
     import dataclasses
     from functools import partial

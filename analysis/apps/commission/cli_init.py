@@ -35,21 +35,21 @@ def init(
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="Host of the robot, tcp://host:port, or udp://address:port; none with sockets; default: rig asks.",
+            help="Host of the robot, tcp://host:port, or udp://address:port; none with sockets; default: interactive.",
         ),
     ] = None,
     port: Annotated[
         list[str] | None,
         typer.Option(
             metavar="PORT",
-            help="Serial port or tcp://host:port of a gauge; repeatable; default: rig asks.",
+            help="Serial port or tcp://host:port of a gauge; repeatable; default: interactive.",
         ),
     ] = None,
     g1: Annotated[
-        str | None, typer.Option(metavar="PORT", help="Port of gauge 1, PORT#CHANNEL if shared; default: rig asks.")
+        str | None, typer.Option(metavar="PORT", help="Port of gauge 1, PORT#CHANNEL if shared; default: interactive.")
     ] = None,
     g2: Annotated[
-        str | None, typer.Option(metavar="PORT", help="Port of gauge 2, PORT#CHANNEL if shared; default: rig asks.")
+        str | None, typer.Option(metavar="PORT", help="Port of gauge 2, PORT#CHANNEL if shared; default: interactive.")
     ] = None,
     key: Annotated[
         list[str] | None,
@@ -58,24 +58,25 @@ def init(
         ),
     ] = None,
     baseline_mm: Annotated[
-        float | None, typer.Option(min=0.1, max=10_000, help="Distance between the gauges in mm; default: rig asks.")
+        float | None, typer.Option(min=0.1, max=10_000, help="Distance between the gauges in mm; default: interactive.")
     ] = None,
     arm: Annotated[
-        str | None, typer.Option(help="Arm by name, or a file with a section robot; default: rig asks.")
+        str | None, typer.Option(help="Arm by name, or a file with a section robot; default: interactive.")
     ] = None,
     build: Annotated[
         Build | None,
-        typer.Option(help="Build of the arm; default: that of the library or the file, otherwise rig asks."),
+        typer.Option(help="Build of the arm; default: that of the library or the file, otherwise interactive."),
     ] = None,
     tool: Annotated[
         str | None,
         typer.Option(
-            metavar="POSE", help="Ball on the flange: x,y,z in mm, then roll,pitch,yaw in degrees; default: rig asks."
+            metavar="POSE",
+            help="Ball on the flange: x,y,z in mm, then roll,pitch,yaw in degrees; default: interactive.",
         ),
     ] = None,
     tolerance_mm: Annotated[
         float | None,
-        typer.Option(min=0, max=1000, help="Allowed error at the ball in mm, 0 for unlimited; default: rig asks."),
+        typer.Option(min=0, max=1000, help="Allowed error at the ball in mm, 0 for unlimited; default: interactive."),
     ] = None,
     circle_here: Annotated[
         bool | None,
@@ -92,12 +93,12 @@ def init(
         bool, typer.Option("--json", help="Print the result as one JSON object without writing a file.")
     ] = False,
 ) -> None:
-    """Look for gauges and robot, ask which is which, and write a checked rig file.
+    """Find gauges and robot, identify each, and write a checked rig file.
 
-    It only reads, and opens only ports that you name: they are listened to, then
-    asked with each protocol's own request. Answers are kept beside the rig file
-    until that is written, so that an interrupted rig init goes on where it was.
-    Without a terminal, every question has its option.
+    rig init only reads, and opens only the ports that you name. It listens
+    first, then sends the read request of each protocol. Answers are saved next
+    to the rig file until the file is written, so an interrupted rig init can
+    continue. Without a terminal, answer each question with an option.
     """
     from analysis.apps.commission.init_answers import Options, keys_of, places_of
     from analysis.cli.check import check

@@ -123,7 +123,7 @@ def _mark(
     from daq.store import mark_moved
 
     if not after or any(path.is_file() for path in paths):
-        raise UseError("--mark", "needs new runs, and tables are not kept", "import the table first: rig import")
+        raise UseError("--mark", "needs new runs; tables are not stored as runs", "import the table first: rig import")
     names = [run.run.manifest.name for run in reference]
     for run in after:
         mark_moved(run.run.path, mark_of(result, names))

@@ -240,7 +240,7 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
         problem = (
             f"stand {worst + 1} of {len(residual)} lies {abs(residual[worst]):.1f} mm from a sphere about the ball"
         )
-        raise FileError(where, problem, "record only stops at which the link or the ball held the tool")
+        raise FileError(where, problem, "record only stops at which the link or the ball fixed the tool")
     scatter_mm, of_scatter = scatter(float((residual**2).sum()), len(residual) - 4, float(np.sqrt(np.mean(within**2))))
     covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(design.T @ design), dtype=np.float64)
     used = f"{len(q)} stops on a sphere of {x[3]:.1f} mm"

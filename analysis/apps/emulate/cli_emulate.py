@@ -54,13 +54,13 @@ def emulate(
 ) -> None:
     """Start the gauges and the robot of RIG on ptys and local ports, and serve until stopped.
 
-    Writes rig.yaml, the rig file with these ports in it, for rigd; and
-    truth.json, what a perfect measurement would find. Type acw, cw, roll acw,
-    roll cw, radial or repeatability to start a program of its own, run NAME to
-    start one of --programs; stop, pause and go on, as a person at the robot;
-    enter FILE to enter what rig correct wrote into its controller; quit to
-    end. show speed_percent 40, and the like, changes what the robot shows of
-    its condition, not how it drives.
+    Writes rig.yaml, the rig file with these ports for rigd, and truth.json, the
+    result of a perfect measurement. Type acw, cw, roll acw, roll cw, radial or
+    repeatability to start a built-in program, or run NAME to start one of
+    --programs. Type stop, pause or go on to control the program; enter FILE to
+    enter the values of rig correct into the emulated controller; quit to end.
+    Type show speed_percent 40, for example, to change the reported condition of
+    the robot; the motion stays the same.
     """
     from analysis.apps.emulate.served_cell import EmulatedCell
     from analysis.cli.dialogue import has_keyboard
@@ -83,9 +83,9 @@ def replay(
 ) -> None:
     """Serve the instruments of a capture on ptys and local ports, at the times of the capture, until its end.
 
-    Writes rig.yaml, the rig file with these ports in it, for rigd. The time
-    of all of them begins with the daemon's first word. A run that is
-    recorded while one is out of step is marked, and rig analyse refuses it.
+    Writes rig.yaml, the rig file with these ports for rigd. The replay of all
+    instruments starts with the first request of the daemon. A run recorded while
+    an instrument is out of step is marked, and rig analyse rejects it.
     """
     from analysis.apps.emulate.served_cell import MARKS, locked_cell, rig_file_of_cell, serve
     from daq.apps.emulate.replay import Replay
@@ -148,7 +148,8 @@ def simulate(
 ) -> None:
     """Simulate runs of a test with the effects of a rig: noise of gauges and robot, scatter from run to run.
 
-    iso9283 are two runs: the poses of the cube and the paths, as a tracker sees them.
+    --test iso9283 writes two runs as measured by a tracker: the poses of the cube and
+    the paths.
     """
     from functools import partial
     from itertools import product

@@ -121,7 +121,7 @@ def import_urdf(
         Path | None, typer.Option("--output", "-o", help="File for the section; default: the screen.")
     ] = None,
 ) -> None:
-    """Turn a URDF into the robot section of a rig file, equal to it within 1e-9 mm and rad."""
+    """Convert a URDF to the robot section of a rig file, accurate to 1e-9 mm and rad."""
     from analysis.apps.interchange.urdf import import_urdf as imported
 
     arm = imported(file, base, tip)
@@ -183,7 +183,8 @@ def export_urdf(
 ) -> None:
     """Write the arm of a rig file for other programs, with the joint zeros and link constants that were found.
 
-    What is not geometry stays behind (all but MJCF leave plays, too), and the command says how much that is.
+    Errors other than geometry are omitted (play as well, except in MJCF), and
+    the command reports the size of the omitted errors.
     """
     from analysis.apps.interchange.exported_arm import geometric_share, simulated_arm
     from analysis.robot.model.predict import geometric_arm, model_of

@@ -39,9 +39,9 @@ def live(
 ) -> None:
     """Show gauges, angle, lap, joints, faults and recording until q or Ctrl-C.
 
-    The screen fills the terminal and shows its keys. It comes back when the
-    daemon does. Without a terminal, and without --plain or --json, the state
-    of the daemon is printed once.
+    The screen fills the terminal and lists the keys. It reconnects when the
+    daemon restarts. Without a terminal, the state of the daemon is printed
+    once, unless --plain or --json is given.
     """
     from analysis.apps.live.terminal import is_terminal
     from rigs.errors import UseError

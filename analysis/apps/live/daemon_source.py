@@ -205,7 +205,7 @@ def watched_motion(client: Client, where: str, show: Callable[[RobotMotion], Non
                 heard_s = now_s
             if now_s - heard_s > _SILENT_DAEMON_S:
                 problem = f"the robot has sent no joint angles for {now_s - heard_s:.0f} s"
-                raise CellError(where, problem, "check the connection with rig status, and begin again")
+                raise CellError(where, problem, "check the connection with rig status, and restart")
             if now_s - shown_s > _SHOW_S and times:
                 shown_s = now_s
                 show(_motion(times, angles, where))

@@ -114,7 +114,7 @@ def correct(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write joint zeros, link constants, corrected targets and programs, each only where the effects support it."""
+    """Write joint zeros, link constants, corrected targets and programs, each only if the effects support it."""
 
     from analysis.apps.makers.controller_entries import scale_of
     from analysis.apps.makers.correct_rig import correct_rig, target_errors

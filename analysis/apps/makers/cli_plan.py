@@ -98,8 +98,9 @@ def plan(
 ) -> None:
     """Report which effects the tests can detect and distinguish, from which size on, and which test adds the most.
 
-    With --poses, plan which poses a tracker measures: those after which the arm
-    is known best over its workspace, clear of floor and column, and seen.
+    With --poses, plan the poses for a tracker that determine the arm best over
+    the workspace. All poses are visible to the tracker and clear of floor and
+    column.
     """
     if poses:
         if tests or propose or minutes:

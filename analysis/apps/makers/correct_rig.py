@@ -157,7 +157,7 @@ def _targets(
     axes = len(rig.robot.axes)
     read = read_path(path, axes, rail=rig.robot.rail is not None)
     if rig.robot.rail and not read.joints:
-        problem = "has poses without joint angles, so the rail position is unknown"
+        problem = "has poses but no joint angles, so the rail position is unknown"
         raise FileError(str(path), problem, f"give q1_deg … q{axes}_deg and e1_mm")
     if axes != DRIVEN_AXES and not read.joints:
         free = f"do not determine the elbow of an arm of {axes} axes"

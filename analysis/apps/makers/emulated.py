@@ -250,7 +250,7 @@ def circle_through(a: Array, b: Array, c: Array) -> tuple[Array, Array, float]:
     u = (a - centre) / np.linalg.norm(a - centre)
     angles = [np.arctan2((p - centre) @ np.cross(axis, u), (p - centre) @ u) % (2 * np.pi) for p in (b, c)]
     if not 0 < angles[0] < angles[1]:
-        raise ProgramError("the middle of an arc is not between its ends")
+        raise ProgramError("the middle of an arc is not between the ends")
     return centre, axis, float(angles[1])
 
 

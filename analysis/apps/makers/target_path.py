@@ -127,7 +127,7 @@ def _targets(
         twice = next(name for name in names if names.count(name) > 1)
         raise FileError(str(path), f"has two columns {twice}", "rename one of them")
     if not rows:
-        raise FileError(str(path), "has a header without rows", "give the targets")
+        raise FileError(str(path), "has a header but no rows", "give the targets")
     problems = [
         TableProblem(line, "", f"has {len(row)} fields, but the header has {len(names)}")
         for line, row in rows

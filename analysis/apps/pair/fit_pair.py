@@ -60,7 +60,7 @@ def pair_of(first: Rig, second: Rig, table: PairTable, where: str) -> Pair:
     """Return the pair of two rigs with their touches. Raises FileError for a rail or an existing calibration."""
     for rig in (first, second):
         if rig.robot.rail is not None:
-            raise FileError(rig.name, "is on a rail, which a pair does not support", "lock the rail and remove its key")
+            raise FileError(rig.name, "is on a rail, which a pair does not support", "lock the rail and remove the key")
         if rig.calibrated is not None:
             problem = "has a calibration already, which a pair would count twice"
             raise FileError(rig.name, problem, "give the rig file without the section calibration")

@@ -219,15 +219,15 @@ def _not_testable(fit: FittedPair, constants: tuple[PairConstant, ...], scale: S
         )
         yield NotTestable("", f"scale of both arms, ± {scale.u_ppm:.0f} ppm by the nominal lengths", reason)
     for arm, holds in zip(fit.pair.arms, ("ball", "socket"), strict=True):
-        yield NotTestable(arm.rig.name, "constants and zero of axis 1", "they move only the frame of its base")
+        yield NotTestable(arm.rig.name, "constants and zero of axis 1", "they change only the base frame")
         last = f"zero and d of axis {arm.axes}"
         yield NotTestable(arm.rig.name, last, f"they move only the place of the {holds} on the flange")
         weak = [it.symbol for it in constants if it.arm == arm.rig.name and not it.is_shown]
         if weak:
-            reason = "these postures hardly show each of them alone; their u is mostly what is usual for such an arm"
+            reason = "these postures hardly separate them; their u mostly reflects the usual size in such arms"
             yield NotTestable(arm.rig.name, ", ".join(weak), reason)
         if not any(term.group == "gravity" for term in arm.terms):
-            reason = "its rig file has no masses"
+            reason = "the rig file contains no masses"
             yield NotTestable(arm.rig.name, "deflection of the joints under load", reason)
 
 
@@ -240,7 +240,7 @@ def _doubts(fit: FittedPair, left_mm: float) -> Iterator[str]:
         still = [str(axis) for axis, turn in enumerate(np.nanmax(joints, axis=0) - np.nanmin(joints, axis=0), start=1)
                  if turn < _STILL_RAD]  # fmt: skip
         if still:
-            yield f"{arm.rig.name}: axis {', '.join(still)} hardly turned, so its constants are not shown"
+            yield f"{arm.rig.name}: axis {', '.join(still)} hardly turned, so these constants cannot be determined"
 
 
 _STILL_RAD = float(np.radians(20.0))

@@ -27,7 +27,7 @@ def paper(
         ),
     ] = "paper-errors",
 ) -> None:
-    """Simulate and evaluate the tests of the paper, and show its figures beside those computed here."""
+    """Simulate and evaluate the tests of the paper, and compare the figures with the published ones."""
 
     from analysis.apps.paper.rows import as_object, as_table, rows_of
     from analysis.cli.console import progress_of

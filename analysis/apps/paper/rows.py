@@ -139,7 +139,7 @@ def roll_rows(rig: Rig) -> Iterator[PaperRow]:
     """Yield rows for figures 10 and 11. As in the paper, no sine is removed, so the extremes are 135° apart."""
     curves = {direction: circle(rig, "roll", direction, rig.effects) for direction in DIRECTIONS}
     for direction, curve in curves.items():
-        note = f"total angle, the paper does not subtract a sine; without the sine {curve.figures['band_deg']:.2f}°"
+        note = f"total angle, as in the paper; with the sine subtracted {curve.figures['band_deg']:.2f}°"
         yield PaperRow(
             "Fig. 10", f"roll error band, {direction}", paper.ROLL_MEASURED_DEG, curve.figures["range_deg"], "°", note
         )

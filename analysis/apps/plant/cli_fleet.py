@@ -47,8 +47,8 @@ def fleet(
 ) -> None:
     """List the robots of a plant: state against limits, what changed and since when, runs and doubts.
 
-    A robot is a name of a rig file in one directory of runs. Runs that
-    are as they were are not read again: a catalogue keeps their figures."""
+    Runs in the same directory with the same rig name belong to one robot. The
+    figures are stored in a catalogue, so unchanged runs are read only once."""
     from analysis.apps.plant import catalogue as kept
     from analysis.apps.plant.collect import Workers
     from analysis.apps.plant.gather import gather

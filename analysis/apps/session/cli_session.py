@@ -79,10 +79,10 @@ def session(
 ) -> None:
     """Measure, understand, correct and verify a robot, one program after the other.
 
-    The session says which program to start, records it, says whether the
-    run can be used, and what the runs so far show. It is kept in
-    DIR/session.yaml after each step: the same command goes on with it,
-    after Ctrl-C and on another day.
+    The session names the program to start, records the run, checks it, and
+    shows the diagnosis so far. The state is saved in DIR/session.yaml after
+    each step. Repeat the same command to continue after Ctrl-C or on another
+    day.
     """
     from analysis.apps.session.session_state import Emulated, SessionDirectory
     from rigs.errors import UseError

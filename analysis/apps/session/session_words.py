@@ -36,7 +36,7 @@ def plan_lines(session: Session, pace: SessionPace, directory: Path) -> Iterator
     driven = len(session.steps) - len(open_steps)
     goes_on = f", {driven} of {len(session.steps)} steps completed" if driven else ""
     minutes = minutes_of(session.stages, open_steps, pace)
-    yield f"{session.rig}: {counted(len(open_steps), 'program')} to drive, {counted(round(minutes), 'minute')}{goes_on}"
+    yield f"{session.rig}: {counted(len(open_steps), 'program')} to run, {counted(round(minutes), 'minute')}{goes_on}"
     for (purpose, stage), group in groupby(open_steps, key=lambda step: (step.purpose, step.stage)):
         programs = [step.program for step in group]
         times = [f"{name} × {programs.count(name)}" for name in dict.fromkeys(programs)]
@@ -52,7 +52,7 @@ def step_lines(session: Session, number: int) -> Iterator[str]:
     yield f"step {number + 1} of {len(session.steps)}: start program {step.program}{again}"
     if not again:
         way = f" --direction {step.direction}" if step.direction else ""
-        yield f"  to record by hand: rig record start {step.program} --test {step.test}{way}; rig record stop"
+        yield f"to record manually: rig record start {step.program} --test {step.test}{way}; rig record stop"
 
 
 def answer_lines(answer: Answer, before: Answer | None) -> Iterator[str]:

@@ -63,9 +63,9 @@ def window(
 ) -> None:
     """Serve the live cell, its session, runs, reports and history to browsers, until Ctrl-C.
 
-    It is a client of rigd, as rig live is, and only this computer reaches
-    it unless --listen says otherwise. It reads only, unless --control is
-    given; the robot is never commanded.
+    Like rig live, the window is a client of rigd. It is reachable only from
+    this computer unless --listen is given, and read-only unless --control is
+    given. It never commands the robot.
     """
     from rigs.distribution import to_install
     from rigs.errors import CellError

@@ -210,7 +210,7 @@ def without_outliers(
         elif wild.any():
             doubts.append(
                 f"{wild.sum()} of {len(run.rows)} readings of {run.setup} differ from all others by up to "
-                f"{distance_mm.max():.1f} mm. They were kept: so many, or all in one range of a joint, are not "
+                f"{distance_mm.max():.1f} mm. They are used: so many, or all in one range of a joint, are not "
                 "outliers. Check the signs, order and zeros of the joints, and whether instrument or base moved"
             )
     for setup, most_mm in far_mm.items():

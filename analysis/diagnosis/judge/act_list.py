@@ -70,7 +70,7 @@ EARLY_COMMANDED = Act("convert", "early", command=("import", "TABLE", "--test", 
 MOVED = Act("mount", "moved")
 """First action after a movement between or within the runs."""
 CHECK_STATED = Act("check", "contradicted")
-"""First action if the readings contradict a stated constant: measure the constant again."""
+"""First action if the readings contradict a stated constant: remeasure the constant."""
 EARLY = Act("wait", "early")
 """First action if joints were read before standstill: use the commanded angles of the file if present, or repeat the
 measurement."""

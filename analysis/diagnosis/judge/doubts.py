@@ -42,8 +42,10 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     once = {block.name: shows_noise(block) for block in unrepeated if not labels_of(block.table.test).no_repeats}
     doubts += [words for block in unrepeated if (words := labels_of(block.table.test).no_repeats)]
     for name, shows in once.items():
-        scatter = "taken from the remaining error of the model" if shows else "assumed"
-        doubts.append(f"no target of {name} was measured twice, so its scatter is {scatter}; measure targets again")
+        scatter = "estimated from the residuals of the model" if shows else "assumed"
+        doubts.append(
+            f"no target of {name} was measured twice, so the scatter is {scatter}; measure some targets twice"
+        )
     ways: dict[str, set[str]] = {}
     for block in blocks:
         table = block.table
@@ -70,7 +72,7 @@ def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
     for named in names:
         if named.stands and ended_at_limit(named.effect):
             doubts.append(
-                f"the {name_in_words(label_of(named.effect))} reached the limit of its size, so it is unreliable: "
+                f"the {name_in_words(label_of(named.effect))} reached the size limit and is unreliable: "
                 "check the rig file, the cables of the gauges and the placements, and repeat the diagnosis"
             )
     return tuple(doubts)

@@ -334,7 +334,7 @@ def _at_targets(block: Block, residual: Array, scatter_mm: Array) -> list[Residu
     if not over.any():
         return []
     rows, worst = labels_of(table.test).rows, number[int(np.argmax(size))]
-    why = f"{over.sum()} of {len(size)} {rows} differ, most of all number {worst}"
+    why = f"{over.sum()} of {len(size)} {rows} differ, most at number {worst}"
     low, high = float(number[over].min()), float(number[over].max())
     rms_um, sigma = 1e3 * float(np.sqrt(np.mean(size[over] ** 2))), float((size / noise).max())
     return [ResidualPlace(table.test, None, "distance", low, high, None, why, rms_um, sigma)]

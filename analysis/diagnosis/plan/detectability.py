@@ -317,7 +317,7 @@ def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], li
             elif LARGEST_FAULT * whole < _NOTHING:
                 hidden = effect.idle
             elif LARGEST_FAULT * remaining < DETECTABLE:
-                hidden = f"too small: even {LARGEST_FAULT:g} times its healthy size stays below {DETECTABLE:g} sigma"
+                hidden = f"too small: below {DETECTABLE:g} sigma even at {LARGEST_FAULT:g} times the usual size"
             else:
                 hidden = "hidden by the other effects of a healthy arm"
         chosen.append(candidate)

@@ -163,9 +163,7 @@ def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis:
     q = drawn_poses(arm, max(_POOL, 3 * count), sight, rng)
     if len(q) < 2 * count:
         problem = f"only {len(q)} poses were found that the arm takes clear of floor and column, and that are seen"
-        raise FileError(
-            RigPlace.of(rig.name), problem, "put the tracker elsewhere, turn its target, or plan fewer poses"
-        )
+        raise FileError(RigPlace.of(rig.name), problem, "move the tracker, turn the target, or plan fewer poses")
     driven = axes_in_turn(arm, count, sight, rng) if one_axis else None
     pool = pool_of(rig, q if driven is None else np.vstack([q, driven]))
     chosen = pool.choose(count) if driven is None else np.arange(len(q), len(pool.q))

@@ -161,10 +161,10 @@ CONVENTIONS = (
     Convention(SIGN, "do the readings grow with the distance from the ball", _no_pair),
     Convention(SOURCE, "did an instrument measure the places", _no_poses),
     Convention(STAMPS, "is t_s in seconds, by the speed of the circle", _no_yaw),
-    Convention(PLACE, "was each target at its place in the rig file", _no_targets),
+    Convention(PLACE, "was each target at the place given in the rig file", _no_targets),
     Convention(STANDS, "is each row a separate visit", _no_stops),
     Convention(COMMANDS, "were the commanded angles reached", _no_commands),
-    Convention(WILDNESS, "did the tracker see its target", _no_poses),
+    Convention(WILDNESS, "did the tracker see the target", _no_poses),
     Convention(DUPLICATES, "is a place or a row repeated", _no_poses),
 )
 """All conventions, in reading order."""

@@ -74,7 +74,7 @@ class Places:
             rows = np.flatnonzero(self.repeated) + 1
             words["repeated"] = (
                 f"{count} of {len(self.wild)} places repeat the preceding one to the last digit although the tool "
-                f"moved, from row {rows[0]} on: the instrument sent its last place again"
+                f"moved, from row {rows[0]} on: the instrument repeated the last place"
             )
         return words
 
@@ -329,7 +329,7 @@ def outlying_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
     """Yield findings about outliers of a path."""
     del rig
     if "wild" in (words := places_of(table).words):
-        remedy = "check that nothing crossed the beam; the analysis ignores them"
+        remedy = "check that the beam is not interrupted; the analysis ignores these rows"
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", words["wild"], remedy)
 
 
@@ -356,8 +356,8 @@ def duplicate_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
             continue
         if np.linalg.norm(places[alike] - places[alike][0], axis=1).max() > _ELSEWHERE_MM:
             fact = (
-                f"rows {listed(table.rows[alike].tolist())} have the same place to the last digit, though the robot "
-                "was elsewhere: the instrument may have sent its last place again"
+                f"rows {listed(table.rows[alike].tolist())} have exactly the same place, although the robot "
+                "was elsewhere: the instrument may have repeated the last place"
             )
             remedy = "remove the rows that were not measured"
             yield Finding(DUPLICATES, "likely", ("x_mm", "y_mm", "z_mm"), "a place sent again", fact, remedy)
@@ -373,5 +373,5 @@ def repeated_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
     """Yield findings about path positions that repeat the previous one although the tool moved."""
     del rig
     if "repeated" in (words := places_of(table).words):
-        remedy = "the analysis ignores them; set the instrument to write nothing while it has no target"
+        remedy = "the analysis ignores these rows; set the instrument to pause output while the target is lost"
         yield Finding(DUPLICATES, "likely", ("x_mm", "y_mm", "z_mm"), "a place sent again", words["repeated"], remedy)

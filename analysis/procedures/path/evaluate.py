@@ -113,8 +113,8 @@ def evaluate(
         notes.append(f"the tool went at {speed:.3g} mm/s, and {ways}: {remedy}")
     if instrument is None:
         notes.append(
-            "AT and corners are what a best fit of the tracker's frame to these paths leaves, which is less than ISO "
-            "9283 asks; give tests.iso9283.instrument, a frame that was measured by itself"
+            "AT and corners are the residuals of a best fit of the tracker's frame to these paths, which is less than "
+            "required by ISO 9283; give tests.iso9283.instrument, a frame that was measured separately"
         )
     return PathResult(driven, cube, figures, len(table.t_s), tuple(notes))
 

@@ -376,7 +376,7 @@ def _doubts(rms: Quantity, setup: PoseSetUp) -> list[str]:
     if not (rms.value < _MISSES_MM or rms.value < _DOUBTFUL_U * rms.u):
         doubts.append(
             f"the arm of the rig file misses these poses by {rms.value:.3g} mm (rms), {rms.value / rms.u:.0f} times "
-            "its u: no noise does this, and u does not cover it; check order, signs and zeros of the joints, whether "
+            "u: noise cannot cause this, and u does not cover it; check order, signs and zeros of the joints, whether "
             "axes 2 and 3 are coupled (FANUC), and the arm"
         )
     s = np.linalg.svd(setup.design / np.linalg.norm(setup.design, axis=0), compute_uv=False)

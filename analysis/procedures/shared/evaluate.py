@@ -118,8 +118,8 @@ def check_numbers(where: str, **columns: Array) -> None:
             continue
         bad = np.asarray(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
         if bad.all():
-            problem = f"{name} contains no valid number in any of its {len(bad)} rows"
-            raise FileError(where, problem, "check that its instrument measures and sends, and repeat the measurement")
+            problem = f"{name} contains no valid number in any of the {len(bad)} rows"
+            raise FileError(where, problem, "check that the instrument measures and sends, and repeat the measurement")
         row = int(np.argmax(bad)) + 1
         raise FileError(where, f"{name} of row {row} is not a number ({bad.sum()} such rows)", "remove such rows")
 

@@ -18,8 +18,8 @@ LABELS = Labels(
     further=("touch", "one place in many postures, without gauges"),
     setup="the places of the sockets and of the ball on the tool",
     no_repeats=(
-        "no posture was touched twice, so the scatter of a seated ball is taken from the remaining error of the model; "
-        "touch some postures again to measure it"
+        "no posture was touched twice, so the scatter of a seated ball is estimated from the residuals of the model; "
+        "touch some postures twice"
     ),
     rows="touches",
     joints_fit="touches return to their sockets",

@@ -137,7 +137,7 @@ def checked_section(
     if not (largest_mm <= tolerance_mm and largest_rad <= TOLERANCE):
         apart = f"{largest_mm:.1e} mm and {largest_rad:.1e} rad"
         problem = f"converted to modified Denavit-Hartenberg parameters, the arm differs by {apart}"
-        raise FileError(str(path), problem, "nothing was written; please report this with the file")
+        raise FileError(str(path), problem, "no file was written; please report this with the input file")
     return RobotSection(robot, text, largest_mm, largest_rad)
 
 

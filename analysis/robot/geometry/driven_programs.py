@@ -332,11 +332,7 @@ def _hemisphere_lines(rig: Rig) -> list[str]:
 
 def _repeatability_lines(rig: Rig) -> list[str]:
     if rig.tests.hemisphere is None:
-        return (
-            ["repeatability: needs tests.hemisphere, because its targets lie on the hemisphere"]
-            if rig.tests.repeatability
-            else []
-        )
+        return ["repeatability: needs tests.hemisphere, which defines the targets"] if rig.tests.repeatability else []
     repeatability_targets(rig)
     return []
 

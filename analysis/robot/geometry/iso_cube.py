@@ -118,7 +118,7 @@ def cube_of(rig: Rig) -> Cube:
         stated = [name for name in ("centre_mm", "side_mm", "posture_deg") if getattr(test, name) is not None]
         fact = f"no cube with this {', '.join(stated)} is" if stated else "no cube was found that is"
         problem = f"{fact} reached on its whole plane, clear of floor, column and singularities, in one posture"
-        remedy = "choose a different centre_mm, a smaller side_mm, or posture_deg near its centre"
+        remedy = "choose a different centre_mm, a smaller side_mm, or posture_deg near the centre"
         raise PathError(where, problem, remedy, "reach")
     return cube
 

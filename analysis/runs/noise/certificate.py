@@ -134,7 +134,7 @@ def doubts_of(rig: Rig, names: Sequence[str], on: dt.date) -> list[str]:
     certificates = [(name, certificate) for name, certificate in parts if certificate is not None and name in names]
     overdue = [
         f"{name}: certificate {certificate.number} was valid until {certificate.due}, which is before {on}; "
-        "have it calibrated again"
+        "have it recalibrated"
         for name, certificate in certificates
         if certificate.due is not None and certificate.due < on
     ]

@@ -265,7 +265,7 @@ def _finding(
     span = f"{best.readings_mm.min():.4f} to {best.readings_mm.max():.4f} mm"
     if rivals := [way for way in others if way.effort == best.effort]:
         choices = "; or ".join(str(way) or "as described" for way in (best, *rivals))
-        return doubtful(name, f"several values move: {choices}", "repeat the scan, and move this probe alone")
+        return doubtful(name, f"several values move: {choices}", "repeat the scan, and move only this probe")
     changed = line | best.changed
     if not changed:
         return ok(name, f"matches the rig file; the value moves from {span}")

@@ -147,7 +147,7 @@ def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
                 )
             trial = tried.trial
             answers |= _accepts(tried)
-            quiet = "accepts the connection, but sends nothing" if _accepts(tried) else "nothing arrived"
+            quiet = "accepts the connection, but sends no data" if _accepts(tried) else "nothing arrived"
             silence = "sends data in an unknown format" if trial.received else quiet
             why = trial.error.what if trial.error else _own_report(trial) or silence
             failed.append(f"{tried.feedback.interface} on {tried.feedback.port}: {why}")

@@ -80,7 +80,7 @@ class PortWatch:
         """Return the latest reading of each gauge by place. Raises CellError if a port is lost."""
         with self._changed:
             for place, why in self._lost.items():
-                raise CellError(place, f"was lost ({why})", "check the cable, and run rig init again: it goes on here")
+                raise CellError(place, f"was lost ({why})", "check the cable, and repeat rig init: it continues here")
             return {place: values[-1] for place, values in self._latest.items() if values}
 
     def measure_rest(self) -> None:

@@ -52,7 +52,7 @@ class Cell:
 
     @property
     def judged(self) -> list[Any]:
-        """The runs with those to judge by, as a person types them."""
+        """Return the arguments for all runs and the held-out runs."""
         held = [word for path in self.left_out for word in ("--hold-out", path)]
         return [*self.runs, *held, *(word for path in self.elsewhere for word in ("--unseen", path))]
 

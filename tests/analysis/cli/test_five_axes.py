@@ -46,7 +46,7 @@ def test_corrected_targets_take_the_place_and_say_how_the_tool_stays_turned(rig:
     table.write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg\n" + rows + "\n", encoding="utf-8")
     done = ran("correct", str(rig), "--path", str(table), "-o", str(tmp_path / "corrected"), "--anyway")
     assert done.returncode == 0
-    assert "an arm of 5 axes turns its tool in 2 ways" in " ".join((done.stdout + done.stderr).split())
+    assert "an arm of 5 axes turns the tool in 2 ways" in " ".join((done.stdout + done.stderr).split())
     poses = tmp_path / "poses.csv"
     poses.write_text("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n200,0,100,0,90,0\n", encoding="utf-8")
     done = ran("correct", str(rig), "--path", str(poses), "-o", str(tmp_path / "more"))

@@ -26,7 +26,7 @@ TYPER = {"typer", "annotated_doc", "rich", "shellingham", "click"}
 """typer, and what lays out its help: no Markdown, no colours of code."""
 RIG_FILE = {"pydantic", "pydantic_core", "annotated_types", "typing_extensions", "typing_inspection", "yaml", "_yaml"}
 READING = TYPER | RIG_FILE | {"numpy", "pyarrow", "cloudpickle"}
-"""pyarrow takes cloudpickle where it is installed, as beside Dask."""
+"""Packages imported for reading tables. pyarrow imports cloudpickle if installed, for example with Dask."""
 OURS = {"analysis", "rigs"}
 WORDS = {
     *("analysis", "analysis.runs.batch", "analysis.runs.batch.outcomes", "analysis.runs", "analysis.runs.table_layout"),

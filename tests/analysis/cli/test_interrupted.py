@@ -1,4 +1,4 @@
-"""Every command that writes, interrupted at every write: what has its name is whole, and nothing else is left."""
+"""Every writing command interrupted at every write: each named file is complete, and no temporary file remains."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ COMMANDS = {
     "fleet": ("fleet {}", "--jobs 2"),
     "history": ("history robot-001 --runs {} --json", ""),
 }
-"""Each with what it is told of a store besides."""
+"""Commands by name, each with additional options for remote stores."""
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from tests.support.table_cases import csv_text, plain
 
 @pytest.fixture
 def runs(tmp_path: Path) -> list[Path]:
-    """A whole run, a directory that is no run, and another whole run."""
+    """Return a complete run, a directory that is not a run, and another complete run."""
     whole = finished(tmp_path / "runs")
     return [whole, tmp_path / "nothing", Path(shutil.copytree(whole, tmp_path / "copy"))]
 

@@ -1,4 +1,4 @@
-"""`rig simulate`: what it is asked for in vain."""
+"""Rejected requests of `rig simulate`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From poses of a bad arm to corrected targets: another forward kinematics says where the arm then stands."""
+"""From poses of an imperfect arm to corrected targets, checked with independent forward kinematics."""
 
 from __future__ import annotations
 

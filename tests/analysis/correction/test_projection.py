@@ -1,4 +1,6 @@
-"""The whole model at a controller, by a forward kinematics of its own: what the entries leave is what was stated."""
+"""Controller entries that represent the complete model, checked with independent forward kinematics against the stated
+remaining error.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""A verdict travels: what is to correct nothing is refused, or written and marked, and u holds what is unexplained."""
+"""Effect of the verdict on corrections: refused, or written with a remark if forced; u includes the unexplained
+error.
+"""
 
 from __future__ import annotations
 

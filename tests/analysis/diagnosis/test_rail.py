@@ -46,7 +46,7 @@ class Case:
 
     @cached_property
     def found(self) -> Diagnosis:
-        """What these poses show, made for who asks."""
+        """Return the diagnosis of these poses, computed on demand."""
         rig = parse(CELL, "cell.yaml")
         return diagnose(rig, [run_of(rig, self.table)], [], [], lambda _: None)
 

@@ -1,4 +1,4 @@
-"""How wide u is where a model had no part: a factor where misses grow with what is stated, else as much everywhere."""
+"""Widening of u at unseen places: a factor if the errors grow with the stated u, otherwise a constant."""
 
 from __future__ import annotations
 

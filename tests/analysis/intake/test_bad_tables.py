@@ -248,7 +248,7 @@ def test_the_foreign_data_of_others_are_refused_with_the_remedy(tmp_path: Path) 
         (b"SQLite format 3\0....", "is a bag, from which circles are read, and poses by a map"),
         (MAGIC, "is a bag, from which circles are read, and poses by a map"),
         (csv_text(plain("pose")).encode().replace(b"deg", b"\0eg"), "contains zero bytes"),
-        (csv_text({name: [] for name in plain("pose")}).encode(), "has a header without rows"),
+        (csv_text({name: [] for name in plain("pose")}).encode(), "has a header but no rows"),
         (b"\n".join(csv_text(plain("pose")).encode().replace(b'"', b"").splitlines()[1:]), "lacks a header line"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Files that are there already: what records something stays, what shows runs is made again where rig made it."""
+"""Existing files: measurements are never overwritten; results are replaced if rig wrote them."""
 
 from __future__ import annotations
 

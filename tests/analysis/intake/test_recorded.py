@@ -1,4 +1,4 @@
-"""What the daemon recorded comes out as the table of measurement.md, and that goes in again."""
+"""Export of a recorded run as the table of measurement.md, and re-import of that table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The lag of the gauges behind the robot, from an acw and a cw circle, and what is said where it cannot be told."""
+"""The lag between gauges and robot from acw and cw circles, and the message if it cannot be determined."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def test_noise_beneath_the_steps_of_a_gauge_is_found_from_half_a_step_on(noise: 
 
 
 def test_the_error_of_rounding_is_as_large_as_rounding_makes_it() -> None:
-    """Averaged where a point has a hundred readings; a reading's own where the curve is steep."""
+    """Averaged at a point with a hundred readings, and full for a single reading on a steep part of the curve."""
     rng, step = np.random.default_rng(4), 1.0
     fine = np.linspace(0, 2 * np.pi, 100 * NODES, endpoint=False)
     for amplitude in (2.0, 400.0):

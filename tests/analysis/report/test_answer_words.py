@@ -147,8 +147,8 @@ def test_a_group_above_a_third_names_its_likeliest_members_and_the_test_that_nam
     none = replace(part, members=(replace(members[1], odds=0.004),))
     assert AnswerWords(replace(found, budget=(none,))).headline == "77 % of the error is geometry and zeros."
     assert ActWords(found).next == (
-        "Run roll on the circle (5 min). It shows which cause within geometry and zeros produces 77 % of the error, "
-        "with a probability of 99.8 %."
+        "Run roll on the circle (5 min) to find the single cause of geometry and zeros, 77 % of the error. The "
+        "expected probability of that cause is 99.8 %."
     )
 
 
@@ -249,7 +249,7 @@ def test_a_later_act_says_what_is_left_with_those_before_it() -> None:
     """Who read 106 to 46, then 106 to 96, took the second for the error after both."""
     alone = ActWords(diagnosis(acts=(REPAIR,))).next
     both = ActWords(diagnosis(acts=(replace(REPAIR, with_before_um=1.2, with_before_u_um=0.3),))).next
-    assert "repairs and entries, 1.2 ± 0.3 µm remain" in both and "before it" not in alone
+    assert "repairs and entries, the remaining error is 1.2 ± 0.3 µm" in both and "before it" not in alone
 
 
 def test_what_another_place_judged_is_said_where_its_runs_joined() -> None:

@@ -80,7 +80,7 @@ def test_the_screen_tells_fault_size_gap_and_remedy() -> None:
         "1. Find and repair the cause of the play of axis 1 (Theta) (0.0521 ± 0.0011 °). The error then falls from",
         "zero of axes 1 and 6; length a of axis 6; delay of the gauges",
         "zero of axis 5 or length a of axis 5",
-        "angle: difference of the gauges; an axis reverses where one is given",
+        "angle: difference of the gauges; axis: this axis reverses there",
     ):
         assert words in text, words
 
@@ -140,7 +140,7 @@ def test_every_part_of_the_error_has_a_line_and_small_ones_share_one() -> None:
     text = " ".join(_printed(diagnosis("named", effects=(PLAY, SMALL)), width=120).split())
     assert "play of axis 1 (Theta), 0.0521 ± 0.0011 ° 5.8 ± 0.1 45 % 5.2 unusual" in text
     assert "zero of axis 5 (beta), 0.1032 ± 0.0041 ° 0.9 ± 0.2 45 % 0.4 usual" in text
-    assert "1 smaller part (all with --json)" in text
+    assert "1 smaller part (--json lists all)" in text
 
 
 def test_what_is_no_fault_is_said_with_the_reason_and_without_a_remedy() -> None:

@@ -106,18 +106,18 @@ def test_a_kind_with_gauges_of_which_a_rig_file_has_no_part_is_of_one_place(
 
 def test_one_run_says_what_is_not_in_its_uncertainty(laps: list[Result]) -> None:
     words = [str(part) for part in as_tables(laps[:1]).renderables]  # type: ignore[attr-defined]
-    assert any(line.startswith("single run: repeat it, because u does not include the scatter") for line in words)
+    assert any(line.startswith("single run: u does not include the scatter") for line in words)
     answer = as_object(laps[:1])
     assert answer["between_runs"] == []
-    assert any(line.startswith("single run: repeat it") for line in answer["remarks"])
+    assert any(line.startswith("single run: u ") for line in answer["remarks"])
 
 
 def test_a_single_run_beside_repeated_ones_says_it_too(laps: list[Result]) -> None:
     acw = [result for result in laps if result.title == "yaw acw"]
     cw = next(result for result in laps if result.title == "yaw cw")
-    (remark,) = (line for line in as_object([*acw, cw])["remarks"] if "single run: repeat" in line)
-    assert remark.startswith("mean of 2 yaw acw runs") and "yaw cw: single run: repeat " in remark
-    assert not any("single run: repeat" in line for line in as_object(laps)["remarks"])
+    (remark,) = (line for line in as_object([*acw, cw])["remarks"] if "single run: u " in line)
+    assert remark.startswith("mean of 2 yaw acw runs") and "yaw cw: single run: u " in remark
+    assert not any("single run: u " in line for line in as_object(laps)["remarks"])
 
 
 def test_a_run_of_another_set_up_has_no_part_in_the_mean(laps: list[Result], tmp_path: Path) -> None:

@@ -206,7 +206,7 @@ def test_missing_messages_are_missed() -> None:
 
 
 def test_a_host_that_stalls_misses_nothing() -> None:
-    """What came while it did not read comes together afterwards."""
+    """Samples received during the stall arrive together afterwards."""
     number = np.arange(1500)
     host_ns = paced(np.random.default_rng(8), number)
     for begin in (300, 700):

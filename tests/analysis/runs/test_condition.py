@@ -21,7 +21,9 @@ HZ = 10
 
 
 def robot(**changed: tuple[float, float, float]) -> dict[str, np.ndarray]:
-    """Columns of 100 s: joint 1 stands until 20 s, moves until 80 s and stands again; changed: from, until, value."""
+    """Return columns of 100 s: joint 1 rests until 20 s, moves until 80 s and rests again. changed: from, until,
+    value.
+    """
     t_s = np.arange(0, 100, 1 / HZ)
     q_deg = np.interp(t_s, [20, 80], [10.0, 70.0])
     columns = {"last_byte_ns": (5e9 + t_s * 1e9).astype(np.int64)}

@@ -23,7 +23,7 @@ from tests.worlds.arms import soft_arm
 COULOMB_A = np.array([0.61, 0.83, 0.55, 0.21, 0.17, 0.24])
 NM_A = np.array([11.0, 13.0, 9.0, 7.0, 7.5, 6.8])
 TURNS = np.array([3.0, 2.0, 4.0, 1.0, 2.0, 0.0])
-"""How often each joint goes there and back; the last goes on."""
+"""Number of reversals of each joint; the last joint does not reverse."""
 
 
 def robot(rng: np.random.Generator, *, ripple_a: float = 0.015) -> dict[str, np.ndarray]:

@@ -19,7 +19,7 @@ AHEAD, EARLY = 32, 0.15
 
 
 def counted_one_by_one(host_ns: Array, period_ns: float) -> Array:
-    """What `numbered` says, row after row."""
+    """Return the result of `numbered`, computed row by row."""
     along = np.arange(len(host_ns), dtype=np.int64)
     late = host_ns - along * period_ns
     least = np.lib.stride_tricks.sliding_window_view(late, AHEAD).min(axis=1)
@@ -158,5 +158,5 @@ def test_a_pace_that_is_left_is_told() -> None:
         for doubt in align.timing_doubts("g1", Instants(np.empty(0), 0.0, np.empty(0), wanders_s=wanders_s))
     ]
     assert [doubt.split(":")[:2] for doubt in doubts] == [
-        ["g1", " its messages deviate from their steady pace by 5.2 ms"]
+        ["g1", " the messages deviate from their steady pace by 5.2 ms"]
     ]

@@ -1,4 +1,4 @@
-"""What is told of readings that are hard to believe, and what is not."""
+"""Implausible readings: reported and unreported cases."""
 
 from __future__ import annotations
 

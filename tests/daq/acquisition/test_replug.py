@@ -54,7 +54,7 @@ def _sees_what_is_wrong(path: Path) -> None:
 
 
 class _OneReading:
-    """Gives a sample, then nothing more comes of the link."""
+    """A link that delivers a single sample."""
 
     def connected(self, now_ns: int) -> ConversationStep:
         return ConversationStep(items=(Sample((1.0,), 0, now_ns, now_ns, 1),), hang_up=True)

@@ -185,7 +185,7 @@ def test_another_master_is_named(alone: bool) -> None:
     other = [(k * S // 7 + at, data) for k in range(7, 70) for at, data in ((0, asks), (3_000_000, answers))]
     items = _simulated(daq.gauges.host(units), units, 10, SimulatedLine(LINE.character_ns, other=other))
     named = _faults(items, FaultKind.STRANGER)
-    assert any("a different master asks unit 2" in fault.detail for fault in named)
+    assert any("another master polls unit 2" in fault.detail for fault in named)
     wanted = {0.01} if alone else {0.01, 0.02}
     read = {round(value, 6) for sample in samples_of(items) for value in sample.values if math.isfinite(value)}
     assert read == wanted

@@ -1,4 +1,4 @@
-"""Each protocol as a conversation: what comes in, what goes out, and what is told."""
+"""Scripted conversations of each protocol: received bytes, sent bytes, and faults."""
 
 from __future__ import annotations
 

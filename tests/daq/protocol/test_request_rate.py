@@ -1,4 +1,4 @@
-"""How often an instrument is asked that may be asked so often and no more."""
+"""Request rate of instruments with a maximum rate."""
 
 from __future__ import annotations
 

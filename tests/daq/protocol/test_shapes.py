@@ -111,8 +111,10 @@ def test_a_sound_line_has_no_faults(name: str) -> None:
 
 @pytest.mark.parametrize("name", TEXT_GAUGES)
 def test_each_digit_that_became_another_is_doubtful_unless_it_is_within_the_motion(name: str) -> None:
-    """Undecidable by the text alone. What is not told lies among the first replies, or soon after another one that was
-    false, which shows as scatter: one in four at this rate."""
+    """A changed digit cannot be recognised by the text alone. Unreported cases are among the first replies or soon
+    after
+    another false reply, where they appear as scatter: one in four at this rate.
+    """
     outcome = _recorded(name, _another_digit, 200, 1, replies=4000, sound=AGREED + 5)
     out_of_reach = [off_mm for off_mm in outcome.false_mm if off_mm > 0.3]
     assert out_of_reach, "a line that does no harm tests nothing"

@@ -1,4 +1,4 @@
-"""Rules: what a rig file may say, and what `rig automatic` makes of a recorded run."""
+"""Rules for automatic runs: valid rig files, and the rules that `rig automatic` derives from a recorded run."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ _STRANGE = ("slip", "cross", "drag")
 """What no library has: a joint's link is off beyond one angle, errs with the sum of its angle and another's, or leans
 to the side from which another joint came."""
 _TIMES_ALL_ELSE = (1.2, 3.0)
-"""How many times as much it makes as all else of the arm."""
+"""Size of the hidden error relative to all other errors of the arm."""
 _TAKEN_AWAY = 0.8
 """Share of the energy that a fault makes from which an act has taken it away."""
 _PROBE_RAD = 0.002

@@ -50,7 +50,7 @@ def analyse_lines() -> Iterator[Line]:
 
 
 def many_lines() -> Iterator[Line]:
-    """`rig analyse` of many runs: what each more takes of memory, and how much quicker two jobs are."""
+    """Measure `rig analyse` on many runs: memory per additional run, and speed-up by two jobs."""
     with tempfile.TemporaryDirectory() as root:
         written = _written(root, 10_000)
         runs = [shutil.copytree(written, f"{root}/run-{number}") for number in range(_MANY)]

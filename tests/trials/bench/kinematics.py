@@ -45,7 +45,7 @@ def inverse_lines() -> Iterator[Line]:
 
 
 def calibrated_lines() -> Iterator[Line]:
-    """All branches of arms whose constants are all a little off, where no closed form holds."""
+    """Measure all branches of arms with slightly wrong constants, for which no closed form exists."""
     count = 1_000
     for name in (ELBOW, UR):
         arm = calibrated(ARMS[name], SEED)

@@ -35,10 +35,14 @@ class Named:
 
 @dataclass(frozen=True)
 class Answer:
-    """condition: one of CONDITIONS, or what else was said, or `none`; effects: those that stand, where the condition
-    names; listed: those of any condition; left: share of what was hidden that they leave, by place, as the trial found
-    by the truth; seconds: how long it took, nan if unknown; remainder_um: what is said to be unexplained, nan if
-    nothing is said."""
+    """Answer of a diagnosis.
+
+    condition: one of CONDITIONS, another stated condition, or `none`. effects: confirmed effects, if the condition
+    names
+    any. listed: effects of any condition. left: share of the hidden error that remains with them, by place, computed
+    from
+    the truth. seconds: duration, nan if unknown. remainder_um: stated unexplained error, nan if not stated.
+    """
 
     condition: str
     effects: tuple[Named, ...]
@@ -97,7 +101,7 @@ def _named(effect: Mapping[str, Any], after_um: float) -> Named:
 
 
 def _at(data: Mapping[str, Any], *keys: str) -> Any:
-    """What stands under keys, one in another; None where one is missing."""
+    """Return the value of nested keys; None if a key is missing."""
     found: Any = data
     for key in keys:
         found = found.get(key) if isinstance(found, Mapping) else None

@@ -9,5 +9,5 @@ import pytest
 
 @pytest.fixture(scope="session")
 def blind_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where cases lie: one that is there already is diagnosed again, not generated again."""
+    """Directory of the cases. Existing cases are diagnosed again, but not generated again."""
     return tmp_path_factory.mktemp("blind")

@@ -23,7 +23,7 @@ ASSUMED = ("healthy", "one", "one_large", "two", "three")
 """Kinds whose noise and background are those of the specification: odds and sizes are scored on these."""
 SHIFTED = ("background_low", "background_high", "heavy_tails", "off_grid", "dirty")
 BINS = ((0.99, 1.0, 0.03), (0.95, 0.99, 0.03), (0.80, 0.95, 0.10), (0.50, 0.80, 0.10))
-"""Odds told from, to, and how far the share of right names may lie from the mean of what was told."""
+"""Range of the odds, and largest difference between the share of correct names and the mean of the stated odds."""
 GIVEN = 0.2
 """Share of a foreign signal's energy that a wrong name may take."""
 
@@ -60,7 +60,7 @@ class RealCase:
         return next(iter(very + [one for one in hidden if name in one["class"]]), None)
 
     def said(self, name: str) -> str:
-        """The fault that a name stands for, or the name itself where it stands for none."""
+        """Return the fault to which a name belongs, or the name itself."""
         fault = self.fault_of(name)
         return name if fault is None else str(fault["name"])
 
@@ -164,7 +164,7 @@ def _shifted(kind: str, testable: Sequence[RealCase], every: Sequence[RealCase])
 
 @dataclass(frozen=True)
 class Odds:
-    """Names whose odds were told from low to high: the mean of what was told, how many, and how many were right."""
+    """Names with stated odds in a range: mean of the stated odds, number, and number of correct names."""
 
     low: float
     high: float

@@ -196,7 +196,7 @@ def time_row(answers: Iterable[Answer], most_s: float) -> Row:
 
 
 def confusions(cases: Sequence[Case]) -> list[tuple[str, str, int]]:
-    """(hidden, said, how often), most frequent first; `-` where nothing stands on a side."""
+    """Return (hidden, stated, count), most frequent first; `-` for a missing side."""
     counts: Counter[tuple[str, str]] = Counter()
     for case in cases:
         counts.update(_confused(case))

@@ -62,7 +62,7 @@ EXAMPLES: list[tuple[str, dict[str, Any], dict[str, float], float]] = [
 NOT_AT_TARGETS = ("servo_lag", "time_lag", "clock_rate", "reversal_spike", "gauge_dead_band")
 """At a target the robot stands, and a table of targets does not know the way between them: not compared there."""
 ROUGHLY = {"reversal_spike": 0.5}
-"""The project's spike begins where the joint has come 0.003° back, some 0.1 s after the turn."""
+"""The project's spike starts after the joint has moved back by 0.003°, about 0.1 s after the reversal."""
 FINELY = ("time_lag", "clock_rate")
 """The project interpolates the reported angles in straight lines: compared where they are close together."""
 

@@ -143,7 +143,7 @@ def test_the_report_has_every_row_and_says_when_there_are_no_cases() -> None:
 
 
 def test_a_case_is_imported_blindly_and_its_answer_kept(blind_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The paths that a diagnosis is told say neither kind nor seed, and no truth lies below them."""
+    """The paths given to a diagnosis contain neither kind nor seed, and the truth is not below them."""
     told = []
     monkeypatch.setattr(trial, "diagnose_case", lambda *runs: told.extend(runs) or said("nothing_unusual", SAID_SMALL))
     job = trial.Job("one", 2, "limits", blind_root)

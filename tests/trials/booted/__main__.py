@@ -97,7 +97,7 @@ class Machine:
         return self.run("systemctl", "show", "--value", f"--property={name}", unit).stdout.strip()
 
     def stop(self) -> None:
-        """With everything in it; nothing of it stays."""
+        """Kill all processes of the machine and delete its control group."""
         self._process.kill()
         self._process.wait()
         (self._cgroup / "cgroup.kill").write_text("1")
@@ -132,7 +132,7 @@ def until(what: Callable[[], _T], words: str, patience_s: float = PATIENCE_S) ->
 
 
 def scenario(machine: Machine, hangs: int) -> Iterator[str]:
-    """What a cell's computer goes through; each line is something seen. Raises AssertionError at what was not."""
+    """Yield the observations during the life of a cell's computer. Raises AssertionError for unexpected behaviour."""
     yield f"booted: {machine.run('systemctl', '--version').stdout.splitlines()[0]} is the first process"
     yield from _started(machine)
     yield from _used_by_the_group(machine)

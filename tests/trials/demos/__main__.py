@@ -21,7 +21,7 @@ from typing import Annotated
 import typer
 
 WITHIN_U, WORST_U, SHARE = 2.0, 4.0, 0.9
-"""What the figures are held to: so many of them within 2 u, and none beyond 4."""
+"""Criteria for the figures: this share within 2 u, and none beyond 4 u."""
 DEMO_S = 900
 """A demo takes four minutes; one that repeats each run twice on a busy computer, twelve."""
 ANALYSE_S = 60
@@ -36,7 +36,7 @@ while time.monotonic() < end and os.getppid() == parent:
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure of one demo. off_u: how many of its standard uncertainties it lies from the truth."""
+    """A figure of a demo. off_u: distance from the truth in standard uncertainties."""
 
     demo: int
     run: str

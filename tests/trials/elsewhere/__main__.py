@@ -70,7 +70,7 @@ def main() -> None:
 
 
 def of_series(split: Split) -> str:
-    """A task of poses: calibrated by those given, judged by those asked."""
+    """Evaluate a task of poses: calibrate with the given poses, validate with the requested poses."""
     begin, parts = time.process_time(), []
     with tempfile.TemporaryDirectory() as work:
         rig_file = _ground_rig.write_rig(_ground_rig.rig_of(split.arm), Path(work))

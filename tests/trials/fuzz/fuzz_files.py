@@ -26,7 +26,7 @@ LONGEST_FILE = 20_000
 
 
 Feed = Callable[[Random], int]
-"""Feeds one input and returns 1; raises what goes wrong."""
+"""Function that feeds one input and returns 1; raises an exception on failure."""
 
 
 @dataclass
@@ -85,7 +85,7 @@ MERGES = "\n".join(["b0: &b0 {x: 1}", *(f"b{k}: &b{k} {{<<: [{', '.join([f'*b{k 
 
 @contextlib.contextmanager
 def _only_lines() -> Iterator[None]:
-    """What goes wrong is told in whole lines that a terminal can bear."""
+    """Check that errors are printed as complete lines of safe characters."""
     try:
         yield
     except RigError as error:

@@ -31,7 +31,7 @@ _HELD_BY = {"ros2_joint_states": 3 * WEBSOCKET_LIMIT, "opc_ua_robotics": 2 << 20
 """Bytes that interfaces with long messages may hold: twice the longest of OPC UA, which only its package names."""
 _STARTS_NS = (0, 10**18)
 Feed = Callable[[Random], int]
-"""Feeds one conversation and returns how many inputs it took before it hung up; raises what goes wrong."""
+"""Function that feeds a conversation and returns the number of inputs until the end; raises an exception on failure."""
 
 
 def wires() -> dict[str, list[Feed]]:

@@ -1,4 +1,4 @@
-"""What rig says of some forty runs and cells, compared with the golden answers that are kept."""
+"""Output of rig for some forty runs and cells, compared with the stored golden answers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SHOWN = 12
 
 
 def main() -> int:
-    """Make every case and print what has changed; 0 where nothing has."""
+    """Run the cases and print all changes; return 0 if nothing changed."""
     parser = argparse.ArgumentParser(
         prog="scripts/dev golden",
         description="Compare what rig says of some forty runs and cells with tests/golden, or keep it there.",

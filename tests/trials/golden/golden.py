@@ -67,8 +67,9 @@ class Case:
 
 @dataclass(frozen=True)
 class Change:
-    """A figure or text that differs: where, what it was and is, and by how many times its uncertainty, or (without one)
-    by which share; inf where it is no number."""
+    """A changed figure or text: path, old and new value, and size of the change in uncertainties or, if there is none,
+    relative; inf for texts.
+    """
 
     where: str
     before: Any
@@ -83,7 +84,7 @@ class Change:
 
 
 def made(case: Case, directory: Path, data: Path = DATA) -> dict[str, Any] | None:
-    """What each command of a case says, normalised; None where its data are not here."""
+    """Return the normalised output of all commands of a case; None if the data are missing."""
     directory.mkdir(parents=True)
     if not case.make(directory, data):
         return None
@@ -157,7 +158,7 @@ def _change(where: str, before: Any, now: Any, beside: Mapping[str, Any]) -> Cha
 
 
 def file_of(case: Case) -> Path:
-    """Where the golden answer of a case is kept."""
+    """Return the file of the golden answer of a case."""
     return KEPT / f"{case.name}.json"
 
 
@@ -167,7 +168,7 @@ def kept(case: Case) -> Any:
 
 
 def keep(case: Case, said: Mapping[str, Any]) -> None:
-    """Keep what a case says as its golden answer."""
+    """Store the output of a case as its golden answer."""
     KEPT.mkdir(exist_ok=True)
     file_of(case).write_text(as_text(said) + "\n", encoding="utf-8")
 

@@ -1,4 +1,4 @@
-"""What rig says of the quickest golden cases is what is kept of them, and a change of a figure is seen and told."""
+"""The output of the fastest golden cases agrees with the stored answers, and a changed figure is detected."""
 
 from __future__ import annotations
 

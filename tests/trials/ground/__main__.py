@@ -33,7 +33,7 @@ ENTRIES = {
 
 
 def arguments(words: Sequence[str] | None) -> argparse.Namespace:
-    """Return what was asked for."""
+    """Return the parsed arguments."""
     parser = argparse.ArgumentParser(prog="scripts/dev ground", description=(__doc__ or "").split("\n", 1)[0])
     commands = parser.add_subparsers(dest="command", required=True)
     making = commands.add_parser("make", help="write DIRECTORY/tasks and DIRECTORY/truth")
@@ -62,7 +62,7 @@ def arguments(words: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Do what was asked."""
+    """Run the selected command."""
     given = arguments(words)
     match given.command:
         case "make":
@@ -79,7 +79,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def made(directory: Path, given: argparse.Namespace) -> None:
-    """Make the tasks and say what was left out."""
+    """Write the tasks and report omitted ones."""
     for line in make(directory, given.seed, TINY if given.tiny else WHOLE, given.data):
         print(f"left out: {line}", flush=True)
     print(f"wrote {directory / 'tasks'} for entrants, and {directory / 'truth'} for the scorer", flush=True)

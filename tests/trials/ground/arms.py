@@ -37,10 +37,10 @@ from tests.worlds.stranger.sight import LEAST_SNR
 
 ARMS = ("franka-fr3", "kuka-lbr-iiwa-14", "ur5e")
 FAULTS = {"sound": 0, "one": 1, "two": 2}
-"""Kinds of arms and how many faults each has."""
+"""Number of faults by kind of arm."""
 SOCKETS = (2, 4)
 BALL_MM, BESIDE_MM = np.array([0.0, 0.0, 120.0]), 20.0
-"""Where about the ball is on the flange, and how far beside that it may be in each direction."""
+"""Position of the ball relative to the flange, and variation in each direction."""
 Seen = Literal["poses", "touches"]
 STEP = 1e-4
 """Of numerical derivatives, in mm and rad."""

@@ -32,7 +32,7 @@ class PlainArm:
 
     @property
     def axes(self) -> int:
-        """How many there are."""
+        """Return the number of axes."""
         return len(self.a)
 
     def changed(self, change: Array) -> PlainArm:

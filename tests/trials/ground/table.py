@@ -69,7 +69,7 @@ def honesty(own: Mapping[str, Figure]) -> str:
 
 
 def shared(scores: Scores, row: str) -> str:
-    """Return a share with how many it is of."""
+    """Return a share with the number of cases."""
     one = scores[row]["share"]
     if scores[row]["answered"].value == 0:
         return "not entered"

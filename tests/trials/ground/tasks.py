@@ -85,7 +85,7 @@ class Split:
 
 
 def make(directory: Path, seed: int, size: Size, data: Path | None) -> list[str]:
-    """Write `tasks` and `truth` in a directory, which is made; return what was left out, in words."""
+    """Write `tasks` and `truth` to a new directory; return the omitted tasks with reasons."""
     tasks, truth = directory / "tasks", directory / "truth"
     for place in (tasks, truth):
         place.mkdir(parents=True)

@@ -70,7 +70,7 @@ class Fitted:
 
     @property
     def of_arm(self) -> int:
-        """How many values are the arm's."""
+        """Return the number of parameters of the arm."""
         return (5 if self.gravity else 4) * self.arm.axes
 
     def places(self, poses: Poses, values: Array | None = None) -> Array:
@@ -86,7 +86,7 @@ class Fitted:
         return found
 
     def u(self, poses: Poses) -> Array:
-        """Return the standard uncertainty (m,) mm of the distance: of what was fitted, and of what was left."""
+        """Return the standard uncertainty (m,) in mm of the distance, from the fitted parameters and the residual."""
         columns = jacobian(lambda values: self.places(poses, values).ravel(), self.values).reshape(len(poses.q), 3, -1)
         own = np.einsum("mij,jk,mik->m", columns, self.covariance, columns)
         return np.sqrt(own + 3 * self.variance)

@@ -37,7 +37,7 @@ _FLOODS, _FLOOD_S = 16, 5.0
 
 @dataclass(frozen=True)
 class Held:
-    """What the daemon holds."""
+    """Resources used by the daemon."""
 
     memory_mb: float
     descriptors: int
@@ -102,7 +102,7 @@ def one_after_another(path: Path, count: int) -> int:
 
 
 def at_once(path: Path, count: int) -> int:
-    """Connect, say nothing, stay."""
+    """Open this number of silent connections at the same time; return the number."""
     with ExitStack() as opened:
         for _ in range(count):
             opened.enter_context(connected(path))

@@ -80,7 +80,7 @@ class Tally:
     problems: list[str] = field(default_factory=list)
 
     def add(self, killed: Killed) -> str:
-        """Hold a run to what was known of it; what came of it in words."""
+        """Compare a run with the known truth, and return the result as text."""
         problems, tails_s = _held_to(killed)
         self.kills += 1
         self.while_ending += killed.ending

@@ -54,7 +54,7 @@ def _env(folder: Path) -> dict[str, str]:
 
 @contextmanager
 def _watching(size: tuple[int, int] | None, folder: Path) -> Iterator[None]:
-    """`rig live` in a terminal of so many columns and rows, whose screen is taken as it comes."""
+    """Run `rig live` in a terminal of the given size within the context, and read the screen continuously."""
     if size is None:
         yield
         return

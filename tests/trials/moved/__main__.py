@@ -21,7 +21,7 @@ LARGE_DEG = 0.05
 """Size of a zero error from which the share named is also counted alone: below it, four touches with a scatter of 0.05
 mm hold too little information about the wrist."""
 FIRST_SEED = 20_000
-"""First seed of the published tables, used for nothing else."""
+"""First seed of the published tables. These seeds are used only there."""
 
 
 def share(count: int, total: int) -> str:

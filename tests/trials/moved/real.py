@@ -84,7 +84,7 @@ def changed(
 
 
 def _seen_shift(T: Array, xyz_mm: Array, what: str, direction: Array, turn: Array) -> Array:
-    """Return how far (n, 3) mm an instrument sees its target move, in its own axes."""
+    """Return the apparent displacement (n, 3) in mm of the target, in the frame of the instrument."""
     if what == "base":
         return np.asarray(_SHIFT_MM * direction + np.cross(_TURN * turn, xyz_mm - xyz_mm.mean(axis=0)))
     R = fit_setup(T, xyz_mm).T_world_base[:3, :3]

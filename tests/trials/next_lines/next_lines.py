@@ -127,7 +127,7 @@ def _is_argument(token: str, place: Path) -> bool:
 
 @dataclass(frozen=True)
 class Place:
-    """Where hints are followed: a directory, with what stands for RUN and RIG in it."""
+    """Directory in which hints are executed, with the values of RUN and RIG."""
 
     directory: Path
     runs: str = "runs"
@@ -190,7 +190,7 @@ def matching(directory: Path, word: str) -> list[str]:
 
 
 def _wrong_use(hint: Hint) -> str | None:
-    """Return why a command does not take these words; None where it does."""
+    """Return the reason why a command rejects these arguments; None if it accepts them."""
     program, *words = shlex.split(" ".join(hint.words))
     command: Any = _RIG if program == "rig" else _RIGD
     context: Any = None

@@ -177,7 +177,7 @@ def _answers(path: Path) -> bool:
 
 
 def _settle(client: Client) -> None:
-    """Wait until nothing more comes, for a while: a busy computer takes its time with what was sent."""
+    """Wait until all sent data have arrived, because a busy computer is late."""
     counted = None
     for _ in range(_MOST_WAITS):
         before, counted = counted, [of["counters"] for of in client.ask("status")["streams"].values()]
@@ -219,7 +219,7 @@ def _used_s(pid: int) -> float:
 
 
 def _stop(instruments: subprocess.Popen[str]) -> None:
-    """Nothing more comes, so what is taken shortly after it is all there will be."""
+    """Stop the instruments, so all their data have arrived shortly afterwards."""
     _tell(instruments)
     time.sleep(_IN_TRANSIT_S)
 
@@ -247,7 +247,7 @@ def measured(text: str, reader: str, seconds: float, *options: str) -> Taken:
 
 
 def streaming(rate_hz: int, seconds: float, turns: int) -> bool:
-    """Print how late and how costly both readers are at this rate; return whether rigd lost nothing."""
+    """Print delay and cost of both readers at a rate; return whether rigd lost no sample."""
     found = _in_turns(rig_text(_STREAMED), READERS, seconds, turns, "--rate", str(rate_hz))
     for reader, taken in found.items():
         gauges, robot = _late(taken, "g1", "g2"), _late(taken, "robot")
@@ -310,7 +310,7 @@ def main(
     turns: Annotated[int, typer.Option(help="How often they take turns.")] = 2,
     rate: Annotated[list[int] | None, typer.Option(help="Only this rate; may be repeated.")] = None,
 ) -> None:
-    """Print what rigd does beside the plain loop; the exit code is 1 where rigd lost a sample."""
+    """Compare rigd with a plain loop; the exit code is 1 if rigd lost a sample."""
     late = "  p50      p99    quiet    worst"
     print(f"late by ms{'':12} {'gauges: ' + late:>35} {'robot: ' + late:>35} {'CPU':>7} {'lost':>7}")
     found = [streaming(rate_hz, seconds, turns) for rate_hz in rate or RATES_HZ]

@@ -131,7 +131,7 @@ def compare(name: str, arm: Arm, peer: PeerArm | None) -> Row:
 
 
 def _against(arm: Arm, q: Array, peers: Array) -> tuple[int, int]:
-    """How many branches the peer has, and how many of them are not among ours."""
+    """Return the number of branches found by the peer, and the number of those that rig does not find."""
     return int(np.isfinite(peers[..., 0]).sum()), _absent(arm, q, peers)
 
 

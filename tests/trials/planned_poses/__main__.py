@@ -1,4 +1,4 @@
-"""Planned poses beside random ones on real arms: what their calibration leaves at poses left out."""
+"""Calibration with planned and with random poses on real arms: error at other poses."""
 
 from __future__ import annotations
 

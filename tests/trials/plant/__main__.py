@@ -42,7 +42,7 @@ def main() -> None:
 
 
 def runs_of_robot(given: argparse.Namespace, number: int) -> int:
-    """Write the runs of one robot; give how many."""
+    """Write the runs of a robot; return their number."""
     robot = robot_of(number, given.seed, DAYS)
     days = np.linspace(0, DAYS, given.visits, endpoint=False)
     if given.more:

@@ -76,7 +76,9 @@ def _keep(verdict: Verdict, seed: int, keep: Path) -> None:
 
 
 def _counts(table: Table) -> tuple[int, int, int, int, int]:
-    """Return how many are farther off, short, silent, changed in bytes, and of another kind."""
+    """Return the numbers of targets with a larger error, of short and of silent results, of changed bytes, and of other
+    problems.
+    """
     faults = table.faults
     farther = faults["farther off"] + faults["another posture"]
     known = {"farther off", "another posture", "short", "silent", "bytes", "left, yet changed"}

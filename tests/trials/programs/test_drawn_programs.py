@@ -58,7 +58,7 @@ def test_a_correction_in_another_tool_and_frame_is_seen(dialect: str) -> None:
         return correct(replace(_with_stated(draft), tools=told, frames=frames))
 
     def _with_stated(draft: Draft) -> Draft:
-        """Numbers of tools in the text say something else there."""
+        """Return the draft with wrong numbers in the tool statements of its text."""
         if dialect not in ("ur", "abb", "kuka"):
             return draft
         pattern = {"ur": rb"set_tcp\(p\[", "abb": rb"tooldata \w+:=\[TRUE,\[\[", "kuka": rb"\$TOOL=\{(?:FRAME: )?X "}[

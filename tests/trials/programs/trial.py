@@ -58,7 +58,7 @@ class Fault:
 
 @dataclass
 class Verdict:
-    """What came of one draft. `asked` are the targets that were reached, `moved` those that the correction changed."""
+    """Result of a draft. `asked`: reached targets; `moved`: corrected targets."""
 
     draft: Draft
     corrected: Corrected | None = None
@@ -125,7 +125,7 @@ def reached(draft: Draft, program: Any, world: World, ways: Ways) -> list[Reache
 
 
 def judge(draft: Draft, correction: Callable[[Draft], Corrected] = correct) -> Verdict:
-    """Return what comes of a draft under a correction."""
+    """Return the verdict on a draft after a correction."""
     begin = time.process_time()
     verdict = Verdict(draft)
     try:

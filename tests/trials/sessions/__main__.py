@@ -28,7 +28,7 @@ from rigs.schema.vocabulary import MAKERS
 
 ARMS = ("paper-fanuc", "ur10e")
 AT_ROBOT = ("stop", "pause", "other", "twice", "late")
-"""A person stops a program, pauses it, starts another one, starts it twice, or comes late."""
+"""Actions of the operator: stop or pause a program, start a wrong one, start it twice, or come late."""
 AT_COMPUTER = ("kill", "interrupt", "kill_rigd", "by_hand", "stranger")
 """The session is killed, or ended by Ctrl-C; rigd is killed; somebody else leaves a run; so does another cell."""
 MINUTES = 5.0
@@ -89,7 +89,7 @@ def _effect(chance: random.Random, kind: str) -> dict[str, Any]:
 
 
 def run_trial(trial: Trial, root: Path, aim: str) -> dict[str, Any]:
-    """Run a session to its end in a process of its own, and say what came of it; one that was run is read again."""
+    """Run a session to its end in a separate process, and return the result. An existing result is read."""
     place = root / f"{trial.number:03d}"
     request = json.dumps(_request(trial, place, aim))
     came, kept = place / "came.json", place / "request.json"
@@ -129,7 +129,7 @@ def _run(trial: Trial, place: Path, request: str) -> None:
 
 
 def outcome(trial: Trial, directory: Path, came: dict[str, Any]) -> dict[str, Any]:
-    """What came of a session. came: how it ended; empty where its process did not end by itself."""
+    """Return the result of a session. came: kind of ending; empty if the process was killed."""
     session = SessionDirectory(directory).read()
     found: dict[str, Any] = {
         "number": trial.number,
@@ -168,7 +168,7 @@ def outcome(trial: Trial, directory: Path, came: dict[str, Any]) -> dict[str, An
 
 
 def _first_act(session: Session, directory: Path) -> str:
-    """What the last inference has a person do first: its kind, and the cause where it has one."""
+    """Return kind and cause of the first action recommended by the last diagnosis."""
     if session.answer is None:
         return ""
     data = json.loads((directory / "found" / session.answer.found / "diagnosis.json").read_text())
@@ -204,7 +204,7 @@ def _invented(session: Session, directory: Path, hidden: set[str]) -> list[str]:
 
 
 def _off_u(trial: Trial, session: Session, directory: Path) -> list[float]:
-    """How far each hidden effect that was named lies from the truth, in its u."""
+    """Return the distance of each named hidden effect from the truth, in u."""
     off: list[float] = []
     for effect in _standing(session, directory):
         hidden = next((one for one in trial.effects if _name(one) == _name(effect)), {})

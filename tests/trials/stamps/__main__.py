@@ -37,7 +37,7 @@ def main(
     wire: Annotated[bool, typer.Option("--wire", help="In real time, on ptys, through rigd.")] = False,
     seed: Annotated[int, typer.Option(help="Of the simulated lines.")] = 1,
 ) -> None:
-    """Error of the aligned time in ms (p50, p99, worst), beside what the arrival time alone would give."""
+    """Print the error of the aligned time in ms (p50, p99, maximum), compared with arrival times alone."""
     print(f"{'':44} {'samples':>8} {'aligned p50, p99, worst':>26} {'2u':>6} {'by arrival p50, p99, worst':>28}")
     rows = list(_wired(seconds or 10.0)) if wire else list(_simulated(seconds or 60.0, seed))
     good = all(_truer(row, 50) and (wire or (row.within_2u >= _ENOUGH and _truer(row, 99))) for row in rows)

@@ -33,7 +33,7 @@ _STIFF_JOINTS = 0.15
 
 @dataclass(frozen=True)
 class Case:
-    """One arm on its stand: what was hidden and what was found."""
+    """An arm on its stand: hidden and identified effects."""
 
     kind: str
     arm: OnStand

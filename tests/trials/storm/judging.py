@@ -1,4 +1,4 @@
-"""What a world left, held against what its instruments sent."""
+"""Comparison of the runs of a simulated world with the samples that its instruments sent."""
 
 from __future__ import annotations
 

@@ -110,7 +110,7 @@ class Instruments:
         return self.program
 
     def is_reading(self, stream: str) -> bool:
-        """Whether what an instrument sends now holds a reading."""
+        """Return whether the instrument currently sends valid readings."""
         return bool(self._pending[stream])
 
     def drive(self, on: bool) -> None:
@@ -149,7 +149,7 @@ class Instruments:
 
 
 def place_of(number: int) -> int:
-    """Where a gauge stands at its reading of this number: up and down again."""
+    """Return the position of a gauge at a reading number: a triangular wave."""
     place = number % (2 * _PLACES - 2)
     return min(place, 2 * _PLACES - 2 - place)
 

@@ -1,4 +1,4 @@
-"""The life of a world: what befalls it, and what the daemon says of each blow at once."""
+"""Life of a simulated world: disturbances, and the immediate reaction of the daemon to each."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _GOES_ON_S = 140.0
 
 @dataclass
 class Heard:
-    """What the daemon's log says. wrong: what it must never say; slow: how often the disk was called slow."""
+    """Content of the daemon's log. wrong: forbidden messages; slow: number of reports of a slow disk."""
 
     wrong: list[str] = field(default_factory=list)
     slow: int = 0
@@ -61,7 +61,7 @@ class Asked:
 
 @dataclass
 class Told:
-    """What came of a world. blows: how many of each kind; hours: simulated, awake; violations: one line each."""
+    """Result of a world. blows: disturbances by kind; hours: simulated and awake; violations: one line each."""
 
     world: World
     blows: Counter[Blow] = field(default_factory=Counter)
@@ -76,7 +76,7 @@ class Told:
 
 
 class Life:
-    """One world from its beginning to its end; `live` returns what is left to be judged."""
+    """A simulated world from start to end; `live` returns the data to be checked."""
 
     def __init__(self, world: World, folder: Path, time_: SimulatedClock, heard: Heard) -> None:
         self.world, self.folder, self.time, self.heard = world, folder, time_, heard
@@ -127,7 +127,9 @@ class Life:
         self.end()
 
     def end(self) -> None:
-        """Mend everything, see that all goes on, and end in order, twice: the second start recovers what is left."""
+        """Repair all disturbances, check normal operation, and end twice; the second start recovers the remaining
+        runs.
+        """
         self.mend()
         self._until(self._all_read, _COMES_BACK_S, "not every stream came back")
         self._until(lambda state: not state.get("waiting"), _GOES_ON_S, "the recording did not go on")
@@ -170,7 +172,7 @@ class Life:
         self.wrong("no daemon starts")
 
     def close(self) -> None:
-        """End the daemon in order; it leaves nothing behind."""
+        """Stop the daemon normally; no files or processes remain."""
         with suppress(RigError):
             self.daemon.close("complete", "the world ends")
         left = [name for name in self.time.threads(f"rigd {self.cell.daemons}") if not name.startswith("emulated")]

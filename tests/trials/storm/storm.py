@@ -70,7 +70,7 @@ def _rooms_of(drawn: World) -> Iterator[None]:
 
 @contextmanager
 def _overheard() -> Iterator[Heard]:
-    """Hear what a daemon says of itself: of its disk, and what it must never say, errors in the program."""
+    """Collect the daemon's messages about the disk and about internal errors within the context."""
     heard = Heard()
 
     class Ear(logging.Handler):

@@ -1,1 +1,1 @@
-"""The trial of causes outside the library: cells of `tests/worlds/unknown`, judged by what rig says and advises."""
+"""Trial of unknown causes: cells of `tests/worlds/unknown`, evaluated by rig's diagnosis and recommendations."""

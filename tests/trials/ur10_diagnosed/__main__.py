@@ -69,7 +69,7 @@ def plain_of(run: ObservedRun) -> Peer:
 
 
 def in_own_setup(run: ObservedRun, name: str) -> ObservedRun:
-    """A run of another series, whose instrument stood elsewhere."""
+    """Return a run of another series as a separate set-up, because the instrument was moved."""
     return replace(run, setup=f"{run.setup} of {name}")
 
 

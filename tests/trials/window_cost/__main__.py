@@ -27,7 +27,7 @@ _SETTLES_S = 3.0
 
 
 class Followers:
-    """Browsers that follow a window, and how much came to all of them."""
+    """Browsers that follow a window, with the received bytes and frames."""
 
     def __init__(self, port: int, count: int) -> None:
         self.received = self.frames = 0

@@ -35,7 +35,7 @@ OPC_UA_TESTS = "tests/daq/apps/opc_ua/test_opc_ua.py"
 
 
 class Disagrees(Exception):
-    """What the peer has is not what was sent."""
+    """Error: the peer received data other than those sent."""
 
 
 class Absent(Exception):
@@ -44,7 +44,9 @@ class Absent(Exception):
 
 @dataclass(frozen=True)
 class Peer:
-    """An independent implementation. what: which of our ends it spoke to; check: returns what was held, or raises."""
+    """An independent implementation. what: rig's side of the connection; check: returns the verified data, or
+    raises.
+    """
 
     name: str
     interfaces: tuple[str, ...]

@@ -41,7 +41,7 @@ _WAYS = {
     "link_constants": "enter these values into the controller if possible; dh.csv is the complete table.",
     "controller": "changes of the controller's own parameters that cover most of the model.",
     "path": "the corrected targets cover the whole model, for a controller with unchanged zeros and constants.",
-    "programs": "they hold the whole model, too; no real controller has run one: try each at reduced speed.",
+    "programs": "they contain the complete model, but none has run on a real controller: try each at reduced speed.",
 }
 _NOTHING = (
     "Nothing to enter is here: --for MAKER writes values to enter, --program FILE or --path FILE corrected targets."
@@ -123,7 +123,7 @@ def _falls(how: str, error: WorkError, *, of_work: bool) -> str:
         guess = (
             f" The other {share:.0f} % of these targets lie outside the measured area, so their correction is a guess "
         )
-        guess += "and may increase the error. Measure there first, or keep them unchanged."
+        guess += "and may increase the error. Measure there first, or leave these targets unchanged."
         unknown = guess if error.unknown else ""
     falls = f"{how}: the tool error {where} falls from"
     taught = "taught with the robot" + " over the work area" * error.taught_elsewhere

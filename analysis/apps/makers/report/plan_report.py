@@ -38,7 +38,7 @@ _NOISE = {
     "gauges, white": "gauges",
     "along a lap, slow": "slow drift along a lap",
     "the ball, from run to run": "position of the ball between runs",
-    "a target, from stop to stop": "a target, between stops",
+    "a target, from stop to stop": "position of a target between stops",
     "a touch, each coordinate": "each coordinate of a touch",
 }
 """Words on the screen for the parts of the noise, whose names are keys of the JSON."""
@@ -56,7 +56,7 @@ def as_table(plan: CapabilityOfTests) -> RenderableType:
     larger = len(plan.names) - small - unseen
     words = f"These tests detect {small} of {len(plan.names)} possible errors as soon as they are faults, {larger} "
     alike = counted(len(plan.pairs), "pair looks", "pairs look")
-    words += f"only if they are larger, and {unseen} at no size. {alike} alike.\n"
+    words += f"only if they are larger, and {unseen} not at all. {alike} alike.\n"
     columns = ("error", "unit", right("usual"), right("detected from"))
     table = Table(*columns, title=_title("Other errors"), header_style="bold", **_TITLE)
     for kind, seats in _by_seat(plan, joints=False).items():
@@ -89,10 +89,10 @@ def arm_in_words(level: float) -> str:
     """Return the assumed level of all other errors of the arm, among which an effect has to be detected."""
     if level == 1:
         return (
-            "Assumed arm: all its other errors have their usual size. Use --level for the level that a diagnosis "
+            "Assumed arm: all other errors have their usual size. Use --level for the level that a diagnosis "
             "found, or for an emulated arm."
         )
-    return f"Assumed arm: all its other errors have {level:g} times their usual size."
+    return f"Assumed arm: all other errors have {level:g} times their usual size."
 
 
 def _small(sight: Detectability) -> bool:
@@ -173,7 +173,7 @@ def _alike(plan: CapabilityOfTests) -> RenderableType:
         if len(pairs) > _MOST_PAIRS:
             kinds = names_in_words(group)
             table.add_row(
-                "", "", Text(f"{len(pairs) - _MOST_PAIRS} more pairs (all with --json): {kinds}", style="dim")
+                "", "", Text(f"{len(pairs) - _MOST_PAIRS} more pairs (--json lists all): {kinds}", style="dim")
             )
         table.add_section()
     return fold_long_words(table)

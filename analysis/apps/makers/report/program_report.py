@@ -52,8 +52,8 @@ def lines(program: CorrectedProgram) -> list[str]:
     if program.start:
         start = ", ".join(f"{angle:g}" for angle in np.degrees(program.start).round(6))
         text_lines.append(
-            f"  --start-joints states that the arm stands at {start}° whenever this program begins; "
-            "if it comes from a different posture, its first targets are corrected for the wrong one"
+            f"  --start-joints states that the arm stands at {start}° whenever this program starts; "
+            "from a different posture, the first targets get the wrong correction"
         )
     if count:
         text_lines.append(
@@ -64,7 +64,7 @@ def lines(program: CorrectedProgram) -> list[str]:
         text_lines.append(
             f"  {targets_in_words(len(given_away))} used with an offset: the offset positions get the same "
             f"correction and stay up to {given_away.max():.3f} mm off (at most {100 * REMAINING_SHARE:.0f} % of "
-            "the corrected error, or its uncertainty)"
+            "the corrected error, or the uncertainty)"
         )
     if count and program.rounded_um.max() > _SHOWN_UM:
         text_lines.append(f"  the decimals of this format shift targets by up to {program.rounded_um.max():.1f} µm")

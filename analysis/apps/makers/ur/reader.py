@@ -229,7 +229,7 @@ def _other_computers(reader: _UrReader) -> None:
         name = f"{call[1]}.{call[2]}"
         if call[2] not in _OF_LISTS and name not in seen:
             seen.add(name)
-            fact = f"{name} is a function of a different program: rig takes it to move nothing and to set no tool"
+            fact = f"{name} belongs to a different program: rig assumes that it neither moves the robot nor sets a tool"
             reader.points.notices.append(Notice(0, reader.lines.at(call.start()), fact))
 
 

@@ -353,7 +353,7 @@ def _move(reader: _YaskawaReader, move: re.Match[str]) -> None:
     target = reader.points.target(key)
     tool = Ref(f"TOOL[{int(str(target.tool))}]") if str(target.tool).isdigit() else str(target.tool)
     user = str(target.frame)
-    frame: Value | ComputedValue = reader.why("the job is relative to a different frame than that of its positions")
+    frame: Value | ComputedValue = reader.why("the job and the positions use different frames")
     if target.joints:
         frame = user
     elif reader.frame in (None, user):

@@ -24,7 +24,7 @@ class Served:
     """A daemon whose robot was guided, with all its samples at hand."""
 
     def __init__(self, touches: int = 12, end: BaseException | None = None) -> None:
-        """end: what comes after the last sample, the person's Ctrl-C where none is given."""
+        """end: exception after the last sample; None for the operator's Ctrl-C."""
         self._end = end or KeyboardInterrupt()
         planned = planned_touches(parse(TEXT, "cell.yaml"))
         assert planned.came_from is not None

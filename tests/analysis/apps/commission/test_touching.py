@@ -31,7 +31,9 @@ def touching(rig: Rig, touches: int = 12) -> Touching:
 
 
 def guided(postures: Array, came_from: Array) -> Array:
-    """Angles (n, axes) in degrees of an arm that goes from posture to posture by where it came from, and stands."""
+    """Return angles (n, axes) in degrees of an arm that rests at each posture, with backlash by the direction of
+    arrival.
+    """
     rows: list[Array] = []
     at = came_from[0] + 0.1
     for here, before in zip(np.degrees(postures), np.degrees(came_from), strict=True):

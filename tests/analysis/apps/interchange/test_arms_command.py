@@ -1,4 +1,4 @@
-"""`rig arms` and `rig import-urdf` as a person uses them."""
+"""Command-line tests of `rig arms` and `rig import-urdf`."""
 
 from __future__ import annotations
 

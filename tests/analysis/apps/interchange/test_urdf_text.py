@@ -1,4 +1,4 @@
-"""The URDF of an arm against readers that know nothing of ours, and the driver's file against its own xacro."""
+"""URDF of an arm, checked with independent readers, and the file for the UR driver, checked with its own xacro."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ URS = [name for name in PLAIN if name.startswith("ur")]
 
 
 def turn(axis: int, angle: float) -> np.ndarray:
-    """A turn (4, 4) about x, y or z."""
+    """Return a rotation (4, 4) about x, y or z."""
     T = np.eye(4)
     i, k = (axis + 1) % 3, (axis + 2) % 3
     T[i, i] = T[k, k] = np.cos(angle)
@@ -43,14 +43,14 @@ def turn(axis: int, angle: float) -> np.ndarray:
 
 
 def origin(xyz: list[float], rpy: list[float]) -> np.ndarray:
-    """A frame (4, 4) as URDF means it."""
+    """Return the frame (4, 4) of a URDF origin."""
     T = turn(2, rpy[2]) @ turn(1, rpy[1]) @ turn(0, rpy[0])
     T[:3, 3] = xyz
     return T
 
 
 def read(text: str, q: np.ndarray) -> np.ndarray:
-    """Poses (n, 4, 4) of the last link in the first, in mm, by twenty lines that multiply matrices."""
+    """Return the poses (n, 4, 4) in mm of the last link in the first, by an independent product of matrices."""
     joints = ElementTree.fromstring(text.encode()).findall("joint")  # noqa: S314 - it is ours
     turning = sum(joint.get("type") == "revolute" for joint in joints)
     poses = []
@@ -156,7 +156,7 @@ def test_names_that_no_urdf_can_have_are_refused(name: str) -> None:
 
 
 def driver_poses(text: str, q: np.ndarray) -> np.ndarray:
-    """Poses (n, 4, 4) of tool0 in the frame `base`, in mm: what the xacro of ur_description makes of the file."""
+    """Return the poses (n, 4, 4) in mm of tool0 in the frame `base`, as the xacro of ur_description computes them."""
     kinematics = yaml.safe_load(text)["kinematics"]
     poses = []
     for angles in q:
@@ -173,7 +173,7 @@ def driver_poses(text: str, q: np.ndarray) -> np.ndarray:
 
 
 def require_the_drivers(rig: Rig) -> None:
-    """The driver's file of a rig has the model's poses without base and tool."""
+    """Check that the driver file of a rig gives the model's poses without base and tool."""
     arm: Arm = geometric_arm(model_of(rig))
     q = within_limits(rig)
     outer, inner = np.linalg.inv(arm.T_world_base), np.linalg.inv(arm.T_flange_tool)
@@ -201,7 +201,7 @@ kinematics:
   wrist_2: {x: 0, y: -0.0997, z: 0, roll: 1.570796327, pitch: 0, yaw: 0}
   wrist_3: {x: 0, y: 0.0996, z: 0, roll: 1.570796327, pitch: 3.141592653589793, yaw: 3.141592653589793}
 """
-"""Of ros-industrial/universal_robot, ur_description/config/ur5e/default_kinematics.yaml, commit 6485dfa."""
+"""From ros-industrial/universal_robot, ur_description/config/ur5e/default_kinematics.yaml, commit 6485dfa."""
 
 
 def test_the_file_of_an_arm_as_published_has_the_published_poses() -> None:

@@ -1,4 +1,4 @@
-"""The screen at any size: exactly as large as the terminal, and whole in what it says."""
+"""The live screen at all sizes: it has the size of the terminal, and no text is truncated."""
 
 from dataclasses import replace
 

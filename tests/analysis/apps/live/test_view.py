@@ -1,4 +1,4 @@
-"""The model behind the screen, on simulated laps: its figures beside those of `rig analyse`."""
+"""The model of the live screen on simulated laps, compared with the figures of `rig analyse`."""
 
 import json
 from dataclasses import replace

@@ -146,7 +146,9 @@ def test_deltas_added_to_a_universal_robot_remove_the_error_of_zeros_and_constan
 
 @pytest.mark.parametrize("rig", ["paper-fanuc", "ur10e"])
 def test_a_path_for_a_controller_with_its_entries_holds_the_rest(tmp_path: Path, rig: str) -> None:
-    """Zeros entered, a soft joint left: corrected joint angles bring the tool where the whole correction alone does."""
+    """With zeros entered and a compliant joint, corrected joint angles reach the same place as the complete
+    correction alone.
+    """
     soft = Compliance(axis=3, deg_per_Nm=2e-4, found=_found(deg_per_Nm=1e-5))
     cell = load(rig)[0].model_copy(update={"effects": (*ZEROS, soft)})
     path = tmp_path / "path.csv"

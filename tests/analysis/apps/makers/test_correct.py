@@ -1,4 +1,4 @@
-"""The correction: the real arm comes to where the nominal one was sent, and what no target can mend is left alone."""
+"""Corrections: the real arm reaches the nominal target, and errors that no target can correct are left unchanged."""
 
 from __future__ import annotations
 
@@ -130,8 +130,7 @@ def test_a_controller_given_corrected_poses_brings_the_real_arm_to_the_poses(tmp
 
 
 def test_one_target_is_corrected_by_a_model_that_knows_the_clocks(tmp_path: Path) -> None:
-    """A robot that stands has no time, and no servo that is late: a calibration holds both beside what moves the
-    arm."""
+    """A target has neither a time nor servo lag, although the calibration contains clock and lag effects."""
     late = ServoLag(axis=2, lag_s=0.001, found=_found(lag_s=0.0001))
     portions = JointPortions(portions=(Portion(of=late.model_copy(update={"found": None}), times=2.0),))
     rig = _rig(ZERO_3, ClockRate(ppm=200.0, found=_found(ppm=20.0)), late, portions)
@@ -317,7 +316,7 @@ def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: 
     monkeypatch.setenv("COLUMNS", "200")
     done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(out)])
     assert done.exit_code == 0, done.output
-    assert "only the same approach direction for every target helps" in done.stdout
+    assert "approach every target from the same side" in done.stdout
     assert "master axis 3 so that the reading at the same position is +0.0500° (± 0.0020°) larger" in done.stdout
     assert {file.name for file in out.iterdir()} == {"corrections.yaml", "dh.csv", "corrected-path.csv"}
     held = yaml.safe_load((out / "corrections.yaml").read_text())
@@ -343,7 +342,7 @@ def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: 
         ("x_mm,y_mm,z_mm", "900,0,0", "has no column rx_deg, ry_deg, rz_deg"),
         ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", "9000,0,0,0,180,0", "line 2: is out of the nominal arm's reach"),
         (f"{HEAD},u_um", "A,0,20,10,0,60,0,1", "is the path already corrected?"),
-        (HEAD, "", "has a header without rows"),
+        (HEAD, "", "has a header but no rows"),
     ],
 )
 def test_a_bad_path_is_refused_with_its_line(tmp_path: Path, head: str, row: str, told: str) -> None:

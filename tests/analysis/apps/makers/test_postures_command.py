@@ -81,7 +81,7 @@ def test_chosen_postures_are_targets_again(tmp_path: Path) -> None:
     [
         ("", "is empty; give a table"),
         ("x_mm,y_mm\n1,2\n", "has no column z_mm"),
-        ("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n", "has a header without rows; give the targets"),
+        ("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n", "has a header but no rows; give the targets"),
         ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n0.4,0.1,0.2,180,0,0\n", "look like metres; multiply"),
         ("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0.4,-1.1,1.2,0.5,1.5,0\n", "look like radians; multiply"),
         ("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n40,-500,120,3,90,0\n", "line 2: q2_deg -500 is beyond the limits"),

@@ -1,4 +1,4 @@
-"""A change is found where it is, and nothing is found where runs only scatter."""
+"""Detection of changes over time: real changes are dated, and scatter between runs is not reported."""
 
 from __future__ import annotations
 

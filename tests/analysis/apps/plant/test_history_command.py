@@ -1,4 +1,4 @@
-"""`rig history` and `rig compare --against` as a person types them."""
+"""Command-line tests of `rig history` and `rig compare --against`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The file beside the runs: what it holds comes back, and nothing that happens to it is fatal."""
+"""The cache file of the history: its content is restored, and damage to it is never fatal."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ class Time:
 
 
 class Cell:
-    """A rigd and hands in one: where the robot is at a time, and what was asked."""
+    """A replacement of rigd and operator: robot position by time, and a log of the requests."""
 
     def __init__(self, time: Time, robot: Callable[[float], Array]) -> None:
         self._time, self._robot = time, robot

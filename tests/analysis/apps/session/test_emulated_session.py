@@ -1,4 +1,6 @@
-"""A session in an emulated cell of processes, killed while it records: it goes on, and nothing is left behind."""
+"""A session in an emulated cell of separate processes, killed during a recording: it continues and leaves no
+processes.
+"""
 
 from __future__ import annotations
 

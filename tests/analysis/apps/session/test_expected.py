@@ -1,4 +1,4 @@
-"""What a session expects of a correction: with u where the model's runs say how well it holds, and nowhere else."""
+"""Expected result of a correction in a session: with u where the runs of the model state it, otherwise none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A session from its first program to its report: in order, killed at each step, with runs in vain and by others."""
+"""A complete session: undisturbed, killed at each step, with rejected runs, and with runs of other users."""
 
 from __future__ import annotations
 
@@ -31,7 +31,10 @@ from tests.support.session_cell import (
 
 _MOST_LIVES = 80
 AIMS: list[Aim] = cases(("check", "faults"), ("check",))
-"""A session that only checks corrects nothing and drives nothing again, which takes ten times as long."""
+"""Aims of the tested sessions. The quick run uses only `check`, which skips correction and verification and takes a
+tenth
+of the time.
+"""
 
 
 @pytest.fixture
@@ -47,13 +50,13 @@ def _blank_page(_: Session, __: object, place: SessionDirectory, ___: object) ->
 
 @pytest.fixture
 def page_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The page is written without its charts, which are most of a session's time."""
+    """Write the page without charts, which take most of a session's time."""
     monkeypatch.setattr(report, "write_report", _blank_page)
 
 
 @dataclass(frozen=True)
 class Whole:
-    """A session from its first program to its page, what drove it, what it asked, said and showed on its page."""
+    """A complete session with its driver, questions, messages and page."""
 
     session: Session
     place: Path
@@ -81,7 +84,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
 
 
 def finished(session: Session, place: Path) -> None:
-    """Check that a session came to its end: nothing open, the error fell, the page is there."""
+    """Check that a session is complete: no open step, a smaller error, and a page."""
     assert not any(step.is_open for step in session.steps)
     assert session.report is not None and (place / session.report).stat().st_size > 10_000
     if session.aim == "check":
@@ -109,7 +112,7 @@ def test_a_session_drives_finds_corrects_and_drives_again(whole: Whole) -> None:
 
 def test_its_page_has_its_charts(whole: Whole) -> None:
     place = SessionDirectory(whole.place)
-    (place.directory / report.PAGE).unlink()  # the blank one, which no page of rig replaces
+    (place.directory / report.PAGE).unlink()  # an empty page, which rig does not replace
     correction = whole.session.correction
     assert correction and correction.same and correction.work
     unknown = correction.work.model_copy(update={"unknown": 0.82})
@@ -215,7 +218,7 @@ def test_runs_of_others_are_left_alone(aim: Aim, place: Path, tmp_path: Path) ->
     manifest = (other / "manifest.json").read_text().replace("p01-yaw-acw", "somebody")
     (other / "manifest.json").write_text(manifest)
     copy = run.with_name("20270101T000002Z_copied")
-    shutil.copytree(run, copy)  # under the name of a program that is to be driven once more
+    shutil.copytree(run, copy)  # under the name of a program that has another run to come
     (place / "runs" / "20250101T000001Z_broken").mkdir()
     (place / "runs" / "20250101T000001Z_broken" / "manifest.json").write_text("{}")
     session = gone_on(place, driver, Oracle())

@@ -19,7 +19,7 @@ PROGRAM = SimpleNamespace(name="p01-yaw-acw")
 
 @dataclass
 class Cell:
-    """An emulated cell that says what a test lets it say: `answers` to each line that is typed."""
+    """An emulated cell with scripted responses: `answers` to each typed line."""
 
     answers: dict[str, tuple[CellEvent, ...]] = field(default_factory=dict)
     typed: list[str] = field(default_factory=list)

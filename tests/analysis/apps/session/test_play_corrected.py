@@ -42,7 +42,7 @@ def links_behind(q: Array) -> Array:
 
 
 def off_um(rig: Rig, q: Array) -> float:
-    """How far the tool is from its circle, µm, root mean square; the circle's own place is left out."""
+    """Return the rms distance in µm between tool and circle, without the offset of the circle."""
     circle, tool, base = rig.tests.circle, pose_of(rig.robot.tool), pose_of(rig.robot.base)
     assert circle
     T_tool = frame(tool.place, tool.turn)

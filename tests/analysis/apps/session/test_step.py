@@ -1,4 +1,4 @@
-"""The guide's step alone: a state and an event in, what is kept and what is to be done out."""
+"""The step function of the guide: state and event as input, new state and commands as output."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def driven(session: Session, *purposes: str, **changed: Any) -> Session:
 
 
 def stepped(state: GuideState, event: Event) -> Outcome:
-    """What the guide makes of an event, without what it says."""
+    """Return the outcome of an event without messages."""
     guide = Guide(load("paper-fanuc")[0], BY_ITSELF, Path("session"))
     after, actions = guide.step(state, event)
     return after, tuple(action for action in actions if not isinstance(action, Say))

@@ -72,7 +72,7 @@ def violations(one: Browser) -> list[Any]:
 
 
 def shows_what_is_read(one: Browser, window: Window) -> None:
-    """The page comes to the reading of a gauge that moves: it is some pictures behind what the watcher holds."""
+    """Check that the page shows the reading of a moving gauge. The page is some frames later than the watcher."""
     end_s = time.monotonic() + PATIENCE_S
     while float(one.value(TEXT.format("g1"))) != pytest.approx(window.watcher.view.readings["g1"].mm, abs=1e-3):
         assert time.monotonic() < end_s, window.watcher.view.readings
@@ -96,7 +96,7 @@ def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 @pytest.fixture
 def chromium(started: Browser) -> Browser:
-    """The browser, which has said nothing yet and holds no cookie."""
+    """Return a fresh browser without output or cookies."""
     started.send("Page.navigate", url="about:blank")
     started.send("Network.clearBrowserCookies")
     sized(started, SIZES["desk"])

@@ -1,4 +1,4 @@
-"""Connections that are silent, slow, or many: none of them keeps another from its page."""
+"""Silent, slow and numerous connections: none of them delays other pages."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ EVENTS = b"GET /events HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n"
 
 
 def heard(one: Served, count: int = 3) -> float:
-    """The time in s until so many news came to a browser that takes them."""
+    """Return the time in s until a reading browser has received this number of events."""
     begun_s = time.monotonic()
     with one.raw(EVENTS) as sock:
         data = ""

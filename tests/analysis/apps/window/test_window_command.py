@@ -1,4 +1,4 @@
-"""`rig window` as a command: what it says, what it refuses, and how it ends."""
+"""Command-line tests of `rig window`: output, rejected options, and exit."""
 
 from __future__ import annotations
 

@@ -102,9 +102,10 @@ def test_either_set_of_joints_can_be_imported(tmp_path: Path) -> None:
         said[joints] = CliRunner().invoke(app, ["diagnose", str(run)]).stdout
     first = " ".join(said["measured"].split("Error budget")[0].split())
     step = (
-        "The measured angles were read before the joints came to rest. rig import TABLE --test pose --joints commanded"
+        "the measured angles were read while the joints were still moving. rig import TABLE --test pose "
+        "--joints commanded"
     )
-    assert f"Do next Repeat the import of the table with the commanded joint angles. {step}" in first
+    assert f"Do next Import the table with the commanded joint angles instead: {step}" in first
     assert "before the joints" in said["measured"] and "before the joints" not in said["commanded"]
     table = pq.read_table(tmp_path / "commanded" / "table-0001.parquet")
     np.testing.assert_allclose(table["q2_deg"], np.degrees(Q[:, 1]), atol=1e-8)

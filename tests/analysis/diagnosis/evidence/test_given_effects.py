@@ -1,4 +1,4 @@
-"""Words that stand for effects to fit, and what is not one of them."""
+"""Valid and invalid specifications of the effects to fit."""
 
 from __future__ import annotations
 

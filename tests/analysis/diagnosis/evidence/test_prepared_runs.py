@@ -32,7 +32,7 @@ def _elsewhere(run: Measured) -> Measured:
 
 
 def _driven(way: Direction, seed: int, ball_mm: tuple[float, float, float], effects: tuple[Effect, ...]) -> Measured:
-    """A circle whose ball stands elsewhere, by a rig file that does not say so."""
+    """Simulate a circle whose ball position differs from the rig file."""
     return measured(simulate(_at(ball_mm), "yaw", way, seed, effects), "yaw", f"yaw-{way}-{seed}")
 
 

@@ -74,7 +74,7 @@ def test_each_run_has_its_own_level() -> None:
 
 
 def test_two_runs_share_a_level() -> None:
-    """Their difference says nothing of which is the noisier."""
+    """The difference of two runs does not show which of them is noisier."""
     (sd,) = circle_noise([_repeats(5, (1.0, 3.0))], 1.0).sd_mm
     np.testing.assert_allclose(sd[0], sd[1])
     np.testing.assert_allclose(np.median(sd[0] / SHAPE_MM), np.sqrt(5), rtol=0.2)

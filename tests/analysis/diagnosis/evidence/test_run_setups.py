@@ -60,7 +60,7 @@ def test_a_ball_is_found_where_the_tool_of_a_wrong_arm_goes() -> None:
 
 
 def test_a_ball_that_stayed_behind_is_found_there() -> None:
-    """After a collision the ball stands where it stood."""
+    """After a collision the ball is found at its old place."""
     offset = JointOffset(axis=2, offset_deg=1.5)
     found, left = fit_run_setups(with_effects(seen(circles((offset,), seed=7, count=1)), (offset,)))
     assert np.linalg.norm(found["yaw"].ball - planted().ball) < 1.0

@@ -119,7 +119,9 @@ def test_a_turn_of_axis_1_is_a_shift_of_the_ball() -> None:
 
 
 def test_the_residual_is_exact_for_large_effects_and_moved_set_ups() -> None:
-    """Readings of a robot far off, about a ball far off: its effects and set-up leave nothing of them."""
+    """The residual vanishes for the true effects and set-up, even for large errors and a ball far from its nominal
+    place.
+    """
     linear, effects = healthy(), (JointOffset(axis=3, offset_deg=1.0), Backlash(axis=2, width_deg=0.5))
     parts = []
     for block in linear.blocks:

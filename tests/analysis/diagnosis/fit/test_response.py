@@ -1,4 +1,4 @@
-"""What was computed of an effect stands for those near it, and for no others."""
+"""Cached responses of effects: reused for similar effects only."""
 
 from __future__ import annotations
 

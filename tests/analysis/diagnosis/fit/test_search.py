@@ -1,4 +1,4 @@
-"""What a search computes its columns beside, and how often."""
+"""Columns of a search: the faults at which they are computed, and the conditions for a new computation."""
 
 from __future__ import annotations
 
@@ -111,6 +111,6 @@ def test_a_selection_does_not_stop_at_effects_of_healthy_size() -> None:
 
 
 def _missed(linear: Linearisation, effect: Effect, faults: tuple[Effect, ...]) -> float:
-    """How far the column of an effect is from what it adds beside faults, in standard deviations."""
+    """Return the error of an effect's column next to faults, in standard deviations."""
     exact: Array = linear.residual(faults) - linear.residual((*faults, effect))
     return float(np.linalg.norm(linear.without_set_up(exact - linear.columns([effect])[:, 0])))

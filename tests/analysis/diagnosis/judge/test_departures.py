@@ -1,4 +1,4 @@
-"""What stands beside a named effect: harmonics of a gear, where a play began, when a joint turned."""
+"""Deviations of a real effect from its model: harmonics of a gear, form of a spike, start within a backlash, delays."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def test_what_differs_from_run_to_run_is_no_place() -> None:
 
 
 def test_a_step_at_a_reversal_is_placed_there_with_its_joint() -> None:
-    """Joint 1, which turns back far from where any other does."""
+    """Joint 1 reverses far from the reversals of all other joints."""
     found = _places(_shown(ReversalSpike(axis=1, amplitude_deg=0.003, decay_s=0.05)))
     assert {place.direction for place in found} == {"cw", "acw"}
     for block in healthy().blocks:

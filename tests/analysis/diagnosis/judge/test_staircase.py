@@ -37,7 +37,9 @@ def test_its_ends_are_the_gap_and_its_parts_the_calibrated_model() -> None:
 
 
 def test_a_step_leaves_what_its_model_leaves() -> None:
-    """Simulated again from the rig file's own side: the first part alone, with all readings."""
+    """The remaining error of the first step equals that of an independent simulation with the first part and all
+    readings.
+    """
     found = demo()
     assert found.staircase
     step = found.staircase.steps[1]

@@ -63,7 +63,7 @@ HIDDEN: dict[str, tuple[Effect, ...]] = {
 
 
 def _names(found: Diagnosis) -> list[str]:
-    """Those that it stands by."""
+    """Return the names of the confirmed effects."""
     return sorted(name_of(one.effect) for one in found.standing)
 
 
@@ -168,7 +168,7 @@ def test_more_waves_of_a_joint_than_gears_have_name_no_gear(monkeypatch: pytest.
     screen = Console(width=120, file=io.StringIO())
     with screen.capture() as shown:
         screen.print(as_screen(found))
-    assert "it belongs to a series of more waves than one axis can have" in " ".join(shown.get().split())
+    assert "more waves were found on this axis than one gear can cause" in " ".join(shown.get().split())
     waves_in_the_budget = [part for part in found.budget if part.doubt == "series"]
     assert len(waves_in_the_budget) == 2 and {part.rank for part in waves_in_the_budget} == {"undecided"}
     assert "comes from gear error" not in AnswerWords(found).headline, "what imitates something else is no cause"

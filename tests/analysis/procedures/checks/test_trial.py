@@ -20,7 +20,7 @@ TOLD = {
     "a place lost or sent again": (0, 1),
     "three readings a stand": (0, 1),
 }
-"""By kind those cells of the trial whose data show it; docs/conventions.md says of the others why not."""
+"""Cells of the trial with a detectable fault, by kind. docs/conventions.md gives the reasons for the others."""
 
 
 @pytest.mark.parametrize("number", range(9))

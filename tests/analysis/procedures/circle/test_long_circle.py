@@ -1,4 +1,4 @@
-"""A long circle analysed part by part says what it says as a whole."""
+"""Analysis of a long circle in parts gives the same result as a single pass."""
 
 from __future__ import annotations
 

@@ -59,7 +59,9 @@ def test_one_slip_among_the_orientations_leaves_its_target_out() -> None:
 
 @pytest.mark.parametrize("name", ["paper-fanuc", "ur10e", "paper-errors"])
 def test_plays_leave_no_target_out_but_a_wrong_place_is(name: str) -> None:
-    """What plays do comes in two kinds, few targets far from the many: that is the robot."""
+    """Backlash produces two groups of errors, the smaller of only a few targets. These are errors of the robot, not
+    outliers.
+    """
     rig, _ = load(name)
     for seed in range(3):
         table = simulate(rig, "radial", None, seed)
@@ -231,7 +233,7 @@ def test_what_is_no_radial_run_is_refused() -> None:
     for said, changes in (
         ("reads 0 mm in all", {"g_mm": np.zeros_like(g)}),
         ("g1_mm of row 4 is not a number", {"g_mm": np.where(np.arange(len(g)) == 3, np.nan, g)}),
-        ("g1_mm contains no valid number in any of its 111 rows", {"g_mm": np.full(len(g), np.nan)}),
+        ("g1_mm contains no valid number in any of the 111 rows", {"g_mm": np.full(len(g), np.nan)}),
         ("too large for a radius of 400 mm", {"g_mm": g + 400}),
         ("beyond 180°", {"polar": np.degrees(TABLE.polar)}),
         ("target 1 has two directions", {"polar": TABLE.polar + 0.1 * (np.arange(len(g)) == 1)}),

@@ -1,4 +1,4 @@
-"""How a figure is rounded for a person."""
+"""Rounding of figures for display."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of touches beside a computation by hand, and what is said of touches that show nothing."""
+"""Figures of touches, compared with a manual computation, and messages about insufficient touches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Peaks that stand out, held against scipy's."""
+"""Prominent peaks, compared with scipy's."""
 
 from __future__ import annotations
 

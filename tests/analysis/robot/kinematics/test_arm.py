@@ -98,7 +98,7 @@ def test_a_large_stack_is_its_rows(name: str) -> None:
 
 @pytest.mark.parametrize("count", [0, 1, 6, 7, 8, 13, 14, 15])
 def test_blocks_hold_every_sample_once_in_order(count: int) -> None:
-    """Also where one sample is left for the last."""
+    """Includes a last block with a single sample."""
     samples = np.arange(count)
     parts = [samples[block] for block in blocks(count, 7)]
     assert [row for part in parts for row in part.tolist()] == samples.tolist()

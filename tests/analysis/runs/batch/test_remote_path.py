@@ -1,4 +1,4 @@
-"""A URL goes through commands as a path whose text is the URL, and holds nothing that must not be shown."""
+"""A URL is passed through commands as a path with the text of the URL, and never shows secrets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gauges that are wrong by what their certificates say: readings come out right, and what is left is in the figures."""
+"""Gauges with the errors stated by their certificates: readings are corrected, and the remaining error is part of u."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def test_a_certificate_overdue_on_the_day_of_the_run_is_a_doubt(tmp_path: Path) 
     (doubt,) = [doubt for doubt in measured_of(run).doubts if "certificate" in doubt]
     assert re.fullmatch(
         r"g1: certificate D-K-1 2025-17 was valid until 2021-02-28, which is before \d{4}-\d\d-\d\d; "
-        "have it calibrated again",
+        "have it recalibrated",
         doubt,
     )
     (doubt,) = [doubt for doubt in measured_of(_edited(run, started="yesterday")).doubts if "day" in doubt]

@@ -200,7 +200,7 @@ def test_a_uart_hears_what_was_sent_only_at_the_same_settings(text: str) -> None
 
 
 def _all(end: ByteLink) -> bytes:
-    """What has come, and comes until the line is quiet."""
+    """Return all bytes received until the line is quiet."""
     return b"".join(iter(lambda: end.read(0.3), b""))
 
 

@@ -79,7 +79,7 @@ def test_an_opc_ua_server_that_is_spoken_to_says_what_is_missing() -> None:
 
 
 class _Listener:
-    """A program that waits for what it is told."""
+    """A program that waits for input."""
 
     sent = 0
 
@@ -101,14 +101,14 @@ def test_a_port_that_is_not_rtdes_is_sent_nothing() -> None:
     listener = _Listener()
     with served(lambda: listener) as port:
         report = search_robot(port)
-    assert listener.heard == b"" and "accepts the connection, but sends nothing" in report.problem
+    assert listener.heard == b"" and "accepts the connection, but sends no data" in report.problem
     assert "only the host" in report.remedy and "--key feedback.interface=ur_rtde" in report.remedy
 
 
 def test_a_host_that_accepts_and_stays_silent_is_not_said_to_be_off() -> None:
     with served(_Listener) as port:
         report = search_robot(port, rtde(port=port))
-    assert "ur_rtde" in report.problem and "accepts the connection, but sends nothing" in report.problem
+    assert "ur_rtde" in report.problem and "accepts the connection, but sends no data" in report.problem
     assert "allowed in the controller's settings" in report.remedy and "switch it on" not in report.remedy
 
 

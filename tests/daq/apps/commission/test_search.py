@@ -143,7 +143,7 @@ def test_a_cable_that_was_left_streaming_is_only_listened_to() -> None:
 
 
 def of(interface: str, port: str) -> dict[str, list[Attempt]]:
-    """What is tried of one interface where nothing is known."""
+    """Return the attempts for an interface with unknown settings."""
     return {port: [attempt for attempt in attempts(port) if attempt.interface == interface]}
 
 
@@ -304,7 +304,7 @@ def test_a_port_that_disappears_while_it_is_searched() -> None:
 
 
 def _awaited(what: Callable[[], _One | None]) -> _One:
-    """The first of what is asked for again and again that is not empty."""
+    """Poll until the result is not empty."""
     deadline = time.monotonic() + PATIENCE_S
     while not (found := what()):
         assert time.monotonic() < deadline

@@ -1,4 +1,4 @@
-"""A robot interface whose package is not installed is one line that says what to install."""
+"""One-line error with an installation hint for a robot interface whose package is missing."""
 
 from __future__ import annotations
 

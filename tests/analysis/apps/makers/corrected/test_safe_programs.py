@@ -1,8 +1,8 @@
-"""What a program does to tool, frame and arm on its way to a target: each row is a program, and what is left of it.
+"""Effect of the program before a target on tool, frame and arm: each row contains a program and its uncorrected points.
 
-Everything else in a row is corrected. A row says where the robot stands in another tool, frame, displacement or posture
-than the text nearby says; {qN} are joint angles, {pN} the pose that the arm has at them with the tool of the dialect's
-test.
+All other points of a row are corrected. In each row the robot has a different tool, frame, displacement or posture than
+the nearby text suggests. {qN} are joint angles, and {pN} is the pose of the arm at these angles with the tool of the
+dialect's test.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def corrected_files(
 
 
 def uncorrected(found: CorrectedProgram) -> Left:
-    """What was left, but for points that nothing uses."""
+    """Return the uncorrected points, except unused points."""
     return [(one.line, one.reason) for one in found.left if one.reason != "unused"]
 
 
@@ -245,7 +245,7 @@ def test_a_program_begins_in_the_posture_that_a_person_states(row: str, tmp_path
 
 
 UNUSED = {"of one of two programs", "after a move to nowhere", "of a thread"}
-"""Where no posture can come from the start, nothing is said about it."""
+"""Programs without a notice, because no posture can be reached from the start."""
 
 
 def test_a_start_at_which_the_arm_cannot_stand_is_refused(tmp_path: Path) -> None:

@@ -52,7 +52,9 @@ def _changed(given: bytes, data: bytes) -> set[int]:
 
 
 def _left_mm(rig: Rig, told: Array, q_deg: Sequence[float], tool: Array) -> float:
-    """How far the wrong arm's tool is from where the nominal one was sent, when its controller is told a flange."""
+    """Return the distance in mm between the tool of the imperfect arm and the nominal target, for a commanded flange
+    pose.
+    """
     q = np.radians(q_deg)
     real = flange_at(rig, joints_of(rig, told, q), hidden()) @ tool
     return float(np.linalg.norm(real[:3, 3] - (flange_at(rig, q) @ tool)[:3, 3]))
@@ -364,7 +366,7 @@ def test_kuka(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("k", range(5))
 def test_kuka_status_and_turn_say_which_posture_is_meant(k: int, tmp_path: Path) -> None:
-    """Each pose alone, without a move before it; with another S no solution is left."""
+    """Each pose stands alone, without a preceding move; with another S there is no solution."""
     rig = rig_of("kuka-kr-10-r1100-2")
     path, state = tmp_path / "a.src", ["1=0,50,200,0,20,10"]
     base = ["2=500,-100,30,0,0,45"]
