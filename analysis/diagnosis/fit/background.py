@@ -201,7 +201,7 @@ class Background:
 
         lower, _ = dpotri(self._chol, lower=True)
         covariance: Array = lower + lower.T  # the factor is zero above its diagonal, and stays so
-        covariance[np.diag_indices_from(covariance)] /= 2
+        np.fill_diagonal(covariance, np.diag(lower))
         covariance *= self._root[:, None]
         covariance *= self._root
         return covariance

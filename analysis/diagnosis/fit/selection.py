@@ -127,9 +127,10 @@ class Selection(SelectionSteps):
         def likelihood(curves: JointCurves, strength: Array) -> tuple[float, Array, Array]:
             background = self.backgrounds.of(replace(state, curves=curves, strength=strength))
             posterior, prior = background.posterior(terms), background.variance[of_curves]
+            by_strength = noise.by_strength(posterior)  # first: the variances are then those of its covariance
             shown = (posterior.mean - background.mean)[of_curves] ** 2 + posterior.variance[of_curves]
             ratio = np.divide(shown, prior, out=np.ones_like(prior), where=prior > 0)
-            return background.evidence(terms), 0.5 * (ratio - 1), noise.by_strength(posterior)
+            return background.evidence(terms), 0.5 * (ratio - 1), by_strength
 
         curves, strength = self.columns.curves.fitted(state.curves, state.strength, limits, likelihood)
         return replace(state, curves=curves, strength=strength)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
+from weakref import finalize
 
 from analysis.procedures.checks.checks_of_test import checks_of, findings_against
 from analysis.procedures.checks.commanded_angles import COMMANDS, command_errors, command_findings
@@ -89,12 +90,18 @@ def refuse_impossible(run: Measured, where: str) -> None:
 
 
 def _each(of_run: Callable[[Measured], Iterable[Finding]]) -> Callable[[Runs], Iterator[Finding]]:
-    """Return a function that yields the findings of each run separately."""
+    """Return a function that yields the findings of each run separately.
+
+    They are cached as long as the run exists, because a diagnosis checks a run that was already checked when loaded.
+    """
+    kept: dict[int, tuple[Finding, ...]] = {}
 
     def find(runs: Runs) -> Iterator[Finding]:
         for run in runs:
-            for finding in of_run(run):
-                yield replace(finding, runs=(run.run.manifest.name,))
+            if id(run) not in kept:
+                kept[id(run)] = tuple(replace(finding, runs=(run.run.manifest.name,)) for finding in of_run(run))
+                finalize(run, kept.pop, id(run), None)
+            yield from kept[id(run)]
 
     return find
 
@@ -102,6 +109,11 @@ def _each(of_run: Callable[[Measured], Iterable[Finding]]) -> Callable[[Runs], I
 def _by_kind(convention: str) -> Callable[[Runs], Iterator[Finding]]:
     """Return a function that yields the findings about a convention that applies only to some kinds of test."""
     return _each(lambda run: findings_against(convention, run.table, run.rig))
+
+
+def _of_sources(runs: Runs) -> Iterator[Finding]:
+    """Yield the findings about the source of positions; those of a simulated arm are computed on purpose."""
+    return _SOURCES([run for run in runs if not run.is_simulated])
 
 
 def _of_joints(run: Measured) -> Iterator[Finding]:
@@ -170,14 +182,14 @@ CONVENTIONS = (
 """All conventions, in reading order."""
 
 _SHOWN_BY_PATHS = (WILDNESS, DUPLICATES)
+_SOURCES = _by_kind(SOURCE)
 _OF_PATHS = tuple(map(_by_kind, _SHOWN_BY_PATHS))
 _FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
     _each(lambda run: unit_findings(run.table, run.rig)),
     _each(lambda run: unsigned_findings(run.table, run.rig)),
     _each(_of_joints),
     _gauges,
-    # Positions of a simulated arm are computed on purpose.
-    lambda runs: _by_kind(SOURCE)([run for run in runs if not run.is_simulated]),
+    _of_sources,
     _by_kind(STAMPS),
     _by_kind(PLACE),
     _each(stand_findings),
