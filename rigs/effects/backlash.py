@@ -12,7 +12,6 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.effects.joint_offset import JointOffset
 from rigs.schema.effect import (
     AT_AXIS,
     Compensation,
@@ -103,9 +102,9 @@ class Backlash(Effect):
             "none", "depends on the direction of approach: only the same approach direction for every target helps"
         )
 
-    def from_one_side(self, side: int) -> JointOffset | None:
-        """Return the flank as a constant offset; None if gravity determines it, since it then differs by posture."""
-        return None if self.preload else JointOffset(axis=self.axis, offset_deg=side * self.width_deg / 2)
+    def flank_deg(self) -> float | None:
+        """Return half the width; None if gravity determines the flank, since it then differs by posture."""
+        return None if self.preload else self.width_deg / 2
 
     @property
     def idle(self) -> str:

@@ -336,8 +336,6 @@ is defined."""
 class Gap:
     """Root mean square of the residual in µm, before and after the effects are added to the model.
 
-    `before_um` has the standard uncertainty `u_um`, the residual of any model `left_u_um`.
-
     runs: names of the runs.
     before_um: rms with the initial model.
     after_um: rms with the effects found.
