@@ -47,7 +47,7 @@ class ActWords:
         against, acts = self.against(act), self.diagnosis.acts
         before = acts[: acts.index(act)] if act in acts else acts
         # The act changes the arm for which an earlier act in the list makes a correction.
-        is_instead = act.kind in ("remaster", "enter", "repair", "mount") and any(
+        is_instead = act.kind in ("remaster", "enter", "repair", "mount", "check") and any(
             earlier.kind == "load" for earlier in before
         )
         is_otherwise = act.kind == "load" and any(earlier.kind == "check" for earlier in before)

@@ -27,8 +27,6 @@ from rigs.schema.vocabulary import WITHOUT_GAUGES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Answer of a diagnosis as values: condition of the arm, accuracy, and error budget.
-#
-# Each output chooses the wording for a screen, a page or a language; no decision compares text.
 
 Condition = Literal[
     "named", "ambiguous", "out_of_range", "outside_library", "undecided", "uncalibrated", "nothing_unusual",
