@@ -189,7 +189,8 @@ def _approaches(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
             sides = [judged.removed([effect, constant], part.u_um / part.um) for constant in flanks]
             unknown = Act("approach", "history", remains_um=part.um, remains_u_um=part.u_um)
             figures = max(sides, key=lambda act: act.remains_um, default=unknown)
-            acts.append(replace(figures, kind="approach", why="history", parts=(k,), effect=effect))
+            against = tuple(_of_the_place(diagnosis, judged))
+            acts.append(replace(figures, kind="approach", why="history", parts=(k,), effect=effect, against=against))
     return acts
 
 
