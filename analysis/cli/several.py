@@ -176,7 +176,7 @@ def refuse_arm_name(path: Path) -> None:
 def _run_of(table: Path, rig_file: str | None) -> Path:
     """Import a table to a temporary run and return the table with it. The columns determine the test."""
     from analysis.api import read_table, save_run
-    from analysis.runs.batch.remote_path import ImportedTable
+    from analysis.runs.batch.remote_path import ImportedRun
 
     if rig_file is None:
         problem = "is a table without an arm"
@@ -184,7 +184,7 @@ def _run_of(table: Path, rig_file: str | None) -> Path:
     measured = read_table(table, rig_file)
     say(f"{table}: read as a {measured.run.manifest.test} table of {rig_file}, according to the columns", err=True)
     _imported.append(TemporaryDirectory(prefix="rig-"))
-    return ImportedTable.of(table, save_run(measured, Path(_imported[-1].name) / table.stem))
+    return ImportedRun.of(table, save_run(measured, Path(_imported[-1].name) / table.stem))
 
 
 def load_runs(

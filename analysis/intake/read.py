@@ -26,7 +26,7 @@ import pyarrow.compute as pc
 
 from analysis.intake.cells import Columns, Problems, Row, TableFileError, TableProblem, column_type, columns_of, quoted
 from analysis.intake.readers import reader_of
-from analysis.intake.table_map import MAPPED
+from analysis.intake.table_map import MAPPED, TO_UNIT
 from analysis.procedures.shared.target_checks import target_count
 from analysis.robot.description.ros_kinematics import ROS_KINEMATICS
 from analysis.runs.parts_of_tests import TESTS
@@ -132,16 +132,6 @@ def _of_circle(columns: Columns, lines: np.ndarray, rig: Rig, direction: Directi
 _CELL = r"[\s0-9.eE+-]*|" + "|".join(word for words in WORDS.values() for word in words)
 """A number or a reserved word: a first line of such cells means a missing header."""
 _UNITS = {"deg": "degrees", "mm": "mm", "s": "seconds"}
-_FACTORS = {
-    ("m", "mm"): "1000",
-    ("cm", "mm"): "10",
-    ("um", "mm"): "0.001",
-    ("inch", "mm"): "25.4",
-    ("in", "mm"): "25.4",
-    ("rad", "deg"): "57.29578",
-    ("ms", "s"): "0.001",
-}
-"""Factors from the unit of a column name to the required unit."""
 
 
 def check_header(
@@ -194,8 +184,8 @@ def _missing_column_problem(name: str, names: list[str], layout: Layout, test: T
     if near:
         stem, _, unit = name.rpartition("_")
         unit_hint = f", in {_UNITS[unit]}" if stem and unit in _UNITS and not near.endswith(unit) else ""
-        factor = _FACTORS.get((near.rpartition("_")[2].lower(), unit))
-        unit_hint += f" (multiply the values by {factor})" * (factor is not None)
+        factor = TO_UNIT.get(unit, {}).get(near.rpartition("_")[2].lower(), 1.0)
+        unit_hint += f" (multiply the values by {factor:g})" * (factor != 1.0)
         return f"this column is missing; is {quoted(near)} meant? Then rename the column to {name}{unit_hint}"
     if name == "direction":
         return "this column is missing; add the column, or give --direction cw or acw"

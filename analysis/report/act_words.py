@@ -15,7 +15,7 @@ from analysis.diagnosis.judge.acts import FOUND, Act
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.plan.naming_tests import JOINED
 from analysis.report.answer_words import AnswerWords, measures_places
-from analysis.report.diagnosis_words import micrometres, percent, size_in_words, sure, with_uncertainty
+from analysis.report.diagnosis_words import measured_u, micrometres, percent, size_in_words, sure, with_uncertainty
 from analysis.report.movement_words import act_after
 from analysis.report.texts import Texts, texts_of
 from rigs.effects import Effect, size_field
@@ -53,7 +53,7 @@ class ActWords:
         against, acts = self.against(act), self.diagnosis.acts
         before = acts[: acts.index(act)] if act in acts else acts
         # The act changes the arm for which an earlier act in the list makes a correction.
-        is_instead = act.kind in ("remaster", "enter", "repair", "mount") and any(
+        is_instead = act.kind in ("remaster", "enter", "repair", "mount", "check") and any(
             earlier.kind == "load" for earlier in before
         )
         is_otherwise = act.kind == "load" and any(earlier.kind == "check" for earlier in before)
@@ -122,11 +122,12 @@ class ActWords:
         sentences += [
             self.texts(
                 falls if act.removes else f"act_{key}", before=micrometres(before),
-                after=size_in_words(act.remains_um, act.remains_u_um), place=self.texts(f"place_{act.place}"),
+                after=size_in_words(act.remains_um, measured_u(self.diagnosis, act.remains_u_um)),
+                place=self.texts(f"place_{act.place}"),
             )
         ]  # fmt: skip
         if act.with_before_um is not None:
-            after = size_in_words(act.with_before_um, act.with_before_u_um)
+            after = size_in_words(act.with_before_um, measured_u(self.diagnosis, act.with_before_u_um))
             sentences.append(self.texts("act_with_before", after=after))
         return " ".join(sentences)
 

@@ -197,4 +197,5 @@ def _undetectable(diagnosis: Diagnosis) -> list[RenderableType]:
         return []
     unnamed = len(names) - _MOST_NAMES
     listed = names_in_words(names[:_MOST_NAMES]) + (f"; and {unnamed} more" if unnamed > 0 else "")
-    return [Text(f"Not even at {LARGEST_FAULT:g} times their size in a healthy arm: {listed}", style="dim")]
+    larger = f"even if {LARGEST_FAULT:g} times larger than in a healthy arm"
+    return [Text(f"Not visible in these tests, {larger}: {listed}", style="dim")]

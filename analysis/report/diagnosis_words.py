@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from analysis.diagnosis.judge.remains import ResidualSummary
 from analysis.diagnosis.judge.residuals import Curve, ResidualBand, ResidualPlace
-from analysis.diagnosis.judge.result import Gap, GroupMember, Named, Rival, likely_rivals
+from analysis.diagnosis.judge.result import Diagnosis, Gap, GroupMember, Named, Rival, likely_rivals
 from analysis.procedures.shared.quantity import Quantity, parameters_of, quantity_of
 from analysis.report.texts import Texts
 from rigs.effects import Effect, size_field
@@ -87,6 +87,11 @@ def um_with_u(um: float, u_um: float) -> str:
     if um < UPPER_BOUND * u_um:
         return f"< {u_um:.1f}"
     return f"{um:.1f} ± {u_um:.1f}" if u_um > 0 else f"{um:.1f}"
+
+
+def measured_u(diagnosis: Diagnosis, u_um: float) -> float:
+    """Return the standard uncertainty of an error; 0 if it would come from an assumed noise."""
+    return u_um if diagnosis.shows_noise or diagnosis.repeated else 0.0
 
 
 def size_in_words(um: float, u_um: float) -> str:

@@ -87,7 +87,7 @@ def error_size(um: float, u_um: float) -> str:
     return f"{um:.{decimals}f} ± {u_um:.{decimals}f}" if u_um > 0 else f"{um:.{decimals}f}"
 
 
-_CHANGES_ARM = ("repair", "remaster", "enter")
+_CHANGES_ARM = ("repair", "remaster", "enter", "check")
 """Kinds of acts that change the arm, so an existing correction no longer fits."""
 
 

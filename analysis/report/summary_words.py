@@ -20,7 +20,7 @@ from analysis.report.answer_words import (
     part_of,
     unusual_groups,
 )
-from analysis.report.diagnosis_words import size, sure
+from analysis.report.diagnosis_words import measured_u, size, sure
 from analysis.report.summary import (
     WITHOUT_FAULT,
     BarSegment,
@@ -210,7 +210,7 @@ class _SummaryWords:
         An assumed noise is no measured uncertainty of the two figures, and the basis says so.
         """
         change = self._error_change
-        if self.diagnosis.shows_noise or self.diagnosis.repeated:
+        if measured_u(self.diagnosis, 1.0):
             return change
         now, after = (figure.partition(" ± ")[0] for figure in (change.now, change.after))
         return replace(change, now=now, after=after, basis=f"{change.basis} {self.texts('noise_assumed')}")

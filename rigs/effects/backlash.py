@@ -12,7 +12,6 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.effects.joint_offset import JointOffset
 from rigs.schema.effect import (
     AT_AXIS,
     Compensation,
@@ -101,9 +100,9 @@ class Backlash(Effect):
         """Return no compensation by targets, because the effect depends on the history."""
         return Compensation("none", "depends on the direction of approach: approach every target from the same side")
 
-    def from_one_side(self, side: int) -> JointOffset | None:
-        """Return the flank as a constant offset; None if gravity determines it, since it then differs by posture."""
-        return None if self.preload else JointOffset(axis=self.axis, offset_deg=side * self.width_deg / 2)
+    def flank_deg(self) -> float | None:
+        """Return half the width; None if gravity determines the flank, since it then differs by posture."""
+        return None if self.preload else self.width_deg / 2
 
     @property
     def idle(self) -> str:

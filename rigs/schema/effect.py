@@ -267,8 +267,8 @@ class Effect(Part, ABC):
         """Return the shapes to fit with the effect for a given payload in kg; 0 if unknown."""
         return cls.FREE
 
-    def from_one_side(self, side: int) -> Effect | None:
-        """Return the error that remains if each target is approached from the same side, 1 or -1; None if unknown."""
+    def flank_deg(self) -> float | None:
+        """Return the angle error that remains, ±, if each target is approached from one side; None if unknown."""
         return None
 
     @property

@@ -54,7 +54,10 @@ def postures(
     change: Annotated[
         float,
         typer.Option(
-            min=0.0, max=100.0, help="Price of a change of branch, in errors of a mean target: 0 allows any change."
+            min=0.0,
+            max=100.0,
+            help="How strongly to avoid a change of configuration (elbow, wrist), relative to the mean error of a "
+            "target: at 0.5 a change must halve the error of one target; 0 allows any change.",
         ),
     ] = 0.5,
     maker: Annotated[

@@ -28,7 +28,7 @@ from analysis.diagnosis.judge.result import (
 from analysis.diagnosis.judge.validation import Stages, residual_um
 from analysis.procedures.facts import facts_of
 from rigs.calibration import verdict_of
-from rigs.effects import Effect
+from rigs.effects import Effect, turned
 from rigs.schema.effect import label_of, name_of, size_field
 from rigs.schema.scene import OUTSIDE_ARM
 
@@ -184,11 +184,13 @@ def _approaches(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
             continue
         effect = diagnosis.effects[part.index].effect
         if effect.part == "reversal" and effect.compensation().use == "none":
-            constants = [effect.from_one_side(-side) for side in (1, -1)]
-            sides = [judged.removed([effect, flank], part.u_um / part.um) for flank in constants if flank is not None]
+            flank = effect.flank_deg()
+            flanks = [turned(int(getattr(effect, "axis", 1)), side * flank) for side in (1, -1)] if flank else []
+            sides = [judged.removed([effect, constant], part.u_um / part.um) for constant in flanks]
             unknown = Act("approach", "history", remains_um=part.um, remains_u_um=part.u_um)
             figures = max(sides, key=lambda act: act.remains_um, default=unknown)
-            acts.append(replace(figures, kind="approach", why="history", parts=(k,), effect=effect))
+            against = tuple(_of_the_place(diagnosis, judged))
+            acts.append(replace(figures, kind="approach", why="history", parts=(k,), effect=effect, against=against))
     return acts
 
 

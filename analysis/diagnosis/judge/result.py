@@ -27,8 +27,6 @@ from rigs.schema.vocabulary import WITHOUT_GAUGES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Answer of a diagnosis as values: condition of the arm, accuracy, and error budget.
-#
-# Each output chooses the wording for a screen, a page or a language; no decision compares text.
 
 Condition = Literal[
     "named", "ambiguous", "out_of_range", "outside_library", "undecided", "uncalibrated", "nothing_unusual",
@@ -337,8 +335,6 @@ is defined."""
 @dataclass(frozen=True)
 class Gap:
     """Root mean square of the residual in µm, before and after the effects are added to the model.
-
-    `before_um` has the standard uncertainty `u_um`, the residual of any model `left_u_um`.
 
     runs: names of the runs.
     before_um: rms with the initial model.

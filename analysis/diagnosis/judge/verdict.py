@@ -12,7 +12,7 @@ import numpy as np
 
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.evidence.link_swing import FoundVibration
-from analysis.diagnosis.evidence.setups import FittedRuns
+from analysis.diagnosis.evidence.setups import FRAME, FittedRuns
 from analysis.diagnosis.fit.candidates import order_of
 from analysis.diagnosis.fit.free_forms import best_free_form, free_forms_of
 from analysis.diagnosis.fit.out_of_range import OutOfRange
@@ -442,8 +442,9 @@ def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
     alike = []
     for named in imitating:
         if not named.is_term:
-            shown = " and ".join(f"{share.value:.2f} ± {share.sd:.2f} times in {share.setup}" for share in named.shares)
-            alike.append(f"similar to {name_in_words(label_of(named.effect))}, but the readings show it {shown}")
+            sizes = [f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in named.shares]
+            shown = " and ".join(sizes).replace(FRAME, ", placement ")
+            alike.append(f"similar to {name_in_words(label_of(named.effect))}, but the set-ups show {shown}")
     series = Counter(name_in_words(name_of(named.effect)) for named in imitating if named.is_term)
     alike += [f"also fitted by {count} waves of {name}, which fit any error" for name, count in series.items()]
     return "; ".join([*where, seen[0] if seen else "without a simple form", *alike])

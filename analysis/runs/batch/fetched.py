@@ -11,7 +11,7 @@ from contextvars import ContextVar
 from pathlib import Path
 
 from analysis.runs.batch.outcomes import Item, Value
-from analysis.runs.batch.remote_path import ImportedTable, RemotePath
+from analysis.runs.batch.remote_path import ImportedRun, RemotePath
 from analysis.runs.batch.remote_store import entries, explained, is_read, opened
 from daq.store.ledger import to_recover
 from daq.store.run_directory import removed_at_signals
@@ -35,7 +35,7 @@ def fetched(run: Path) -> Iterator[Path]:
             _fetch(run, copy)
             with _errors_name(run, copy):
                 yield copy
-    elif isinstance(run, ImportedTable):
+    elif isinstance(run, ImportedRun):
         with _errors_name(run, run.run):
             yield run.run
     else:

@@ -59,13 +59,13 @@ class RemotePath(_Path):
         return self.parts[1 if self.protocol in _WITHOUT_HOST else 2 :]
 
 
-class ImportedTable(_Path):
+class ImportedRun(_Path):
     """A table of the user in place of a run. run: the temporary run that it was imported to."""
 
     run: Path
 
     @classmethod
-    def of(cls, table: Path, run: Path) -> ImportedTable:
+    def of(cls, table: Path, run: Path) -> ImportedRun:
         """Return the table with its temporary run."""
         made = cls(table)
         made.run = run
@@ -73,13 +73,13 @@ class ImportedTable(_Path):
 
     def __reduce__(self) -> tuple[object, ...]:
         """Support pickling for the workers of several runs."""
-        return ImportedTable.of, (Path(str(self)), self.run)
+        return ImportedRun.of, (Path(str(self)), self.run)
 
-    def absolute(self) -> ImportedTable:
+    def absolute(self) -> ImportedRun:
         """Return the path itself, so that messages name the table as the user does."""
         return self
 
-    def resolve(self, strict: bool = False) -> ImportedTable:
+    def resolve(self, strict: bool = False) -> ImportedRun:
         """Return the path itself."""
         return self
 

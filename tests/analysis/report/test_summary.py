@@ -142,6 +142,10 @@ def test_an_assumed_noise_is_no_uncertainty_of_the_error() -> None:
     """2.2 ± 14.7 µm stood above runs that nobody had repeated."""
     assumed = summarise(diagnosis("named", repeated=False, shows_noise=False)).error
     assert "±" not in assumed.words and EN("noise_assumed") in assumed.basis
+    step = replace(LOAD, removes_um=90.0, removes_u_um=1.0, remains_um=10.0, remains_u_um=4.0)
+    for repeated in (True, False):
+        sentence = ActWords(diagnosis("named", repeated=repeated, shows_noise=False, acts=(step,))).sentence(step)
+        assert ("± 4.0" in sentence) == repeated, "the step has the uncertainty of the tile"
     for changes in ({"repeated": True}, {"repeated": False, "shows_noise": True}):
         measured = summarise(diagnosis("named", **changes)).error  # type: ignore[arg-type]
         assert "±" in measured.now and EN("noise_assumed") not in measured.basis

@@ -15,8 +15,8 @@ from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.judge.act_list import (
     LEAST_SHARE,
     JudgedPlace,
-    _corrections,  # the rest of the actions needs a search
-    _parameters_first,  # the same
+    _corrections,  # private: the rest of the actions needs a search
+    _parameters_first,  # private: the same
     acts_of,
     in_order,
     one_after_the_other,
@@ -336,9 +336,8 @@ def test_the_gain_of_an_approach_from_one_side_is_computed() -> None:
 
 def test_a_gain_that_was_not_computed_is_none_and_said_so() -> None:
     """Gravity may choose the flank, so that an approach from one side leaves no constant error."""
-    assert Backlash(axis=2, width_deg=0.02, preload=0.4).from_one_side(1) is None
-    flank = Backlash(axis=2, width_deg=0.02).from_one_side(-1)
-    assert flank is not None and flank.offset_deg == pytest.approx(-0.01)
+    assert Backlash(axis=2, width_deg=0.02, preload=0.4).flank_deg() is None
+    assert Backlash(axis=2, width_deg=0.02).flank_deg() == pytest.approx(0.01)
     approach = Act("approach", "history", (0,), effect=Backlash(axis=2, width_deg=0.02, preload=0.4))
     assert approach.to_dict()["removes_um"] is None and approach.to_dict()["removes_u_um"] is None
     assert "not computed" in ActWords(one_play()).removes(approach)
