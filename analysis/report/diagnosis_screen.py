@@ -163,7 +163,7 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
 
 def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
     texts, effects = texts_of("en"), bool(diagnosis.standing)
-    floor = "noise floor" if diagnosis.shows_noise else "assumed noise"
+    floor = texts("noise" if diagnosis.shows_noise else "assumed_noise")
     last = ("calibrated", floor) if diagnosis.is_modelled else (floor,)
     headings = ("before", "with named effects", *last, "explained") if effects else ("before", *last)
     table = bare_table("µm rms", *map(right, headings))

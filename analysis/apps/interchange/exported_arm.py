@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from analysis.apps.interchange.mjcf_text import JointTraits, mjcf_text
 from analysis.correction.plays import known_plays
 from analysis.correction.work import apart_mm, rms_um, work_angles
+from analysis.report.diagnosis_words import plain
 from analysis.robot.kinematics.arm import Arm
 from analysis.robot.model.predict import Model, geometric_part, is_geometric
 from analysis.runs.robot_condition import Friction
@@ -87,18 +88,21 @@ class GeometricShare:
     all_um: float
     left_um: float
     left_out: tuple[Effect, ...]
+    rig: Rig
 
     @property
     def words(self) -> str:
         """Describe the content of a geometry file."""
         if self.all_um == 0:
             return "The rig file has no effect that moves the tool: this is the nominal arm."
-        moved = f"in the base frame the effects move the tool by {self.all_um:.1f} µm rms over the work"
+        moved = f"in the base frame the effects move the tool by {self.all_um:.1f} µm rms over the work area"
+        if self.rig.calibrated:
+            moved += f" ({self.rig.calibrated.before_um:.0f} µm rms in the readings of the diagnosis)"
         if not self.left_out:
             return f"All of the model is geometry and is in this file: {moved}."
-        names = [f"{effect.effect} {effect.seat}".strip() for effect in self.left_out]
+        names = list(dict.fromkeys(plain(self.rig, effect) for effect in self.left_out))
         ending = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
-        listed = ", ".join(names[:_MOST_LISTED]) + ending
+        listed = "; ".join(names[:_MOST_LISTED]) + ending
         return f"Only the geometry is in this file: {moved}; {self.left_um:.1f} µm rms of it are ignored ({listed})."
 
 
@@ -110,6 +114,7 @@ def geometric_share(model: Model) -> GeometricShare:
         rms_um(apart_mm(whole, replace(model, effects=()), q)),
         rms_um(apart_mm(whole, geometric_part(whole), q)),
         tuple(effect for effect in whole.effects if not is_geometric(effect)),
+        model.rig,
     )
 
 

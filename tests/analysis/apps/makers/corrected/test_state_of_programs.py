@@ -361,8 +361,8 @@ program does not, and the line of the move."""
 
 
 def _called(maker: str) -> Called:
-    if maker == "kuka":
-        step = "DEF step()\nLIN_REL {Z 20.0}\nEND\n"
+    if maker.startswith("kuka"):
+        step = f"DEF step()\n{'LIN' if maker == 'kuka part' else 'LIN_REL'} {{Z 20.0}}\nEND\n"
         through = {"via.src": "DEF via()\nstep()\nEND\n", "step.src": step}
         plain = {"a.src": HEAD + "PTP {p1}\nEND\n"}
         return "step.src", {"a.src": HEAD + "PTP {p1}\nvia()\nEND\n", **through}, {**plain, **through}, 2
@@ -385,6 +385,7 @@ def _called(maker: str) -> Called:
 NO_POSITIONS = "//POS\n///NPOS 0,0,0,0,0,0\n//INST\nNOP\n"
 CELLS = {
     "kuka": (kuka_files, *KUKA_STATED),
+    "kuka part": (kuka_files, *KUKA_STATED),
     "abb": (abb_files, [], []),
     "fanuc": (fanuc_files, ["1=10,-20,180,0,30,10"], ["3=0"]),
     "yaskawa": (yaskawa_files, ["3=0,0,150,0,0,0"], ["4=0"]),
