@@ -1,4 +1,4 @@
-"""The plan: what is alike stays alike when fitted, what parts it does, nothing is promised that the arm cannot."""
+"""The plan: similar effects remain similar in a fit, separating tests separate them, and all tests are possible."""
 
 from __future__ import annotations
 
