@@ -347,10 +347,9 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
     This is the case if the readings permit no correction yet, if the runs are too few, or if rivals of the largest
     part leave the repair undecided.
     """
-    if measurement.why == "revisit":
-        return measurement.parts[:1] == (0,)  # scatter is the largest part
-    if measurement.why in ("commanded", "visits_differ"):
-        return True
+    if measurement.why in ("commanded", "visits_differ", "revisit"):
+        is_scatter_largest = measurement.parts[:1] == (0,)
+        return is_scatter_largest or measurement.why != "revisit"
     if measurement.why in ("unexplained", "follows"):
         return not any(act.kind == "load" for act in acts)
     if measurement.why == "one_lap":
