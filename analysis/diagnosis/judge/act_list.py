@@ -344,12 +344,11 @@ def _may_repeat(diagnosis: Diagnosis, scatter: tuple[int, ...]) -> bool:
 def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) -> bool:
     """Return whether a measurement precedes all actions that reduce the error.
 
-    This is the case if the readings permit no correction yet, if the runs are too few, or if rivals of the largest
-    part leave the repair undecided.
+    This is the case if correction is not allowed, if the runs are too few, or if the repair is undecided because of
+    rivals of the largest part.
     """
     if measurement.why in ("commanded", "visits_differ", "revisit"):
-        is_scatter_largest = measurement.parts[:1] == (0,)
-        return is_scatter_largest or measurement.why != "revisit"
+        return measurement.why != "revisit" or measurement.parts[:1] == (0,)  # scatter is the largest part
     if measurement.why in ("unexplained", "follows"):
         return not any(act.kind == "load" for act in acts)
     if measurement.why == "one_lap":
