@@ -220,7 +220,9 @@ def test_the_command_prints_words_or_one_object(
     assert "Most useful further test: hemisphere (radial)" in told.stdout
     assert "length a of axis 6 (a5)" in told.stdout
     assert "Not possible here: a flight: no wings" in told.stdout
-    assert "Assumed noise" in told.stdout and "position of a target between stops 24.5 µm" in " ".join(told.stdout.split())
+    assert "Assumed noise" in told.stdout and "position of a target between stops 24.5 µm" in " ".join(
+        told.stdout.split()
+    )
     assert "all other errors have their usual size" in " ".join(told.stdout.split())
     assert "of 87 possible errors" in told.stdout, "a gear is one name, regardless of its orders"
     found = json.loads(CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll", "--json"]).stdout)
