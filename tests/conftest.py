@@ -103,7 +103,7 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_sessionfinish(session: pytest.Session) -> Generator[None, None, None]:
-    """Let continuous integration fail where more than a few tests could not be judged: they would be judged nowhere."""
+    """Fail in continuous integration if more than a few tests were skipped because of interruptions."""
     yield
     terminal = session.config.pluginmanager.get_plugin("terminalreporter")
     skipped = [str(report.longrepr) for report in terminal.getreports("skipped")] if terminal else []

@@ -1,4 +1,4 @@
-"""Runs the command `rig` where nothing that only POSIX has can be imported: `python portable_child.py COMMAND…`."""
+"""Run the command `rig` without POSIX-only modules: `python portable_child.py COMMAND…`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ABSENT_CLOCKS = ("CLOCK_BOOTTIME", "clock_gettime", "clock_gettime_ns")
 
 
 class Blocker(MetaPathFinder):
-    """Finds none of the blocked modules, and lets nobody else find them."""
+    """Import hook that makes the blocked modules unavailable."""
 
     def find_spec(self, name: str, path: object = None, target: object = None) -> None:
         if name in BLOCKED:

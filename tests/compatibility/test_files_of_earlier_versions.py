@@ -141,7 +141,7 @@ ENDS = {
 
 @pytest.mark.parametrize(("state", "end"), ENDS.items(), indirect=["state"], ids=ENDS)
 def test_a_session_at_its_end_is_known_again(state: Path, end: tuple[str, ...]) -> None:
-    """Its runs, which are not kept here for their size, are directories alone: of them it looks at no more."""
+    """The runs, omitted here because of their size, are empty directories; a complete session does not read them."""
     session = yaml.safe_load((state / "session/session.yaml").read_text(encoding="utf-8"))
     for name in [one["run"] for step in session["steps"] for one in step["tries"]]:
         (state / "session/runs" / name).mkdir(parents=True)

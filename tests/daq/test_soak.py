@@ -1,4 +1,4 @@
-"""`scripts/dev soak` in small, accelerated: what is recorded is whole, and growth is seen."""
+"""A short accelerated `scripts/dev soak`: the recording is complete, and growth is detected."""
 
 from __future__ import annotations
 

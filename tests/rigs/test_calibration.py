@@ -176,7 +176,7 @@ def test_what_is_no_json_is_one_line(content: bytes, tmp_path: Path) -> None:
 def test_a_changed_file_is_refused(tmp_path: Path) -> None:
     rig_file, beside = written(tmp_path)
     beside.write_text(beside.read_text().replace("-0.4", "-0.5", 1))
-    with pytest.raises(FileError, match="is not the file that the rig file names: its SHA-256 differs") as told:
+    with pytest.raises(FileError, match="was changed or replaced: the SHA-256 differs") as told:
         load(rig_file)
     assert told.value.where == str(beside) and len(told.value.lines()) == 1
 

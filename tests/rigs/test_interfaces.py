@@ -1,4 +1,4 @@
-"""`rig interfaces` lists what the schemas hold, each with where it is known from."""
+"""`rig interfaces` lists the contents of the schemas with their sources."""
 
 from __future__ import annotations
 

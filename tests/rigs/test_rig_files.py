@@ -426,7 +426,7 @@ def test_gauges_are_there_with_feedback_and_touches_need_feedback_alone() -> Non
     rig = parse(_with(feedback=True), "touches")
     assert [stream.name for stream in streams_of(rig)] == ["robot"] and rig.gauges.baseline_mm == 0
     automatic = "automatic: {rules: [{test: radial, when: {from_deg: [0, 0, 0, 0, 0, 0], to_deg: [9, 0, 0, 0, 0, 0]}}]}"
-    with pytest.raises(RigFileError, match="without gauges and feedback, there is nothing to record"):
+    with pytest.raises(RigFileError, match="requires gauges and feedback; add both"):
         parse(_with(feedback=True) + automatic, "touches")
 
 

@@ -148,8 +148,8 @@ def simulate(
 ) -> None:
     """Simulate runs of a test with the effects of a rig: noise of gauges and robot, scatter from run to run.
 
-    --test iso9283 writes two runs as measured by a tracker: the poses of the cube and
-    the paths.
+    --test iso9283 writes two runs as measured by a tracker: the poses of the
+    cube, and the paths.
     """
     from functools import partial
     from itertools import product

@@ -1,4 +1,4 @@
-"""`rig record stop`: what it says of a run that was stopped too early, or bears the wrong label, and what mends it."""
+"""Messages and remedies of `rig record stop` for runs that are too short or mislabelled."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def store(
 
 
 def ran(*words: object) -> subprocess.CompletedProcess[str]:
-    """A command; in a process of its own where a client of a store starts threads of its own."""
+    """Run a command, in a separate process if the client of the store starts threads."""
     texts = [str(word) for word in words]
     if not any(text.startswith(("s3:", "sftp:")) for text in texts):
         return command_line.ran(*texts)

@@ -1,4 +1,4 @@
-"""Every kind of bad table is refused in words: the line, the column, what is wrong and what to do."""
+"""Every kind of invalid table is rejected with line, column, problem and remedy."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tests.support.written_runs import import_table
 
 
 def refusal(text: str, test: TestName, direction: Direction | None = None) -> list[str]:
-    """What is told of a table, a line for each mistake."""
+    """Return the error messages for a table, one line per mistake."""
     with pytest.raises(FileError) as caught:
         parse_csv(text.encode(), "t.csv", test, rig(), direction)
     assert all("\n" not in line for line in caught.value.lines())

@@ -51,7 +51,7 @@ def test_memory_is_a_few_times_the_result(laps: int, speed_mm_s: float) -> None:
 
 
 def test_the_wander_is_slow_and_common_to_both_gauges() -> None:
-    """Without gauge noise or scatter what is left is the wander: alike in both, and of its own time constant."""
+    """Without gauge noise and scatter only the drift remains: equal in both gauges, with the stated time constant."""
     rig = _of_laps(20, 25.0)
     quiet = rig.model_copy(
         update={

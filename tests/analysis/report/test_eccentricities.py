@@ -1,4 +1,4 @@
-"""The eccentricity by the angle and by the distance: where they differ by more than their noise, a line says why."""
+"""Eccentricity by angle and by distance: a remark explains a difference beyond the noise."""
 
 from __future__ import annotations
 

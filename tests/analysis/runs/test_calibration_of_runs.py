@@ -71,7 +71,7 @@ def test_a_changed_calibration_is_refused_and_a_run_without_it_is_as_before(tmp_
     (run / FILE).write_bytes((run / FILE).read_bytes() + b" ")
     reading._calibrations.clear()  # private: as above
     assert [line for line in verify(run) if "does not match the SHA-256 of the calibration" in line]
-    with pytest.raises(FileError, match="is not the file that the rig file names: its SHA-256 differs"):
+    with pytest.raises(FileError, match="was changed or replaced: the SHA-256 differs"):
         analysis.load_run(run)
     (run / FILE).unlink()
     assert verify(run) == []

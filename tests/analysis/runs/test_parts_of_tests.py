@@ -63,6 +63,6 @@ def test_a_test_without_joints_predicts_nothing() -> None:
 def test_an_installation_without_the_tests_says_how_to_add_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(vocabulary.TEST_PACKAGES, "yaw")
     package_of.cache_clear()
-    with pytest.raises(FileError, match=r"does not offer it as rig\.tests; install it again"):
+    with pytest.raises(FileError, match=r"does not offer it as rig\.tests; reinstall it"):
         package_of("yaw")
     package_of.cache_clear()

@@ -87,8 +87,10 @@ def waited(rng: np.random.Generator, period_ns: float, count: int) -> Array:
 def test_a_crystal_keeps_its_pace_through_missing_messages_and_a_computer_held_up(
     period_ns: float, adapter_ms: float
 ) -> None:
-    """Readings that come late, all at once, were taken in time. Which of those is missing nobody can know, nor beside a
-    hole where the adapter holds messages back for longer than their period."""
+    """Readings that arrive late and together were taken in time. Missing readings among them, or next to a gap, cannot
+    be
+    identified if the adapter delays messages by more than their period.
+    """
     rng = np.random.default_rng(11)
     for lost, stalls in ((0, 0), (6, 0), (0, 3), (6, 3)):
         number = np.sort(rng.choice(np.arange(1, 1200), 1199 - lost, replace=False))
@@ -140,7 +142,7 @@ def test_a_computer_held_up_for_a_thousand_messages_of_a_quick_gauge_is_no_wait(
 
 @pytest.mark.parametrize("held_s", [0.4, 1.1, 1.6])
 def test_a_computer_held_up_for_seconds_is_no_wait_where_the_lateness_is_made_up_for(held_s: float) -> None:
-    """Twice in a lap: what came meanwhile is read at once, and the next message comes in time."""
+    """Twice per lap the delayed messages are read together, and the next message is in time."""
     rng = np.random.default_rng(14)
     taken = np.arange(2700) * 18.33e6
     sent = taken

@@ -57,7 +57,7 @@ def test_an_instrument_that_answers_nothing_but_its_usual_request_is_read(monkey
 
 
 class _InMenu:
-    """A device whose menu is open from 2 s to 9 s: what it is asked meanwhile it reads and answers afterwards."""
+    """A device with an open menu from 2 s to 9 s: it reads requests meanwhile and answers them afterwards."""
 
     sent = 0
 

@@ -228,7 +228,7 @@ def test_an_orbit_probe_out_of_its_range() -> None:
 
 
 def test_a_doubtful_status_that_a_run_cannot_keep_is_refused() -> None:
-    """A run holds it in 32 bits: cut to them, 2³² would mean good."""
+    """A run stores the status in 32 bits, which would turn 2³² into good."""
 
     def with_doubtful(code: int) -> StatusRegister:
         return StatusRegister.model_validate({"address": 203, "type": "uint64", "doubtful": [code]})

@@ -67,7 +67,7 @@ class Written:
 
     @property
     def writer(self) -> RunWriter:
-        """Of the run that takes what comes."""
+        """Return the writer of the current run."""
         # private _current, _writers: the writer of the run whose disk fails
         current = self.recorder._current
         assert current and current.writer
@@ -345,7 +345,7 @@ def test_a_slow_sync_keeps_nothing_from_the_disk(
 def test_a_run_that_an_error_in_the_program_keeps_open_is_told(
     written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Nobody asks what became of a run that the robot ended."""
+    """No client waits for the end of a run that the robot ended."""
     monkeypatch.setattr(RunWriter, "close", lambda *_: 1 / 0)
     written.recorder.stop_run()
     written.recorder._io.shut_down()
@@ -572,7 +572,7 @@ def test_who_stops_while_a_run_begins_that_the_disk_refuses_ends_the_waiting(
 def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_first(
     written: Written, making: tuple[threading.Event, threading.Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What it missed stands in the run that nobody wanted any more, and nothing of it in the next."""
+    """The missed samples are recorded in the previous run, and none of them in the next."""
     monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 60.0)  # tried again when this says so
     asked, done = making
     written.round()
@@ -603,7 +603,7 @@ def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_fir
 def test_a_disk_that_makes_no_run_is_given_no_more_to_make(
     written: Written, making: tuple[threading.Event, threading.Event]
 ) -> None:
-    """What each has kept is in memory."""
+    """Samples of all waiting runs stay in memory."""
     _, done = making
     written.recorder.stop_run().result()
     ending = []

@@ -47,10 +47,11 @@ FULL = DiskFailed("interrupted", "disk nearly full", 0.0)
 
 @dataclass(frozen=True)
 class World:
-    """What the disk has been asked for and has answered, and where the gap is that a suspended run leaves.
+    """Requests to the disk, its answers, and the gap of a suspended run.
 
-    asked: runs that it was asked for and did not answer; made, closing: those it made, those it is closing.
-    gap: "none", "waiting" for a run, or the number of the run that was asked for to end it.
+    asked: requested runs without an answer; made, closing: created runs, and runs being closed. gap: "none", "waiting"
+    for
+    a run, or the number of the run that will end it.
     """
 
     asked: frozenset[int] = frozenset()
@@ -63,7 +64,7 @@ Point = tuple[RecorderState, World]
 
 
 def events(world: World) -> Iterator[Event]:
-    """Everything that may come: of the disk only answers to what it was asked."""
+    """Yield all possible events; from the disk only answers to requests."""
     yield from (StartRequested(MINE), StartRequested(THEIRS), ENOUGH, STANDS, FULL, Tick(0.0), Tick(LONG_S))
     for run in sorted(world.asked):
         yield from (Created(run), RunRefused(run, 0.0))
@@ -113,7 +114,7 @@ def _carried_out(world: World, actions: tuple[Action, ...]) -> World:
 
 
 def _require_order(state: RecorderState, world: World) -> None:
-    """Every run is where it belongs, and there is exactly one place for what comes."""
+    """Check that every run is in a valid state and that new samples have exactly one destination."""
     leaving = {close.run for close in state.leaving}
     beginning = {state.phase.run} if isinstance(state.phase, Beginning) else set()
     assert world.asked == leaving | beginning, "each run that the disk makes is known"

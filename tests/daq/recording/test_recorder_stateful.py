@@ -79,7 +79,7 @@ class Recordings(RuleBasedStateMachine):
         self.failing = ExitStack()
         self.fails = False
         self.delivered = self.waiting = self.taken = 0
-        """Readings of each stream: so far, of them not drained yet, and of those drained during a recording."""
+        """Readings of each stream: delivered in total, not yet drained, and drained during a recording."""
         self.deliver()
         self._start(MINE)
 

@@ -26,7 +26,7 @@ from tests.support.child_processes import until
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    """A cell whose daemon is asked, and neither records nor ends; slow, since it reads beside all other tests here."""
+    """Run a cell whose daemon only answers requests; slow, because it runs next to all other tests."""
     data = yaml.safe_load(rig_text())
     data["feedback"]["rate_hz"] = 20
     with Bench(tmp_path_factory.mktemp("running"), yaml.safe_dump(data)) as bench:

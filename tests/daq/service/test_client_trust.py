@@ -27,7 +27,7 @@ ROOT_ONLY = pytest.mark.skipif(os.geteuid() != 0, reason="only root can be two u
 
 @contextmanager
 def answering(path: Path, *pieces: bytes, pause_s: float = 0.0) -> Iterator[Path]:
-    """A socket that answers the first line of each connection with these bytes; the last of them again and again."""
+    """Serve a socket that answers the first line of each connection with these bytes, repeating the last ones."""
 
     def answer(sock: socket.socket) -> None:
         if not sock.recv(1 << 16):

@@ -32,7 +32,7 @@ def _python_with_pip() -> str:
 
 
 def _environment_of_the_lock(place: Path, python: str) -> None:
-    """As an earlier installation left it: nothing need be fetched. It holds what builds the package, and no more."""
+    """Create the environment of an earlier installation with only the build packages, so no download is needed."""
     subprocess.run([python, "-m", "venv", "--without-pip", place], check=True)
     (packages,) = place.glob("lib/python*/site-packages")
     for name in BUILDING:

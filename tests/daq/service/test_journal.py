@@ -1,4 +1,4 @@
-"""What reaches systemd's journal, and what a person reads out of it."""
+"""Messages in systemd's journal, and the output of `rig logs`."""
 
 from __future__ import annotations
 

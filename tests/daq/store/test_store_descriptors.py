@@ -1,4 +1,4 @@
-"""Where no file descriptor is left, that is what a person is told: the disk is well."""
+"""Exhausted file descriptors are reported as such, and not as a failing disk."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ from tests.support.store_cases import (
 )
 
 CUT = f"recovered: no rows are known to be missing {END_UNKNOWN}"
-"""A run of which nothing says where it ended."""
+"""Verdict on a run with an unknown end."""
 OLD = Path(__file__).parent / "data"
 """Runs as they were recorded before there was a ledger: version-1 of 20 rows, version-1-crashed of 12."""
 
@@ -57,7 +57,7 @@ def old(tmp_path: Path) -> Path:
 
 
 def said(run: Path) -> str:
-    """What `rig verify` says: its verdict and what is wrong, without the directory."""
+    """Return verdict and problems as reported by `rig verify`, without the directory."""
     verdict = judge(run)
     return "\n".join(line.removeprefix(str(run)).lstrip(": /") for line in (verdict.summary, *verdict.lines))
 
@@ -359,7 +359,7 @@ def test_a_crash_is_not_whole_until_it_is_recovered(tmp_path: Path) -> None:
 
 
 def test_a_run_whose_end_was_cut_off_is_never_said_to_lack_nothing(tmp_path: Path) -> None:
-    """The last lines of its ledger, their chunks and its seal are gone: nothing says how much it held."""
+    """The last ledger lines, their chunks and the seal are missing, so the original length is unknown."""
     run = finished(tmp_path)
     was = judge(run)
     assert len(was.seal) == 64 and was.end_known

@@ -1,4 +1,4 @@
-"""What a chunk took goes back to the system: what glibc has mapped for single blocks, in a process of its own."""
+"""Memory of written chunks is returned to the system: blocks mapped by glibc, measured in a separate process."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ def test_empty_and_foreign_files(tmp_path: Path) -> None:
 
 
 class Crash(BaseException):
-    """The power goes here."""
+    """Simulated power cut."""
 
 
 @pytest.mark.parametrize("step", ["finish", "append", "delete_chunk"])

@@ -1,4 +1,4 @@
-"""Retention: what may go, what has to, and that nothing else does."""
+"""Retention: deletable runs are deleted as needed, and no others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run from start to reading: what comes back, what is refused, what verify sees."""
+"""A run from start to reading: stored data, rejected requests, and findings of verify."""
 
 from __future__ import annotations
 

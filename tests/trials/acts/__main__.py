@@ -121,7 +121,7 @@ class Scored:
 
     @property
     def is_right(self) -> bool:
-        """Whether the first act is about the cause of what makes most, or takes away most of what that makes."""
+        """Return whether the first action addresses the largest cause, or removes most of its error."""
         taken = self.before_um**2 - self.after_um**2
         return self.served[:1] == ("first",) or taken >= _TAKEN_AWAY * self.makes_um**2
 

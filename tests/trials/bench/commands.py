@@ -38,7 +38,7 @@ def circle_lines() -> Iterator[Line]:
 
 
 def analyse_lines() -> Iterator[Line]:
-    """`rig analyse` by the readings of each gauge, beside what the work itself needs."""
+    """Measure `rig analyse` by number of readings per gauge, compared with the computation alone."""
     for rows, most, turns in (("1e4", 1.3, 3), ("1e5", 1.3, 3), ("1e6", 1.8, 3), ("1e7", 1.8, 1)):
         with tempfile.TemporaryDirectory() as runs:
             run = _written(runs, int(float(rows)))

@@ -53,7 +53,7 @@ class Answer:
 
 
 def answer_of(data: Mapping[str, Any] | None) -> Answer:
-    """What an answer says; None, an error or a broken answer is `none`."""
+    """Return the parsed answer; None, an error or a broken answer gives `none`."""
     if not isinstance(data, Mapping) or not isinstance(data.get("condition"), str):
         return Answer("none", (), {}, math.nan)
     condition = data["condition"]

@@ -1,6 +1,8 @@
-"""The blind trial: cases generated, imported, diagnosed and scored. The one place where stranger and project meet.
+"""The blind trial: cases are generated, imported, diagnosed and scored. Only this module uses both the independent
+world
+and rig.
 
-The truth lies in a tree of its own, and nothing of it is told to the diagnosis.
+The truth is stored in a separate tree, and the diagnosis has no access to it.
 """
 
 from __future__ import annotations

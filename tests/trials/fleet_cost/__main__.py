@@ -1,4 +1,4 @@
-"""What `rig fleet` costs for many small runs: first time, again, and after one new run; and a run of each test."""
+"""Cost of `rig fleet` for many small runs: first call, second call, and after a new run; and a run of each test."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ Control = Callable[[Random], int]
 
 
 def control() -> dict[str, list[Control]]:
-    """What feeds the socket."""
+    """Return the functions that send input to the socket."""
     return {"control": [_bytes, _values]}
 
 

@@ -1,4 +1,4 @@
-"""Mutated rig files, run directories and tables to what reads them: only a RigError may come out, and soon."""
+"""Mutated rig files, run directories and tables: readers may raise only RigError, within the time limit."""
 
 from __future__ import annotations
 

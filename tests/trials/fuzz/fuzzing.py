@@ -27,7 +27,7 @@ WIRE_BLOCK = 20_000
 
 @dataclass(frozen=True)
 class Block:
-    """What one worker is to do: so many inputs of a target."""
+    """Work of one process: a number of inputs for a target."""
 
     target: str
     seed: int

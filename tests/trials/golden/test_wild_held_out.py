@@ -1,4 +1,4 @@
-"""Wild readings among real held-out ones (P. Jacobi's UR5) are named, and the figure is what it is without them."""
+"""Outliers in real held-out readings (P. Jacobi's UR5) are reported, and the figure is the same as without them."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ NAMES = (("link_geometry", "a", 0.2), ("link_geometry", "alpha", 0.02), ("link_g
 WEAK = 100.0
 """Usual sizes of a prior: what no reading determines stays where it was."""
 BALL_MM = (0.0, 0.0, 120.0)
-"""Where the page says that the ball is on the flange."""
+"""Position of the ball on the flange, as stated by the page."""
 UNUSUAL, SURE = 5.0, 3.0
 """Usual sizes, and uncertainties, from which a constant is named."""
 

@@ -108,7 +108,7 @@ def joints(count: int) -> list[str]:
 
 
 def write_poses(path: Path, poses: Poses, *, asked: bool) -> None:
-    """Write train.csv, or test.csv where the places are asked."""
+    """Write train.csv, or test.csv without the positions."""
     names = ["pose", "placement", *joints(poses.q.shape[1]), *(() if asked else ("x_mm", "y_mm", "z_mm"))]
     rows = []
     for k, (q, xyz) in enumerate(zip(np.degrees(poses.q), poses.xyz_mm, strict=True), start=1):
@@ -158,7 +158,7 @@ def came_from(count: int) -> list[str]:
 
 
 def read_columns(path: Path) -> dict[str, NDArray[np.generic]]:
-    """Read a CSV file as columns, numbers where all of them are."""
+    """Read a CSV file as columns, numeric if all values are numbers."""
     with path.open(encoding="utf-8", newline="") as file:
         lines = list(csv.reader(file))
     names, rows = lines[0], [line for line in lines[1:] if line]

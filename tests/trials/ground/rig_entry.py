@@ -32,7 +32,7 @@ TEMPLATE = "ur10"
 """A shipped rig file, of which everything but the arm stays: it has no part in poses."""
 SPEED_DEG_S = 120
 BALL_MM = [0, 0, 120]
-"""Where the page says that the ball is on the flange."""
+"""Position of the ball on the flange, as stated by the page."""
 
 
 def answered(tasks: Path, answers: Path) -> None:

@@ -138,7 +138,7 @@ def pose_figures(parts: Sequence[Judged]) -> dict[str, Figure]:
 
 
 def case_of(task: Task, truth: Path, answers: Path) -> RealCase:
-    """Return a cell beside what was named in it. A missing file names nothing, and does not call an arm sound."""
+    """Return a cell with the named faults. A missing file names no fault, and does not count as "healthy"."""
     true: dict[str, Any] = json.loads((truth / f"{task.name}.json").read_text(encoding="utf-8"))
     path = answers / f"{task.name}.csv"
     sizes = {one["name"]: one["size"] for one in true["hidden"]}

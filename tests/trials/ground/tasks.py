@@ -37,7 +37,7 @@ POSES, TOUCHES = 200, 40
 ARMS = 3
 """Arms with joint curves."""
 MANY, FEW, ASKED = 400, 30, 200
-"""Poses of a whole calibration and of a short one, and those asked of an arm with joint curves."""
+"""Number of poses of a complete and of a short calibration, and of requested poses, for an arm with joint curves."""
 GROUPS = 20
 """Neighbourhoods of poses, which the scorer draws whole."""
 Kind = Literal["fault", "fault_in_poses", "fault_in_touches", "poses"]
@@ -66,7 +66,9 @@ TINY = Size({}, {}, arms=1, many=40, few=12, asked=20)
 
 @dataclass(frozen=True)
 class Task:
-    """name: of its directory; row: of the table, which may pool several; split: how what is asked was chosen."""
+    """name: of the directory; row: of the table, which may pool several tasks; split: selection of the requested
+    poses.
+    """
 
     name: str
     kind: Kind

@@ -189,7 +189,7 @@ ENTRIES: dict[str, Callable[[PlainArm, Poses, Poses], Answer]] = {
     "pybotics": by_pybotics,
 }
 NAMING = {"fault": named_in_cell, "fault_in_poses": named_in_poses, "fault_in_touches": named_in_touches}
-"""How least squares names what is wrong, by kind of task."""
+"""Functions that name faults by least squares, by kind of task."""
 
 
 def tasks_of(directory: Path, kind: str) -> list[str]:

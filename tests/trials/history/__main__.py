@@ -23,7 +23,7 @@ LAYOUTS = {"75 visits of 4 tests": (75, CIRCLES), "300 runs of one test": (300, 
 KINDS = {"at once": 1, "in 30 runs": 30, "in 100 runs": 100}
 """In how many runs of one test a play grows; a layout of fewer visits has a quarter."""
 AFTER = (4, 5, 6, 7, 8, 10, 12, 15, 20, 25, 30, 40, 60, 80, 120)
-"""Runs after the growth began at which the history is asked again."""
+"""Numbers of runs after the start of the growth at which the history is evaluated."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def through_files(seeds: Sequence[int]) -> None:
 
 
 def alarms_of(layout: str, world: dict[str, float], seed: int) -> int:
-    """How many changes are reported of a robot that does not change."""
+    """Return the number of changes reported for a robot that does not change."""
     visits, tests = LAYOUTS[layout]
     return len(history_of(collected(drawn_history(seed, visits, tests, **world))).changed)
 

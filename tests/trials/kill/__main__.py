@@ -70,7 +70,7 @@ class Killed:
 
 @dataclass
 class Tally:
-    """What the kills came to. tails_s: worst of each stream."""
+    """Results of the kills. tails_s: maximum of each stream."""
 
     kills: int = 0
     while_ending: int = 0
@@ -182,7 +182,7 @@ def _record(folder: Path, random: Random, process: subprocess.Popen[str]) -> Kil
 
 
 def _stop(socket: Path) -> None:
-    """Ends the recording, as far as the daemon comes with it."""
+    """Stop the recording, if the daemon still runs."""
     with contextlib.suppress(RigError), Client(socket) as client:
         client.ask("record_stop")
 

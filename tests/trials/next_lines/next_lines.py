@@ -32,7 +32,7 @@ _NEED_A_CELL = ("rigd", "record", "live", "doctor", "init", "status", "logs", "m
                 "session", "automatic", "paper")  # fmt: skip
 _STANDS_FOR = {"RUN": "{runs}", "RUN…": "{runs}", "RUNS": "{runs}", "RIG": "{rig}", "CELL": "{rig}", "FILE": "{rig}",
                "DIR": "new", "FILE.html": "new.html"}  # fmt: skip
-"""What a person puts in the place of a word in capitals."""
+"""Values of the words in capitals in hints."""
 _A_TRACKERS = {"TRACKER.csv"}
 """Files that only an instrument writes."""
 _USE = 2
@@ -53,7 +53,7 @@ class Hint:
 
 @dataclass
 class Followed:
-    """Hints by what came of them. dead: with the line that named each and the error in which it ended."""
+    """Hints by result. dead: hints with the line that named them and the resulting error."""
 
     lines: int = 0
     ends: int = 0
@@ -175,7 +175,7 @@ def _followed(
 
 
 def _filled(words: Sequence[str], place: Place, copy: Path) -> list[str]:
-    """The words as a shell gives them: placeholders, and patterns of files."""
+    """Return the arguments after expansion of placeholders and file patterns."""
     filled: list[str] = []
     for word in shlex.split(" ".join(words)):
         meant = _STANDS_FOR.get(word, word).format(runs=place.runs, rig=place.rig)

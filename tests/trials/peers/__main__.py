@@ -107,7 +107,7 @@ def timed(call: Callable[[], Array | tuple[Array, ...]]) -> float:
 
 
 def compare(name: str, arm: Arm, peer: PeerArm | None) -> Row:
-    """Everything about one arm."""
+    """Compare all results for one arm."""
     q = np.random.default_rng(2026).uniform(-np.pi, np.pi, (POSES, 6))
     pinocchio = Pinocchio(arm)
     (T, J), (T_pin, J_pin) = forward_and_jacobian(arm, q), pinocchio.forward_and_jacobian(q)

@@ -31,7 +31,7 @@ from tests.worlds.planted.targets import Stops, draw_errors, one_visit, scattere
 FIRST = 1000
 CELLS = {("yaw", "white"): 2, ("roll", "white"): 3, ("radial", "alike"): 12, ("repeatability", "alike"): 12}
 CELLS |= {("pose", "tracker alone"): 12}
-"""How many cells of each test and kind of noise; one takes long where there are two runs and their pair."""
+"""Number of cells by test and kind of noise; cells with two runs and their pair are slow."""
 
 
 @made_once

@@ -1,4 +1,4 @@
-"""A remark in a program: it stands in lines of its own, and the program does what it did."""
+"""Remarks in programs: they occupy separate lines and do not change the program."""
 
 from __future__ import annotations
 

@@ -155,7 +155,9 @@ def _bytes(draft: Draft, corrected: Corrected) -> list[Fault]:
 
 
 def _touched(draft: Draft, corrected: Corrected) -> list[Fault]:
-    """Return a fault for each target that is listed as left and whose line changed without another target on it."""
+    """Return a fault for each target that is listed as uncorrected although its line changed and contains no other
+    target.
+    """
     before, after = _texts(draft.files), _texts(corrected.files)
     return [
         Fault("left, yet changed", (name, line))
@@ -242,7 +244,7 @@ def _off_mm(F: Array, pairs: list[tuple[Reached, Reached]]) -> list[float]:
 
 
 GRAVE = ("farther off", "another posture", "bytes", "another way", "left, yet changed", "crash")
-"""What must never be."""
+"""Kinds of faults that must never occur."""
 
 
 def grave(fault: Fault) -> bool:

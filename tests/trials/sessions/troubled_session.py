@@ -127,7 +127,7 @@ class Lines:
 
 
 def main() -> None:
-    """Read a request, run the session until it is at its end, and write what came of it beside the request."""
+    """Read a request, run the session to its end, and write the result next to the request."""
     request = json.loads(Path(sys.argv[1]).read_text())
     began_s = time.monotonic()
     with SimulatedClock(request["seed"], hangs_s=_SLOWEST_INFERENCE_S).running() as simulated:

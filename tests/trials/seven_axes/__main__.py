@@ -175,8 +175,9 @@ def _posed(model: Model, table: PoseTable | TouchTable) -> Array:
 
 
 def _squares(rig: Rig, run: Measured) -> list[Effect]:
-    """Least squares of all zeros, lengths and twists, as an ordinary calibration does it, beside the set-up, by
-    singular values; what hardly shows is left alone."""
+    """Return a least-squares fit of all zeros, lengths and twists with the set-up, as in an ordinary calibration, by
+    singular values; barely visible combinations stay zero.
+    """
     table = run.table
     assert isinstance(table, PoseTable | TouchTable)
     axes = len(rig.robot.axes)

@@ -82,7 +82,7 @@ def _wired(seconds: float) -> Iterator[Errors]:
 
 
 class _Counting:
-    """What the emulated instruments show: how often they have been read."""
+    """Emulated readings that contain the number of the read access."""
 
     def __init__(self, moves: int) -> None:
         self.gauge, self.robot = Latched(GAUGE_STEP_MM, 1, moves), Latched(JOINT_STEP_DEG, 6)

@@ -28,7 +28,7 @@ ARMS = ("ur10e", "doosan-m1013", "kuka-kr-6-r900-2", "ur5e", "franka-fr3", "abb-
 BALL_MM = np.array([10.0, -5.0, 120.0])
 KINDS = ("firm", "cart", "column")
 _STIFF_JOINTS = 0.15
-"""How soft the joints of machines are beside those of light arms, which the generator draws: up to 0.9 µrad/Nm."""
+"""Compliance of the joints of machines relative to light arms, which the generator draws: up to 0.9 µrad/Nm."""
 
 
 @dataclass(frozen=True)

@@ -239,6 +239,8 @@ def _near(name: str, code: int, pieces: Sequence[Piece], place: int, last: tuple
 
 
 def _spoilt(pieces: Sequence[Piece], place: int) -> bool:
-    """Whether what came at this time, or was completed then, has bytes that were changed: what a message without a
-    checksum says then is nobody's fault."""
+    """Return whether a message received or completed at this time has changed bytes. Without a checksum such a message
+    may
+    have any content.
+    """
     return any(pieces[where].broken for where in range(max(0, place - 2), min(len(pieces), place + 1)))

@@ -151,7 +151,7 @@ class Life:
             self.wrong(f"a thread died of {type(error).__name__}: {error}")
 
     def mend(self) -> None:
-        """Let nothing be broken."""
+        """Repair all disturbances."""
         self.disk.heal()
         self.instruments.off.clear()
         self.instruments.program = 0

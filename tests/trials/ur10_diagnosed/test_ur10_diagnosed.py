@@ -51,7 +51,7 @@ def test_names_beat_24_dh_parameters_on_poses_left_out(told: str) -> None:
 
 
 def test_the_arm_shows_what_light_arms_show_and_no_backlash_is_named(told: str) -> None:
-    """By what is usual in light arms its level is 1.00; beside heavier arms, whose joints yield less, it was above."""
+    """The level is 1.00 relative to light arms, and above 1 relative to heavier arms with stiffer joints."""
     assert "backlash" not in told
     level = re.search(r"level ([\d.]+)", told)
     assert level and 0.7 < float(level.group(1)) < 1.5

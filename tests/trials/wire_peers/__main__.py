@@ -30,7 +30,7 @@ GAUGE_MM = 1.234375
 PATIENCE_S = 20.0
 ENOUGH = 200
 _NO_TESTS = 5
-"""The exit code of pytest where a whole file is skipped."""
+"""Exit code of pytest if a complete file is skipped."""
 OPC_UA_TESTS = "tests/daq/apps/opc_ua/test_opc_ua.py"
 
 

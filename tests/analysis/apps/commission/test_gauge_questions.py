@@ -77,7 +77,7 @@ def test_without_a_terminal_no_port_is_opened_that_is_not_named(monkeypatch: pyt
 
 
 def test_a_question_of_several_lines_is_said_line_by_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What prints a line escapes what would end it: a question with line feeds in it showed them as text."""
+    """Line feeds in a question are printed as line breaks and not escaped."""
     given = list[str]()
     master, slave = os.openpty()
     os.write(master, b"\x04")

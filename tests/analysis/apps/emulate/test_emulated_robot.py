@@ -1,4 +1,4 @@
-"""What the emulated robot shows of its condition: whether it drives, and what a person made it show."""
+"""Condition reported by the emulated robot: motion, and values set from the keyboard."""
 
 from __future__ import annotations
 

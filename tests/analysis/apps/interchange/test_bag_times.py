@@ -1,4 +1,4 @@
-"""Bags that say what was not measured: late messages, a second publisher, changed bits, an index that lies."""
+"""Defective bags: late messages, a second publisher, changed bits, a wrong index."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much of a model goes into constants of an arm."""
+"""Share of a model that geometric constants can represent."""
 
 from __future__ import annotations
 

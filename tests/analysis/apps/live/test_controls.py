@@ -1,4 +1,4 @@
-"""What the keys do."""
+"""Keys of the live screen."""
 
 import pytest
 

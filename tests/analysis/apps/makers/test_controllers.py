@@ -189,8 +189,10 @@ def test_a_value_that_is_no_larger_than_its_uncertainty_is_not_entered(tmp_path:
 
 
 def test_an_entry_that_gains_nothing_for_certain_is_not_made(tmp_path: Path) -> None:
-    """A zero of 2.2 u of a sound axis was written into a controller beside the one of a fault; of many that are each
-    as unsure, so many are entered that what is left out gains nothing for certain, all of it together."""
+    """A zero with a size of 2.2 u is not entered together with the zero of a fault. Of many equally uncertain zeros,
+    enough
+    are entered that the omitted ones together have no significant gain.
+    """
     fault = JointOffset(axis=3, offset_deg=0.05, found=_found(offset_deg=0.004))
     unsure = [JointOffset(axis=axis, offset_deg=0.033, found=_found(offset_deg=0.015)) for axis in (2, 4, 5)]
     entered = _printed(_cell(tmp_path, "paper-fanuc", [fault, unsure[0]]), tmp_path / "out", "--for", "fanuc")
@@ -288,7 +290,7 @@ def test_effects_that_nobody_measured_are_entered_nowhere_and_the_table_says_why
     assert done.exit_code == 0, done.output
     first = "None of the tool error over the work area (682 µm rms) can be corrected; the table gives the reasons."
     assert " ".join(done.stdout.split()).startswith(first)
-    assert "is in the rig file without" in done.stdout
+    assert "has no provenance" in done.stdout
     assert not yaml.safe_load((tmp_path / "out" / "corrections.yaml").read_text())["controller"]["entries"]
 
 

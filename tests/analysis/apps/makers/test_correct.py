@@ -304,7 +304,7 @@ def test_each_effect_is_corrected_only_where_a_target_can_and_the_uncertainty_al
 
 def test_an_effect_that_was_not_measured_is_not_corrected() -> None:
     (support,) = supports(_rig(JointOffset(axis=2, offset_deg=0.1)))
-    assert support.use == "none" and "without provenance" in support.reason
+    assert support.use == "none" and "has no provenance" in support.reason
 
 
 def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

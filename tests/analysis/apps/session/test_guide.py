@@ -99,7 +99,7 @@ def finished(session: Session, place: Path) -> None:
         assert after.um < 0.3 * before.um
 
 
-def test_a_session_drives_finds_corrects_and_drives_again(whole: Whole) -> None:
+def test_session_measures_diagnoses_corrects_and_verifies(whole: Whole) -> None:
     session = whole.session
     finished(session, whole.place)
     assert whole.driver.stages == ["yaw", "other", "yaw"]
@@ -110,7 +110,7 @@ def test_a_session_drives_finds_corrects_and_drives_again(whole: Whole) -> None:
     assert any("at the other place" in line for line in whole.screen.lines)
 
 
-def test_its_page_has_its_charts(whole: Whole) -> None:
+def test_page_contains_charts(whole: Whole) -> None:
     place = SessionDirectory(whole.place)
     (place.directory / report.PAGE).unlink()  # an empty page, which rig does not replace
     correction = whole.session.correction
@@ -129,7 +129,7 @@ def test_its_page_has_its_charts(whole: Whole) -> None:
 
 @pytest.mark.cpu_limit(150)
 @pytest.mark.usefixtures("page_at_once")
-def test_a_session_killed_at_each_step_has_the_same_end(whole: Whole, place: Path, tmp_path: Path) -> None:
+def test_session_killed_at_each_step_gives_the_same_result(whole: Whole, place: Path, tmp_path: Path) -> None:
     begun(cell_file(tmp_path), place)
     mortal = Simulated(place)
     for life in range(_MOST_LIVES):
@@ -152,12 +152,12 @@ def test_a_session_killed_at_each_step_has_the_same_end(whole: Whole, place: Pat
     assert session.verified == whole.session.verified and not session.left_alone
 
 
-def test_the_page_shows_the_diagnosis_of_its_own_runs(whole: Whole) -> None:
+def test_page_shows_the_diagnosis_of_the_session_runs(whole: Whole) -> None:
     assert whole.shown == [whole.session.diagnosed_runs] and whole.session.runs_for("judge")
 
 
 @pytest.mark.usefixtures("page_at_once")
-def test_what_is_answered_stops_the_search(place: Path, tmp_path: Path) -> None:
+def test_certain_diagnosis_stops_the_search(place: Path, tmp_path: Path) -> None:
     begun(cell_file(tmp_path), place, minutes=3.6)
     session = gone_on(place, Simulated(place), Oracle())
     skipped = [step for step in session.steps if step.skipped]
@@ -167,7 +167,7 @@ def test_what_is_answered_stops_the_search(place: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("page_at_once")
-def test_an_ambiguous_answer_puts_the_separating_test_next(place: Path, tmp_path: Path) -> None:
+def test_ambiguous_diagnosis_schedules_the_separating_test(place: Path, tmp_path: Path) -> None:
     begun(cell_file(tmp_path), place)
     ambiguous = NAMED.model_copy(update={"condition": "ambiguous", "next_test": "roll on the circle"})
     driver = Simulated(place)
@@ -184,7 +184,7 @@ def test_an_ambiguous_answer_puts_the_separating_test_next(place: Path, tmp_path
 
 @pytest.mark.usefixtures("page_at_once")
 @pytest.mark.parametrize("aim", AIMS)
-def test_a_run_in_vain_is_driven_again_and_the_third_ends_with_a_line(aim: Aim, place: Path, tmp_path: Path) -> None:
+def test_unusable_run_is_repeated_and_the_third_ends_with_an_error(aim: Aim, place: Path, tmp_path: Path) -> None:
     begun(cell_file(tmp_path), place, aim=aim)
     driver = Simulated(place, {1: "g1: 3 silent", 2: "g1: 3 silent", 3: "g1: 3 silent"})
     with pytest.raises(CellError, match=r"p02-yaw-cw: failed 3 times, last error: g1: 3 silent; check the cell"):
@@ -196,7 +196,7 @@ def test_a_run_in_vain_is_driven_again_and_the_third_ends_with_a_line(aim: Aim, 
 
 @pytest.mark.usefixtures("page_at_once")
 @pytest.mark.parametrize("aim", AIMS)
-def test_another_program_than_asked_for_counts_as_what_it_is(aim: Aim, place: Path, tmp_path: Path) -> None:
+def test_wrong_program_is_accepted_as_the_program_it_is(aim: Aim, place: Path, tmp_path: Path) -> None:
     begun(cell_file(tmp_path), place, aim=aim)
     driver = Simulated(place)
     driver.instead = {0: "p02-yaw-cw"}
@@ -207,7 +207,7 @@ def test_another_program_than_asked_for_counts_as_what_it_is(aim: Aim, place: Pa
 
 @pytest.mark.usefixtures("page_at_once")
 @pytest.mark.parametrize("aim", AIMS)
-def test_runs_of_others_are_left_alone(aim: Aim, place: Path, tmp_path: Path) -> None:
+def test_runs_of_other_users_are_ignored(aim: Aim, place: Path, tmp_path: Path) -> None:
     begun(cell_file(tmp_path), place, aim=aim)
     driver = Simulated(place)
     with pytest.raises(Killed):
@@ -227,7 +227,7 @@ def test_runs_of_others_are_left_alone(aim: Aim, place: Path, tmp_path: Path) ->
 
 
 @pytest.mark.usefixtures("page_at_once")
-def test_entries_that_nobody_confirms_end_with_what_to_do(place: Path, tmp_path: Path) -> None:
+def test_unconfirmed_entries_end_with_instructions(place: Path, tmp_path: Path) -> None:
     begun(cell_file(tmp_path), place)
     driver = Simulated(place)
     driver.can_enter = False
@@ -243,7 +243,7 @@ def test_entries_that_nobody_confirms_end_with_what_to_do(place: Path, tmp_path:
     finished(session, place)
 
 
-def test_the_state_alone_says_what_is_next(tmp_path: Path) -> None:
+def test_next_step_depends_only_on_the_state(tmp_path: Path) -> None:
     session = begun(cell_file(tmp_path), tmp_path / "session")
     assert next_of(session) == Drive(0)
     driven = tuple(
@@ -266,7 +266,7 @@ def test_the_state_alone_says_what_is_next(tmp_path: Path) -> None:
         assert why_nothing(known.model_copy(update={"judged": refused})).startswith("Do not correct: ")
 
 
-def test_a_computer_that_is_held_up_is_named_before_the_cell(place: Path, tmp_path: Path) -> None:
+def test_stalled_computer_is_reported_before_the_cell(place: Path, tmp_path: Path) -> None:
     begun(cell_file(tmp_path), place)
 
     class HeldUp(Simulated):

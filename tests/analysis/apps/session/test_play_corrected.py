@@ -74,6 +74,6 @@ def test_programs_that_know_a_play_take_most_of_it_away(maker: MakerName, tmp_pa
 
 
 def driven(rig: Rig, program: SessionProgram, maker: MakerName, directory: Path) -> float:
-    """How far the tool is from its circle where a controller of this maker drives a program, µm."""
+    """Return the distance in µm between tool and circle for a program driven by the controller of a maker."""
     write_programs(maker, [program], directory)
     return off_um(rig, Pendant(rig, directory, maker).trace(program.name).q[::5])

@@ -1,4 +1,4 @@
-"""The window in a real browser: a lap watched, pages of each size, and nothing asked of anybody else."""
+"""The window in a real browser: a lap, pages of all sizes, and no requests to other hosts."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def opened(one: Browser, address: str) -> None:
 
 
 def loaded(one: Browser, leads: Callable[[], object]) -> None:
-    """Do what leads to another page, and wait until that is there."""
+    """Trigger a navigation and wait for the next page."""
     before, end_s = len(one.named("Page.loadEventFired")), time.monotonic() + PATIENCE_S
     leads()
     while len(one.named("Page.loadEventFired")) == before:

@@ -109,7 +109,7 @@ ROWS: dict[str, Callable[[bytes], int]] = {
     "parquet": lambda data: pq.read_table(io.BytesIO(data)).num_rows,
     "xlsx": lambda data: zipfile.ZipFile(io.BytesIO(data)).read("xl/worksheets/sheet1.xml").count(b"<row ") - 1,
 }
-"""How many rows of readings a table has, by its kind."""
+"""Functions that count the rows of a table, by format."""
 
 
 @pytest.mark.parametrize("kind", cases(ROWS, ("csv",)))

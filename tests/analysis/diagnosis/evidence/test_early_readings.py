@@ -48,7 +48,7 @@ def test_joints_that_went_on_after_they_were_read_are_reported() -> None:
     assert set(reported) == {2, 4} and reported[2] == pytest.approx(0.02, abs=0.003)
     act = found.next_act
     assert act is not None and (act.kind, act.why) == ("wait", "early")
-    assert "rest longer before each pose is read" in ActWords(found).next
+    assert "settle longer before each reading" in ActWords(found).next
 
 
 def test_an_arm_whose_joints_were_read_early_is_not_called_sound() -> None:

@@ -108,7 +108,7 @@ def test_noise_does_not_swing(seed: int) -> None:
 
 @pytest.mark.parametrize(("odds", "count"), [(15.0, 0), (25.0, 1)])
 def test_a_swing_is_a_name_only_with_odds_of_20_to_1(odds: float, count: int) -> None:
-    """Also where nothing is tolerated, and the least swing would matter."""
+    """Also with zero tolerance, for which the smallest swing would matter."""
     found = FoundVibration(vibration_at(15.8, 1e-4), 1e-4, {}, float(np.log(odds)), {})
     assert len(named_vibration(found, np.zeros(2), 1.0)) == count
 

@@ -1,4 +1,4 @@
-"""Noise from repeats: its shape, a level for each run, how runs lie elsewhere; assumed where nothing is repeated."""
+"""Noise from repeats: spectrum, level of each run, and scatter between runs; assumed if there are no repeats."""
 
 from __future__ import annotations
 

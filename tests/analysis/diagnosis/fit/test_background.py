@@ -53,7 +53,7 @@ def _log_density(y: Array, covariance: Array) -> float:
 
 
 def _with_known(variance: Array) -> Array:
-    """Covariance of the readings, what is known beside the background included."""
+    """Return the covariance of the readings, including the known columns."""
     return _covariance(variance) + T @ np.linalg.inv(PRECISION) @ T.T
 
 
@@ -70,7 +70,7 @@ def test_products_and_determinant_are_those_of_the_dense_covariance() -> None:
 
 @pytest.mark.parametrize("scale", [1.0, 0.3])
 def test_a_response_has_the_same_products_in_every_background(scale: float) -> None:
-    """Its products are kept, and the noise of another background weighs them anew: by band, and reading by reading."""
+    """The products are stored, and reweighted for the noise of another background, by band and by reading."""
     one, columns = Response(T), BACKGROUND.columns
     for weight in (np.ones(N), WEIGHT, np.where(BAND == 0, scale, 1.0)):
         background = background_of(columns, weight, VARIANCE, EXPECTED)

@@ -21,7 +21,9 @@ _SURE = 7.0
 def _beside(
     linear: Linearisation, left: Array, known: Array | None = None, more: Array | None = None
 ) -> CoefficientPosterior:
-    """What is left (N,) beside noise and set-ups; known: columns (N, q) of free size; more: of standard deviation 1."""
+    """Return the residual (N,) after noise and set-ups; known: columns (N, q) of free size; more: of standard
+    deviation 1.
+    """
     T = np.empty((len(left), 0)) if known is None else known
     q = T.shape[1]
     return no_background(linear, more).posterior(

@@ -60,7 +60,7 @@ def test_size_and_shape_are_found_from_afar(case: str) -> None:
 
 @pytest.mark.parametrize("ppm", [2100.0, -2100.0])
 def test_a_fit_begins_within_what_a_rig_file_may_state(ppm: float) -> None:
-    """What stands beside an effect is made of it, and refuses a size beyond the limit: 2048 ppm ended a diagnosis."""
+    """Neighbouring forms of an effect stay within the limits of a rig file; 2048 ppm once stopped a diagnosis."""
     begin = ThermalGrowth().model_copy(update={"ppm": ppm})
     (growth,) = refine(holding(healthy(), white(healthy(), 1)), no_background(healthy()), [begin]).effects
     assert abs(getattr(growth, "ppm")) < 2000.0  # noqa: B009
@@ -87,7 +87,7 @@ def test_a_large_effect_is_found_with_the_set_up_that_it_moves() -> None:
 
 
 def test_a_play_that_may_not_be_wide_enough_does_not_replace_a_zero() -> None:
-    """A play whose flank gravity holds does what a zero does, if it were as wide as the tangents lead."""
+    """A backlash whose flank is held by gravity resembles a zero if it is as wide as the linearisation suggests."""
     zero = JointOffset(axis=2, offset_deg=1.5)
     linear = holding(healthy(), shown_by(healthy(), [zero]) + white(healthy(), 6))
     background = no_background(linear)

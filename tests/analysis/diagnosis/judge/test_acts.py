@@ -304,7 +304,7 @@ class _Judged:
 
 
 def test_a_test_that_separates_rivals_is_looked_for_from_the_shortest_on() -> None:
-    """Each that is asked is simulated whole: those that take longer than one that is enough are not."""
+    """Each candidate is simulated completely; candidates longer than a sufficient one are skipped."""
     asked: list[str] = []
 
     def possible(name: str, minutes: float, sigma: float) -> PossibleTest:

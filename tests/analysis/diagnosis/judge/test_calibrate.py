@@ -1,4 +1,4 @@
-"""Given effects, fitted to simulated runs and to poses of another generator: what was planted comes out, within u."""
+"""Fit of given effects to simulated runs and to independently generated poses: the true sizes are found within u."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ def test_targets_that_are_off_are_counted_and_the_worst_is_named() -> None:
     assert (place.test, place.direction, place.joint) == ("radial", None, None)
     assert (place.from_deg, place.to_deg) == (min(numbers), max(numbers))
     assert place.why.startswith(f"2 of {len(left)} targets") and place.why.endswith(
-        f"differ, most of all number {numbers[1]}"
+        f"differ, most at number {numbers[1]}"
     )
 
 

@@ -304,7 +304,7 @@ def test_no_name_stands_with_which_the_model_explains_no_more() -> None:
 def test_a_name_that_ends_at_the_limit_of_its_size_is_doubted() -> None:
     most = size_limits(JointOffset(axis=3))[1]
     one = Named(JointOffset(axis=3, offset_deg=most), {}, 1.0, (), 1.0, "", 500.0, None)
-    assert doubts_of_limits([one])[0].startswith("the zero of axis 3 reached the limit of its size")
+    assert doubts_of_limits([one])[0].startswith("the zero of axis 3 reached the size limit")
     inside = replace(one, effect=JointOffset(axis=3, offset_deg=0.95 * most))
     assert doubts_of_limits([inside, replace(one, doubt="usual")]) == ()
     nearly = replace(one, effect=JointOffset(axis=3, offset_deg=-most * (1 - 1e-15)))

@@ -1,4 +1,4 @@
-"""The plan: what is alike stays alike when fitted, what parts it does, nothing is promised that the arm cannot."""
+"""The plan: similar effects remain similar in a fit, separating tests separate them, and all tests are possible."""
 
 from __future__ import annotations
 
@@ -220,8 +220,10 @@ def test_the_command_prints_words_or_one_object(
     assert "Most useful further test: hemisphere (radial)" in told.stdout
     assert "length a of axis 6 (a5)" in told.stdout
     assert "Not possible here: a flight: no wings" in told.stdout
-    assert "Assumed noise" in told.stdout and "a target, between stops 24.5 µm" in " ".join(told.stdout.split())
-    assert "all its other errors have their usual size" in " ".join(told.stdout.split())
+    assert "Assumed noise" in told.stdout and "position of a target between stops 24.5 µm" in " ".join(
+        told.stdout.split()
+    )
+    assert "all other errors have their usual size" in " ".join(told.stdout.split())
     assert "of 87 possible errors" in told.stdout, "a gear is one name, regardless of its orders"
     found = json.loads(CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll", "--json"]).stdout)
     assert {"tests", "runs", "effects", "groups", "pairs", "further", "not_possible"} <= found.keys()

@@ -1,4 +1,4 @@
-"""What a person reads of a convention that is not kept: at import, with figures, from rig check, before a diagnosis."""
+"""Messages about a broken convention: at import, with the figures, in rig check, and before a diagnosis."""
 
 from __future__ import annotations
 

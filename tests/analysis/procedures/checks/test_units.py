@@ -1,4 +1,4 @@
-"""Units and labels taken by mistake are noticed where the data prove it, and nothing else is claimed."""
+"""Wrong units and labels are reported if the data prove them, without false reports."""
 
 from __future__ import annotations
 

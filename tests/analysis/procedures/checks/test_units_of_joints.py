@@ -1,4 +1,4 @@
-"""Joints that stand where none can: degrees that were read as radians, by a map that says so."""
+"""Impossible joint angles: degrees read as radians because of the map."""
 
 from __future__ import annotations
 

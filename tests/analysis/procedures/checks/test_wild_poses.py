@@ -111,7 +111,7 @@ def test_what_is_left_of_held_out_poses_is_as_without_wild_ones(spoil: str) -> N
 
 @pytest.mark.parametrize("which", ["rows from about 31 on", "every other row"])
 def test_two_reflectors_in_one_run_are_told(which: str) -> None:
-    """Each row alone lies near an arm that is fitted to both."""
+    """Each row alone is close to an arm fitted to both reflectors."""
     seen = _seen(0)
     later = np.arange(60) >= 30 if "from" in which else np.arange(60) % 2 == 1
     T = forward(without_setup(arm_of(RIG.robot)), seen.q)

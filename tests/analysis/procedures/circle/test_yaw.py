@@ -62,7 +62,7 @@ def test_eccentricity_is_the_ball_from_the_centre() -> None:
 
 
 def test_a_sine_is_not_pulled_to_where_rows_are_dense() -> None:
-    """Half of the lap at ten times the density: what is left beside the sine must not bend it."""
+    """Half of the lap has ten times the density; the residual there must not bias the sine."""
     phi = np.concatenate(
         [np.linspace(0, np.pi, 2000, endpoint=False), np.linspace(np.pi, 2 * np.pi, 200, endpoint=False)]
     )

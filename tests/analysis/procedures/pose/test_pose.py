@@ -185,7 +185,7 @@ def test_without_visits_nobody_knows_the_orientations_uncertainty_and_json_says_
 
 
 def test_poses_need_neither_gauges_nor_feedback(tmp_path: Path) -> None:
-    """A cell with a tracker alone: nothing is invented, and what needs gauges is refused in one line."""
+    """A cell with only a tracker: figures are complete, and commands that need gauges fail with one line."""
     data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
     rig = tmp_path / "tracker.yaml"
     rig.write_text(yaml.safe_dump({"name": "tracker", "robot": data["robot"]}))

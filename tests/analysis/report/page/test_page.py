@@ -64,7 +64,7 @@ def page(report: Report) -> str:
 
 
 def _small(report: Report) -> Report:
-    """A report of its last run alone, where nothing was found: pictures are most of a page's time."""
+    """Return a report of the last run without a finding, because pictures take most of the time."""
     return replace(report, results=report.results[-1:], found=diagnosis("not_testable_here", curves=(), maps=()))
 
 

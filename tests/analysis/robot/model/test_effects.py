@@ -215,7 +215,7 @@ def test_a_spike_hangs_back_against_the_new_direction_and_relaxes() -> None:
 
 
 def test_spikes_of_a_long_motion_are_the_sum_of_all_of_them() -> None:
-    """Each is left out once nothing of it is left; of these hundred some still last at the next turn."""
+    """A spike is dropped after its decay. Some of these hundred last until the next reversal."""
     t = np.arange(0.0, 400.0, 0.02)
     q = np.zeros((len(t), 6))
     q[:, 1] = np.sin(2 * np.pi * t / 8.0)

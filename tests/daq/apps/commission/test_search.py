@@ -61,7 +61,7 @@ class Simulated:
 
 @contextmanager
 def simulated(kind: str, *told: bytes) -> Iterator[Simulated]:
-    """told: what the owner of each instrument has sent it before."""
+    """told: bytes that the owner sent to each instrument before."""
     rig, made = parse(cell_text(kind, "ur"), "unknown"), Simulated({}, ByHand())
     devices = instruments_of(rig, made.hand)
     with ExitStack() as at_the_end:
@@ -125,7 +125,7 @@ def test_a_silent_port_of_the_computer_is_given_up_soon(monkeypatch: pytest.Monk
 
 
 def test_the_ports_to_choose_from_are_those_of_rig_doctor(tmp_path: Path) -> None:
-    """A PC has 32 names of which most have no chip behind them."""
+    """A PC has 32 port names, most of them without hardware."""
     (tmp_path / "dev").mkdir()
     for name, kind in [("ttyS0", "4"), ("ttyS1", "0"), ("ttyUSB0", "")]:
         (tmp_path / "dev" / name).touch()

@@ -1,7 +1,7 @@
-"""Programs with corrected targets: the faulty arm drives them, and what is left is what `rig correct` states.
+"""Programs with corrected targets: driven by the faulty arm, they leave the error stated by `rig correct`.
 
-The programs are run by the interpreters; the faulty arm is multiplied out by code that shares nothing with the
-correction. The fault is larger than the rig file says by exactly its standard uncertainty, so that is what is left.
+The programs run in the interpreters. The faulty arm is computed independently of the correction. The fault exceeds the
+size in the rig file by exactly its standard uncertainty.
 """
 
 from __future__ import annotations
