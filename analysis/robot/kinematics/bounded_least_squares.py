@@ -6,9 +6,6 @@ import numpy as np
 
 from analysis.robot.kinematics.arm import Array, Mask
 
-_ROUNDING = 1e-13
-"""Slope at a bound, relative to column and values, that counts as zero. Chosen: a few hundred roundings."""
-
 
 def bounded_least_squares(A: Array, values: Array, low: Array, high: Array) -> tuple[Array, Mask]:
     """Return the unknowns (q,) within bounds that minimise |A x - values|, and the mask of those at a bound.
@@ -18,7 +15,8 @@ def bounded_least_squares(A: Array, values: Array, low: Array, high: Array) -> t
     x = np.clip(np.zeros(A.shape[1]), low, high)
     free = (x > low) & (x < high)
     x = _step_within(A, values, (low, high), x, free)
-    rounding = _ROUNDING * np.linalg.norm(A, axis=0) * np.linalg.norm(values)
+    # A smaller slope counts as zero. Chosen: a few hundred roundings.
+    rounding = 1e-13 * np.linalg.norm(A, axis=0) * np.linalg.norm(values)
     for _ in range(3 * len(x)):  # as in Lawson and Hanson's program (1974)
         slope = A.T @ (values - A @ x)
         inwards = np.where(free, 0.0, np.where(x <= low, slope, -slope)) - rounding
