@@ -129,11 +129,8 @@ def _gain(y: Array, turned: Array, variance: Array) -> float:
     """
     white, seen = turned / np.sqrt(variance)[:, None], y / np.sqrt(variance)
     inner, projected = white.T @ white, white.T @ seen
-    count, left = len(y), float(seen @ seen)
-    logs = []
-    for level in LEVELS.tolist():
-        full = level**2 * inner + np.eye(len(inner))
-        explained = level**2 * float(projected @ np.linalg.solve(full, projected))
-        gain = -0.5 * count * np.log1p(-min(explained / left, 1 - 1e-9))
-        logs.append(gain - 0.5 * float(np.linalg.slogdet(full)[1]))
+    values, vectors = np.linalg.eigh(inner)  # once for all levels
+    full = 1.0 + LEVELS[:, None] ** 2 * np.maximum(values, 0.0)
+    explained = LEVELS**2 * ((vectors.T @ projected) ** 2 / full).sum(axis=1) / float(seen @ seen)
+    logs = -0.5 * len(y) * np.log1p(-np.minimum(explained, 1 - 1e-9)) - 0.5 * np.log(full).sum(axis=1)
     return float(np.logaddexp.reduce(logs) - np.log(len(logs)))

@@ -19,8 +19,8 @@ from analysis.diagnosis.fit.background import Background, FittedTerms, MarginalV
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.departures import departure_columns, fewest_columns, similar_columns
 from analysis.diagnosis.fit.responses import Linearisation, Response
-from analysis.procedures.shared.bounded_least_squares import bounded_least_squares
 from analysis.robot.kinematics.arm import Array
+from analysis.robot.kinematics.bounded_least_squares import bounded_least_squares
 from rigs.effects import Effect, bounds, healthy_size, one_sided, size_field
 from rigs.schema.effect import PHASE, is_wave, name_of
 

@@ -83,10 +83,10 @@ class JudgedFigure:
         return self.limit.straddled(self.figure.value, self.figure.u)
 
     @property
-    def excess(self) -> float:
-        """Size of the figure in units of the last bound; the worst sorts first."""
+    def rank(self) -> tuple[int, float]:
+        """Sort key: standing, then size in units of the last bound; the worst sorts first."""
         bound = self.limit.fail if self.limit.fail is not None else self.limit.watch
-        return abs(self.figure.value) / (bound or 1.0)
+        return _WORST.index(self.standing), -abs(self.figure.value) / (bound or 1.0)
 
 
 def judged_figures(results: Sequence[Result], limits: Limits) -> tuple[JudgedFigure, ...]:
@@ -99,12 +99,7 @@ def judged_figures(results: Sequence[Result], limits: Limits) -> tuple[JudgedFig
                 if (limit := limits.of(test, name)) is not None:
                     sheet = limits.from_data_sheet(test, name)
                     judged.append(JudgedFigure(test, column, name, figure, limit, sheet))
-    return tuple(sorted(judged, key=_rank))
-
-
-def _rank(figure: JudgedFigure) -> tuple[int, float]:
-    """Sort key of a judged figure, smallest for the worst."""
-    return _WORST.index(figure.standing), -figure.excess
+    return tuple(sorted(judged, key=lambda figure: figure.rank))
 
 
 def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Literal["rig_file", "data_sheet"] | None]:
@@ -123,7 +118,7 @@ def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Li
             break
     if not judged:
         return None, None
-    worst = min(judged, key=_rank)
+    worst = min(judged, key=lambda figure: figure.rank)
     return worst.standing, "data_sheet" if worst.of_data_sheet else "rig_file"
 
 

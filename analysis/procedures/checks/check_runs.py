@@ -111,11 +111,6 @@ def _by_kind(convention: str) -> Callable[[Runs], Iterator[Finding]]:
     return _each(lambda run: findings_against(convention, run.table, run.rig))
 
 
-def _of_sources(runs: Runs) -> Iterator[Finding]:
-    """Yield the findings about the source of positions; those of a simulated arm are computed on purpose."""
-    return _SOURCES([run for run in runs if not run.is_simulated])
-
-
 def _of_joints(run: Measured) -> Iterator[Finding]:
     """Yield the findings about the joints of a run, except after an import map, which has already compared the poses
     with the arm.
@@ -182,14 +177,14 @@ CONVENTIONS = (
 """All conventions, in reading order."""
 
 _SHOWN_BY_PATHS = (WILDNESS, DUPLICATES)
-_SOURCES = _by_kind(SOURCE)
 _OF_PATHS = tuple(map(_by_kind, _SHOWN_BY_PATHS))
 _FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
     _each(lambda run: unit_findings(run.table, run.rig)),
     _each(lambda run: unsigned_findings(run.table, run.rig)),
     _each(_of_joints),
     _gauges,
-    _of_sources,
+    # Positions of a simulated arm are computed on purpose.
+    _each(lambda run: () if run.is_simulated else findings_against(SOURCE, run.table, run.rig)),
     _by_kind(STAMPS),
     _by_kind(PLACE),
     _each(stand_findings),

@@ -29,10 +29,10 @@ import numpy as np
 from analysis.procedures.checks.checks_of_test import checks_of, findings_against
 from analysis.procedures.checks.finding import Finding, Misfit, Strength
 from analysis.procedures.prediction import nominal_setup, path_of, read
-from analysis.procedures.shared.bounded_least_squares import bounded_least_squares
 from analysis.robot.geometry.circle import frame_of, link_angle, link_readings
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import Array, arm_of, forward
+from analysis.robot.kinematics.bounded_least_squares import bounded_least_squares
 from analysis.robot.model.predict import Model, model_of, moved
 from analysis.runs.laps import is_on_circle, laps_of
 from analysis.runs.loading import Measured

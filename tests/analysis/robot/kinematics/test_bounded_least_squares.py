@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear, nnls
 
-from analysis.procedures.shared.bounded_least_squares import bounded_least_squares
+from analysis.robot.kinematics.bounded_least_squares import bounded_least_squares
 
 
 @pytest.mark.parametrize("seed", range(40))
