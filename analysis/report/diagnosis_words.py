@@ -18,7 +18,7 @@ from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES
 _WHOLE_LAP_DEG = 350.0
 LEAST_ODDS = 0.01
 """Odds below which a cause is shown as "< 1 %" and not listed among the likeliest."""
-UPPER_BOUND = 1 / 3
+_UPPER_BOUND = 1 / 3
 """Ratio to the standard uncertainty below which a figure is shown as an upper bound."""
 
 
@@ -84,7 +84,7 @@ def um_with_u(um: float, u_um: float) -> str:
     """Return a size in µm ± standard uncertainty to a tenth, for a table column; "< u" if much smaller than u."""
     if not math.isfinite(um):
         return "–"
-    if um < UPPER_BOUND * u_um:
+    if um < _UPPER_BOUND * u_um:
         return f"< {u_um:.1f}"
     return f"{um:.1f} ± {u_um:.1f}" if u_um > 0 else f"{um:.1f}"
 
@@ -94,13 +94,19 @@ def measured_u(diagnosis: Diagnosis, u_um: float) -> float:
     return u_um if diagnosis.shows_noise or diagnosis.repeated else 0.0
 
 
-def size_in_words(um: float, u_um: float) -> str:
-    """Return a size in µm ± standard uncertainty; "< u" if much smaller than u."""
+def error_size(um: float, u_um: float) -> str:
+    """Return an error in µm with its standard uncertainty, both with the same decimals; "< u" if much smaller."""
     if not math.isfinite(um):
         return "–"
-    if um < UPPER_BOUND * u_um:
-        return f"< {micrometres(u_um)}"
-    return f"{micrometres(um).removesuffix(' µm')} ± {micrometres(u_um)}" if u_um > 0 else micrometres(um)
+    if um < _UPPER_BOUND * u_um:
+        return f"< {error_size(u_um, 0.0)}"
+    decimals = 1 if min(um, u_um or um) < 9.95 else 0
+    return f"{um:.{decimals}f} ± {u_um:.{decimals}f}" if u_um > 0 else f"{um:.{decimals}f}"
+
+
+def size_in_words(um: float, u_um: float) -> str:
+    """Return a size in µm ± standard uncertainty; "< u" if much smaller than u."""
+    return f"{error_size(um, u_um)} µm" if math.isfinite(um) and u_um > 0 else micrometres(um)
 
 
 def runs_of(place: ResidualPlace | Curve | ResidualBand) -> str:

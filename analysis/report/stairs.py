@@ -11,9 +11,8 @@ from analysis.diagnosis.judge.comparison import Disagreement
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.judge.staircase import ModelResidual, Staircase
 from analysis.report.answer_words import AnswerWords
-from analysis.report.diagnosis_words import measured_u, plain
+from analysis.report.diagnosis_words import error_size, measured_u, plain
 from analysis.report.plain_console import bare_table, right
-from analysis.report.summary import error_size
 from analysis.report.texts import Texts, texts_of
 
 _BAR = 16

@@ -5,12 +5,11 @@ Page, window, terminal and picture show the same words.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
 from analysis.correction.deviation import Deviation
-from analysis.report.diagnosis_words import UPPER_BOUND
+from analysis.report.diagnosis_words import error_size
 from analysis.report.texts import Texts
 
 Tone = Literal["pass", "watch", "fail", "unjudged"]
@@ -75,16 +74,6 @@ class Summary:
     next: str
     command: str = ""
     tone: Tone = "unjudged"
-
-
-def error_size(um: float, u_um: float) -> str:
-    """Return an error in µm with its standard uncertainty, both with the same decimals; "< u" if much smaller."""
-    if not math.isfinite(um):
-        return "–"
-    if um < UPPER_BOUND * u_um:
-        return f"< {error_size(u_um, 0.0)}"
-    decimals = 1 if min(um, u_um or um) < 9.95 else 0
-    return f"{um:.{decimals}f} ± {u_um:.{decimals}f}" if u_um > 0 else f"{um:.{decimals}f}"
 
 
 _CHANGES_ARM = ("repair", "remaster", "enter", "check")

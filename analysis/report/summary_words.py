@@ -20,14 +20,13 @@ from analysis.report.answer_words import (
     part_of,
     unusual_groups,
 )
-from analysis.report.diagnosis_words import measured_u, size, sure
+from analysis.report.diagnosis_words import error_size, measured_u, size, sure
 from analysis.report.summary import (
     WITHOUT_FAULT,
     BarSegment,
     ErrorChange,
     Summary,
     Tone,
-    error_size,
     with_driven_error,
 )
 from analysis.report.texts import Texts, texts_of

@@ -190,7 +190,10 @@ def _approaches(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
             unknown = Act("approach", "history", remains_um=part.um, remains_u_um=part.u_um)
             figures = max(sides, key=lambda act: act.remains_um, default=unknown)
             against = tuple(_of_the_place(diagnosis, judged))
-            acts.append(replace(figures, kind="approach", why="history", parts=(k,), effect=effect, against=against))
+            if figures.removes or not sides:
+                acts.append(
+                    replace(figures, kind="approach", why="history", parts=(k,), effect=effect, against=against)
+                )
     return acts
 
 

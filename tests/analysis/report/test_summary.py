@@ -22,7 +22,8 @@ from analysis.movement.between import with_movements
 from analysis.report.act_words import ActWords
 from analysis.report.answer_words import AnswerWords
 from analysis.report.diagnosis_screen import as_screen
-from analysis.report.summary import Summary, error_size
+from analysis.report.diagnosis_words import error_size
+from analysis.report.summary import Summary
 from analysis.report.summary_screen import StackedBar, on_screen
 from analysis.report.summary_words import step_of, summarise
 from analysis.report.texts import LANGUAGES, Language, texts_of
