@@ -32,13 +32,9 @@ from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
 
-_FEWEST, _SPREAD = 12, 60
-"""Minimum number of postures of a work area used to judge a correction, and the number used otherwise. Chosen: about
-24 constants need several times as many values.
-"""
-FEWEST_TAUGHT = 12
-"""Minimum number of postures at which frame and tool are taught. Chosen: their nine constants take a quarter of the
-coordinates.
+FEWEST_TAUGHT, _SPREAD = 12, 60
+"""Minimum number of postures at which frame and tool are taught and a correction is judged, and the number used
+otherwise. Chosen: the nine constants of frame and tool take a quarter of 36 coordinates.
 """
 _AROUND_RAD = np.radians(30.0)
 """Range around the work area if the runs' joint angles are unknown. Chosen: a usual range."""
@@ -77,7 +73,7 @@ def spread_angles(rig: Rig, joints_rad: Array | None) -> Array:
     low, high = work.min(axis=0), work.max(axis=0)
     if joints_rad is not None:
         low, high = np.vstack([joints_rad, limits[len(joints_rad) :]]).T
-    elif len(work) < _FEWEST:
+    elif len(work) < FEWEST_TAUGHT:
         low, high = low - _AROUND_RAD, high + _AROUND_RAD
     low, high = np.maximum(low, limits[:, 0]), np.minimum(high, limits[:, 1])
     postures: Array = np.random.default_rng(0).uniform(low, np.maximum(low, high), (_SPREAD, len(low)))
@@ -89,7 +85,7 @@ def work_or_spread(rig: Rig, joints_rad: Array | None) -> Array:
     angles (6, 2) rad of the runs.
     """
     work = work_angles(rig)
-    return work if len(work) >= _FEWEST else spread_angles(rig, joints_rad)
+    return work if len(work) >= FEWEST_TAUGHT else spread_angles(rig, joints_rad)
 
 
 def tool_poses(model: Model, q: Array) -> Array:

@@ -48,7 +48,8 @@ class Labels:
     further: name in a plan as an additional test in a rig file with that section, and the reason for adding it.
     along: abscissa of the curve in a table of measured and simulated values.
     setup: description of the set-up terms.
-    no_repeats: message if no reading was repeated; empty if the message is common to all tests.
+    no_repeats: message if no reading was repeated; empty if the message is common to all tests. no_scale: message if no
+    distance is known; empty if the readings are lengths.
     joints_fit: predicate of a message about rows whose joints have the labelled meaning.
     rows: name of the rows.
     distance_from: origin of the distance of an outlier.
@@ -62,6 +63,7 @@ class Labels:
     along: str = "place"
     setup: str = "the ball's position and the gauges' zeros"
     no_repeats: str = ""
+    no_scale: str = ""
     joints_fit: str = "rows match the path of the test"
     rows: str = "targets"
     distance_from: str = ""

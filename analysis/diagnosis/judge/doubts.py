@@ -63,17 +63,10 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
         doubts.append(
             f"the robot was at rest at every reading, so errors that depend on speed{back} are barely visible"
         )
-    if len(blocks) > 1 and all(_is_scale_free(block) for block in blocks):
-        doubts.append(
-            "no distance between two sockets is stated, so a common scale of all lengths is uncertain; measure one, write "
-            "tests.touch.distances in the rig file, and diagnose with --rig FILE"
-        )
+    no_scale = {labels_of(block.table.test).no_scale * (not block.model.rig.tests.distances) for block in blocks}
+    if len(blocks) > 1 and "" not in no_scale:
+        doubts += no_scale
     return tuple(dict.fromkeys(doubts))  # each socket of a run is a separate block
-
-
-def _is_scale_free(block: Block) -> bool:
-    """Return whether readings are touches without a known distance, which do not show a common scale of all lengths."""
-    return block.table.test == "touch" and not block.model.rig.tests.distances
 
 
 def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:

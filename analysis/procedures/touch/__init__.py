@@ -21,6 +21,10 @@ LABELS = Labels(
         "no posture was touched twice, so the scatter of a seated ball is estimated from the residuals of the model; "
         "touch some postures twice"
     ),
+    no_scale=(
+        "no distance between two sockets is stated, so a common scale of all lengths is uncertain; measure one, write "
+        "tests.touch.distances in the rig file, and diagnose with --rig FILE"
+    ),
     rows="touches",
     joints_fit="touches return to their sockets",
     distance_from="from its socket",

@@ -532,7 +532,8 @@ def _move(reader: KrlReader, file: int, begin: int, line: str, move: re.Match[st
             _list(reader, file, begin, "arc", text)
             reader.blocks.add(ForgetFamily(EXTERNAL, reader.why(file, begin, _ARC_MOVES_AXES)))
             continue
-        if file >= reader.points.files and _is_incomplete(reader, file, begin, text):
+        reason = reader.literal(file, begin, LITERAL_TYPE.sub("", text[1:-1]), "")[1]
+        if file >= reader.points.files and reason == "incomplete":  # {Z 100} keeps the other coordinates of the arm.
             reader.blocks.add(Elsewhere(reader.why(file, begin, text)))
             continue
         key = _point(reader, file, begin, start, text, kind)
@@ -560,13 +561,6 @@ def _leave(reader: KrlReader, file: int, begin: int, reason: Reason, name: str) 
 def _list(reader: KrlReader, file: int, begin: int, reason: Reason, name: str) -> None:
     if file < reader.points.files:
         reader.points.leave(UncorrectedTarget(file, reader.lines[file].at(begin), name.strip()[:60], reason))
-
-
-def _is_incomplete(reader: KrlReader, file: int, begin: int, text: str) -> bool:
-    """Return whether a point like {Z 100} keeps coordinates of the position before, as a relative move does."""
-    if not (text.startswith("{") and text.endswith("}")):
-        return False
-    return reader.literal(file, begin, LITERAL_TYPE.sub("", text[1:-1]), "")[1] == "incomplete"
 
 
 def _point(reader: KrlReader, file: int, begin: int, start: int, text: str, kind: str) -> str | None:
