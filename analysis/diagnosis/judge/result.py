@@ -296,8 +296,7 @@ class Remainder:
     """Residual beyond the noise that neither the named effects nor the usual errors of a healthy arm explain.
 
     um: rms in µm, including the contribution of contradicted effects; at most the residual before the diagnosis.
-    share: share of the squared residual before the diagnosis.
-    words: description of the pattern.
+    share: share of the squared residual before the diagnosis. words: description of the pattern.
     healthy_um: rms of the usual errors of a healthy arm.
     at_new_places: True if this is the error at places not used in the fit, because it is larger there.
     is_material: True if it exceeds the scatter of a run.
@@ -337,8 +336,7 @@ class Gap:
     """Root mean square of the residual in µm, before and after the effects are added to the model.
 
     runs: names of the runs.
-    before_um: rms with the initial model.
-    after_um: rms with the effects found.
+    before_um, after_um: rms with the initial model, and with the effects found.
     noise_floor_um: rms of the noise and of the scatter between runs, partly absorbed by a fitted set-up.
     calibrated_um: rms with the calibrated model, which contains everything that the runs used determine.
     tests: residual of each kind of test.

@@ -147,6 +147,7 @@ def test_no_test_is_evaluated_after_one_that_failed(
         evaluated.append(runs[0].run.manifest.test)
         return laps
 
+    # private: counts the evaluations, which no result shows
     monkeypatch.setattr("analysis.diagnosis.judge.verdict._results_of", results_of)
     yaw = laps[0].measured
     manifest = yaw.run.manifest.model_copy(update={"test": "roll"})
