@@ -28,6 +28,7 @@ from analysis.diagnosis.judge.unexplained import unexplained_of, unrepeated_um, 
 from analysis.diagnosis.judge.validate import Validation
 from analysis.diagnosis.judge.validation import held_out_gains, shows_noise
 from analysis.diagnosis.judge.verdict import (
+    CRUMBS,
     accuracy_of,
     alone_out_of_range,
     ambiguous_names,
@@ -87,7 +88,7 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Verdict
     accuracy = accuracy_of(gaps, *standing)
     remainder = remainder_of(result, named, result.scatter_limits_um, gaps)
     unrepeated = None if early else unrepeated_um(result)
-    unknown_um = max(remainder.um if remainder.is_material else 0.0, unrepeated or 0.0)
+    unknown_um = max(remainder.um if _limits_names(remainder) else 0.0, unrepeated or 0.0)
     named = within_unexplained(named, unknown_um, gaps.train.noise_floor_um)
     if any(run.has_only_commanded_angles for run in evidence.uses.used):
         named = within_commanded(named)
@@ -102,6 +103,11 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Verdict
     if condition == "outside_library":
         answer = _of_unknown_cause(answer, fit, validation)
     return _verdict(answer, evidence, fit, validation), Findings(early, at_limits)
+
+
+def _limits_names(remainder: Remainder) -> bool:
+    """Return whether a remainder may imitate effects: it is material, and at new places no negligible share."""
+    return remainder.is_material and (not remainder.at_new_places or remainder.share > CRUMBS)
 
 
 def _named_in(
