@@ -383,7 +383,7 @@ def _path(path: str | Path, name: str) -> Path:
     """Return an argument as a path. Raises UseError for any other type."""
     if not isinstance(path, str | Path):
         raise UseError(name, f"must be a path, but has the type {type(path).__name__}", "give a string or a Path")
-    return Path(path)
+    return path if isinstance(path, Path) else Path(path)
 
 
 def _run(run: AnyRun) -> Measured:

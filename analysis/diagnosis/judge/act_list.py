@@ -388,7 +388,8 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
     """
     if measurement.why in ("commanded", "visits_differ", "revisit"):
         is_largest = measurement.parts[:1] == (0,)
-        return measurement.why != "revisit" or is_largest or _is_more_than_scatter(diagnosis)
+        is_confirmed = bool(acts) and acts[0].why == "fault"  # a fault much larger than the deviations
+        return measurement.why != "revisit" or is_largest or (_is_more_than_scatter(diagnosis) and not is_confirmed)
     if measurement.why in ("unexplained", "follows"):
         return not any(act.kind == "load" for act in acts)
     if measurement.why == "one_lap":

@@ -187,7 +187,8 @@ def test_columns_missing_or_misnamed() -> None:
         "names and units (--map)"
     )
     assert told("yaw", {"g1_mm": "g1_um", "g2_mm": "G2 [inch]"}) == [
-        "t.csv, line 1, g1_mm: this column is missing; is 'g1_um' meant? Then rename the column to g1_mm, in mm",
+        "t.csv, line 1, g1_mm: this column is missing; is 'g1_um' meant? Then rename the column to g1_mm, in mm "
+        "(multiply the values by 0.001)",
         "t.csv, line 1, g2_mm: this column is missing; is 'G2 [inch]' meant? Then rename the "
         f"column to g2_mm, in mm; {needs}",
     ]

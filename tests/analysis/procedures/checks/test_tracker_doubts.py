@@ -34,7 +34,7 @@ def test_lost_and_repeated_places_are_named_at_import(tmp_path: Path) -> None:
     lost, wild, repeated = doubts(replace(sound, xyz_mm=xyz), tmp_path / "poses.csv")
     assert lost.startswith("rows 5 and 10 have the place 0, 0, 0")
     assert wild.startswith("2 of 40 poses ignored: rows 21 and 22 are up to ")
-    assert repeated.startswith("rows 20, 21 and 22 have the same place to the last digit")
+    assert repeated.startswith("rows 20, 21 and 22 have exactly the same place")
     assert doubts(sound, tmp_path / "sound.csv") == ()
 
 

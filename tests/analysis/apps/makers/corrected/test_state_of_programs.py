@@ -344,7 +344,7 @@ def test_functions_of_other_programs_are_noticed(tmp_path: Path) -> None:
     )
     found = corrected_files(rig, tmp_path, files)
     assert not found.left and [(one.line, one.text.split()[0]) for one in found.notices] == [(4, "cam.get")]
-    assert any("cam.get is a function of a different program" in line for line in program_report.lines(found))
+    assert any("cam.get belongs to a different program" in line for line in program_report.lines(found))
     assert program_report.as_object(found)["notices"][0]["line"] == 4
 
 
