@@ -84,12 +84,12 @@ def check_sequence(
         for k in np.flatnonzero(target > count):
             fact = f"{target[k]:.0f} is not one of the {count} targets of the rig's hemisphere"
             yield TableProblem(int(lines[k]), "target", fact)
-    # An extra joint: checked for touches, and for arms with few axes, where a gripper may be mistaken for a joint.
     axes = len(rig.robot.axes)
     further = joint_columns(axes + 1)[-1]
-    if further in columns and (SOCKET in columns_of_test or axes < DRIVEN_AXES):
+    if further in columns:
         fact = f"the table has {axes + 1} joints, and the arm of the rig file {axes}"
-        yield TableProblem(1, further, fact + ("; rename the column of a gripper" if axes < DRIVEN_AXES else ""))
+        advice = "rename the column of a gripper" if axes < DRIVEN_AXES else "give the rig file of that arm"
+        yield TableProblem(1, further, f"{fact}; {advice}")
     if SOCKET in columns_of_test:
         declared = rig.tests.touch.sockets if rig.tests.touch else ()
         for line, socket in zip(lines.tolist(), columns[SOCKET].to_pylist(), strict=True):

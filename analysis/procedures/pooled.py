@@ -26,7 +26,7 @@ from rigs.errors import FileError
 
 ONE_RUN = (
     "single run: u does not include the scatter between runs (typically "
-    f"{1e3 * BALL_MM.low:g} to {1e3 * BALL_MM.high:g}µm for the ball and {JOINT_DEG.low:g} to {JOINT_DEG.high:g}° for "
+    f"{1e3 * BALL_MM.low:g} to {1e3 * BALL_MM.high:g} µm for the ball and {JOINT_DEG.low:g} to {JOINT_DEG.high:g}° for "
     "each joint); repeat the run"
 )
 _SPREADS = 5.0

@@ -26,7 +26,6 @@ _KEYS = {
     "not_visible": "next_plan", "visits_differ": "act_repeats_differ",
 }  # fmt: skip
 """Texts of measurements that need no further words."""
-_SAME_FOR_PLACES = ("elsewhere", "revisit", "commanded")
 
 
 @dataclass(frozen=True)
@@ -171,7 +170,7 @@ class ActWords:
             cause = self.noun(act.effect) if act.effect else ""
             return texts("next_repeat" if act.why == "few_runs" else "act_one_lap", cause=cause, count=act.runs)
         if act.why in _KEYS:
-            return texts(_KEYS[act.why] if act.why in _SAME_FOR_PLACES else self._of_places(_KEYS[act.why]))
+            return texts(self._of_places(_KEYS[act.why]))
         if act.why == "follows" and self.diagnosis.unexplained and (followed := self.diagnosis.unexplained.likeliest):
             joint = texts.axis(self.diagnosis.rig.robot, followed.axis) if followed.axis else ""
             return texts(f"act_follows_{followed.what}", joint=joint)
@@ -192,7 +191,8 @@ class ActWords:
         """Return the key of a text, or its variant for runs that measured only poses or touches, with no ball and
         gauges.
         """
-        return f"{key}_places" if measures_places(self.diagnosis) else key
+        of_places = f"{key}_places"
+        return of_places if of_places in self.texts.words and measures_places(self.diagnosis) else key
 
 
 def acts_in_words(diagnosis: Diagnosis, texts: Texts) -> list[str]:

@@ -89,9 +89,14 @@ def um_with_u(um: float, u_um: float) -> str:
     return f"{um:.1f} ± {u_um:.1f}" if u_um > 0 else f"{um:.1f}"
 
 
+def has_measured_noise(diagnosis: Diagnosis) -> bool:
+    """Return whether repeats or residuals show the noise; otherwise it is assumed and gives no uncertainty."""
+    return diagnosis.shows_noise or diagnosis.repeated
+
+
 def measured_u(diagnosis: Diagnosis, u_um: float) -> float:
     """Return the standard uncertainty of an error; 0 if it would come from an assumed noise."""
-    return u_um if diagnosis.shows_noise or diagnosis.repeated else 0.0
+    return u_um if has_measured_noise(diagnosis) else 0.0
 
 
 def error_size(um: float, u_um: float) -> str:

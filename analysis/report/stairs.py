@@ -11,7 +11,7 @@ from analysis.diagnosis.judge.comparison import Disagreement
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.judge.staircase import ModelResidual, Staircase
 from analysis.report.answer_words import AnswerWords
-from analysis.report.diagnosis_words import error_size, measured_u, plain
+from analysis.report.diagnosis_words import error_size, has_measured_noise, plain
 from analysis.report.plain_console import bare_table, right
 from analysis.report.texts import Texts, texts_of
 
@@ -53,7 +53,7 @@ def stairs_of(diagnosis: Diagnosis, texts: Texts | None = None) -> Stairs | None
         single = words.part_name(diagnosis.budget[step.parts[0]]) if count == 1 else ""
         parts.append(single or texts.counted("smaller_parts", count))
     stairs = _name_stairs(diagnosis.staircase, texts("step_first"), parts, texts)
-    if measured_u(diagnosis, 1.0):
+    if has_measured_noise(diagnosis):
         return stairs
     bare = [replace(step, left=tuple(replace(residue, u_um=0.0) for residue in step.left)) for step in stairs.steps]
     return replace(stairs, steps=tuple(bare))

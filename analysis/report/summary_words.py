@@ -20,7 +20,7 @@ from analysis.report.answer_words import (
     part_of,
     unusual_groups,
 )
-from analysis.report.diagnosis_words import error_size, measured_u, size, sure
+from analysis.report.diagnosis_words import error_size, has_measured_noise, size, sure
 from analysis.report.summary import (
     WITHOUT_FAULT,
     BarSegment,
@@ -209,7 +209,7 @@ class _SummaryWords:
         An assumed noise is no measured uncertainty of the two figures, and the basis says so.
         """
         change = self._error_change
-        if measured_u(self.diagnosis, 1.0):
+        if has_measured_noise(self.diagnosis):
             return change
         now, after = (figure.partition(" ± ")[0] for figure in (change.now, change.after))
         return replace(change, now=now, after=after, basis=f"{change.basis} {self.texts('noise_assumed')}")

@@ -20,7 +20,6 @@ from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.departures import departure_columns, fewest_columns, similar_columns
 from analysis.diagnosis.fit.responses import Linearisation, Response
 from analysis.robot.kinematics.arm import Array
-from analysis.robot.kinematics.bounded_least_squares import bounded_least_squares
 from rigs.effects import Effect, bounds, healthy_size, one_sided, size_field
 from rigs.schema.effect import PHASE, is_wave, name_of
 
@@ -409,14 +408,17 @@ def step_within(limits: Array, H: Array, gradient: Array) -> tuple[Array, Array]
     step, (low, high) = np.linalg.solve(H, gradient), limits
     if ((step >= low) & (step <= high)).all():
         return np.asarray(step, dtype=float), np.full(len(step), np.nan)
+    from scipy.optimize import lsq_linear  # noqa: PLC0415 - slow to import
+
     # H = A'A, in units with a diagonal of 1; eigenvalues below rounding are rounding.
     unit = 1 / np.sqrt(np.diag(H))
     values, turn = np.linalg.eigh(unit[:, None] * H * unit)
     root = np.sqrt(np.maximum(values, values[-1] * np.finfo(float).eps))
     along = turn.T @ (unit * gradient) / root
-    best, is_at_limit = bounded_least_squares(root[:, None] * turn.T, along, low / unit, high / unit)
-    bounded = np.clip(best * unit, low, high)
-    return bounded, np.where(is_at_limit, bounded, np.nan)
+    solution = lsq_linear(root[:, None] * turn.T, along, (low / unit, high / unit), method="bvls")
+    bounded: Array = np.clip(np.asarray(solution.x * unit, dtype=float), low, high)
+    at_limit: Array = np.where(solution.active_mask == 0, np.nan, bounded)
+    return bounded, at_limit
 
 
 def _unknowns(linear: Linearisation, effects: Sequence[Effect], first: int) -> list[UnknownParameter]:

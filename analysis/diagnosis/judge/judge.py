@@ -24,7 +24,7 @@ from analysis.diagnosis.judge.result import (
     Verdict,
     fault_rivals,
 )
-from analysis.diagnosis.judge.unexplained import unexplained_of, unrepeated_um, unusual_visits_um
+from analysis.diagnosis.judge.unexplained import unrepeated_um, unusual_visits_um, with_dependences
 from analysis.diagnosis.judge.validate import Validation
 from analysis.diagnosis.judge.validation import held_out_gains, shows_noise
 from analysis.diagnosis.judge.verdict import (
@@ -142,10 +142,7 @@ def _of_unknown_cause(answer: _Answer, fit: Fit, validation: Validation) -> _Ans
 
     If it depends on none and no target was visited twice, it is scatter.
     """
-    unexplained = replace(
-        unexplained_of(fit.result, validation.left_out, answer.remainder.um),
-        unrepeated_um=answer.unexplained.unrepeated_um,
-    )
+    unexplained = with_dependences(answer.unexplained, fit.result, validation.left_out)
     if not unexplained.scatter_um or any(name.stands for name in answer.named):
         return replace(answer, unexplained=unexplained)
     budget, remainder = as_scatter(answer.budget, answer.remainder)

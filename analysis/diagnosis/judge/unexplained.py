@@ -9,6 +9,7 @@ to all others. On circles, every fifth entry of the spectrum is held out.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -48,8 +49,8 @@ noise of 30 to 50 poses with nine seeds, in which the largest share of any quant
 """
 
 
-def unexplained_of(result: SearchResult, left_out: LeftOut | None, rms_um: float) -> Unexplained:
-    """Return the dependences of the unexplained part of the readings, of rms_um in total.
+def with_dependences(unexplained: Unexplained, result: SearchResult, left_out: LeftOut | None) -> Unexplained:
+    """Return the unexplained part of the readings with the quantities on which it depends, or with its scatter.
 
     left_out: entries (n,) of places as predicted by all others.
     """
@@ -70,7 +71,7 @@ def unexplained_of(result: SearchResult, left_out: LeftOut | None, rms_um: float
     scatters = left_out is not None and not any(block.measured for block in linear.blocks)
     is_scatter = scatters and all(followed.share < _NOTHING for followed in follows)
     scatter_um = _scatter_um(result) if is_scatter else None
-    return Unexplained(rms_um, tuple(follows), scatter_um, unusual_visits_um(result))
+    return replace(unexplained, follows=tuple(follows), scatter_um=scatter_um)
 
 
 def unusual_visits_um(result: SearchResult) -> float | None:

@@ -32,7 +32,6 @@ from analysis.procedures.prediction import nominal_setup, path_of, read
 from analysis.robot.geometry.circle import frame_of, link_angle, link_readings
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import Array, arm_of, forward
-from analysis.robot.kinematics.bounded_least_squares import bounded_least_squares
 from analysis.robot.model.predict import Model, model_of, moved
 from analysis.runs.laps import is_on_circle, laps_of
 from analysis.runs.loading import Measured
@@ -461,6 +460,8 @@ def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:
     The gauges have derivatives (GRID, 2, 6) mm/rad by each joint. Errors depending on the angles cancel in the
     difference. Drift, late times and a sticking gauge are removed.
     """
+    from scipy.optimize import nnls  # noqa: PLC0415 - slow to import, needed here only
+
     plays = (slopes * (acw.flank - cw.flank)[:, None, :]).reshape(-1, 6)
     late = (slopes * (acw.speed - cw.speed)[:, None, :]).reshape(-1, 6)
     phi = np.arange(GRID) * 2 * np.pi / GRID
@@ -473,8 +474,7 @@ def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:
     taken, sizes, _ = np.linalg.svd(design / np.where(length > 0, length, 1.0), full_matrices=False)
     basis = taken[:, sizes > 1e-9 * sizes[0]]
     rest_of_readings, plays = (values - basis @ (basis.T @ values) for values in ((acw.g_mm - cw.g_mm).ravel(), plays))
-    widths, _ = bounded_least_squares(plays, rest_of_readings, np.zeros(6), np.full(6, np.inf))
-    return float(np.sum((rest_of_readings - plays @ widths) ** 2))
+    return float(nnls(plays, rest_of_readings)[1]) ** 2
 
 
 def _slopes(rig: Rig, test: TestName, acw: _Way, cw: _Way) -> Array:

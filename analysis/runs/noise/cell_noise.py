@@ -56,8 +56,8 @@ TARGET_MM = LogUniform(0.003, 0.060)
 """Scatter between stops at a target, from ISO 9283 repeatability. Each target has a separate scatter, with heavy
 tails."""
 REPEATABILITY_MM = 0.1
-"""Largest pose repeatability RP (ISO 9283) in data sheets of collaborative arms: Panda, iiwa 14 (0.15), UR10 of the CB
-series. Industrial arms of the same reach state 0.02 to 0.08."""
+"""Pose repeatability RP (ISO 9283) in data sheets of collaborative arms: Panda, and UR10 of the CB series. Those of
+industrial arms state 0.02 to 0.08."""
 RP_PER_SD = 3.6
 """RP per standard deviation of a coordinate: mean plus three standard deviations of the distance from the barycentre,
 1.60 + 3 · 0.67 for equal scatter in three directions."""

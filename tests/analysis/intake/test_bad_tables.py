@@ -71,6 +71,14 @@ def test_a_bad_cell_is_named(test: TestName, column: str, cell: str, reason: str
     assert refusal(with_cell(test, column, 4, cell), test) == [f"t.csv, line 6, {column}: {reason}; correct the file"]
 
 
+def test_a_table_of_an_arm_with_another_joint_is_refused() -> None:
+    """The seventh joint was ignored, and the other six were diagnosed."""
+    rows = plain("pose")
+    rows["q7_deg"] = ["0"] * len(rows["x_mm"])
+    told = "t.csv, line 1, q7_deg: the table has 7 joints, and the arm of the rig file 6; give the rig file of that arm"
+    assert refusal(csv_text(rows), "pose")[0].startswith(told)
+
+
 def test_every_bad_row_is_told_in_order_and_not_without_end() -> None:
     rows = {name: list(cells) for name, cells in plain("pose").items()}
     rows["z_mm"][2], rows["q1_deg"][2], rows["x_mm"][0] = "?", "?", "?"

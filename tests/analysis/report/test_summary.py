@@ -68,7 +68,7 @@ def test_a_badge_without_a_fault_is_green_only_within_the_limits(language: Langu
 
 
 def test_an_unusual_group_is_no_plain_pass() -> None:
-    """The budget called a part unusual under the headline that nothing is unusual."""
+    """The headline "nothing unusual" contradicted a budget with an unusual part."""
     part = BudgetPart("gravity", 80.0, 2.0, 0.8, times_usual=9.0, rank="unusual")
     summary = summarise(diagnosis("nothing_unusual", budget=(part,)))
     assert (summary.badge, summary.tone) == (EN("badge_unusual_group"), "watch")

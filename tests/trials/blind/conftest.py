@@ -9,5 +9,5 @@ import pytest
 
 @pytest.fixture(scope="session")
 def blind_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Directory of the cases. Existing cases are diagnosed again, but not generated again."""
+    """Directory of the cases, which all tests share."""
     return tmp_path_factory.mktemp("blind")

@@ -1,4 +1,4 @@
-"""Comparison of the runs of a simulated world with the samples that its instruments sent."""
+"""Comparison of recorded runs with the samples sent by the instruments of a simulated cell."""
 
 from __future__ import annotations
 

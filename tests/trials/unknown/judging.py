@@ -89,8 +89,7 @@ def judge(cell: Cell, answer: Mapping[str, Any], found: Path) -> Verdict:
 
 
 def was_told(answer: Mapping[str, Any]) -> bool:
-    """Return whether the answer says that an unknown cause remains or may remain, that something moved between rows or
-    runs, or that visits of a target differ by more than such arms repeat."""
+    """Return whether the answer reports an unknown cause: an unexplained error, a movement, or unusual scatter."""
     unexplained, remainder = answer.get("unexplained") or {}, answer.get("remainder") or {}
     if unexplained.get("visits_um") or unexplained.get("unrepeated_um") or remainder.get("is_material"):
         return True

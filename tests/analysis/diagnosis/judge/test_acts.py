@@ -335,7 +335,7 @@ def test_the_gain_of_an_approach_from_one_side_is_computed() -> None:
 
 
 def test_a_gain_that_was_not_computed_is_none_and_said_so() -> None:
-    """Gravity may choose the flank, so that an approach from one side leaves no constant error."""
+    """With gravity, the flank differs by posture, so the error after a one-sided approach is unknown."""
     assert Backlash(axis=2, width_deg=0.02, preload=0.4).flank_deg() is None
     assert Backlash(axis=2, width_deg=0.02).flank_deg() == pytest.approx(0.01)
     approach = Act("approach", "history", (0,), effect=Backlash(axis=2, width_deg=0.02, preload=0.4))

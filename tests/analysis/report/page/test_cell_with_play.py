@@ -101,7 +101,7 @@ def _assert_each_language_says_the_play_and_the_shares(report: Report, page: str
 
 
 def _assert_promises_are_of_one_remedy(found: Diagnosis, page: str) -> None:
-    """Check that the error stated for each action is the value of that action alone."""
+    """Check the error stated for each action: it is the error after this action and no other."""
     promised = re.findall(r"The error then falls from ([\d.]+ µm) to ((?:&lt; )?[\d.]+(?: ± [\d.]+)? µm)", _box(page))
     stated = [one for one in found.acts if one.removes]
     assert [after for _, after in promised] == [

@@ -61,7 +61,7 @@ class Simulated:
 
 @contextmanager
 def simulated(kind: str, *told: bytes) -> Iterator[Simulated]:
-    """told: bytes that the owner sent to each instrument before."""
+    """told: bytes sent to each instrument before the search."""
     rig, made = parse(cell_text(kind, "ur"), "unknown"), Simulated({}, ByHand())
     devices = instruments_of(rig, made.hand)
     with ExitStack() as at_the_end:

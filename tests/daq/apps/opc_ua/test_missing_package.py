@@ -1,4 +1,4 @@
-"""One-line error with an installation hint for a robot interface whose package is missing."""
+"""Error message for a robot interface that needs a missing package."""
 
 from __future__ import annotations
 

@@ -366,7 +366,7 @@ def test_kuka(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("k", range(5))
 def test_kuka_status_and_turn_say_which_posture_is_meant(k: int, tmp_path: Path) -> None:
-    """Each pose stands alone, without a preceding move; with another S there is no solution."""
+    """The posture of a pose is that of its S and T; a different S has no solution."""
     rig = rig_of("kuka-kr-10-r1100-2")
     path, state = tmp_path / "a.src", ["1=0,50,200,0,20,10"]
     base = ["2=500,-100,30,0,0,45"]
