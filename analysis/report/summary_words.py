@@ -40,7 +40,7 @@ _LEAST_SHARE = 0.01
 _TENTH_PERCENT = 0.001
 _LIKELY = 0.5
 """Odds below which the likeliest member of a part is not named in the headline: another member is likelier."""
-_IMITATED: tuple[Doubt, ...] = ("unexplained", "commanded", "small")
+_IMITATED: tuple[Doubt, ...] = ("unexplained", "commanded", "small", "one_speed")
 """Doubts about an effect that a different cause may imitate."""
 _UNDECIDED = ("out_of_range", "outside_library", "undecided", "not_testable_here")
 """Conditions of a diagnosis that limit the evidence for every cause and act."""

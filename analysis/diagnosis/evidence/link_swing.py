@@ -43,12 +43,17 @@ _LOST = 0.05
 """Largest relative uncertainty of the amplitude of complete runs caused by scattering stamps and varying phases.
 Chosen.
 """
+_OTHER_SPEED = 1.1
+"""Least ratio of two speeds of the circle that separate a frequency from an error of the path. Chosen: a tenth moves
+the frequency of such an error by many widths of a line.
+"""
 
 
 @dataclass(frozen=True)
 class FoundVibration:
     """Vibration with parameter uncertainties and log evidence. `scatter_um`: rms contribution, per set-up, to the
-    scatter of a run with averaged laps.
+    scatter of a run with averaged laps. `may_follow_angle`: whether it has about the same phase in all repeats, and all
+    circles have the same speed. An error of the path that follows the angle of the circle then looks the same.
     """
 
     effect: Effect
@@ -56,6 +61,7 @@ class FoundVibration:
     sd: dict[str, float]
     gain: float
     scatter_um: dict[str, float]
+    may_follow_angle: bool = False
 
 
 def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> FoundVibration | None:
@@ -99,10 +105,17 @@ def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> 
     scatter: dict[str, list[float]] = {}
     for group, fit in zip(groups, fits, strict=True):
         scatter.setdefault(group.setup, []).append(group.scatter_of(frequency_hz, fit.waves))
-    frequency_hz, amplitude, sd = _with_the_common_part(groups, f, frequency_hz, amplitude, sd)
+    whole = _with_the_common_part(groups, f, frequency_hz, amplitude, sd)
+    may_follow_angle = whole[1] > amplitude and _have_one_speed(deviations)
+    frequency_hz, amplitude, sd = whole
     sds, amplitude = {"amplitude_mm": sd, "frequency_hz": 0.125 / seconds}, min(amplitude, 1.0)
     scatter_um = {setup: 1e3 * float(np.sqrt(np.mean(squares))) for setup, squares in scatter.items()}
-    return FoundVibration(vibration_at(frequency_hz, amplitude), amplitude, sds, gain, scatter_um)
+    return FoundVibration(vibration_at(frequency_hz, amplitude), amplitude, sds, gain, scatter_um, may_follow_angle)
+
+
+def _have_one_speed(deviations: Sequence[_Deviation]) -> bool:
+    speeds = [abs(float(np.median(np.diff(np.unwrap(run.sampling.phi)) / np.diff(run.t_s)))) for run in deviations]
+    return max(speeds) < _OTHER_SPEED * min(speeds)
 
 
 def _with_the_common_part(

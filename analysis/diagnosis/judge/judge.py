@@ -34,9 +34,7 @@ from analysis.diagnosis.judge.verdict import (
     ambiguous_names,
     as_scatter,
     condition_of,
-    doubts_of_phases,
     named_effects,
-    named_vibration,
     needs_runs,
     remainder_of,
     runs_to_decide,
@@ -46,6 +44,7 @@ from analysis.diagnosis.judge.verdict import (
     within_unexplained,
     without_useless,
 )
+from analysis.diagnosis.judge.vibration import doubts_of_phases, named_vibration
 from rigs.effects import swing as vibration_at
 from rigs.schema.effect import name_of
 

@@ -11,12 +11,11 @@ from typing import Literal
 import numpy as np
 
 from analysis.diagnosis.evidence.blocks import Block
-from analysis.diagnosis.evidence.link_swing import FoundVibration
 from analysis.diagnosis.evidence.setups import FRAME, FittedRuns
 from analysis.diagnosis.fit.candidates import order_of
 from analysis.diagnosis.fit.free_forms import best_free_form, free_forms_of
 from analysis.diagnosis.fit.out_of_range import OutOfRange
-from analysis.diagnosis.fit.responses import LEAST_MATERIAL_UM, RmsByBlock, plain_rms_by_block, rms_by_block
+from analysis.diagnosis.fit.responses import LEAST_MATERIAL_UM, plain_rms_by_block, rms_by_block
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import DRIVEN_WAVES, least_fault, spurious_wave_series
 from analysis.diagnosis.judge.acts import Doubt, JudgedOn
@@ -25,7 +24,6 @@ from analysis.diagnosis.judge.residuals import bands_above_noise
 from analysis.diagnosis.judge.result import (
     CERTAIN_ODDS,
     CERTAIN_SIGMA,
-    ODDS,
     Accuracy,
     BudgetPart,
     Condition,
@@ -356,35 +354,6 @@ def shows_time(blocks: Sequence[Block]) -> bool:
     return laps or any(block.count > 1 or (block.sampling is None and block.measured) for block in blocks)
 
 
-def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list[Named]:
-    """Return a vibration of the link as a named effect, if the rms change exceeds a limit (b,) µm and the odds of any
-    vibration are at least 20 to 1.
-
-    The phase is new in each run; therefore no model removes the vibration from the readings.
-    """
-    if swing.gain < np.log(ODDS):
-        return []
-    moves = RmsByBlock(np.full(len(limits), 1e3 * swing.amplitude_mm / np.sqrt(2)))
-    if not moves.is_material(limits):
-        return []
-    odds = 1 / (1 + float(np.exp(-min(swing.gain, 50.0))))
-    return [Named(swing.effect, swing.sd, odds, (), gap_um, swing.effect.remedy(), moves.whole_um, None)]
-
-
-def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple[str, ...]:
-    """Return a doubt about each vibration fitted with a common phase and frequency in all runs. The condition is a
-    remaining vibration `left` larger than the uncertainty of the fit.
-    """
-    size = size_field(left.effect)
-    return tuple(
-        f"once the fitted vibration is taken off, the runs still show a {left.effect.plain('')} of "
-        f"{left.amplitude_mm:.4f} ± {left.sd[size]:.4f} mm: a fit with one phase and one frequency for all runs does "
-        "not see the scatter between runs"
-        for name in vibrations
-        if left.gain >= np.log(ODDS) and left.amplitude_mm > CERTAIN_SIGMA * name.sd[size]
-    )
-
-
 def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, gaps: Gaps) -> Remainder:
     """Return the remainder beyond the noise, at most the gap of the runs used. It is material if it exceeds the limits
     (b,) µm.
@@ -507,7 +476,9 @@ def _is_testable(result: SearchResult, *, early: bool) -> bool:
 
 def is_undecided(named: Sequence[Named]) -> bool:
     """Return whether more runs may find a fault: an effect of the size of a fault is not certain yet."""
-    return needs_runs(named) or any(name.doubt in ("unexplained", "commanded") or fault_rivals(name) for name in named)
+    return needs_runs(named) or any(
+        name.doubt in ("unexplained", "commanded", "one_speed") or fault_rivals(name) for name in named
+    )
 
 
 def needs_runs(named: Sequence[Named]) -> bool:
@@ -520,13 +491,17 @@ def within_unexplained(named: Sequence[Named], unexplained_um: float, noise_um: 
 
     A named effect shown by a single direction must be much larger than the unexplained error; a named effect shown by
     several directions must be twice as large. The odds of the others are those of readings whose noise includes the
-    unexplained error.
+    unexplained error, and at most the share of the effect in the energy of both.
     """
     weight = noise_um**2 / max(noise_um**2 + unexplained_um**2, 1e-12)
+
+    def beside(name: Named) -> Named:
+        most = name.worth_um**2 / (name.worth_um**2 + unexplained_um**2)
+        doubt = "unexplained" if name.stands else name.doubt
+        return replace(_with_odds_to_the(weight, name, most), doubt=doubt)
+
     return [
-        replace(_with_odds_to_the(weight, name), doubt="unexplained" if name.stands else name.doubt)
-        if name.worth_um < (_MUCH_MORE if name.directions < 2 else _MORE) * unexplained_um
-        else name
+        beside(name) if name.worth_um < (_MUCH_MORE if name.directions < 2 else _MORE) * unexplained_um else name
         for name in named
     ]
 
@@ -542,14 +517,16 @@ def within_commanded(named: Sequence[Named]) -> list[Named]:
     ]
 
 
-def _with_odds_to_the(power: float, name: Named) -> Named:
+def _with_odds_to_the(power: float, name: Named, most: float) -> Named:
     """Return a named effect with the odds of the effect, of each rival and of any other cause raised to a power and
-    normalised: the likelihood of readings with a larger variance, by the inverse of the power.
+    normalised: the likelihood of readings with a larger variance, by the inverse of the power. The odds of effect and
+    rivals together are at most `most`.
     """
     odds = np.array([name.posterior, *(rival.posterior for rival in name.rivals)])
     other = max(1.0 - float(odds.sum()), float(np.finfo(float).eps))
     raised = np.append(odds, other) ** power
-    first, *rest = (raised / raised.sum())[:-1].tolist()
+    shares = raised[:-1] / raised.sum()
+    first, *rest = (shares * min(1.0, most / shares.sum())).tolist()
     rivals = tuple(replace(rival, posterior=share) for rival, share in zip(name.rivals, rest, strict=True))
     return replace(name, posterior=first, rivals=rivals)
 

@@ -12,7 +12,7 @@ from analysis.diagnosis.evidence.link_swing import FoundVibration, find_vibratio
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.judge.result import Named
-from analysis.diagnosis.judge.verdict import doubts_of_phases, named_vibration
+from analysis.diagnosis.judge.vibration import doubts_of_phases, named_vibration
 from analysis.runs.loading import Measured
 from analysis.runs.tables import CircleTable
 from rigs.effects import swing as vibration_at
@@ -72,6 +72,7 @@ def test_a_swing_that_begins_with_the_program_is_found_whole() -> None:
         assert swing and swing.effect.frequency_hz == pytest.approx(7.5, abs=0.05)
         assert abs(swing.amplitude_mm - 0.02) < 2 * swing.sd["amplitude_mm"], swing
         assert swing.sd["amplitude_mm"] < 0.004
+        assert swing.may_follow_angle, "a path error of the controller has the same phase in every run, too"
 
 
 def _one_lap(run: Measured) -> Measured:

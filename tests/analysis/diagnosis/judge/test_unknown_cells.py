@@ -44,3 +44,17 @@ def test_an_unexplained_error_lowers_the_odds_of_usual_names_too() -> None:
     (beside,) = within_unexplained([usual], unexplained_um=20.0, noise_um=2.0)
     assert beside.doubt == "usual" and beside.posterior < 0.6
     assert within_unexplained([usual], unexplained_um=0.0, noise_um=2.0) == [usual]
+
+
+def test_no_name_is_certain_beside_a_similar_unexplained_error() -> None:
+    """However certain the shape: an unknown cause of that size may have produced it as well."""
+    (named,) = diagnosis("named").effects[:1]
+    certain = replace(named, posterior=1.0, rivals=(), worth_um=20.0, directions=1)
+    (beside,) = within_unexplained([certain], unexplained_um=20.0, noise_um=20.0)
+    assert beside.doubt == "unexplained" and beside.posterior <= 0.5
+
+
+def test_chords_of_a_controller_are_no_certain_vibration(tmp_path: Path) -> None:
+    """Chords of 4° at one speed: the wave of 5.1 Hz has the same phase in every run, as a vibration may have."""
+    names = {named.effect.KIND_NAME: named for named in found_in(draw_cell(43007, CAUSES), tmp_path).effects}
+    assert names["vibration"].doubt == "one_speed" and names["vibration"].posterior <= 0.5
