@@ -9,7 +9,7 @@ from functools import partial
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.acts import Act, Doubt
-from analysis.diagnosis.judge.result import CERTAIN_ODDS, BudgetPart, Diagnosis, Named, likely_rivals
+from analysis.diagnosis.judge.result import CERTAIN_ODDS, LARGE_SHARE, BudgetPart, Diagnosis, Named, likely_rivals
 from analysis.report.act_words import ActWords, command, without_idle_mounts
 from analysis.report.answer_words import (
     HARMLESS,
@@ -40,7 +40,7 @@ _LEAST_SHARE = 0.01
 _TENTH_PERCENT = 0.001
 _LIKELY = 0.5
 """Odds below which the likeliest member of a part is not named in the headline: another member is likelier."""
-_IMITATED: tuple[Doubt, ...] = ("unexplained", "commanded", "small", "one_speed")
+_IMITATED: tuple[Doubt, ...] = ("unexplained", "commanded", "small", "one_speed", "cancels")
 """Doubts about an effect that a different cause may imitate."""
 _UNDECIDED = ("out_of_range", "outside_library", "undecided", "not_testable_here")
 """Conditions of a diagnosis that limit the evidence for every cause and act."""
@@ -158,6 +158,8 @@ class _SummaryWords:
         faults = [(part_of(self.diagnosis, named), named) for named in self.diagnosis.standing]
         phrases = [(part.share if part else 0.0, self._effect(named, part), True) for part, named in faults]
         phrases += [(part.share, self._part(part), False) for part in large_parts(self.diagnosis)]
+        imitated = [part for part in self.diagnosis.budget if part.share > LARGE_SHARE and self._may_be_imitated(part)]
+        phrases += [(part.share, self._cause_name(part), False) for part in imitated]
         return [(phrase, is_fault) for _, phrase, is_fault in sorted(phrases, key=lambda entry: -entry[0])]
 
     def _part(self, part: BudgetPart) -> str:
@@ -251,13 +253,16 @@ class _SummaryWords:
             causes.append(BarSegment(self.texts("other_causes"), rest, _tenths_percent(rest)))
         return causes
 
+    def _may_be_imitated(self, part: BudgetPart) -> bool:
+        return part.index is not None and self.diagnosis.effects[part.index].doubt in _IMITATED
+
     def _cause_name(self, part: BudgetPart) -> str:
         """Return the name of a part, marked if an unknown cause may imitate it. An uncertain effect has its
         probability, as in the headline.
         """
         name = self.answer.short_name(part)
         named = self.diagnosis.effects[part.index] if part.index is not None else None
-        if named is not None and named.doubt in _IMITATED:
+        if self._may_be_imitated(part):
             return f"{name} ({self.texts('not_confirmed')})"
         is_open = named is not None and named.posterior < CERTAIN_ODDS
         return f"{name} ({self.texts('likely', odds=sure(named.posterior))})" if named and is_open else name

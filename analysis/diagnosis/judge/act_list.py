@@ -408,7 +408,7 @@ def _reason(diagnosis: Diagnosis, part: BudgetPart) -> Reason:
     if part.kind == "unexplained":
         return "unexplained"
     if part.kind in ("gauges", "clocks"):
-        return "gauges"
+        return "too_small" if part.rank == "undecided" else "gauges"
     if part.index is not None and diagnosis.effects[part.index].effect.compensation().use == "none":
         return "gauges" if diagnosis.effects[part.index].effect.STAGE in OUTSIDE_ARM else "history"
     return "history" if part.kind in ("reversal", "warming") else "too_small"

@@ -42,6 +42,7 @@ from analysis.diagnosis.judge.verdict import (
     standing_within,
     within_commanded,
     within_unexplained,
+    without_cancelling,
     without_useless,
 )
 from analysis.diagnosis.judge.vibration import doubts_of_phases, named_vibration
@@ -133,6 +134,7 @@ def _named_in(
     named = [
         replace(name, alone_um=fitted.residual_um([name.effect])) if name.stands or given else name for name in named
     ]
+    named = without_cancelling(named, train.before_um)
     return sorted(named, key=lambda name: (not name.stands, -name.worth_um)), doubts
 
 

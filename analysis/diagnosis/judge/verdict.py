@@ -287,6 +287,19 @@ def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
     return [replace(name, doubt="unsure") if name.stands and name.posterior < _SURE_ODDS else name for name in named]
 
 
+def without_cancelling(named: Sequence[Named], before_um: float) -> list[Named]:
+    """Return the named effects, with those that cancel others no longer confirmed: an effect shown by one direction
+    that increases the gap of `before_um` by itself. Its odds are at most those of the other explanation, in which it
+    and what it cancels are absent.
+    """
+    return [
+        replace(_with_odds_to_the(1.0, name, 0.5), doubt="cancels")
+        if name.stands and name.directions < 2 and name.alone_um > before_um
+        else name
+        for name in named
+    ]
+
+
 def _judge_effect(
     result: SearchResult, k: int, gain: float | None, change: EffectChange, gap_without_um: float
 ) -> Named:
@@ -477,7 +490,7 @@ def _is_testable(result: SearchResult, *, early: bool) -> bool:
 def is_undecided(named: Sequence[Named]) -> bool:
     """Return whether more runs may find a fault: an effect of the size of a fault is not certain yet."""
     return needs_runs(named) or any(
-        name.doubt in ("unexplained", "commanded", "one_speed") or fault_rivals(name) for name in named
+        name.doubt in ("unexplained", "commanded", "one_speed", "cancels") or fault_rivals(name) for name in named
     )
 
 

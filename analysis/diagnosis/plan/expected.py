@@ -323,13 +323,14 @@ class ExpectedPosterior:
         small = [
             effect if is_play(effect) else scaled(healthy(effect), min(1.0, effect.STRAIGHT)) for effect in effects
         ]
-        times = [size_of(effect) / size_of(scaled_down) for effect, scaled_down in zip(effects, small, strict=True)]
+        pairs = zip(effects, small, strict=True)
+        times = [1.0 if one is effect else size_of(effect) / size_of(one) for effect, one in pairs]
         T = self.linear.columns(small) * np.array(times)
         marginal = self._background_with_effects((ones[0], others[0])).marginal(T)
         H = marginal.products(marginal)
         q = len(ones)
         free = H[q:, q:] + np.diag([(size_of(effect) / LARGEST_FAULT) ** 2 for effect in others])
-        stands_in = H[:q, q:] @ np.linalg.solve(free, H[q:, :q])
+        stands_in = H[:q, q:] @ np.linalg.pinv(free, hermitian=True) @ H[q:, :q]  # a play of zero width adds nothing
         if len(H) == 2 and one_sided(ones[0]) and one_sided(others[0]) and H[0, 1] < 0:
             stands_in = np.zeros((1, 1))
         return float(np.sqrt(max(np.trace(H[:q, :q] - stands_in) / q, 0.0)))

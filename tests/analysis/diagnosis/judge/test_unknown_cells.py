@@ -10,7 +10,8 @@ import pytest
 from analysis import diagnose, read_table
 from analysis.diagnosis.judge.result import CERTAIN_ODDS, Diagnosis
 from analysis.diagnosis.judge.verdict import within_unexplained
-from rigs.schema.effect import name_of
+from analysis.report.summary_words import summarise
+from rigs.schema.effect import name_of, size_of
 from tests.support.handmade_diagnosis import diagnosis
 from tests.worlds.unknown.causes import CAUSES
 from tests.worlds.unknown.cells import Cell, draw_cell
@@ -58,3 +59,22 @@ def test_chords_of_a_controller_are_no_certain_vibration(tmp_path: Path) -> None
     """Chords of 4° at one speed: the wave of 5.1 Hz has the same phase in every run, as a vibration may have."""
     names = {named.effect.KIND_NAME: named for named in found_in(draw_cell(43007, CAUSES), tmp_path).effects}
     assert names["vibration"].doubt == "one_speed" and names["vibration"].posterior <= 0.5
+
+
+def test_a_form_of_the_ball_that_only_cancels_a_usual_twist_is_no_fault(tmp_path: Path) -> None:
+    """A gear error of axis 6, two waves a turn, under yaw: form of the ball and a twist of axis 3 imitate it together.
+
+    The ball by itself increases the error from 15 to 20 µm, and was a certain fault to mount again.
+    """
+    found = found_in(draw_single(44006).cell, tmp_path)
+    (ball,) = [named for named in found.effects if name_of(named.effect) == "ball_form"]
+    assert ball.doubt == "cancels" and ball.posterior <= 0.5 and ball.alone_um > found.accuracy.now_um
+    assert found.acts[0].kind == "measure"
+    assert "not confirmed" in summarise(found).headline
+
+
+def test_a_rival_of_size_zero_does_not_stop_the_plan(tmp_path: Path) -> None:
+    """A play of zero width as a rival was divided by its size."""
+    found = found_in(draw_single(44011).cell, tmp_path)
+    assert any(size_of(rival.effect) == 0 for named in found.effects for rival in named.rivals)
+    assert found.acts[0].kind == "measure" and found.acts[0].test is not None
