@@ -226,7 +226,7 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
                 message = pa.ipc.read_message(whole.slice(end))
                 # A compressed batch may expand to any number of rows.
                 if message.type != "record batch" or _has_compression(message.metadata.to_pybytes()):
-                    raise ValueError("not recorded like this")
+                    raise ValueError("has a different format than recorded")
                 batch, metadata = reader.read_next_batch_with_custom_metadata()
                 batch.validate(full=True)
                 stored = dict(metadata or {})
