@@ -266,9 +266,10 @@ _STEP_MM = 0.01
 _EARLY, _READING = ("time", "arm"), ("setup", "gauge")
 """Stages of effects before joint errors, and stages with no influence on the tool."""
 _RIGID = ("arm", "tool")
-"""Stages of effects with columns computed at a healthy size and scaled. They move the tool in proportion to their
-size, but the ball of a column does not follow: for a length of 13 mm the column was not the derivative of the
-fit.
+"""Stages of effects with columns computed at a healthy size and scaled to the actual size.
+
+The displacement of the tool is proportional to the size of these effects, but the fitted position of the ball is not:
+for a length error of 13 mm, an unscaled column differed from the derivative of the fit.
 """
 _SCENES, _ERRORS = 4, 64
 """Number of scenes, and of joint errors, cached per block, at about 0.1 MB each: a fit reuses those of the present

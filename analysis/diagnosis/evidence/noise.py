@@ -446,9 +446,10 @@ def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tupl
 # which would raise the noise of all orders.
 
 _RARE = 5.0
-"""Ratio of the noise of an angle to the median of a lap for separate treatment. Chosen: the steepest part of a wave
-has 1.4 times its median, so gear errors remain in the noise of the orders. With a ratio of ten, the slower half
-of a crossing remained there too.
+"""Ratio of the noise at an angle to the median noise of the lap, above which the angle is treated separately.
+
+Chosen: the steepest part of a wave has 1.4 times the median, so gear errors remain in the noise of the orders. A ratio
+of ten would leave the slower half of a backlash crossing there too.
 """
 _MOST = GRID // 16
 """Largest number of angles of a lap treated separately, selected by noise. Chosen: with backlash and a spike of 45

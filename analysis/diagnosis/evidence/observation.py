@@ -409,11 +409,11 @@ class Sampling:
 
 
 def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
-    """Return the samplings of repeated laps with the same grid angles bridged at their start.
+    """Return samplings of repeated laps in which the same grid angles around the start are interpolated.
 
-    A joint may end a lap a full turn away from the start, with a step of angle-dependent errors of a tenth of a
-    millimetre. Repeats start within a row of each other. At the same grid angle, some would show the end of the lap and
-    others the start. Laps with distant starts are unchanged.
+    At the end of a lap a joint may be a full turn away from the start, which can change the readings by a tenth of a
+    millimetre. Repeated laps start up to a row apart. Without interpolation, a grid angle near the start would show the
+    end of one lap and the start of another. Laps with distant starts are unchanged.
     """
     first = samplings[0].begin
     offsets = [(sampling.begin - first + GRID / 2) % GRID - GRID / 2 for sampling in samplings]

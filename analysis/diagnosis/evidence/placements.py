@@ -130,8 +130,9 @@ def split_by_target(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[
 
 
 def _settled(settled: dict[str, list[ObservedRun]], setup: str, runs: Sequence[ObservedRun]) -> str:
-    """Return the set-up name for runs, relative to settled set-ups: with the target or the frame of an existing
-    set-up, or new in both.
+    """Return the name of the set-up of runs, given the set-ups determined so far.
+
+    The runs share the target or the frame of an existing set-up, or have a new set-up.
     """
     if not settled:
         return setup

@@ -182,8 +182,9 @@ _NEAR = 2.5
 mm. Chosen: usual.
 """
 _STEPS = 4
-"""Number of set-up fits, each to the readings close to the previous fit (Rousseeuw's concentration steps): fitted to
-all readings, the set-up hid one outlier in nine.
+"""Number of set-up fits, each to the readings close to the previous fit (Rousseeuw's concentration steps).
+
+A single fit to all readings failed to reveal one outlier in nine.
 """
 
 

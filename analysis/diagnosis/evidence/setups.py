@@ -45,8 +45,10 @@ _MOST_STEPS = 30
 _ENOUGH_MM = 1e-4
 """Change below which a set-up has converged: a tenth of a micrometre, below the resolution of any gauge."""
 _FURTHEST_MM = 1.0
-"""Longest step of a ball. The height of a ball at the centre of a circle has no effect, so the derivatives do not
-bound it. Instruments start at a large distance and have no such term.
+"""Largest displacement of a ball in a step of the fit.
+
+The height of a ball at the centre of a circle does not change the readings, so the derivatives do not limit it. Fits of
+instruments start at a large distance and need no limit.
 """
 BALL_PRIOR_MM = 5.0
 """Prior standard deviation of a ball's position. The prior is weak and decides only undetermined terms, such as the

@@ -42,7 +42,7 @@ recomputed. Chosen: at 2 % the uncertainty of a backlash of 0.1° was 28 % too l
 """
 
 _AT_LIMIT = 1e-6
-"""Relative distance to the limit within which a size is at the limit: rounding."""
+"""Relative distance to a limit within which a size counts as being at the limit, because of rounding."""
 _WHOLE = 0.5
 """Share of integer orders of gears: numbers of teeth, and turns of a stage with an integer ratio. Chosen: a wave of
 non-integer order loses at most half of the odds.
@@ -308,9 +308,6 @@ class _Problem:
         return _Projected(marginal, self._allowed.products(marginal))
 
     def _product(self, first: _Projected, second: _Projected) -> Array:
-        """Return first' (C + FF')⁻¹ second, with F the departures and free forms: (k, l) for values (N, k) and (N,
-        l).
-        """
         return first.marginal.products(second.marginal) - first.across.T @ self._inverse @ second.across
 
     def _normal(self, J: _Projected, r: _Projected) -> tuple[Array, Array]:
@@ -398,12 +395,13 @@ def _within_limits(linear: Linearisation, effect: Effect) -> Effect:
 
 def step_within(limits: Array, H: Array, gradient: Array) -> tuple[Array, Array]:
     """Return the step (q,) to the optimum within limits of the step (2, q), and the part (q,) fixed by limits, NaN for
-    unknowns within them. H (q, q) is the normal matrix, and gradient (q,) the negative gradient.
+    others.
 
-    Cutting a step at a limit would leave the other unknowns at their unlimited optimum; they are therefore solved
-    again. Nine of ten fits have an unknown at a limit, and a third of these fits ended at the start. The evidence also
-    follows the tangents to their optimum: a backlash at the largest width that gravity keeps on a flank resembles a
-    zero, and with unlimited width it replaced a zero that was wrong by 1.6°.
+    H (q, q) is the normal matrix, and gradient (q,) the negative gradient. If a limit shortens the step of an unknown,
+    the other unknowns are solved again; otherwise they would go to the optimum of an unlimited fit. Nine of ten fits
+    have an unknown at a limit, and without the second solution a third of these fits ended at the start. The evidence
+    uses the same limited optimum. With an unlimited width, a backlash that gravity keeps on one flank resembled a zero
+    error, and replaced a zero that was wrong by 1.6°.
     """
     step, (low, high) = np.linalg.solve(H, gradient), limits
     if ((step >= low) & (step <= high)).all():

@@ -157,8 +157,10 @@ class SearchResult:
 
     @cached_property
     def calibrated_posterior(self) -> CoefficientPosterior:
-        """The posterior excluding free forms and discrepancy. No model contains them, and a part shared between them
-        and the background would remain in it: 92 µm, compared with 19 for the named effects only.
+        """The posterior without free forms and discrepancy, because a calibrated model does not contain them.
+
+        If they were included, errors shared between them and the background would be missing in the model: 92 µm
+        remained in one case, compared with 19 µm for the named effects only.
         """
         if not self.state.free_forms and not self.state.discrepancy:
             return self.posterior
@@ -287,7 +289,10 @@ _ALIKE, _UNABSORBED = 0.5, 0.2
 of the energy remains after the dependence on the joint angle is removed.
 """
 _STEPS = 19
-"""Angles of a joint, equally spaced in poses, beyond which the link may be displaced. Chosen: 5 % each."""
+"""Number of angles of a joint at which a step of the link is tried.
+
+Chosen: they divide the measured angles into parts of 5 %.
+"""
 _ORDERS = np.array([1, 2, 3])
 """Cycles per turn of the functions of a joint's angle. Chosen: the first three orders describe gravity and eccentric
 gear wheels.
@@ -363,10 +368,11 @@ def _smooth(q: Array) -> Array:
 
 
 def _step_share(linear: Linearisation, rows: Mask, free: Callable[[Array], Array], y: Array) -> float:
-    """Return the share of the energy of readings y (N,) explained best by a link displaced beyond some angle of the
-    joint, after a slipped tooth.
+    """Return the largest share of the energy of readings y (N,) explained by a step of the link at an angle of the
+    joint.
 
-    A joint reaches large angles from below, and the error therefore also follows the direction.
+    A slipped tooth causes such a step. A joint reaches large angles from below, so the error also follows the
+    direction.
     """
     steps = _by_angle(linear, lambda q: np.heaviside(q - np.quantile(q, np.linspace(0, 1, _STEPS + 2)[1:-1]), 0.0))
     columns = free(np.concatenate(steps, axis=1))[rows]
@@ -375,8 +381,9 @@ def _step_share(linear: Linearisation, rows: Mask, free: Callable[[Array], Array
 
 
 def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) -> Array:
-    """Return the residual (N,) plus the contributions of named effects and of the healthy share with the shape of
-    the arrival errors A (N, axes), and the curves of joints.
+    """Return the residual (N,) plus all known contributions that resemble the arrival errors A (N, axes).
+
+    The contributions are those of named effects, of the healthy share, and of the curves of joints.
     """
     posterior = result.posterior
     columns = posterior.background.columns

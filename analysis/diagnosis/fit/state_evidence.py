@@ -26,8 +26,9 @@ from rigs.effects import healthy_size
 from rigs.schema.effect import name_of
 
 _OFF = 0.1
-"""Share of the response of the faults by which the reference faults may differ. Chosen: columns computed with no
-faults missed up to 1 % of a large fault; they then miss 0.1 %.
+"""Largest difference of the response of the faults from that of the reference faults, as a share.
+
+Chosen: columns computed with no faults were wrong by up to 1 % of a large fault; with this limit it is 0.1 %.
 """
 _FEW_SIGMA = 100.0
 """Norm of the difference between the responses of the faults and the reference faults, in standard deviations of the

@@ -172,7 +172,7 @@ def _residuals_of_models(
 ) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
     """Return the residuals of models with these effects for circles (steps, n, 2) and targets (steps, n) in µm.
 
-    Set-ups are as free as in the gap.
+    The set-ups are fitted with the same freedom as for the gap.
     """
     measure, curves, maps = GapMeasure(linear), [], []
     for effects in models:

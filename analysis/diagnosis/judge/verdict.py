@@ -141,8 +141,10 @@ CRUMBS = 0.05
 """Share of the energy of the gap up to which a remainder is negligible: false verdicts of generated cells had 0.03
 to 0.5 %, and a UR10 predicted by the calibrated model within a tenth of the error 1 to 5 %."""
 _SURE_ODDS = 0.999
-"""Odds from which a named effect is confirmed even if it does not reduce the gap by itself. A gear of 97 % replaced
-a twist of 96 %."""
+"""Odds above which a named effect is confirmed even if it does not reduce the gap when added alone.
+
+Example: a gear error at odds of 97 % replaced a twist at 96 %.
+"""
 _SAME_SIGMA = 0.5
 """Change of the readings in standard deviations of the noise up to which an effect and a rival are twins. Chosen: at
 1.0, both would be confused in a third of all repeats."""
@@ -416,8 +418,8 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
 
 
 def _single_runs_um(train: Gap) -> float:
-    """Return the rms in µm that single runs leave beyond the noise; 0 if it is not much larger than the noise, which
-    is only roughly known.
+    """Return the rms in µm by which single runs exceed the noise; 0 if the excess is small, because the noise is
+    uncertain.
     """
     if train.calibrated_um <= _FAR * train.noise_floor_um:
         return 0.0

@@ -266,8 +266,10 @@ within 2 % of the reach.
 _NUDGE_DEG = 0.02
 """Joint rotation for comparing responses; only ratios matter."""
 _OWN_SHARE = 0.02
-"""Share of an effect's response outside any set-up, below which the set-up is reported as the reason. Smaller shares
-are within the linearisation error of curved responses."""
+"""Share of the response of an effect that no set-up absorbs, below which the set-up is reported as the reason.
+
+Smaller shares are within the error of the linear approximation.
+"""
 _NOTHING = 1e-3
 """Sigmas below which a response counts as zero: well below any detection, and above rounding errors."""
 

@@ -221,8 +221,9 @@ def _decided(judged: Sequence[JudgedMeaning], as_labelled: float, right_mm: floa
 
 
 def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> float:
-    """Return the rms residual in mm of the nearest of the positions xyz_mm (n, 3) at joints q (n, axes) rad, with
-    fitted base and tool. Rotations rpy (n, 3) rad are included as lengths.
+    """Return the rms residual in mm of the positions xyz_mm (n, 3) that fit best, with fitted base and tool.
+
+    q (n, axes) rad: joint angles. Rotations rpy (n, 3) rad are included as lengths.
     """
     return fit_nearest(bare, q, xyz_mm, steps, rpy)[0]
 

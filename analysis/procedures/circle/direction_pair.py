@@ -35,7 +35,10 @@ from rigs.errors import FileError
 _SURE = 0.9545
 """Share of the draws covered by 2 u."""
 _PLATEAU_ROUNDS = 2
-"""Rounds for finding a plateau: the wider it is, the further its points may lie below the maximum."""
+"""Number of rounds for finding a plateau of the curve.
+
+The wider a plateau is, the further noise may move its points below the maximum.
+"""
 _HALVINGS = 10
 """Number of bisections for the clipping level, which gives a thousandth of the noise contribution."""
 

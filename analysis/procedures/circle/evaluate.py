@@ -52,10 +52,10 @@ Plain = Callable[[Array, float], Mapping[str, Array]]
 
 @dataclass(frozen=True)
 class Measure:
-    """Figures of one kind from the angle over a circle.
+    """Figures of a test from the angle over a circle.
 
-    figures_at: computes them. ranges: names of figures biased upwards by noise, such as a range, which are lowered by
-    its mean contribution.
+    figures_at: function that computes them. ranges: names of figures biased upwards by noise, such as a range. They are
+    lowered by the mean contribution of the noise.
     """
 
     figures_at: Plain

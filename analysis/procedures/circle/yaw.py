@@ -27,7 +27,9 @@ from analysis.robot.kinematics.arm import Array
 
 _APART_MM = 0.2
 _APART = 0.5
-"""Relative difference of eccentricities that hardly belong to one ball, if they also differ by the absolute limit."""
+"""Relative difference above which two eccentricities hardly belong to the same ball, if they also exceed the
+absolute limit.
+"""
 
 
 def eccentricity_figures(y: Array, radius_mm: float) -> dict[str, Array]:

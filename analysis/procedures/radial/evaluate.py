@@ -64,7 +64,10 @@ _FEWEST_POINTS = 6
 _WEAK = 0.01
 """Relative singular value below which a parameter direction is undetermined."""
 _STEPS, _ROBUST_STEPS = 6, 30
-"""Gauss-Newton for points within a hundredth of the sphere converges in three steps; reweighting takes longer."""
+"""Number of Gauss-Newton steps, and of robust steps.
+
+For points within a hundredth of the radius three steps are sufficient; robust weights need more.
+"""
 
 
 @dataclass(frozen=True)
@@ -282,8 +285,8 @@ def _plain(
 ) -> dict[str, Array]:
     """Return the figures (m,) of m draws of the readings, including those of the fitted sphere.
 
-    cell_mm (m, t, o): draws of the readings. best (t, o): readings about which they are drawn. length_mm (m,): added to
-    every distance. The sphere is updated linearly by its slopes.
+    cell_mm (m, t, o): drawn readings. best (t, o): readings about which they are drawn. length_mm (m,): length added to
+    every distance. The sphere is updated by a linear approximation.
     """
     length = np.broadcast_to(length_mm, len(cell_mm))
     mean = _mean(cell_mm)

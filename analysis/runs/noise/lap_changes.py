@@ -82,8 +82,8 @@ def _clearest(laps: Array) -> tuple[int, int, float] | None:
 def bursts(laps: Array) -> Mask:
     """Return a mask (L, NODES) of nodes at which a lap differs both from its neighbours and from the other laps.
 
-    These are wild readings, too many in a row for their running median. The neighbourhood is wide, because a line
-    through wild readings oscillates.
+    Such bursts are outliers in succession, too many for a running median. The neighbourhood is wide, because a line
+    through outliers oscillates.
     """
     odd = np.zeros(laps.shape, dtype=bool)
     for lap in range(len(laps) if len(laps) > 1 else 0):

@@ -30,8 +30,10 @@ _SORTING = ((0, 5), (0, 3), (1, 6), (2, 4), (0, 1), (3, 5), (2, 6), (2, 3), (3, 
 """Pairs to compare and exchange, after which the fourth of seven values is the median (Devillard, Fast median
 search, 1998)."""
 _SEEN = 0.35
-"""Share of a step below which noise cannot be detected: noise-free readings appear equally noisy if the curve
-changes by about a step between readings."""
+"""Share of a step below which noise cannot be detected.
+
+If the curve changes by about a step between readings, noise-free readings appear to have noise of this size.
+"""
 _HARMONICS = 5
 """Number of harmonics of a sawtooth: five contain nine tenths of the energy."""
 _BLOCK = 1 << 16
