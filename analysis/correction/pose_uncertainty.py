@@ -1,10 +1,11 @@
 """Uncertainty of the tool pose for corrections from any model.
 
-A correction needs tool displacements at joint angles, each of one standard uncertainty, and the range in which the runs
-support them. Outside this range the uncertainty is unknown, and no figure is given.
+A correction needs independent tool displacements at joint angles, each with a size of one standard uncertainty, and the
+range covered by the runs. Outside this range the uncertainty is unknown, and no value is given.
 
-A term turns a joint, changes a constant or moves the tool. The pose changes by the derivative times the uncertainty of
-the term. Derivatives by joints are computed once, because most of a thousand terms turn a joint.
+A term of a model turns a joint, changes a constant or moves the tool. The change of the pose is the derivative times
+the uncertainty of the term. Derivatives with respect to joint angles are computed only once, because most of a thousand
+terms turn a joint.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ _STEP_DEG = 1e-3
 _SMALL = 1e-3
 """Variation of a parameter: share of a healthy size, or of a shape."""
 _ROWS = 128
-"""Postures per block: 1500 terms at each need 10 MB."""
+"""Number of postures per block: 1500 terms need 10 MB at this size."""
 
 
 @dataclass(frozen=True)
@@ -219,7 +220,9 @@ class EffectsUncertainty:
         return 0.0
 
     def is_within_reach(self, q: Array) -> Mask:
-        """Return True for each posture (n,) of q (n, 6) rad: only joint ranges of effects are known."""
+        """Return True for each posture (n,) of q (n, 6) rad. For effects of a rig file only the joint ranges are
+        known.
+        """
         return np.ones(len(q), dtype=bool)
 
     @property

@@ -33,8 +33,9 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 FEWEST_TAUGHT, _SPREAD = 12, 60
-"""Minimum number of postures at which frame and tool are taught and a correction is judged, and the number used
-otherwise. Chosen: the nine constants of frame and tool take a quarter of 36 coordinates.
+"""Smallest number of postures for teaching frame and tool and for judging a correction, and the number used otherwise.
+
+Chosen: the nine constants of frame and tool absorb a quarter of the 36 coordinates of the smallest number.
 """
 _AROUND_RAD = np.radians(30.0)
 """Range around the work area if the runs' joint angles are unknown. Chosen: a usual range."""

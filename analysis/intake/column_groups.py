@@ -53,7 +53,9 @@ _UR_NAMES = (
 _A_CALL = 3
 """Minimum length of an axis name searched for inside column names; shorter names occur in ordinary words."""
 _NAMELESS = re.compile(r"column \d+( \(.*\))?")
-"""A column of a file with a missing header (`analysis.intake.raw_table`). The number is only a position."""
+"""Name given to a column of a file that has no header (`analysis.intake.raw_table`). The number is the position
+only.
+"""
 _ORDERS = tuple("".join(order) for order in permutations("xyz"))
 _ZYZ = ("zyz", "zxz")
 
@@ -92,7 +94,10 @@ class PlaceColumns:
 
 @dataclass(frozen=True)
 class Groups:
-    """Candidate columns of a table. near: columns of joints for a different number of axes, for a message."""
+    """Candidate columns of a table.
+
+    near: joint columns for a different number of axes, mentioned in an error message.
+    """
 
     joints: tuple[ColumnGroup, ...]
     seen: tuple[PlaceColumns, ...]
@@ -177,7 +182,7 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
 
 
 def _as_named(raw: RawTable, group: ColumnGroup, axis_names: Sequence[str]) -> ColumnGroup:
-    """Return numbered joint columns in axis order, if adjacent name columns identify the joints.
+    """Return numbered joint columns in the order of the axes, if adjacent columns contain the joint names.
 
     `rostopic echo -p` writes a JointState as field.name0 … and field.position0 …, in the order of the sender.
     """

@@ -36,7 +36,9 @@ def host(gauges: Sequence[MahrC1208]) -> Host:
 
 
 def device(gauges: Sequence[MahrC1208], read: Read) -> Device:
-    """Return the conversation of the emulated instrument. An open menu represents a head in error."""
+    """Return the conversation of the emulated instrument. If the measuring head is in error, the instrument is
+    silent, as with an open menu.
+    """
     (gauge,) = gauges
 
     def answer(command: bytes, show: Show) -> bytes:

@@ -33,8 +33,9 @@ class GaugeDeadBand(Effect):
     PLACE = AT_GAUGE
     STRAIGHT = 0.0
     FORM_U = 0.2
-    """The readings show the size of the lag, but hardly whether the plunger drags or jumps. Chosen: otherwise a band of
-    40 µm from a different generator gave 30.0 ± 0.3.
+    """Relative uncertainty of the size, because the readings hardly show whether the plunger drags or jumps.
+
+    Chosen: without it, a band of 40 µm from a different generator gave 30.0 ± 0.3.
     """
 
     def apply(self, scene: S) -> S:

@@ -76,7 +76,7 @@ class ReversalSpike(Effect):
 
     @property
     def idle(self) -> str:
-        """Reason for being invisible: only reversals show it."""
+        """Reason for being invisible in a test with no reversals of the joint."""
         return f"axis {self.axis} does not turn back"
 
     def departures(self) -> Departures:

@@ -59,7 +59,7 @@ class ThermalGrowth(Effect):
         return "the arm grows when warming up: warm up the arm before measuring, or measure faster"
 
     def compensation(self) -> Compensation:
-        """Return no compensation, because a target has no time."""
+        """Return no compensation by targets, because the growth depends on time, and a target does not."""
         return Compensation("none", "changes with time: warming up helps, a fixed target does not")
 
     def departures(self) -> Departures:

@@ -54,8 +54,10 @@ _MOST_JOINTS, _LONGEST_NAME = 50, 200
 _GAP_S = 1.0
 """Maximum gap in the joint angles: the robot may have moved in a longer gap."""
 _DRIFTS, _LEAST_M = 6.0, 5e-5
-"""Minimum drift of an instrument during a standstill: difference between the means of the two halves, in multiples
-of its uncertainty and in m."""
+"""Smallest drift of an instrument during a standstill that is reported.
+
+It is the difference between the means of the two halves, in multiples of its uncertainty and in m.
+"""
 
 
 @dataclass

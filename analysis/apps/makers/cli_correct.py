@@ -179,8 +179,8 @@ def _say_next(
 ) -> None:
     """Print the next steps after correcting a rig.
 
-    table: table of the corrected targets. settled: propose no alternative. both: values for the controller were written
-    together with targets, so the user has to choose.
+    table: table of the corrected targets. settled: True if a way of correction is already chosen, so no alternative is
+    proposed. both: True if values for the controller were written together with targets, so the user has to choose.
     """
     axes, rail = len(rig.robot.axes), ", e1_mm" if rig.robot.rail else ""
     file = as_argument(rig_file)

@@ -286,7 +286,7 @@ def _off_by_offset(
 
 
 def _with_offset(target: Target, X: Array) -> Array:
-    """Return the frame (4, 4) of a move with a target's offset from X (4, 4)."""
+    """Return the frame (4, 4) that a move reaches with the offset of a target from X (4, 4)."""
     if target.offset is None:
         return X
     kind, offset = target.offset

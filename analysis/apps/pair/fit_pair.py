@@ -70,7 +70,10 @@ def pair_of(first: Rig, second: Rig, table: PairTable, where: str) -> Pair:
 
 
 def fit_pair(pair: Pair) -> FittedPair:
-    """Fit two arms to their touches. Raises FileError if no set-up explains them, or if too many are odd."""
+    """Fit two arms to their touches.
+
+    Raises FileError if no set-up explains the touches, or if there are too many outliers.
+    """
     state, nominal_rms = start(pair)
     odd: list[tuple[int, float]] = []
     allowed = int(_MOST_OUTLIERS_SHARE * len(pair.table.q))
@@ -102,7 +105,7 @@ def _check_enough(pair: Pair) -> None:
 
 
 def _at_mean(gaps: LinearGaps, at_levels: PairPosterior) -> PairState:
-    """Return the state at a posterior mean: its terms are absolute, its set-up is relative to the linearisation."""
+    """Return the state at a posterior mean. Its terms are absolute, and the set-up is relative to the linearisation."""
     terms = int((gaps.group >= 0).sum())
     step = at_levels.mean.copy()
     step[:terms] -= np.concatenate(gaps.state.times)

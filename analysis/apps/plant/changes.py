@@ -114,7 +114,7 @@ def directions(noise: Whitening, first: Integers, last: Integers) -> Array:
 
 
 def _allowed(pairs: Integers, count: int) -> tuple[Integers, Integers]:
-    """Return the ramps with enough runs on either side. Runs within a long ramp count."""
+    """Return the ramps with enough runs on either side. The runs within a long ramp are counted on both sides."""
     first, last = pairs.T
     within = (last - first - 1) // 2
     enough = (first + 1 + within >= FEWEST) & (count - last + within >= FEWEST)

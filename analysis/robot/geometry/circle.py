@@ -29,9 +29,10 @@ from rigs.schema.vocabulary import CircleTest, Direction
 
 
 def peaks(x: Array, prominence: float) -> Integers:
-    """Return the rows of peaks of x (n,) with a prominence above `prominence` on both sides, in the unit of x.
+    """Return the rows of peaks of x (n,) that exceed their surroundings on both sides by `prominence`, in the unit of
+    x.
 
-    The middle of a flat top counts, and the first of several equal tops.
+    A flat top has its peak in the middle. Of several equal tops, the first counts.
     """
     # A follower in a gap moves down only after a fall by the whole gap.
     follower = np.diff(play(x, prominence / 2))

@@ -43,7 +43,9 @@ def within_limits(arm: Arm, q: Array) -> tuple[Array, NDArray[np.intp]]:
 _MOST_RAD = 4 * np.pi + 0.1
 """Limit of axes with internal cables: two turns in each direction."""
 _WIND = 2
-"""Number of endless axes: axis 6, and axis 4 if a circle is about it (UR e-series, wrist 3; ABB, independent axis)."""
+"""Largest number of endless axes: axis 6, and axis 4 if a circle is about it (UR e-series, wrist 3; ABB, independent
+axis).
+"""
 
 
 def wrapped(angle: Array) -> Array:

@@ -188,7 +188,6 @@ def _solved(normal: Array, right: Array) -> Array:
 
 
 def _limited(step: Array) -> Array:
-    """Limit steps (6, n) rad to half a radian per axis."""
     limited: Array = step * np.minimum(1.0, _LARGEST_STEP / np.maximum(np.abs(step).max(axis=0), 1e-300))
     return limited
 

@@ -98,7 +98,7 @@ class Signal:
 
 @dataclass(frozen=True)
 class Hold:
-    """A pause until the operator continues the program."""
+    """A pause that ends when the operator continues the program."""
 
     request: str
 
@@ -176,7 +176,7 @@ def in_base(arm: Arm, poses: Array) -> Array:
 _STEP_RAD = np.radians(2.0)
 """Rotation of the fastest joint between two samples of a joint move."""
 _FULL_TURN_DEG = 300.0
-"""Range of a joint that winds cables and hoses by nearly a full turn. Chosen."""
+"""Range above which a joint may wind up cables and hoses, nearly a full turn. Chosen."""
 _NEAR_SINGULAR = 0.02
 """Conditioning below which a path is reported as near a singularity: a tenth of the shipped circles."""
 

@@ -373,4 +373,4 @@ READER = ProgramReader(
     null_frames=("base",),
     beside=(".jbi",),
 )
-"""Comments have at most 32 characters (RE-CKI-A457). Longer remarks take several lines."""
+"""Reader of Yaskawa jobs. Comments have at most 32 characters (RE-CKI-A457); longer remarks take several lines."""
