@@ -40,8 +40,8 @@ _ORTHONORMAL = 1e-6
 _ONE_FRAME = 2
 """Dimensions of a single frame (4, 4)."""
 _UNTURNED_DEG, _UNTURNED_DIGITS, _ALIKE_DIGITS = 1e-6, 6, 3
-"""Rotation in degrees below which a result is a rounding error, and decimals in rad to which equal rotations and
-postures agree.
+"""Rotation in degrees below which a result is a rounding error, and decimals in rad for equal rotations and
+postures.
 """
 
 
@@ -161,8 +161,7 @@ class CalibratedArm:
         return len(self.rig.robot.axes)
 
     def _u_mm(self, q: Array) -> Array:
-        """Return the standard uncertainty (n,) mm of the position at q (n, axes) rad; NaN if the arm was not
-        measured."""
+        """Return the standard uncertainty (n,) mm of the position at q (n, axes) rad; NaN for an unmeasured arm."""
         if self.rig.calibrated is None and not any(effect.found for effect in self.rig.effects):
             return np.full(len(q), np.nan)
         uncorrected = [effect for effect in model_of(self.rig).effects if effect.compensation().use == "none"]

@@ -220,9 +220,7 @@ class EffectsUncertainty:
         return 0.0
 
     def is_within_reach(self, q: Array) -> Mask:
-        """Return True for each posture (n,) of q (n, 6) rad. For effects of a rig file only the joint ranges are
-        known.
-        """
+        """Return True for each posture (n,) of q (n, 6) rad. Effects of a rig file have only joint ranges."""
         return np.ones(len(q), dtype=bool)
 
     @property
@@ -286,8 +284,7 @@ def places_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array)
 
 
 def frame_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) -> Array:
-    """Return u (n,) mm of positions relative to a frame taught at joint angles (k, 6) rad: the second of
-    `places_u_mm`."""
+    """Return u (n,) mm of positions relative to a frame taught at angles (k, 6) rad: the second of `places_u_mm`."""
     return places_u_mm(rig, uncertainty, q, taught)[1]
 
 

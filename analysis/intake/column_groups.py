@@ -53,9 +53,7 @@ _UR_NAMES = (
 _A_CALL = 3
 """Minimum length of an axis name searched for inside column names; shorter names occur in ordinary words."""
 _NAMELESS = re.compile(r"column \d+( \(.*\))?")
-"""Name given to a column of a file that has no header (`analysis.intake.raw_table`). The number is the position
-only.
-"""
+"""Name given to a column without a header (`analysis.intake.raw_table`). The number is the position only."""
 _ORDERS = tuple("".join(order) for order in permutations("xyz"))
 _ZYZ = ("zyz", "zxz")
 

@@ -165,8 +165,7 @@ def _are_same_poses(first: Result, run: Result) -> bool:
 
 
 def pairs_of(group: Sequence[Result]) -> Pairs | None:
-    """Pair every acw run with the cw run of the closest ball, otherwise in the given order; None unless there are
-    both."""
+    """Pair each acw run with the cw run of the closest ball, otherwise in the given order; None unless both exist."""
     circles = [(run, run.found) for run in group if isinstance(run.found, CircleResult)]
     acw_runs, cw_runs = ([ring for ring in circles if ring[1].laps.direction == way] for way in ("acw", "cw"))
     if not acw_runs or not cw_runs:

@@ -38,9 +38,7 @@ _DRIFTING = 0.7
 have a ratio of 1.2 to 1.4.
 """
 _IN_STEP = 0.9
-"""Smallest mean cosine of the phases of arrivals that indicates a timer. All adapters use periods of whole
-milliseconds.
-"""
+"""Smallest mean cosine of the phases of arrivals that indicates a timer, with a period of whole milliseconds."""
 _SAMPLE = 20_000
 """Number of messages used to detect a timer."""
 _STIRRED = 5
@@ -58,8 +56,8 @@ _SPARSE_NS = 50e6
 A reversal crosses backlash in about ten milliseconds; this limit is five times longer.
 """
 _SPARSE = (
-    "the readings are {:.0f} ms apart, too far to follow a joint that turns back: a band may be too large by what the "
-    "other gauge shows earlier; drive the circle slower"
+    "the readings are {:.0f} ms apart, too far to follow the reversal of a joint: one gauge shows it before the "
+    "other, which may increase a band; drive the circle more slowly"
 )
 _NOT_ADVANCING = "the instrument clock does not advance and is not used; check the instrument"
 _FOUND = (

@@ -88,7 +88,7 @@ class _Readings:
             return Fault(FaultKind.GARBLED, at_ns, refused[1])
         if self._mistrusted:
             self._mistrusted -= 1
-            detail = f"{value_mm:.4g} mm is ignored, as a number before was no length; check `word_order`, `byte_order`"
+            detail = f"{value_mm:.4g} mm is ignored after an impossible number; check `word_order` and `byte_order`"
             return Fault(FaultKind.GARBLED, at_ns, detail)
         if refused:
             return Fault(refused[0], at_ns, refused[1])

@@ -111,7 +111,7 @@ class Backlash(Effect):
     @property
     def idle(self) -> str:
         """Reason for being invisible in a test with no reversals of the joint."""
-        return f"axis {self.axis} does not turn back"
+        return f"axis {self.axis} does not reverse"
 
     def departures(self) -> Departures:
         """Return the departures: initial position within the backlash, and form of the crossing."""

@@ -77,7 +77,7 @@ class ReversalSpike(Effect):
     @property
     def idle(self) -> str:
         """Reason for being invisible in a test with no reversals of the joint."""
-        return f"axis {self.axis} does not turn back"
+        return f"axis {self.axis} does not reverse"
 
     def departures(self) -> Departures:
         """Return the departures: an earlier or later start, and any decay time at a target."""

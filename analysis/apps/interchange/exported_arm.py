@@ -1,5 +1,6 @@
-"""Parts of a rig's model in exported arms: geometry, and for simulators the backlash, compliance and friction of
-each joint."""
+"""Parts of a rig's model in exported arms: geometry, and for simulators backlash, compliance and friction of each
+joint.
+"""
 
 from __future__ import annotations
 

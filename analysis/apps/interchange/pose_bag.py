@@ -222,8 +222,7 @@ def _names(messages: Sequence[BagMessage], axes: int, where: str) -> list[str]:
 
 
 def _chosen(placed: dict[str, _SenderMessages], topic: str, where: str) -> tuple[str, _SenderMessages]:
-    """Return the topic of the instrument: the given topic, the only topic, or the only topic that is not a
-    transform."""
+    """Return the topic of the instrument: the given topic, the only topic, or the only one that is not a transform."""
     tracks = {name: track for name, track in placed.items() if len(track.log_ns) > 1}
     has = ", ".join(sorted(tracks))[:300]
     if not tracks:
@@ -284,8 +283,7 @@ def _timed(tracks: dict[str, _SenderMessages]) -> tuple[tuple[Integers, Array], 
 
 
 def _unusable(t_s: Array, pose_ns: Integers, seen: Array, topic: str) -> str:
-    """Return the reason for not using a standstill at times t_s (n,) with readings seen (m, k), empty if it is
-    usable."""
+    """Return the reason for not using a standstill at times t_s (n,) with readings seen (m, k); empty if usable."""
     if np.diff(t_s).max() > _GAP_S:
         return f"joint angles are missing for more than {_GAP_S:g} s"
     if len(pose_ns) < _FEWEST:

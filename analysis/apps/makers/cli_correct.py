@@ -159,7 +159,10 @@ def correct(
             say(f"{program.path.name}: --start-joints is not needed by any target", err=True)
     if any(program.names and not program.held for program in corrections.programs):
         say("next: compare each program with the original line by line; rig did not send anything to a robot", err=True)
-        say("      first run the program at reduced speed, hand on the stop, and watch each target", err=True)
+        say(
+            "      first run the program at reduced speed with a hand on the stop button, and watch each target",
+            err=True,
+        )
     errors = target_errors(*corrections.path) if corrections.path else []
     remedy = "keep the targets unchanged, or measure there; --anyway writes them"
     errors += [

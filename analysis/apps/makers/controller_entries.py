@@ -66,8 +66,7 @@ and a gear error: 0 left 93 µm in the work area and 696 µm outside (582 before
 _SHARE = 0.3
 """Minimum share of a constant in an undetermined combination to be named as part of it."""
 _ROUNDS = 4
-"""Number of linear steps. Chosen: each step leaves about a thousandth, because constants are wrong by about a
-thousandth."""
+"""Number of linear steps. Chosen: each leaves about a thousandth, because constants are wrong by about a thousandth."""
 
 
 @dataclass(frozen=True)
@@ -395,8 +394,9 @@ def as_entered(rig: Rig, targets: CorrectedTargets, at: ControllerEntries) -> Co
 
 
 def _apart_mm(rig: Rig, effects: Sequence[Effect], others: Sequence[Effect], q: Array) -> Array:
-    """Return the distance (n,) mm between the tools of two models at joint angles q (n, 6) rad, with frame and tool
-    taught."""
+    """Return the distance (n,) mm between the tools of two models at angles q (n, 6) rad, with frame and tool
+    taught.
+    """
     return rest_mm(tool_places(rig, effects, q), tool_poses(model_of(rig, others), q))
 
 

@@ -52,7 +52,7 @@ the controller. The controller then decides to which side the wrist turns.
 _SAME_ORIENTATION_RAD = np.radians(0.1)
 """Tolerance for equal orientations. Chosen: it changes a correction of 1 mm by 2 µm."""
 _FLAT = 1e-4
-"""Sine of an angle below which three points of an arc count as collinear. Chosen: the radius is then several hundred
+"""Sine of an angle below which three points of an arc count as collinear. Chosen: the radius is several hundred
 metres.
 """
 _LONGEST_MM = 1e4

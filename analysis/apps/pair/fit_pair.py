@@ -29,9 +29,7 @@ _LARGEST_GAP_MM = 50.0
 gives 20 mm for an arm with a reach of one metre.
 """
 _OUTLIER_CHI2 = 35.0
-"""Chi-square of the three coordinates of a touch, given all others, above which it is an outlier: a probability of
-1e-7.
-"""
+"""Chi-square of the three coordinates of a touch, given all others, above which it is an outlier: probability 1e-7."""
 _MOST_OUTLIERS_SHARE = 0.1
 """Largest share of outliers."""
 

@@ -57,9 +57,7 @@ _One = TypeVar("_One")
 
 
 def recent(kept: dict[_Key, _One], key: _Key, compute: Callable[[], _One], most: int) -> _One:
-    """Return the value cached under a key, or compute it. Above `most` values, the least recently used value is
-    dropped.
-    """
+    """Return the value cached under a key, or compute it. Above `most` values, the least recently used is dropped."""
     result = kept[key] = kept.pop(key) if key in kept else compute()
     if len(kept) > most:
         del kept[next(iter(kept))]
@@ -142,9 +140,7 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects:
 def _repeated(
     members: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: Sequence[Effect]
 ) -> tuple[ObservedRun, Repeated]:
-    """Return the first of repeated runs in comparable form, and their residuals (n, N) mm with the response to
-    scatter.
-    """
+    """Return the first of repeated runs in comparable form, and their residuals (n, N) mm with response to scatter."""
     # Standstills are compared only if every run has them before and after its lap.
     if not all(run.sampling and run.sampling.stands for run in members):
         members = [replace(run, sampling=run.sampling and run.sampling.without_stands()) for run in members]
@@ -272,9 +268,7 @@ The displacement of the tool is proportional to the size of these effects, but t
 for a length error of 13 mm, an unscaled column differed from the derivative of the fit.
 """
 _SCENES, _ERRORS = 4, 64
-"""Number of scenes, and of joint errors, cached per block, at about 0.1 MB each: a fit reuses those of the present
-effects.
-"""
+"""Number of scenes, and of joint errors, cached per block, about 0.1 MB each: a fit reuses those of present effects."""
 _FEW = 64
 """Number of effects computed together, to fit a processor's cache."""
 

@@ -1,6 +1,4 @@
-"""Noise of runs estimated from repeats: scatter of joints and ball; noise of orders, runs and targets; and late
-stamps.
-"""
+"""Noise of runs estimated from repeats: scatter of joints and ball, noise of orders, runs and targets, late stamps."""
 
 from __future__ import annotations
 
@@ -71,9 +69,7 @@ class RunScatter:
     drifting_ball: float
 
     def constant(self, terms: int) -> Array:
-        """Return the constant scatter (terms,), relative to the unit, of the joints and then of the ball, if
-        included.
-        """
+        """Return the constant scatter (terms,), relative to the unit, of the joints and then of the ball."""
         return _by_term(self.joints, self.ball, terms)
 
     def drifting(self, terms: int) -> Array:
@@ -262,7 +258,7 @@ _SLOW_CORNER = 5.0
 to 5 s of real cells.
 """
 _NOISE_ROUNDS = 4
-"""Rounds of alternating noise and scatter estimates. Chosen: a further round changes the noise by less than the
+"""Rounds of alternating noise and scatter estimates. Chosen: another round changes the noise by less than its
 uncertainty.
 """
 _BORROWED = 4.0

@@ -75,8 +75,7 @@ class ObservedRun:
 
     @property
     def targets_key(self) -> bytes:
-        """Bytes equal for runs that repeat each other reading by reading; empty for circles, identified by their
-        name."""
+        """Bytes equal for runs that repeat each other reading by reading; empty for circles, identified by name."""
         return b"" if self.sampling else self.visits.tobytes()
 
     def entries(self, values: Array) -> Array:
@@ -288,8 +287,7 @@ reading in 400 passes the next.
 _ROWS = 2 * GRID
 """Rows per lap sufficient for its orders; the rows of faster gauges are averaged."""
 _STANDSTILL_SHARE = 0.02
-"""Share of the lap's median joint speed below which the robot stands. Chosen: above the noise of differentiated
-feedback."""
+"""Share of the median joint speed of a lap below which the robot stands. Chosen: above the noise of the feedback."""
 _MOST_APART = GRID // 16
 """Largest bridged distance between the start angles of repeated laps, in grid steps. Chosen: repeats of a program begin
 within a row."""

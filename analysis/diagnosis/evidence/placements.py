@@ -72,9 +72,7 @@ def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
 
 
 def split_by_frame(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[list[ObservedRun], list[str]]:
-    """Return runs, of (m, k) mm, with a set-up for each frame visible in them, and messages; for poses by
-    `split_by_target`.
-    """
+    """Return runs, of (m, k) mm, with a set-up for each visible frame, and messages; for poses by `split_by_target`."""
     split_up, messages = list(runs), []
     for setup in dict.fromkeys(run.setup for run in runs):
         places = [k for k, run in enumerate(runs) if run.setup == setup]

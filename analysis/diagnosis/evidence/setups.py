@@ -225,9 +225,7 @@ def _at(place: Array) -> Array:
 
 
 def at_instrument(setup: SetUp, runs: Sequence[ObservedRun]) -> SetUp:
-    """Return a set-up with the instrument fitted to the poses, of (m, 3) mm: the best rigid motion, with a fixed
-    tool.
-    """
+    """Return a set-up with the instrument fitted to the poses, of (m, 3) mm: the best rigid motion at a fixed tool."""
     bare = replace(setup, T_instrument_world=np.eye(4))
     places = np.concatenate([predicted(run, bare) for run in runs])
     seen_there = np.concatenate([run.values for run in runs])
@@ -356,9 +354,7 @@ def neighbourhoods(q: Array, rng: np.random.Generator) -> Integers:
 
 
 def _places(q: Array) -> tuple[Array, Integers]:
-    """Return the distinct places (p, 6) rad of joint angles q (n, 6) rad, and the index (n,) of the place of each
-    row.
-    """
+    """Return the distinct places (p, 6) rad of joint angles q (n, 6) rad, and the index (n,) of each row's place."""
     places, place = np.unique(np.round(q, 3), axis=0, return_inverse=True)
     return places, np.asarray(place.ravel(), dtype=np.int64)
 

@@ -362,7 +362,7 @@ class CoefficientPosterior:
 
     @cached_property
     def _of_terms(self) -> Array:
-        """Variances (N,) of the readings caused by the uncertainty of the fitted terms, after absorption by the
+        """Variances (N,) of the readings due to the uncertainty of the fitted terms, after absorption by the
         columns.
         """
         remainder = self.terms.T - self.background.columns.X @ self._absorbed_coefficients[:, :-1]

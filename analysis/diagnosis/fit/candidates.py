@@ -368,8 +368,8 @@ class Columns:
         return usual
 
     def mean(self, level: float) -> Array:
-        """Return the prior mean (p,) of the coefficients in an arm with `level` times the healthy size of every
-        effect.
+        """Return the prior mean (p,) of the coefficients in an arm with `level` times the healthy size of all
+        effects.
         """
         return np.asarray(level * self.healthy_mean, dtype=float)
 

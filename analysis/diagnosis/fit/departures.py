@@ -28,9 +28,7 @@ _NEGLIGIBLE = 0.01
 ten-thousandth of the noise variance.
 """
 _PARTS = 16
-"""Parts of a fault's backlash with separate initial positions. Chosen: finer than the rounding of a backlash
-crossing.
-"""
+"""Parts of a fault's backlash with separate initial positions. Chosen: finer than the rounding of a crossing."""
 
 
 def departure_columns(linear: Linearisation, effect: Effect) -> Array:

@@ -10,9 +10,7 @@ from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.fit.selection_state import SelectionState, beginnings
 
 _LEAST_STRENGTH = 1.5
-"""Strength of a band above which a cause outside the library is tried. Chosen: cells with no such cause have up to
-1.2.
-"""
+"""Strength of a band above which a cause outside the library is tried. Chosen: cells with none have up to 1.2."""
 
 
 def add_discrepancy(selection: Selection, state: SelectionState) -> tuple[Selection, SelectionState]:

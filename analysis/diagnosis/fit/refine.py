@@ -24,18 +24,14 @@ from rigs.effects import Effect, bounds, healthy_size, one_sided, size_field
 from rigs.schema.effect import PHASE, is_wave, name_of
 
 FIT_ROUNDS = 8
-"""Largest number of Gauss-Newton rounds. Chosen: more than a fit near the optimum needs, since it stops by
-`_ENOUGH`.
-"""
+"""Largest number of Gauss-Newton rounds. Chosen: more than a fit near the optimum needs; it stops by `_ENOUGH`."""
 _TRIES = 5
 """Largest number of damping increases in a round. Chosen: five factors of 8 raise the damping by more than 10⁴."""
 _FURTHEST = 4.0
 """Largest distance of a shape from the expected value, in prior standard deviations. Chosen: beyond it the shape is
 implausible."""
 _ENOUGH = 0.1
-"""Chi-square that a round must gain for the fit to continue. Chosen: well below the log evidence relevant to any
-decision.
-"""
+"""Chi-square that a round must gain for the fit to continue. Chosen: well below any evidence that matters."""
 _NEARBY = 0.005
 """Change of the size of an effect, and of the spread of a shape, up to which derivatives and departures are not
 recomputed. Chosen: at 2 % the uncertainty of a backlash of 0.1° was 28 % too large, at 0.5 and 0.2 % it is right.
@@ -84,9 +80,7 @@ class Refined:
     free: Response
 
     def sd(self, effect: int) -> dict[str, float]:
-        """Return the standard uncertainty of each fitted parameter of an effect, including the uncertainty of the
-        form.
-        """
+        """Return the standard uncertainty of each fitted parameter of an effect, including that of the form."""
         sds = np.sqrt(np.diag(self.covariance))
         stated = {u.field: float(sd) for u, sd in zip(self.unknowns, sds, strict=True) if u.effect == effect}
         whole, name = self.effects[effect], size_field(self.effects[effect])
@@ -182,9 +176,7 @@ def whole_order_gain(refined: Refined, place: int) -> float:
 
 
 def _departures(linear: Linearisation, effect: Effect, *, alike: bool) -> Response:
-    """Return the departures (N, f) of an effect, or of the latest effect near it, including those of `alike`
-    effects.
-    """
+    """Return the departures (N, f) of an effect, or of the latest effect near it, including `alike` effects."""
 
     def compute() -> Array:
         departures = departure_columns(linear, effect)
@@ -357,7 +349,7 @@ class _Problem:
 
 
 def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[UnknownParameter]) -> Array:
-    """Return the derivatives (N, q) of whitened readings by the unknowns of an effect, over small steps within the
+    """Return the derivatives (N, q) of whitened readings by the unknowns of an effect, over small steps within
     bounds.
     """
     steps, changed = np.empty(len(unknowns)), []

@@ -309,9 +309,7 @@ class Linearisation:
         return self._best_fit(effects)[1].copy()
 
     def _best_fit(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
-        """Return `residual` and `moves_with`, cached because fits, searches and verdicts need both for the same
-        effects.
-        """
+        """Return `residual` and `moves_with`, cached because fits, searches and verdicts need both."""
 
         def compute() -> tuple[Array, Array]:
             scenes = self._scenes(effects)
@@ -362,9 +360,7 @@ class Linearisation:
     def _responses(
         self, effects: Sequence[Effect], scenes: Sequence[ModelScene], setups: Mapping[str, SetUp]
     ) -> list[Array]:
-        """Return the contribution of `effects` to the entries (N,) mm of each block, given the scenes with these
-        effects.
-        """
+        """Return the contribution of `effects` to the entries (N,) mm of each block, given the scenes with them."""
         both = zip(self.simulated, scenes, strict=True)
         return [
             simulated.block.entries(simulated.read(effects, scene, setups[simulated.block.setup]) - simulated.base)

@@ -50,9 +50,7 @@ _PLACINGS = 8
 fit. Chosen: two or three mostly suffice.
 """
 _GIVEN_TURNS = 4
-"""Largest number of fits of given effects, each about the set-ups of the previous fit. Chosen: they move less each
-time.
-"""
+"""Largest number of fits of given effects, each about the previous set-ups. Chosen: they move less each time."""
 _STOPS, _ITERATIONS = 5, 8
 """Largest number of selections that stop at a fault, and of all selections. Chosen: few faults of an arm are large
 enough to change the columns of earlier faults, and of three complete selections the second mostly had the same
@@ -109,9 +107,7 @@ class SearchResult:
 
     @property
     def noise_share(self) -> float:
-        """Share of the assumed noise of circles, as a standard deviation, shown by the readings; 1 if it was
-        measured.
-        """
+        """Share of the assumed noise of circles, as a standard deviation, shown by the readings; 1 if measured."""
         pairs = zip(self.blocks_as_shown, self.linear.blocks, strict=True)
         shown = [(after.sd_mm, before.sd_mm) for after, before in pairs if before.sampling and not before.measured]
         if not shown:
@@ -236,9 +232,7 @@ def _selection(
     effects: tuple[Effect, ...] = (),
     unlimited: frozenset[str] = frozenset(),
 ) -> Selection:
-    """Return a selection among all possible causes in runs, about set-ups and together with the effects in the
-    model.
-    """
+    """Return a selection among all possible causes in runs, about set-ups and with the effects of the model."""
     linear = linearise(blocks_of(runs, setups, effects), setups, effects, unlimited)
     return Selection(linear, columns_for(linear, candidates_for(linear)))
 
@@ -342,8 +336,10 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     if share < _LEAST_SHARE or not early.any() or share < _step_share(linear, rows, free, y):
         return ()
     axes = ", ".join(f"axis {k + 1} {words.format(unit * ahead[k], unit * sd[k])}" for k in np.flatnonzero(early))
-    message = f"poses were read before the joints came to rest: links are ahead in the direction of travel ({axes})"
-    return (f"{message}, unlike with a play; wait longer before reading a pose, or import with --joints commanded",)
+    message = f"poses were read before the joints came to rest: the links lead in the direction of travel ({axes})"
+    return (
+        f"{message}, whereas play makes them lag; wait longer before reading a pose, or import with --joints commanded",
+    )
 
 
 def _moves(block: Block) -> Array | None:

@@ -113,7 +113,7 @@ def combined_effect(effects: Sequence[Effect], size: Array) -> Effect:
 
 
 def is_alike(effect: Effect, other_effect: Effect) -> bool:
-    """Return whether two effects have the same name, with any size and shape. Waves of different orders are not
+    """Return whether two effects have the same name, with any size and shape. Waves of different order are not
     alike.
     """
     if name_of(effect) != name_of(other_effect):
@@ -224,9 +224,7 @@ targets have the higher price, because their noise has heavy tails.
 _MOST_STRENGTH = 1e6
 """Largest strength of the noise: a thousand times the scatter of a real pose, exceeded only by a wrong arm."""
 _TAIL = 4.0
-"""Degrees of freedom of Student's distribution of readings at targets. Chosen: stops of real robots have heavy
-tails.
-"""
+"""Degrees of freedom of Student's distribution of readings at targets. Chosen: stops of robots have heavy tails."""
 MOST_LEVEL = 8.0
 """Largest level of a background. Chosen: an arm that shows eight times the healthy size of every effect has faults
 instead.

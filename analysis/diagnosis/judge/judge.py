@@ -52,9 +52,7 @@ from rigs.schema.effect import name_of
 
 @dataclass(frozen=True)
 class Findings:
-    """Messages for the doubts: about poses read before the joints came to rest, and about sizes at the limit of
-    fits.
-    """
+    """Messages for the doubts: poses read before the joints came to rest, and sizes at the limit of fits."""
 
     early: tuple[str, ...]
     at_limits: tuple[str, ...]

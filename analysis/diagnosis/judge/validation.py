@@ -176,9 +176,7 @@ class _JudgedRun:
 
 
 def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None:
-    """Return a run at places used by runs of the same kind; None if no such runs exist or the standstill periods
-    differ.
-    """
+    """Return a run at places used by runs of the same kind; None if there are none or the standstills differ."""
     linear = result.linear
     kinds = [(block.name, block.targets_key) for block in linear.blocks]
     kind = (run.name, run.targets_key)
@@ -207,9 +205,7 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
 
 
 def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str, SetUp]) -> _JudgedRun:
-    """Return a run at places or under conditions absent from the runs used: other poses, a different radius or
-    speed.
-    """
+    """Return a run at places or conditions absent from the runs used: other poses, a different radius or speed."""
     effects = result.effects
     placed = setups if run.setup in setups else fit_run_setups(with_effects([run], effects))[0]
     of_run = linearise(blocks_of([run], placed, effects), placed, effects)

@@ -166,9 +166,7 @@ scale of axis 6 that imitated cable drag was as large there as the unexplained e
 _MOST_RUNS = 20
 """Largest number of runs advised; a fault requiring more is not found in this way."""
 _ENOUGH = 3
-"""Smallest number of readings per set-up term for a test. Chosen: with fewer, the set-up absorbs a third of the
-readings.
-"""
+"""Smallest number of readings per set-up term for a test. Chosen: fewer let the set-up absorb a third of them."""
 _HEALTHY = 0.05
 """Probability that a healthy arm shows an effect this large, above which the effect is not reported as a fault.
 Chosen: 5 % of the cases.
@@ -379,9 +377,9 @@ def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple
     """
     size = size_field(left.effect)
     return tuple(
-        f"once the fitted vibration is taken off, the runs still show a {left.effect.plain('')} of "
+        f"after the fitted vibration is removed, the runs still contain a {left.effect.plain('')} of "
         f"{left.amplitude_mm:.4f} ± {left.sd[size]:.4f} mm: a fit with one phase and one frequency for all runs does "
-        "not see the scatter between runs"
+        "cannot represent the scatter between runs"
         for name in vibrations
         if left.gain >= np.log(ODDS) and left.amplitude_mm > CERTAIN_SIGMA * name.sd[size]
     )
@@ -418,9 +416,7 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
 
 
 def _single_runs_um(train: Gap) -> float:
-    """Return the rms in µm by which single runs exceed the noise; 0 if the excess is small, because the noise is
-    uncertain.
-    """
+    """Return the rms in µm by which single runs exceed the noise; 0 for a small excess, as the noise is uncertain."""
     if train.calibrated_um <= _FAR * train.noise_floor_um:
         return 0.0
     return float(np.sqrt(min(train.calibrated_um, train.before_um) ** 2 - train.noise_floor_um**2))

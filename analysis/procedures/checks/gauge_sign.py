@@ -223,9 +223,7 @@ def _grouped(items: Iterable[T], key: Callable[[T], object]) -> list[list[T]]:
 
 
 def _contradicting(repeats: Sequence[Lap], reverse: Sequence[Lap]) -> Iterator[Finding]:
-    """Yield a finding for repeats in which the difference of the gauges has the opposite sign to that of most
-    repeats.
-    """
+    """Yield a finding for repeats in which the difference of the gauges has the opposite sign to most others."""
     mean, apart = np.array([lap.mean for lap in repeats]), np.array([lap.apart for lap in repeats])
     sign = np.where(np.linalg.eigh(apart @ apart.T)[1][:, -1] < 0, -1.0, 1.0)
     if abs(sign.sum()) > 0:

@@ -69,9 +69,7 @@ do not change the result.
 _STEPS, _BEST = 8, 6
 """Number of fit steps in the first comparison, and number of meanings in the final comparison."""
 _KEPT = 0.8
-"""Share of the poses with the smallest residuals that is fitted and compared, so that outliers do not affect the
-base.
-"""
+"""Share of the poses, those with the smallest residuals, that is fitted and compared, because of outliers."""
 _ROUNDS = 3
 _NOTHING_MM = 1e-3
 """Residual below which the labels are correct. Below a micrometre only the rounding of the numbers is compared."""

@@ -126,8 +126,7 @@ _OFF = 3.2
 
 
 def stamp_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
-    """Yield a finding if the mean speed along the circle is wrong by a unit. Decreasing timestamps are refused on
-    reading."""
+    """Yield a finding if the mean speed along the circle is wrong by a unit. Reading refuses decreasing timestamps."""
     circle = rig.tests.circle
     if circle is None:
         return
@@ -312,7 +311,5 @@ def most_distant_rows(places: Array) -> int:
 
 
 def steps(places: Array, rows: int) -> Array:
-    """Return the distances (n,) mm of positions (n, 3) from those `rows` rows before, which are equal in every
-    frame.
-    """
+    """Return the distances (n,) mm of positions (n, 3) from those `rows` rows before; they are equal in every frame."""
     return np.asarray(np.linalg.norm(places - np.roll(places, rows, axis=0), axis=1))

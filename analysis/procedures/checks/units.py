@@ -141,9 +141,7 @@ def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
 
 
 def off_in_its_unit(T: Array, xyz_mm: Array) -> PathDeviation | None:
-    """Return the deviation of tool poses T (n, 4, 4) from positions (n, 3), in the best-fitting unit of the
-    positions.
-    """
+    """Return the deviation of tool poses T (n, 4, 4) from positions (n, 3), in the best-fitting unit of positions."""
     units = (1.0, *FACTORS.values(), *_OF_TRACKERS.values(), *_MISREAD_UNITS.values())
     every = [off for factor in units if (off := off_places(T, xyz_mm / factor))]
     return min(every, key=lambda off: off.off, default=None)

@@ -154,8 +154,7 @@ in higher orders."""
 
 @dataclass(frozen=True)
 class DirectionPair:
-    """Differences between the directions by name; lag: of the gauges behind the robot, ms, reported and not
-    corrected."""
+    """Differences between the directions by name; lag: delay of the gauges behind the robot in ms, not corrected."""
 
     figures: dict[str, Quantity]
     lag: Quantity

@@ -29,15 +29,13 @@ _RINGS = 6
 beyond them by less than a thousandth.
 """
 _LEVEL = 120
-"""Nodes on either side of a step used for averaging the level: 60°. Chosen: several correlation lengths of slow
-noise."""
+"""Nodes on either side of a step for averaging the level: 60°. Chosen: several correlation lengths of slow noise."""
 _NEAR = 41
 """Number of nodes around a node for the detection of a burst of wild readings: 20°. Chosen: longer than a burst."""
 
 
 def without_slips(laps: Array) -> tuple[Array, list[float]]:
-    """Return laps (L, NODES) of a gauge in order of time, corrected for the steps of its clamp, and the list of
-    steps."""
+    """Return laps (L, NODES) of a gauge in order of time, corrected for the steps of its clamp, and these steps."""
     slips: list[float] = []
     while len(slips) < len(laps) and (clearest := _clearest(laps)):
         lap, node, step = clearest

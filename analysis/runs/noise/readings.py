@@ -16,8 +16,7 @@ from analysis.robot.kinematics.arm import Array
 Mask = NDArray[np.bool_]
 
 _SAMPLE = 20_000
-"""Sufficient number of readings for estimating steps and spreads. Chosen: it determines a standard deviation to 0.5
-%."""
+"""Number of readings that is enough to estimate steps and spreads: a standard deviation to 0.5 %. Chosen."""
 _SPREADS, _TAIL = 6.0, 2.5
 """Limits of a wild reading: it differs from the running median by 6 robust standard deviations and by 2.5 times the
 limit of 98 % of all readings. With only the first limit, steps and slow noise at a high rate would classify 44 %

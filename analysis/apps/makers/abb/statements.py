@@ -199,7 +199,8 @@ class RapidReader:
 
     def defined(self, name: str) -> list[str]:
         """Return the candidate routines for a name: routines of the current module or, if there are none, global
-        routines."""
+        ones.
+        """
         if self._defined is None:
             self._defined = {}
             for file, text in enumerate(self.texts):
@@ -218,9 +219,7 @@ class RapidReader:
         return Call(routines[0], why) if len(routines) == 1 else ForgetAll(why)
 
     def literal(self, file: int, kind: str, begin: int, end: int, name: str) -> tuple[Target | None, Reason | None]:
-        """Return the target written as [[…],[…]…], and the reason if it cannot be corrected; None for any other
-        text.
-        """
+        """Return the target written as [[…],[…]…], and the reason if it cannot be corrected; None for other text."""
         text = self.texts[file]
         groups = list(re.compile(r"\[([^\[\]]*)\]").finditer(text, begin, end))
         outside = re.sub(r"\s", "", re.sub(r"\[[^\[\]]*\]", "g", text[begin:end]))

@@ -55,9 +55,7 @@ from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 _DECIMALS = Decimals(place=(3, 7), turn=(3, 9))
-"""Decimals of corrected numbers. A controller prints three decimals; whether it accepts more is unknown, so none are
-added.
-"""
+"""Decimals of corrected numbers. A controller prints three; whether it accepts more is unknown, so none are added."""
 _BLANK = re.compile(
     r"(?<=:)[ \t]*(?:!|//|--eg:)[^\n]*|^[ \t]*(?:\d+[ \t]*)?:[ \t]*(?:!|//)[^\n]*|\"[^\"\n]*\"|MESSAGE\[[^\n]*",
     re.MULTILINE,

@@ -270,7 +270,7 @@ def demand_lines(plan: MotionPlan, demand: Demand, names: list[str]) -> list[str
         lines[1] += f": nearly singular, because axes {axes} cancel each other; watch the first run"
     if demand.removals and plan.has_link:
         lines.append(
-            f"the link comes off {demand.removals} times, where the arm cannot follow the sphere past a singularity"
+            f"remove the link {demand.removals} times, because a singularity prevents the arm from following the sphere"
         )
     lines += [
         f"{names[axis]} turns from {low[axis]:z.0f}° to {high[axis]:z.0f}°, {travel[axis] / 360:z.1f} turns "

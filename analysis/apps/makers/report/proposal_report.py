@@ -59,7 +59,7 @@ def as_table(proposal: CircleProposal) -> RenderableType:
 
 
 def _testable(proposal: CircleProposal, circle: ProposedCircle) -> list[str]:
-    """Return the names that a circle makes testable. The full judgement of all circles, which fits shapes, has to
+    """Return the names that a circle makes testable. The full judgement of all circles, which fits shapes, must
     agree.
     """
     return [name for name in circle.testable if name not in proposal.after.undetectable]

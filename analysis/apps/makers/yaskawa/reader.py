@@ -79,8 +79,9 @@ _NOTHING = words("""
     VAL2STR STR2VAL ASC CHR$ MID$ LEN CAT$ GETREG SETREG BIND REFP HAND HSEN TOOLON TOOLOF PAINTON PAINTOF SPYON SPYOF
     HPVELON HPVELOF GETFILE SETFILE DOUTWAIT CLRSTP LATCH ADVINIT ADVSTOP DELAY SWAIT CWAIT TSYNC MSHIFT
     """)
-"""Instructions that change neither tool, frame, shift nor arm position: variables, signals, waiting, messages,
-welding, guns."""
+"""Instructions that do not change tool, frame, shift or arm position: variables, signals, waiting, messages,
+welding.
+"""
 _SWITCHES = {
     "SFTON": ("shift", "on"), "SFTOF": ("shift", OFF), "CVON": ("tracking", "on"), "CVOF": ("tracking", OFF),
     "SYSTART": ("tracking", "on"), "SYEND": ("tracking", OFF), "COMARCON": ("tracking", "on"),

@@ -122,7 +122,7 @@ def test_the_touch_of_a_resting_robot_is_read_and_a_moving_robot_refused(case: t
         moving.do("begin", {"run": "before"})
         with pytest.raises(error, match=what):
             moving.do("touch", {})
-    with pytest.raises(UseError, match="is no reference"):
+    with pytest.raises(UseError, match="is not a known reference"):
         check.do("begin", {"run": "../before"})
 
 
