@@ -34,7 +34,7 @@ _NUMBERED = (
     (3, r"(<h3>)(Main causes)"),
     (4, r"(<h3>)(Do next)"),
     (5, r'(<h2 id="budget">)()'),
-    (6, r'(<th scope="col" class="word">)(class)'),
+    (6, r'(<th scope="col" class="word">)(size)'),
     (7, r'(<h2 id="steps">)()'),
 )
 """Numbered elements in the documents: number, and pattern of the element."""

@@ -278,7 +278,7 @@ class Budget:
         return drawn
 
     def _u_um(self, moved: Array, indices: Integers) -> float:
-        """Return the standard uncertainty in µm of the combined contribution of columns `indices` to (N, n)."""
+        """Return the standard uncertainty in µm of the combined change `moved` (N, n) by columns `indices`."""
         return float(np.sqrt(max(np.sum(moved.T @ moved * self.result.posterior.covariance_among(indices)), 0.0)))
 
     @cached_property
