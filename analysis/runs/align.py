@@ -443,8 +443,8 @@ def timing_doubts(name: str, instants: Instants | InstrumentObservations) -> lis
 def _track(
     instants: Instants, values: Array, sound: Mask, inside: Mask | None
 ) -> tuple[InstrumentTrack, InstrumentObservations]:
-    """Return the values in order of time with a single row per instant.
-    Rows lacking a valid reading or time are dropped.
+    """Return the values in order of time with a single row per instant. Rows lacking a valid reading or time are
+    dropped.
 
     If several messages arrived together, the last one is kept, because the others waited for it. If a coarse clock
     repeats a time, the first row is kept.

@@ -334,8 +334,8 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
 
 
 def _count_missing_periods(least: Array, period_ns: float) -> Integers:
-    """Return the lag of each smallest delay (n,) relative to the corrected delays of the
-    previous `_AHEAD` rows, in periods.
+    """Return the lag of each smallest delay (n,) relative to the corrected delays of the previous `_AHEAD` rows, in
+    periods.
 
     If the previous rows have equal counts, the next count depends only on the increase of the delay. Such increases are
     found for all rows at once, and only the rows after an increase are processed one by one.

@@ -114,8 +114,7 @@ def _size(arm: Arm) -> float:
 _BOTH = np.array([1.0, -1.0])
 _ON_AXIS_MM = 1e-9
 _WRIST_SINGULAR = 1e-12
-"""Value of sin t5 below which t4 can be chosen.
-The resulting tool motion is negligible compared with all tolerances.
+"""Value of sin t5 below which t4 can be chosen. The resulting tool motion is negligible compared with all tolerances.
 """
 Point = tuple[Array, Array]
 """Positions in the plane of the arm in mm: two coordinates with equal shapes."""
