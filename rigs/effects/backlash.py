@@ -114,7 +114,7 @@ class Backlash(Effect):
         return f"axis {self.axis} does not reverse"
 
     def departures(self) -> Departures:
-        """Return the departures: initial position within the backlash, and form of the crossing."""
+        """Return the deviations of real backlash: the initial position within it, and the form of the crossing."""
         half_deg = self.width_deg / 2
         free = scaled(self, 1.0, preload=0.0)
         spectrum = tuple(((_SHARE / ratio, scaled(free, ratio, transit=0.0)), (-_SHARE, free)) for ratio in _SPECTRUM)

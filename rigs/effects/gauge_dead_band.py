@@ -59,5 +59,5 @@ class GaugeDeadBand(Effect):
         return OF_THE_GAUGES
 
     def departures(self) -> Departures:
-        """Return the departures: the approach of the plunger to a target is unknown."""
+        """Return the deviation at a target, where the direction of approach of the plunger is unknown."""
         return Departures(stick=(self.gauge, self.width_mm / 2))

@@ -80,5 +80,5 @@ class ReversalSpike(Effect):
         return f"axis {self.axis} does not reverse"
 
     def departures(self) -> Departures:
-        """Return the departures: an earlier or later start, and any decay time at a target."""
+        """Return the deviations of a real spike: an earlier or later start, and any decay time at a target."""
         return Departures(jolt=(self.axis, abs(self.amplitude_deg), self.decay_s), fades=True)

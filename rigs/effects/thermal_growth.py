@@ -63,7 +63,7 @@ class ThermalGrowth(Effect):
         return Compensation("none", "changes with time: warming up helps, a fixed target does not")
 
     def departures(self) -> Departures:
-        """Return the departures: uneven warming, in which parts of the arm grow faster, slower, more or less."""
+        """Return the deviations of a real arm: its parts grow faster, slower, more or less than the average."""
         keys = {"ppm": self.ppm, "time_constant_s": self.time_constant_s}
         return Departures(
             beside=tuple((_PART_SHARE, _GrowthBeyond(axis=axis, **keys)) for axis in _PARTS),

@@ -388,9 +388,8 @@ def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: st
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted circle with the regressions of radial and axial deviations.
-
-    rows: number of rows used. wild: number of outliers.
+    """A fitted circle with the regressions of radial and axial deviations. rows: number of rows used. wild:
+    outliers.
     """
 
     circle: CircleFrame

@@ -14,7 +14,7 @@ _LEAST_STRENGTH = 1.5
 
 
 def add_discrepancy(selection: Selection, state: SelectionState) -> tuple[Selection, SelectionState]:
-    """Add free functions for causes outside the library, and remove the named effects that no longer pay.
+    """Add free functions for causes outside the library, and remove the named effects that are no longer justified.
 
     Returns the new selection and state, or both unchanged if there is no sign of such causes. A named effect that
     imitates such a cause leaves a residual, to which the next effect is fitted. Named effects are therefore reassessed

@@ -176,7 +176,7 @@ def whole_order_gain(refined: Refined, place: int) -> float:
 
 
 def _departures(linear: Linearisation, effect: Effect, *, alike: bool) -> Response:
-    """Return the departures (N, f) of an effect, or of the latest effect near it, including `alike` effects."""
+    """Return the columns (N, f) for deviations of a real effect from its ideal form, for this or a similar effect."""
 
     def compute() -> Array:
         departures = departure_columns(linear, effect)

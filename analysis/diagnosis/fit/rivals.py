@@ -87,11 +87,11 @@ def compare_with_rivals(
 
 
 def without_needless_names(selection: Selection, state: SelectionState, limits: Array) -> SelectionState:
-    """Remove the faults that do not pay after all other terms are refitted. Faults that change readings by no more than
-    the limits (b,) µm are not tried.
+    """Remove the faults that are no longer justified after all other terms are refitted.
 
-    An effect added before a large fault was fitted closely may have absorbed the residual of that fault. The fault of
-    largest worth is not tried, because the others are compared in its presence.
+    Faults that change readings by no more than the limits (b,) µm are not tried. An effect added before a large fault
+    was fitted closely may have absorbed the residual of that fault. The fault with the largest contribution is not
+    tried, because the others are compared in its presence.
     """
     state = selection.settled(state)
     tried: set[str] = set()

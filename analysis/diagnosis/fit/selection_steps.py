@@ -96,10 +96,10 @@ class SelectionSteps(StateEvidence):
         return changed, self.refitted(replace(state, free_forms=(*state.free_forms, free_form)))
 
     def _worth_trying(self, state: SelectionState, posterior: CoefficientPosterior, gain: Array) -> list[int]:
-        """Return the best form of each of the few names with the largest gains (n,), best first.
+        """Return the best form of each of the few effects with the largest gains (n,), best first.
 
-        If none gains much, also return the form of a clearly visible name whose gain may be low only because of the
-        stretched shape.
+        If none gains much, also return the form of a clearly visible effect whose gain may be low only because of its
+        shape.
         """
         forms, best_of = self.columns.forms, dict[str, int]()
         for k in np.argsort(-gain).tolist() if len(state.effects) < _DEPTH else ():

@@ -85,8 +85,8 @@ class StateEvidence:
         return max(((self.evidence(state), state) for state in states), key=lambda both: both[0])
 
     def gains(self, state: SelectionState, posterior: CoefficientPosterior) -> Array:
-        """Return the log odds (n,) of each form over an equal share, as a fault or as the healthy effect of the
-        name, whichever are larger.
+        """Return the log odds (n,) of each form over an equal share, as a fault or as a healthy effect, whichever is
+        larger.
         """
         gains = posterior.gains(self.columns.forms, state.level)
         curves, pieces = self.prices.waves_of_curves
@@ -118,9 +118,7 @@ class StateEvidence:
         return gain - self.prices.choice_cost(effect)
 
     def not_testable(self, state: SelectionState, posterior: CoefficientPosterior) -> tuple[str, ...]:
-        """Return the names that these tests would not show at the size of a large fault, with all other possible
-        effects present.
-        """
+        """Return the effects that these tests would not show even as a large fault, with all other effects possible."""
         sigma = posterior.gains(self.columns.forms, state.level).sigma
         named = {name_of(effect) for effect in state.effects}
         seen = {self.columns.forms[k].name for k in np.flatnonzero(LARGEST_FAULT * sigma > _SEEN).tolist()}

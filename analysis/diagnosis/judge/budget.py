@@ -115,9 +115,12 @@ class GapMeasure:
 
 @dataclass(frozen=True)
 class EffectChange:
-    """Contribution of a fitted effect: `change` (N,) of the whitened readings, its rms and standard uncertainty in µm,
-    and its ratio to a healthy one, None if a healthy one is invisible. `apart`: differences between single runs beyond
-    noise and scatter, as a relative standard uncertainty of their mean."""
+    """Contribution of a fitted effect.
+
+    `change` (N,): of the whitened readings, with rms and standard uncertainty in µm, and the ratio to a healthy effect,
+    None if that is invisible. `apart`: differences between single runs beyond noise and scatter, as a relative standard
+    uncertainty of their mean.
+    """
 
     change: Array
     um: float

@@ -104,7 +104,7 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Verdict
 
 
 def _limits_names(remainder: Remainder) -> bool:
-    """Return whether a remainder may imitate effects: it is material, and at new places no negligible share."""
+    """Return whether a remainder may imitate effects: it is material, and at new places its share is not negligible."""
     return remainder.is_material and (not remainder.at_new_places or remainder.share > CRUMBS)
 
 

@@ -44,7 +44,7 @@ class FrozenModel:
 
 @dataclass(frozen=True)
 class Stages:
-    """Models compared with runs, in this order: initial, with the names, and calibrated."""
+    """Models compared with runs, in this order: initial, with the named effects, and calibrated."""
 
     bare: FrozenModel
     named: FrozenModel
@@ -76,7 +76,7 @@ def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
 
 
 def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, run_names: Sequence[str]) -> Gap:
-    """Return the gap of runs with the initial model, with the names, and calibrated; residuals are (m, k) mm.
+    """Return the gap of runs with the initial model, with the named effects, and calibrated; residuals are (m, k) mm.
 
     The noise and scatter of a run are estimated from repeats, or else assumed. For touches and many poses, the estimate
     is limited by the residuals. Runs of a different place use the noise of their test.

@@ -530,7 +530,7 @@ def within_unexplained(named: Sequence[Named], unexplained_um: float, noise_um: 
 
 
 def within_commanded(named: Sequence[Named]) -> list[Named]:
-    """Return the names, with faults of the arm no longer confirmed.
+    """Return the named effects, with no fault of the arm confirmed.
 
     Only commanded angles are known, and an angle that the arm did not reach has the same effect as such a fault.
     """

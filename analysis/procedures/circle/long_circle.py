@@ -394,7 +394,7 @@ def _pulls_of(base: Array, sums: Mapping[str, Array]) -> tuple[Array, Array]:
 def _lap_of(laps: Laps, at_s: Array, cell: Integers, start: float) -> Integers:
     """Return the lap number (m,) of each stretch, or -1 outside the laps.
 
-    Lap times are known to a few rows of the thinned table; within them the circle angle decides.
+    The lap times are known to a few rows of the thinned table. Within these rows the circle angle decides.
     """
     (of_start,), (behind,) = place_of(np.array([start]))
     middle = cell % NODES + 0.5

@@ -3,10 +3,8 @@
 recording  →  moves, between two standstills  →  paths, by length and chord  →  frame  →  deviations
 
 Positions are averaged over short spans, so that tracker noise, estimated from second differences, is not taken for
-motion.
-A standstill is longer than half a second: at corners some controllers almost stop, but for less. Data before the first
-and
-after the last standstill is dropped, because its completeness is unknown.
+motion. A standstill is longer than half a second: at corners some controllers almost stop, but for less. Data before
+the first and after the last standstill is dropped, because its completeness is unknown.
 
 A move is identified by length and chord; the first of the two directions around the large circle is anticlockwise, as
 in the program. An unknown tracker frame is fitted to all paths: first by the relative position along each path, then

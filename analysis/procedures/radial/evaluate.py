@@ -11,15 +11,11 @@ loss, hardly affected by a few bad readings, and (3) this may concern at most on
 wrong position affects all orientations, a gauge slip only one. Otherwise every target stays.
 
 Differences between targets and orientations are robot errors; differences between visits are noise. Repeated visits of
-a
-target and orientation determine the noise at each target (`analysis.runs.noise.target_scatter`); otherwise it is
-assumed. Every
-figure refers to the mean positions of the targets: its value is the expectation over draws of these positions, and
-value ±
-2 u contains 95 % of them. So a range is never negative and not biased by noise. A drift seen in the visits is removed.
-A
-length then refers to the middle of the run, but may be needed for its start: the drift in between is included in its
-uncertainty, as a distribution concentrated at both ends (JCGM 101, 6.4.6).
+a target and orientation determine the noise at each target (`analysis.runs.noise.target_scatter`); otherwise it is
+assumed. Every figure refers to the mean positions of the targets: its value is the expectation over draws of these
+positions, and value ± 2 u contains 95 % of them. So a range is never negative and not biased by noise. A drift seen in
+the visits is removed. A length then refers to the middle of the run, but may be needed for its start: the drift in
+between is included in its uncertainty, as a distribution concentrated at both ends (JCGM 101, 6.4.6).
 """
 
 from __future__ import annotations

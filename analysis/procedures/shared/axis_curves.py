@@ -1,15 +1,11 @@
 """One axis at a time: the angle error of a joint over its angle, by direction of motion, from tracker poses.
 
 If a single joint turns, the target on the tool moves on a circle about that axis, and its lag or lead along the circle
-is
-the angle error (circle-point analysis; Mooring, Roth and Driels, Fundamentals of Manipulator Calibration, 1991, ch. 3).
-Driven in both directions, backlash and curve form one quantity: the bidirectional angular positioning deviation
-(Ibaraki,
-Int. J. Automation Technology 16, 2022), in the terms of ISO 230-2. Because the circle is fitted, a constant error and
-most
-of a wave of one cycle per turn are invisible; compliance of the joint under its load is visible. No arm model is
-needed,
-only the angles and directions of the joint.
+is the angle error (circle-point analysis; Mooring, Roth and Driels, Fundamentals of Manipulator Calibration, 1991, ch.
+3). Driven in both directions, backlash and curve form one quantity: the bidirectional angular positioning deviation
+(Ibaraki, Int. J. Automation Technology 16, 2022), in the terms of ISO 230-2. Because the circle is fitted, a constant
+error and most of a wave of one cycle per turn are invisible; compliance of the joint under its load is visible. No arm
+model is needed, only the angles and directions of the joint.
 """
 
 from __future__ import annotations

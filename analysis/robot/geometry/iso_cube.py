@@ -2,10 +2,8 @@
 place.
 
 P1 is the centre; P2 … P5 lie on the space diagonals, 10 % of a diagonal from their ends, on one of the four planes
-through
-two opposite edges: P2 and P3 low, P4 and P5 high, P2 opposite to P4. The tool orientation is constant. The standard is
-not
-public; clauses and numbers follow public quotations (docs/figures.md).
+through two opposite edges: P2 and P3 low, P4 and P5 high, P2 opposite to P4. The tool orientation is constant. The
+standard is not public; clauses and numbers follow public quotations (docs/figures.md).
 
 The paths, 6.8.6, lie on the same plane, parametrised by their length: the line from P2 to P4; a large circle about P1
 with 80 % of the cube's side as diameter and a small one of a tenth of that; the rectangle P2 P3 P4 P5. The large circle

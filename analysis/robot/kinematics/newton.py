@@ -63,7 +63,7 @@ def _all_converged(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[A
 
 
 def _converge(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array, Array]:
-    """Iterate from angles q (n, 6) rad to poses (n, 4, 4): angles (n, 6) rad, and errors (n,) mm before the last step."""
+    """Iterate from angles q (n, 6) rad to poses (n, 4, 4): angles (n, 6) rad, errors (n,) mm before the last step."""
     q = q.copy()
     size = np.full(len(q), np.inf)
     active = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(poses).all(axis=(1, 2)))

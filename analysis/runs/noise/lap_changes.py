@@ -25,13 +25,14 @@ _SLIPPED = 4.0
 """Difference of the levels of two laps, in standard deviations, from which it is a slip. Chosen: noise exceeds 4
 sigma only in 1 of 16 000 cases."""
 _RINGS = 6
-"""Number of nodes on either side of a burst of wild readings that are replaced too. The fitted polyline changes
-beyond them by less than a thousandth.
+"""Number of nodes on either side of a burst of outliers that are replaced too.
+
+The fitted polyline changes beyond them by less than a thousandth.
 """
 _LEVEL = 120
 """Nodes on either side of a step for averaging the level: 60°. Chosen: several correlation lengths of slow noise."""
 _NEAR = 41
-"""Number of nodes around a node for the detection of a burst of wild readings: 20°. Chosen: longer than a burst."""
+"""Number of nodes around a node for the detection of a burst of outliers: 20°. Chosen: longer than a burst."""
 
 
 def without_slips(laps: Array) -> tuple[Array, list[float]]:

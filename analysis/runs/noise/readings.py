@@ -1,7 +1,7 @@
-"""Properties of the readings of a gauge: rounding step, noise before rounding, and wild readings.
+"""Properties of the readings of a gauge: rounding step, noise before rounding, and outliers.
 
-They are determined from long series or from a few readings at stops. Also computed is the rounding error that repeated
-visits do not average out.
+They are determined from long series or from a few readings at stops. The module also computes the rounding error that
+repeated visits do not average out.
 """
 
 from __future__ import annotations
