@@ -129,7 +129,7 @@ def is_of_spot(column: str) -> bool:
 
 
 def _refuse_repeated(raw: RawTable, joints: Sequence[ColumnGroup]) -> None:
-    """Check that some group of joints has distinct column names. Raises FileError: a joint is missing then."""
+    """Raise FileError if every candidate group of joint columns has a repeated column name."""
     repeated = [
         next((name for name in group.columns if re.sub(r" \(\d+\)$", "", name) in {*group.columns} - {name}), "")
         for group in joints

@@ -279,7 +279,10 @@ def _not_early(number: Integers, host_ns: Array, period_ns: float) -> Integers:
 
 
 def _wandering(fitted: FittedClock, late_ns: Array, block: int) -> FittedClock:
-    """Return the times of messages that are late_ns (n,) late. The minima of blocks show permanent delays."""
+    """Return a clock that follows slow changes of the delay, if they exceed the scatter.
+
+    late_ns (n,): delay of each message. The least delay of a block of messages contains no short delays.
+    """
     least_ns = _least_of_blocks(late_ns, block)
     steps_ns = np.diff(least_ns)
     level_ns = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(least_ns, 1, mode="edge"), 3), axis=1)

@@ -40,7 +40,7 @@ _FINE_MM = 1e-6
 
 
 def host(gauges: Sequence[ModbusMap]) -> Host:
-    """Return the conversation of the host, which polls one or several gauges in turn, in mm."""
+    """Return the host side of the protocol, which polls one or several gauges in turn, in mm."""
 
     def exchange(gauge: ModbusMap, wire: Wire, shared: bool) -> Polled:
         return Polled(dialect(gauge, wire), gauge.timeout_s, gauge.rate_hz, shared=shared)
@@ -49,7 +49,7 @@ def host(gauges: Sequence[ModbusMap]) -> Host:
 
 
 def device(gauges: Sequence[ModbusMap], read: Read) -> Device:
-    """Return the conversation of the emulated gauges on a line. `read` gives their readings in mm."""
+    """Return the emulated gauges on a line, the device side of the protocol. `read` gives their readings in mm."""
     return RegisterDevice([(gauge, registers_over_time(gauge, read, place)) for place, gauge in enumerate(gauges)])
 
 

@@ -47,7 +47,7 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Ref:
-    """The current value of another part."""
+    """Reference to the current value of another part of the controller's state."""
 
     part: str
 

@@ -423,7 +423,9 @@ def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
 
 
 def by_orders(readings: Array) -> Array:
-    """Return readings (GRID, 2, …) at the grid as orders of sum and difference, (N, …); `curve` is the inverse."""
+    """Return the Fourier coefficients (N, …) of the sum and difference of both gauges, given their readings
+    (GRID, 2, …) around a circle. `curve` is the inverse.
+    """
     parts = []
     for channel in _channels(readings):
         spectrum = np.fft.rfft(channel, axis=0, norm="ortho")
@@ -432,7 +434,7 @@ def by_orders(readings: Array) -> Array:
 
 
 def curve(vector: Array) -> Array:
-    """Return readings (GRID, 2) at the grid from the orders (N,) of a circle's vector."""
+    """Return the readings (GRID, 2) of both gauges around a circle, given the Fourier coefficients of `by_orders`."""
     per_channel = len(ORDER_OF) // 2
     channels = []
     for part in (vector[:per_channel], vector[per_channel : 2 * per_channel]):

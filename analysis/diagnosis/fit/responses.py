@@ -340,7 +340,7 @@ class Linearisation:
         return [simulated.scene_with(effects) for simulated in self.simulated]
 
     def _moves_with_tool(self, scenes: Sequence[ModelScene]) -> Array:
-        """Return the terms of the set-ups (s,) mm with each ball displaced like the tool in new scenes."""
+        """Return the changes (s,) mm of the set-ups if each ball is displaced as far as the tool in new scenes."""
         moves, count = np.zeros(self.U.shape[1]), Counter(simulated.block.setup for simulated in self.simulated)
         for simulated, scene in zip(self.simulated, scenes, strict=True):
             seen = simulated.block
@@ -401,14 +401,14 @@ class Linearisation:
         return self.at_entries([simulated.by_joint(axis, off(simulated.block)) for simulated in self.simulated])
 
     def late(self, effect: Effect) -> Array:
-        """Return the change (N, c) of the whitened readings if the joint errors of an effect are delayed like all
-        readings by each of c stamp effects, at a healthy size.
+        """Return the change (N, c) of the whitened readings if each of c timing effects, at a healthy size, delays the
+        joint errors of an effect.
         """
         return self.at_entries([simulated.late(effect) for simulated in self.simulated])
 
     def scattered(self, effect: Effect) -> Array:
-        """Return the change (N, 1) of the whitened readings if the joint errors of an effect are averaged over
-        scattering stamps.
+        """Return the change (N, 1) of the whitened readings if the times of the samples scatter, which averages the
+        joint errors of an effect.
         """
         return self.at_entries([simulated.scattered(effect) for simulated in self.simulated])
 
