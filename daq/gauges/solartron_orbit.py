@@ -74,7 +74,7 @@ def _block(gauge: SolartronOrbit, parameter: int) -> ModbusMap:
 
 
 def _status_block(gauge: SolartronOrbit) -> ModbusMap:
-    """Return the status as a register map. The unit mm leaves the number unchanged."""
+    """Return the status as a register map. The unit is mm, so the status is not converted."""
     return _block(gauge, gauge.status_parameter).model_copy(update={"units": "mm"})
 
 

@@ -317,14 +317,14 @@ class Effect(Part, ABC):
 
     @classmethod
     def turning(cls, axis: int, angle_deg: float) -> Effect | None:
-        """Return the effect of a joint turned by a constant. A single class implements this."""
+        """Return the effect of a joint turned by a constant, or None. A single effect class returns an effect."""
         return None
 
     @classmethod
     def changing(cls, axis: int, key: str, delta: float) -> Effect | None:
-        """Return the effect of a constant of an axis changed by delta mm or degrees. A single class implements this.
+        """Return the effect of a constant of an axis changed by delta mm or degrees, or None.
 
-        key: name of the constant in the rig file.
+        A single effect class returns an effect. key: name of the constant in the rig file.
         """
         return None
 

@@ -69,11 +69,11 @@ class RunScatter:
     drifting_ball: float
 
     def constant(self, terms: int) -> Array:
-        """Return the constant scatter (terms,), relative to the unit, of the joints and then of the ball."""
+        """Return the constant scatter of each joint and of the ball in x, y, z (terms,), in the units of the class."""
         return _by_term(self.joints, self.ball, terms)
 
     def drifting(self, terms: int) -> Array:
-        """Return the drifting scatter (terms,), relative to the unit, in the same order."""
+        """Return the drifting scatter of each joint and of the ball in x, y, z (terms,), in the units of the class."""
         return _by_term(self.drifting_joints, self.drifting_ball, terms)
 
 

@@ -256,7 +256,7 @@ class Columns:
 
     @cached_property
     def K(self) -> Array:  # noqa: N802 - a matrix
-        """Products (b, p, p) of the whitened columns by band."""
+        """The Gram matrix (p, p) of the whitened columns in each band, as (b, p, p)."""
         products = np.empty((len(self.parts), self.X.shape[1], self.X.shape[1]))
         for part, product in zip(self.parts, products, strict=True):
             np.matmul(part.T, part, out=product)
@@ -264,7 +264,7 @@ class Columns:
 
     @cached_property
     def gram(self) -> Array:
-        """Products (p, p) of the whitened columns over all bands."""
+        """The Gram matrix X'X (p, p) of all whitened columns."""
         return np.asarray(self.K[0] if len(self.K) == 1 else self.K.sum(axis=0), dtype=float)
 
     def weighted_gram(self, weight: Array) -> Array:

@@ -379,7 +379,7 @@ def _step_share(linear: Linearisation, rows: Mask, free: Callable[[Array], Array
 def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) -> Array:
     """Return the residual (N,) plus all known contributions that resemble the arrival errors A (N, axes).
 
-    The contributions are those of named effects, of the healthy share, and of the curves of joints.
+    The contributions are those of named effects, of the background, and of the curves of joints.
     """
     posterior = result.posterior
     columns = posterior.background.columns

@@ -1,4 +1,4 @@
-"""Evidence of a selection state: posterior, prices and gains of a linearisation. Nothing here fits an effect."""
+"""Log evidence of a set of selected effects for a given linearisation, and the gain of adding or removing effects."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class StateEvidence:
 
     @cached_property
     def prices(self) -> EffectPrices:
-        """The prior odds of effects."""
+        """The prior log odds (price) of each effect."""
         return EffectPrices(self.linear, self.columns)
 
     @cached_property
@@ -85,8 +85,9 @@ class StateEvidence:
         return max(((self.evidence(state), state) for state in states), key=lambda both: both[0])
 
     def gains(self, state: SelectionState, posterior: CoefficientPosterior) -> Array:
-        """Return the log odds (n,) of each form over an equal share, as a fault or as a healthy effect, whichever is
-        larger.
+        """Return the log odds (n,) of each form as a named effect against remaining in the background.
+
+        The larger of the odds as a fault and as an effect of healthy size.
         """
         gains = posterior.gains(self.columns.forms, state.level)
         curves, pieces = self.prices.waves_of_curves
@@ -97,8 +98,9 @@ class StateEvidence:
         return np.asarray(np.maximum(fault, healthy), dtype=float)
 
     def gain_of(self, state: SelectionState, posterior: CoefficientPosterior, place: int) -> float:
-        """Return the approximate log evidence of an effect over the share of a healthy arm in the form, from the
-        cavity of the size.
+        """Return the approximate log odds of a named effect against its form remaining in the background.
+
+        The size has the normal likelihood that results when the prior is removed from the posterior (cavity).
         """
         refined, effect = state.refined, state.effects[place]
         row = next(k for k, u in enumerate(refined.unknowns) if u.effect == place)

@@ -103,7 +103,7 @@ def _left_out(result: SearchResult, rows: Integers, group: Integers, placed: Arr
 
 
 def _neighbourhoods(run: ObservedRun) -> Integers:
-    """Return the neighbourhood of each entry (n,) of positions."""
+    """Return the number of the neighbourhood of similar postures (n,) for each measured coordinate."""
     return np.repeat(neighbourhoods(run.table.q[run.rows], np.random.default_rng(0)), 3)
 
 

@@ -350,7 +350,7 @@ class Gap:
 
     @property
     def u_um(self) -> float:
-        """Standard uncertainty of the initial residual in µm, for the mean of all runs, each with the noise."""
+        """Standard uncertainty of the initial residual in µm: noise of a run divided by the root of their number."""
         return self.noise_floor_um / math.sqrt(max(len(self.runs), 1))
 
     @property

@@ -37,7 +37,7 @@ class FrozenModel:
         return [residual_of(run.on_lap, setups) for run in modelled]
 
     def setups_with(self, runs: Sequence[ObservedRun]) -> dict[str, SetUp]:
-        """Return the set-ups of the model, with fitted set-ups added for runs (m, k) mm in no known set-up."""
+        """Return the set-ups of the model, and set-ups fitted to the runs whose set-up is not among them."""
         new = [run for run in runs if run.setup not in self.setups]
         return {**self.setups, **(fit_run_setups(new)[0] if new else {})}
 
@@ -144,8 +144,8 @@ def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[fl
 
 @dataclass(frozen=True)
 class _JudgedRun:
-    """A validation run with the named effects and the healthy share determined by other runs, in standard deviations of
-    a block (N,).
+    """A validation run with the named effects and the background determined by other runs, in standard deviations of a
+    block (N,).
 
     `before` is the residual of the initial model and `residual` that of the complete model. `free_share` is the
     additional contribution of free forms, zero if unknown. `contributions` are the changes when each effect is removed.
