@@ -192,8 +192,8 @@ def scatter_columns(constant: Array, drifting: Array, scatter: RunScatter) -> Ar
 
 
 def without_unseen(columns: Array, sd_mm: Array) -> Array:
-    """Return columns (N, r) mm with the covariance of columns (N, c), omitting parts much smaller than the noise
-    sd_mm (N,).
+    """Return fewer columns (N, r) mm with the same covariance as `columns` (N, c), apart from parts much smaller than
+    the noise sd_mm (N,).
     """
     directions, size, _ = np.linalg.svd(columns / sd_mm[:, None], full_matrices=False)
     seen = size > _SEEN

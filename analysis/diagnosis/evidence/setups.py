@@ -376,7 +376,7 @@ def folds_of(q: Array, folds: int) -> Integers:
 def without_a_fold(
     runs: Sequence[ObservedRun], folds: int = 5, fold: int = 0
 ) -> tuple[list[ObservedRun], list[ObservedRun]]:
-    """Split runs of poses into a part for the fit and a held-out fold of their neighbourhoods.
+    """Split runs of poses into a part for the fit and a held-out part: one of `folds` groups of similar postures.
 
     Other runs are not split, nor are runs of few poses, or of few poses visited often, like those of a cube.
     """

@@ -95,7 +95,7 @@ class SelectionState:
         return bool(self.possible_faults([self.refined.effects[place]]))
 
     def possible_faults(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-        """Return the effects that are larger than in healthy arms, or than in arms of this level.
+        """Return the effects larger than in healthy arms, or, if this arm is better than those, than usual in this arm.
 
         A search recomputes all other terms with them, and compares them with rivals. The verdict decides about faults.
         """

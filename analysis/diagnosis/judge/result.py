@@ -97,7 +97,10 @@ class BudgetPart:
 
     @property
     def shown_together(self) -> tuple[BudgetPart, ...]:
-        """This part and the parts cancelling more of it than 2 u and a twentieth; empty if no such part exists."""
+        """This part and the parts that considerably cancel it; empty if there are none.
+
+        Considerable: more than twice the standard uncertainty, and more than a twentieth of this part.
+        """
         large = [part for part in self.together[1:] if part.um > max(2 * part.u_um, self.together[0].um / 20)]
         return (self.together[0], *large) if large else ()
 
