@@ -70,7 +70,7 @@ class CalibratedUncertainty:
         return np.concatenate([moves, self.displacements_by_others(q)])
 
     def displacements_by_others(self, q: Array) -> Array:
-        """Return the part of `pose_displacements` (k, n, 6) caused by effects outside the calibration."""
+        """Return the part of `pose_displacements` (k, n, 6) mm and rad by effects outside the calibration."""
         return EffectsUncertainty(self.rig, self.others).pose_displacements(q)
 
     @property

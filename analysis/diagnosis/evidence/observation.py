@@ -434,7 +434,7 @@ def by_orders(readings: Array) -> Array:
 
 
 def curve(vector: Array) -> Array:
-    """Return the readings (GRID, 2) of both gauges around a circle, given the Fourier coefficients of `by_orders`."""
+    """Return the readings (GRID, 2) mm of both gauges around a circle, given the coefficients of `by_orders`."""
     per_channel = len(ORDER_OF) // 2
     channels = []
     for part in (vector[:per_channel], vector[per_channel : 2 * per_channel]):
