@@ -51,8 +51,10 @@ _MOST_TERMS = 20_000
 A diagnosis of poses has 1500. The covariance root of more terms would exceed the size limit.
 """
 _NOTHING = 1e-4
-"""Size in healthy sizes below which a term is dropped. Five hundred such terms have less than a hundredth of the effect
-of a healthy size, but each would cost as much as a large term.
+"""Size in healthy sizes below which a term is dropped.
+
+Five hundred such terms together change the readings by less than a hundredth of a healthy size, but each would need as
+much computing time as a large term.
 """
 _ROWS = 4096
 """Number of rows of a curve computed together: 135 waves take 4 MB."""
@@ -243,9 +245,9 @@ def ground_of(calibrated: CalibratedModel) -> Ground:
 
 
 def verdict_of(calibrated: CalibratedModel) -> Verdict:
-    """Return whether targets, programs and entries may be corrected by a model.
+    """Return whether a model may be used to correct targets, programs and controller entries.
 
-    This is the only place of this decision.
+    Only this function makes that decision.
     """
     return "correct" if ground_of(calibrated) in ("not_judged", "explained", "gains_elsewhere") else "nothing"
 
@@ -349,7 +351,6 @@ class JointCurve(_Calibrated):
     STAGE = "joint"
 
     def apply(self, scene: S) -> S:
-        """Turn the joint by the curve at the reported angle."""
         return scene.turned(self.axis, np.radians(self.share * self.at(scene.q[:, self.axis - 1])))
 
     def at(self, q: Array) -> Array:

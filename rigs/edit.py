@@ -72,7 +72,7 @@ def with_test(text: str, test: Literal["circle", "hemisphere"], values: Values, 
 
 
 def block_of(test: str, values: Values, indent: int = 0) -> str:
-    """Format a test with its values, with ten digits, as indented lines of a rig file."""
+    """Format the values of a test as indented lines of a rig file, with ten digits."""
     rounded = {key: _rounded(value) for key, value in values.items()}
     return "".join(f"{' ' * indent}{line}\n" for line in _block((test,), rounded))
 

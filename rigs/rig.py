@@ -107,7 +107,7 @@ class Rig(Part):
         return self.model_copy(update={"effects": rig.effects}).with_calibration(rig.calibration, rig._calibrated)
 
     def with_distances(self, distances: Iterable[KnownSocketDistance]) -> Rig:
-        """Return the rig with these known distances, as far as they are of its sockets."""
+        """Return the rig with these known distances, restricted to its sockets."""
         return self.model_copy(update={"tests": self.tests.with_distances(distances)})
 
     @field_validator("tests")

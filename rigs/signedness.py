@@ -28,9 +28,10 @@ _EXACT = 1e-3
 
 @dataclass(frozen=True)
 class UnsignedReadings:
-    """Readings with negative values decoded as large positive values.
+    """Evidence of negative readings that were decoded as large positive ones.
 
-    bits: bits of the type. jump: full range of the type. largest: largest reading. meant: signed value of that reading.
+    bits: size of the integer type. jump: full range of the type. largest: largest reading. meant: signed value of that
+    reading.
     """
 
     bits: int

@@ -17,7 +17,7 @@ _LONGEST_NUMBER = 64
 A double has 17 digits. PyYAML reads !!int 1:30 as 90, and takes a minute for a megabyte of it.
 """
 _LARGEST_WHOLE = 2.0**53
-"""Every double above is an integer with more digits than any user would write."""
+"""Value above which every double is an integer with more digits than any user would write."""
 _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 _UNREADABLE = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
 """Exceptions of PyYAML for values with explicit tags."""

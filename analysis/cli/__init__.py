@@ -30,9 +30,7 @@ matrices are small: two threads took 27.5 s of processor time, a single thread 9
 """
 
 _NO_PLUGINS = "PYDANTIC_DISABLE_PLUGINS"
-"""Setting that stops pydantic from scanning all installed packages for plugins, which takes a twentieth of a small
-run.
-"""
+"""Setting that stops pydantic from scanning all installed packages for plugins: a twentieth of a small run."""
 
 _GARBAGE = 200_000
 """Number of new objects that triggers garbage collection. The imports of a command create more than 100 000 permanent

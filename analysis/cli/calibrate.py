@@ -102,9 +102,9 @@ def versions(
 
     if back_to is not None:
         done = roll_back(rig_file, back_to, dt.datetime.now(dt.UTC))
-        say(f"{rig_file} is {back_to} now; what it was is {done.kept}")
+        say(f"{rig_file} now contains {back_to}; the previous file is kept as {done.kept}")
         if done.differing:
-            which = f"beside the calibration {', '.join(done.differing)} are those of {back_to} now"
+            which = f"not only the calibration: {', '.join(done.differing)} also come from {back_to}"
             say(f"{which}; to compare: {done.kept.name}", err=True, mark="note: ")
         say("next: repeat the correction of targets and programs: rig correct", err=True)
         return

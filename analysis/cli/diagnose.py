@@ -161,9 +161,8 @@ def with_commands_here(
 ) -> Diagnosis:
     """Return a diagnosis with acts whose commands refer to the written model.
 
-    The model is `output`, or the rig file in that directory. If no output was requested, the acts refer to a new file
-    that a repeated command would write: `again`, or the present command, with output to the next free name based on
-    `to`.
+    The model is `output`, or the rig file in that directory. If no output was requested, the acts refer to a new file.
+    The command `again` would write it, or else the present command with an output named after `to`.
     """
     from analysis.diagnosis.judge.acts import acts_with
 

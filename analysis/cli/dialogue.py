@@ -37,10 +37,10 @@ class Dialogue:
     screen: TextIO
 
     def ask(self, question: str, option: str, read: Callable[[str], T], usual: str | None = None) -> T:
-        """Ask until `read` accepts the answer. Repetitions show only the last line of the question.
+        """Ask a question until `read` accepts the answer.
 
-        option: the option that answers the question without a terminal. Raises UseError if neither is available, and
-        Stopped.
+        Repetitions show only the last line of the question. option: the command-line option that answers the question
+        if there is no terminal. Raises UseError if neither a terminal nor the option is available, and Stopped.
         """
         if not self.terminal:
             if usual is None:

@@ -14,9 +14,7 @@ from rigs.schema.vocabulary import MAKERS, Direction, MakerName, direction_of, m
 
 
 def location(text: str | Path) -> Path:
-    """Return a path of this computer, or a URL, from user input or a default. Raises FileError for an unsupported
-    URL.
-    """
+    """Return a local path or a URL from user input or a default. Raises FileError for an unsupported URL."""
     from analysis.runs.batch import remote_path
 
     return remote_path.location(str(text))

@@ -1,6 +1,4 @@
-"""`rig runs`, `rig keep`, `rig relabel`, `rig recover`, `rig verify`: listing, retention, labels and integrity of
-runs.
-"""
+"""`rig runs`, `rig keep`, `rig relabel`, `rig recover`, `rig verify`: list, keep, label and check runs."""
 
 from __future__ import annotations
 

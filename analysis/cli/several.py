@@ -174,7 +174,7 @@ def refuse_arm_name(path: Path) -> None:
 
 
 def _run_of(table: Path, rig_file: str | None) -> Path:
-    """Import a table to a temporary run and return the table with it. The columns determine the test."""
+    """Import a table into a temporary run, and return that run together with the path of the table."""
     from analysis.api import read_table, save_run
     from analysis.runs.batch.remote_path import ImportedRun
 

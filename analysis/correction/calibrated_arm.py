@@ -40,7 +40,7 @@ _ORTHONORMAL = 1e-6
 _ONE_FRAME = 2
 """Dimensions of a single frame (4, 4)."""
 _UNTURNED_DEG, _UNTURNED_DIGITS, _ALIKE_DIGITS = 1e-6, 6, 3
-"""Rotation in degrees below which a result is a rounding error, and decimals of rad for equal rotations and
+"""Rotation in degrees below which a result is a rounding error, and decimals in rad for equal rotations and
 postures.
 """
 
@@ -161,8 +161,7 @@ class CalibratedArm:
         return len(self.rig.robot.axes)
 
     def _u_mm(self, q: Array) -> Array:
-        """Return the standard uncertainty (n,) mm of the position at q (n, axes) rad; NaN if the arm was not
-        measured."""
+        """Return the standard uncertainty (n,) mm of the position at q (n, axes) rad; NaN for an unmeasured arm."""
         if self.rig.calibrated is None and not any(effect.found for effect in self.rig.effects):
             return np.full(len(q), np.nan)
         uncorrected = [effect for effect in model_of(self.rig).effects if effect.compensation().use == "none"]
@@ -171,7 +170,9 @@ class CalibratedArm:
         return where_known(self._pose_uncertainty, q, u_mm)
 
     def _solved(self, pose: Array, near: Array) -> Array | None:
-        """Return the angles (axes,) rad, near others, with the tool of an arm of six or more axes at a pose (4, 4)."""
+        """Return the angles (axes,) rad, closest to given angles, that put the tool of an arm of six or more axes at
+        a pose (4, 4).
+        """
         arm = self._model.arm
         # start postures (axes,) rad of the nominal arm, the closest first
         if self._axes == DRIVEN_AXES:
@@ -190,8 +191,11 @@ class CalibratedArm:
         return None
 
     def _solved_in_part(self, pose: Array, near: Array) -> Array | None:
-        """Return the angles of an arm with fewer axes at the position of a pose (4, 4), with the smallest rotation;
-        among equal rotations those near others."""
+        """Return the angles of an arm with fewer than six axes that reach the position of a pose (4, 4).
+
+        The solution with the smallest rotation from the pose is chosen; among equal rotations, the one closest to
+        `near`.
+        """
         starts = self._starts(near)
         nominal, solved = newton_in_part(self._model.arm, np.repeat(pose[None], len(starts), axis=0), starts)
         seeds = nominal[solved][np.unique(nominal[solved].round(_ALIKE_DIGITS), axis=0, return_index=True)[1]]

@@ -149,7 +149,7 @@ def corrected(
 ) -> CorrectedTargets:
     """Return targets, given as nominal angles q (n, 6) rad, corrected for the correctable effects.
 
-    Exceptions: targets without angles, beyond limits, or at a singularity.
+    Targets that have no angles, exceed the limits or are at a singularity remain uncorrected.
     """
     angles, done, skipped = corrected_angles(rig, supported, q, unsolved)
     uncertainty = pose_uncertainty(rig, supported)
@@ -270,7 +270,7 @@ def angles_for(rig: Rig, poses: Array) -> tuple[Array, list[NotCorrected]]:
 
 
 def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
-    """Return remarks on corrected targets at angles q (n, 6) rad that are not covered."""
+    """Return remarks on targets at angles q (n, 6) rad outside the range of the calibration runs."""
     inside = covered(uncertainty, q)
     if inside is None or uncertainty.joints_rad is None or inside.all():
         return []
@@ -292,8 +292,10 @@ def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
 
 
 def _turned(rig: Rig, supported: Sequence[Support], q: Array, at: Array) -> list[str]:
-    """Return remarks on the remaining rotation of an arm with few axes, corrected to angles `at` (n, axes) rad for the
-    positions of q (n, axes) rad."""
+    """Return remarks on the rotation error that remains if an arm has fewer than six axes.
+
+    q (n, axes) rad: nominal angles, at (n, axes) rad: corrected angles.
+    """
     if (axes := len(rig.robot.axes)) >= DRIVEN_AXES or not len(q):
         return []
     really = tool_poses(model_of(rig, used_effects(rig, supported)), at)

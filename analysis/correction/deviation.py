@@ -1,6 +1,4 @@
-"""Deviation of a robot from the commanded path, before and after a correction, stored by sessions and shown on
-pages.
-"""
+"""Deviation of a robot from the commanded path, before and after a correction, for sessions and pages."""
 
 from __future__ import annotations
 

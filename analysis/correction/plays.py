@@ -1,9 +1,9 @@
-"""Backlash compensation in a program: a link lags behind its joint by half the backlash, so the command leads by that
-amount.
+"""Backlash compensation in a program.
 
-For a single target the approach direction is unknown, but in a program the side of each link is known at each target
-(like reversal compensation of machine tools, ISO 230-1). If a joint reverses between two targets, the link crosses the
-backlash on the way and not immediately. This part of the error remains.
+A link lags behind its joint by half the backlash, so the command must lead by the same amount. For a single target the
+approach direction is unknown. In a program the side of each link is known at each target, as in the reversal
+compensation of machine tools (ISO 230-1). If a joint reverses between two targets, the link crosses the backlash
+gradually on the way; this part of the error remains.
 """
 
 from __future__ import annotations

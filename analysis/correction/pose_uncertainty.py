@@ -1,10 +1,11 @@
 """Uncertainty of the tool pose for corrections from any model.
 
-A correction needs tool displacements at joint angles, each of one standard uncertainty, and the range in which the runs
-support them. Outside this range the uncertainty is unknown, and no figure is given.
+A correction needs independent tool displacements at joint angles, each with a size of one standard uncertainty, and the
+range covered by the runs. Outside this range the uncertainty is unknown, and no value is given.
 
-A term turns a joint, changes a constant or moves the tool. The pose changes by the derivative times the uncertainty of
-the term. Derivatives by joints are computed once, because most of a thousand terms turn a joint.
+A term of a model turns a joint, changes a constant or moves the tool. The change of the pose is the derivative times
+the uncertainty of the term. Derivatives with respect to joint angles are computed only once, because most of a thousand
+terms turn a joint.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ _STEP_DEG = 1e-3
 _SMALL = 1e-3
 """Variation of a parameter: share of a healthy size, or of a shape."""
 _ROWS = 128
-"""Postures per block: 1500 terms at each need 10 MB."""
+"""Number of postures per block: 1500 terms need 10 MB at this size."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class CalibratedUncertainty:
         return np.concatenate([moves, self.displacements_by_others(q)])
 
     def displacements_by_others(self, q: Array) -> Array:
-        """Return the displacements (k, n, 6) mm and rad of `pose_displacements` by effects outside the calibration."""
+        """Return the part of `pose_displacements` (k, n, 6) mm and rad by effects outside the calibration."""
         return EffectsUncertainty(self.rig, self.others).pose_displacements(q)
 
     @property
@@ -219,7 +220,7 @@ class EffectsUncertainty:
         return 0.0
 
     def is_within_reach(self, q: Array) -> Mask:
-        """Return True for each posture (n,) of q (n, 6) rad: only joint ranges of effects are known."""
+        """Return True for each posture (n,) of q (n, 6) rad. Effects of a rig file have only joint ranges."""
         return np.ones(len(q), dtype=bool)
 
     @property
@@ -283,8 +284,7 @@ def places_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array)
 
 
 def frame_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) -> Array:
-    """Return u (n,) mm of positions relative to a frame taught at joint angles (k, 6) rad: the second of
-    `places_u_mm`."""
+    """Return u (n,) mm of positions relative to a frame taught at angles (k, 6) rad: the second of `places_u_mm`."""
     return places_u_mm(rig, uncertainty, q, taught)[1]
 
 

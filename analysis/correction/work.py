@@ -33,8 +33,9 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 FEWEST_TAUGHT, _SPREAD = 12, 60
-"""Minimum number of postures at which frame and tool are taught and a correction is judged, and the number used
-otherwise. Chosen: the nine constants of frame and tool take a quarter of 36 coordinates.
+"""Smallest number of postures for teaching frame and tool and for judging a correction, and the number used otherwise.
+
+Chosen: the nine constants of frame and tool absorb a quarter of the 36 coordinates of the smallest number.
 """
 _AROUND_RAD = np.radians(30.0)
 """Range around the work area if the runs' joint angles are unknown. Chosen: a usual range."""
@@ -67,8 +68,7 @@ def posture_limits(rig: Rig) -> Array:
 
 
 def spread_angles(rig: Rig, joints_rad: Array | None) -> Array:
-    """Return postures (n, 6) rad spread over the joint angles (6, 2) rad of the runs, or otherwise around the work
-    area."""
+    """Return postures (n, 6) rad spread over the joint angles (6, 2) rad of the runs, or around the work area."""
     work, limits = work_angles(rig), posture_limits(rig)
     low, high = work.min(axis=0), work.max(axis=0)
     if joints_rad is not None:
@@ -107,9 +107,7 @@ def tool_places(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
 
 
 def used_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
-    """Return the effects removed by a correction: all posture-dependent ones, except uncertain effects of the rig
-    file.
-    """
+    """Return the effects removed by a correction: all that depend on posture, except uncertain ones of the rig file."""
     unsure = _unsure(supported)
     return tuple(effect for effect in model_of(rig).effects if not _stays(effect, unsure))
 

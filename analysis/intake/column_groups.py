@@ -53,7 +53,7 @@ _UR_NAMES = (
 _A_CALL = 3
 """Minimum length of an axis name searched for inside column names; shorter names occur in ordinary words."""
 _NAMELESS = re.compile(r"column \d+( \(.*\))?")
-"""A column of a file with a missing header (`analysis.intake.raw_table`). The number is only a position."""
+"""Name given to a column without a header (`analysis.intake.raw_table`). The number is the position only."""
 _ORDERS = tuple("".join(order) for order in permutations("xyz"))
 _ZYZ = ("zyz", "zxz")
 
@@ -92,7 +92,10 @@ class PlaceColumns:
 
 @dataclass(frozen=True)
 class Groups:
-    """Candidate columns of a table. near: columns of joints for a different number of axes, for a message."""
+    """Candidate columns of a table.
+
+    near: joint columns for a different number of axes, mentioned in an error message.
+    """
 
     joints: tuple[ColumnGroup, ...]
     seen: tuple[PlaceColumns, ...]
@@ -126,7 +129,7 @@ def is_of_spot(column: str) -> bool:
 
 
 def _refuse_repeated(raw: RawTable, joints: Sequence[ColumnGroup]) -> None:
-    """Check that some group of joints has distinct column names. Raises FileError: a joint is missing then."""
+    """Raise FileError if every candidate group of joint columns has a repeated column name."""
     repeated = [
         next((name for name in group.columns if re.sub(r" \(\d+\)$", "", name) in {*group.columns} - {name}), "")
         for group in joints
@@ -177,7 +180,7 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
 
 
 def _as_named(raw: RawTable, group: ColumnGroup, axis_names: Sequence[str]) -> ColumnGroup:
-    """Return numbered joint columns in axis order, if adjacent name columns identify the joints.
+    """Return numbered joint columns in the order of the axes, if adjacent columns contain the joint names.
 
     `rostopic echo -p` writes a JointState as field.name0 … and field.position0 …, in the order of the sender.
     """

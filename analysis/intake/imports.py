@@ -119,9 +119,7 @@ def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[M
 
 
 def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, str, tuple[str, ...]]:
-    """Return the table of the stationary poses in a bag, the topic and the doubts; other files are returned
-    unchanged.
-    """
+    """Return the table of the stationary poses in a bag, the topic and the doubts; other files unchanged."""
     if reader := reader_of(data):
         stands = reader.stands_of(data, where, rig, topic)
         return stands.text, stands.topic, stands.doubts

@@ -39,9 +39,10 @@ _FARTHEST_MM = 1e6
 _RIGHT_DEG = 2.0
 """Largest residual of an orientation. The tool orientation of a nominal arm is right within some tenths of a degree."""
 _COMPUTED_MM, _SHARE_OF_CONSTANTS = 0.1, 0.8
-"""Criteria for computed places: residual below the first limit, and reduced by fitted constants to the second share
-at best. Few real arms are as close to nominal, and fitted constants improve the fit further. For 25 poses this
-share means F = 3 (p = 0.001).
+"""Criteria for places computed by a controller: residual below the first limit, and hardly reduced by fitted constants.
+
+Fitted constants must leave at least the second limit as a share of the residual. Few real arms are as close to nominal,
+and for them fitted constants improve the fit further. For 25 poses this share means F = 3 (p = 0.001).
 """
 _FEW_POSTURES = 20
 """With few postures, such as those of a cube, the fit of instrument and target already removes most of the error."""
@@ -477,11 +478,10 @@ def _otherwise(
     seen: Sequence[PlaceColumns],
     candidates: list[tuple[TableReading, PlaceColumns]],
 ) -> tuple[tuple[TableReading, PlaceColumns] | None, list[tuple[TableReading, PlaceColumns]]]:
-    """Return interpretations with reordered or reversed columns or a left-handed frame, and the interpretation they
-    overrule.
+    """Return interpretations with changed columns or frame, and the interpretation that they replace.
 
-    If one of them fits, they come first. If none fits, they come last and the second result is None. Raises FileError
-    if only a change of the rig file would fit.
+    The changes are reordered or reversed columns and a left-handed frame. If one of them fits, they come first. If none
+    fits, they come last and the second result is None. Raises FileError if only a change of the rig file would fit.
     """
     ways = []
     for pose, angles, lengths, named in _in_each_unit(joints, seen):

@@ -204,7 +204,7 @@ def _column(raw: RawTable, name: str, column: str, unit: str | None, problems: P
 
 
 _STEPS, _ALL_STEPS, _BEST = 8, 60, 3
-"""Optimiser steps for screening, steps for the best candidates, and number of these."""
+"""Number of optimiser steps for screening and for the best candidates, and number of these candidates."""
 _ALIKE = 4.0
 """Largest ratio between the spread of the places and of the flange; a larger ratio means a wrong unit."""
 _FIRST, _PARTS = 0.4, 4
@@ -217,10 +217,10 @@ _MIRROR = "y"
 
 @dataclass(frozen=True)
 class Meant:
-    """A map with an alternative interpretation, with residual and description.
+    """A map with an alternative interpretation, the residual and a description.
 
-    left_mm: rms residual in mm; share: relative to the spread of the places. remedy: action if a map cannot express it,
-    otherwise empty.
+    left_mm: rms residual in mm; share: the same relative to the spread of the places. remedy: action if a map cannot
+    express the interpretation, otherwise empty.
     """
 
     table_map: TableMap

@@ -28,8 +28,9 @@ _FEWEST_BEFORE = 10
 _MOST_AFTER = 20
 """Maximum number of readings after a movement, evenly selected, used to examine it."""
 _LOG_ODDS = 12.0
-"""Minimum gain of log evidence for a step to be examined. Chosen: a hundred readings and ten causes give a thousand
-possible steps, and an unexpected step has to be certain.
+"""Minimum gain of log evidence for a step to be examined.
+
+Chosen: a hundred readings and ten causes give a thousand possible steps, so an unexpected step must be certain.
 """
 _TIMES_SCATTER = 3.0
 """Minimum effect on a reading in multiples of the scatter. Smaller changes, such as drift with temperature, are
@@ -123,9 +124,9 @@ def _gains(
 
 
 def _gain(y: Array, turned: Array, variance: Array) -> float:
-    """Return the gain of log evidence of columns (n, m) for readings (n,), marginalised over scatters and sizes.
+    """Return the gain of log evidence of columns (n, m) for readings (n,), integrated over scatters and sizes.
 
-    Both are given in the principal directions of the noise, with variances (n,).
+    Columns and readings are given in the principal directions of the noise, with variances (n,).
     """
     white, seen = turned / np.sqrt(variance)[:, None], y / np.sqrt(variance)
     inner, projected = white.T @ white, white.T @ seen

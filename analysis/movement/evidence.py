@@ -32,8 +32,9 @@ _SCATTER_PRIOR = -0.5 * (np.log(_SCATTERS / 0.7) / np.log(2.0)) ** 2
 by a factor of two.
 """
 _NEAR_RAD = (0.6, 1.5)
-"""Correlation lengths of the unexplained part in joint space, in equal parts. Chosen: the once-per-turn error of a
-gear and the gravity torque change over about a radian.
+"""Correlation lengths of the unexplained part in joint space, each with equal weight.
+
+Chosen: the once-per-turn error of a gear and the gravity torque change over about a radian.
 """
 _NEGLIGIBLE = 1e-3
 """Weight relative to the largest below which a grid point is dropped."""
@@ -354,8 +355,9 @@ def _estimate_other(predictions: Sequence[Prediction]) -> Estimate:
 def _with_outlier(
     predictions: Sequence[Prediction], shift: Shift, cause: Cause, alone: Estimate, row: Integers
 ) -> tuple[float, int]:
-    """Return the log evidence of a cause with an outlier, and the row of the outlier. The size level is that of the
-    estimate without an outlier.
+    """Return the log evidence of a cause combined with an outlier, and the row of the outlier.
+
+    The level of the size is that of the estimate for the cause alone.
     """
     level = float(LEVELS[int(np.argmax(alone.level))])
     numbers = np.unique(row)

@@ -61,9 +61,7 @@ visible to the eye and mostly mean a different placement or a socket with the sa
 
 
 def square_to_name(prior_odds: float) -> float:
-    """Return the squared shift, in standard deviations, from which a cause with given prior odds against no movement
-    is named.
-    """
+    """Return the squared shift, in standard deviations, above which a cause with the given prior odds is named."""
     return float(2 * np.log(NAMED / (1 - NAMED) / prior_odds))
 
 
@@ -171,7 +169,7 @@ class ReferenceComparison:
 
     @property
     def unseen(self) -> list[Cause]:
-        """Zeros that would not be named at their typical size and that the readings do not favour."""
+        """Zeros that the readings do not favour, and that would not be named at their typical size."""
         prediction = likeliest(self.predictions)
         probability, prior = self.posterior.probability, prior_of(list(self.posterior.probability))
         found = []

@@ -185,7 +185,7 @@ def _overlap(first: Array, first_cov: Array, second: Array, second_cov: Array) -
 
 
 def hidden_causes(reference: Reference, candidates: Candidates) -> list[Lever]:
-    """Return the causes that touches in all postures of the reference could not name at their typical size."""
+    """Return the causes of typical size that touches in all postures of the reference could not reveal."""
     if not candidates.postures:
         return []
     day = day_columns(candidates.runs, candidates.readings)

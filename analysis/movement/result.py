@@ -29,7 +29,7 @@ class CauseOdds:
     """A cause with posterior probability and size.
 
     u: standard uncertainty of the length of the shift in mm, or of the zero in degrees. u_rotation_deg: of the
-    rotation. point_mm: displacement of a point in the middle of the work. together: the members of a pair.
+    rotation. point_mm: displacement of a point in the middle of the work area. together: the members of a pair.
     """
 
     cause: Cause
@@ -234,7 +234,7 @@ def _vector(values: Array) -> Vector:
 
 
 def _at_point(reference: Reference, cause: Cause, change: Array) -> Array:
-    """Return the displacement (3,) mm of the ball or target in the posture nearest to the middle of the work."""
+    """Return the displacement (3,) mm of the ball or target in the posture nearest to the middle of the work area."""
     place = reference.place
     best: tuple[float, ObservedRun, int] | None = None
     for run in reference.runs:

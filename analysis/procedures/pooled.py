@@ -30,8 +30,9 @@ ONE_RUN = (
     "each joint); repeat the run"
 )
 _SPREADS = 5.0
-"""A ball counts as remounted if its distance from the others exceeds both `BALL_ELSEWHERE_MM` and this multiple of
-the usual distance in the runs, which includes the scatter of the joints.
+"""Multiple of the usual distance between the balls of runs, above which a ball counts as remounted.
+
+The usual distance includes the scatter of the joints. The distance must also exceed `BALL_ELSEWHERE_MM`.
 """
 _TWO_MM = 0.35
 """Limit in mm used for two runs, which give no information about the scatter: 2 √2 times the largest scatter of the
@@ -121,8 +122,9 @@ def figures_between_runs(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, Be
 
 
 def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, str]]]:
-    """Return the runs that belong together, and the others with the reason: repeated readings, other poses,
-    remounted ball."""
+    """Return the runs that belong together, and the other runs with the reason: repeated readings, other poses, or a
+    remounted ball.
+    """
     by_digest: dict[str, Result] = {}
     copies: list[tuple[Result, str]] = []
     for run in runs:
@@ -163,8 +165,7 @@ def _are_same_poses(first: Result, run: Result) -> bool:
 
 
 def pairs_of(group: Sequence[Result]) -> Pairs | None:
-    """Pair every acw run with the cw run of the closest ball, otherwise in the given order; None unless there are
-    both."""
+    """Pair each acw run with the cw run of the closest ball, otherwise in the given order; None unless both exist."""
     circles = [(run, run.found) for run in group if isinstance(run.found, CircleResult)]
     acw_runs, cw_runs = ([ring for ring in circles if ring[1].laps.direction == way] for way in ("acw", "cw"))
     if not acw_runs or not cw_runs:

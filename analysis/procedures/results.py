@@ -141,7 +141,10 @@ class Result(Tabular):
 
 @dataclass(frozen=True)
 class Borrower:
-    """Run of a single lap, its index, and the noise of angle and distance borrowed from another run."""
+    """A run of a single lap that takes the noise estimate of another run.
+
+    It consists of the run, its index, and the noise of angle and distance of the other run.
+    """
 
     place: int
     measured: Measured
@@ -152,7 +155,7 @@ class Borrower:
 
 
 def evaluate_runs(runs: Sequence[Measured]) -> list[Result]:
-    """Evaluate runs; a run of a single lap borrows the noise of another run of its test. Raises FileError."""
+    """Evaluate runs. A run of a single lap uses the noise estimate of another run of its test. Raises FileError."""
     results = [result_of(run) for run in runs]
     for borrower in borrowers(results):
         results[borrower.place] = evaluated_again(borrower)[1]
@@ -170,7 +173,10 @@ def figures_alone(path: Path) -> Result:
 
 
 def figures_again(borrower: Borrower) -> tuple[int, Result]:
-    """Read and evaluate a run with borrowed noise; return its index, and the result without rows. Raises FileError."""
+    """Read and evaluate a run with the noise estimate of another run. Raises FileError.
+
+    Returns the index of the run, and the result without rows.
+    """
     return borrower.place, _evaluate_in_parts(borrower.measured.path, borrower.noise)
 
 
@@ -183,7 +189,10 @@ def _evaluate_in_parts(path: Path, like: tuple[LapNoise, LapNoise] | None) -> Re
 
 
 def evaluated_again(borrower: Borrower) -> tuple[int, Result]:
-    """Evaluate a run with borrowed noise; return its index and result. Raises FileError."""
+    """Evaluate a run with the noise estimate of another run. Raises FileError.
+
+    Returns the index of the run and the result.
+    """
     return borrower.place, result_of(borrower.measured, borrower.noise)
 
 
@@ -258,13 +267,18 @@ def _same_cell(first: Result, second: Result) -> bool:
 
 
 _END_S, _MOVES_RAD = 0.5, float(np.radians(0.05))
-"""Joint motion and time at the end of a run that indicate an unfinished motion: five times those of a standstill."""
+"""Time at the end of a run, and joint motion during it, that indicate an unfinished motion.
+
+Both are five times those of a standstill.
+"""
 
 
 @dataclass(frozen=True)
 class Fitness:
-    """Usability of a finished run. why: reason why `rig analyse` would refuse it, or empty. drove: actual direction
-    if only the label is wrong. still_driving: True if the robot was moving at the end.
+    """Usability of a finished run.
+
+    why: reason why `rig analyse` would refuse the run, or empty. drove: actual direction, if only the label is wrong.
+    still_driving: True if the robot was moving at the end.
     """
 
     why: str

@@ -25,7 +25,7 @@ _KEYS = {
     "elsewhere": "act_elsewhere", "revisit": "act_revisit", "commanded": "act_commanded",
     "not_visible": "next_plan", "visits_differ": "act_repeats_differ",
 }  # fmt: skip
-"""Texts of measurements that need no further words."""
+"""Text keys of the reasons for a measurement whose sentence depends on the reason only."""
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,9 @@ def acts_in_words(diagnosis: Diagnosis, texts: Texts) -> list[str]:
 
 
 def without_idle_mounts(acts: Sequence[Act]) -> tuple[Act, ...]:
-    """Return the acts except remounting with negligible gain. Such acts stay if the list would be empty otherwise."""
+    """Return the acts except those that remount a part with negligible gain. If no other act exists, all are
+    returned.
+    """
     idle = [
         act
         for act in acts

@@ -48,8 +48,8 @@ HARMLESS = ("uncalibrated", "nothing_unusual")
 SMALL_SHARE = 0.001
 """Share of the error below which ordinary parts are counted together."""
 _WIDELY = 2.0
-"""Multiple of the usual size from which a certain, harmless effect is mentioned next to the larger parts. Chosen: 5
-% of healthy arms reach it.
+"""Multiple of the usual size above which the text mentions a certain, harmless effect. Chosen: 5 % of healthy arms
+reach it.
 """
 _MOST_NAMED = 3
 _MOST_MOVEMENTS = 2
@@ -98,7 +98,7 @@ def sure_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
 def unusual_groups(diagnosis: Diagnosis) -> list[BudgetPart]:
     """Return the groups of small errors that are larger than usual although no single cause is certain.
 
-    The list is empty if a fault was found or the condition is open, because the condition then does not contradict it.
+    The list is empty unless the condition is harmless: a fault or an open cause already explains the error.
     """
     groups = [part for part in diagnosis.budget if part.rank == "unusual" and part.index is None]
     return groups if diagnosis.condition in HARMLESS else []
@@ -126,9 +126,7 @@ def is_complete(diagnosis: Diagnosis) -> bool:
 
 
 def fields_of(effect: Effect) -> dict[str, Any]:
-    """Return the parameters of an effect as a sentence shows them, in their usual units: a gear order as a number of
-    teeth.
-    """
+    """Return the parameters of an effect in the units used in sentences. A gear order is given as a number of teeth."""
     fields = effect.model_dump()
     return fields | ({"order": whole_order(fields["order"])} if "order" in fields else {})
 
@@ -144,7 +142,7 @@ class AnswerWords:
 
     @property
     def headline(self) -> str:
-        """The limits of every name, then the findings in a few sentences."""
+        """The answer in a few sentences: first everything that limits the conclusions, then the findings."""
         limits = self.contradictions if self.diagnosis.condition == "out_of_range" else self.preconditions
         return " ".join(filter(None, (*limits, self.findings)))
 
@@ -167,8 +165,9 @@ class AnswerWords:
 
     @property
     def preconditions(self) -> list[str]:
-        """Contradicted constants, movements, commanded angles and deviations that may be scatter, which limit every
-        name, as sentences. They come first.
+        """Sentences on everything that limits the conclusions, to be shown first.
+
+        They describe contradicted constants, movements, commanded angles, and deviations that may be scatter.
         """
         moved = [movement_sentence(movement, self.texts) for movement in self.diagnosis.movements[:_MOST_MOVEMENTS]]
         commanded = [self.texts("finding_only_commanded")] if self.diagnosis.only_commanded else []
@@ -282,7 +281,9 @@ class AnswerWords:
         return words.format(**fields_of(effect) | {"joint": joint})
 
     def _condition(self) -> str:
-        """Return the limits of these runs, or that the search found nothing; empty if the faults say it all."""
+        """Return a sentence on the limits of these runs, or on a search without result; empty if the faults are the
+        full answer.
+        """
         if self.diagnosis.condition in ("named", "ambiguous"):
             return self.unexplained_too
         if usual_or_fault := self._usual_or_faults():
@@ -293,7 +294,7 @@ class AnswerWords:
         return " ".join(filter(None, [self.condition_sentence, self.unexplained_too, self.follows, already_held]))
 
     def _usual_or_faults(self) -> str:
-        """Return the effects of usual size that may be faults; empty if the number of runs decides instead."""
+        """Return a sentence on effects of usual size that may be faults; empty if more runs would decide."""
         diagnosis = self.diagnosis
         open_ones = [named for named in diagnosis.effects if fault_rivals(named)]
         if diagnosis.condition != "undecided" or diagnosis.runs_to_decide is not None:
@@ -302,7 +303,7 @@ class AnswerWords:
 
     @property
     def condition_sentence(self) -> str:
-        """The condition of the arm as a sentence, except for named effects."""
+        """The condition of the arm as a sentence; named effects have separate sentences."""
         diagnosis = self.diagnosis
         if diagnosis.condition == "out_of_range":
             return self._out_of_range()
@@ -328,7 +329,9 @@ class AnswerWords:
 
     @property
     def unexplained_too(self) -> str:
-        """The error of unknown cause, unless the condition or the deviations from the model state it."""
+        """A sentence on the error of unknown cause; empty if the condition or the deviations from the model already
+        state it.
+        """
         remainder, condition = self.diagnosis.remainder, self.diagnosis.condition
         if not remainder.is_material or self.unrepeated or condition in ("outside_library", "out_of_range"):
             return ""
@@ -336,7 +339,7 @@ class AnswerWords:
         return self.texts(f"finding_unexplained_{where}", um=micrometres(remainder.um))
 
     def _undecided(self) -> str:
-        """Return the reason why no part can be confirmed although the runs are enough."""
+        """Return the reason why no part can be confirmed, if the number of runs is not the reason."""
         doubts = {named.doubt for named in self.diagnosis.effects}
         if self.unrepeated:
             return "undecided_unexplained" if "unexplained" in doubts else "undecided_unrepeated"

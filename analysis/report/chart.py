@@ -170,16 +170,14 @@ Picture = Chart | SphereChart
 
 
 def marks_of(turns: Sequence[tuple[float, int]], texts: Texts) -> tuple[CircleMark, ...]:
-    """Return a mark for each reversal, given as angle in degrees and axis number. Close marks share the label of the
-    first.
-    """
+    """Return a mark for each reversal, given as angle in degrees and axis number. Close marks share a label."""
     groups: list[list[tuple[float, int]]] = []
     for turn in sorted(turns):
         if groups and turn[0] - groups[-1][0][0] < _SAME_DEG:
             groups[-1].append(turn)
         else:
             groups.append([turn])
-    names = [texts("marked", axes=", ".join(str(axis) for _, axis in group)) for group in groups]
+    names = [texts("marked", axes=", ".join(dict.fromkeys(str(axis) for _, axis in group))) for group in groups]
     return tuple(
         CircleMark(at_deg, name if place == 0 else "")
         for group, name in zip(groups, names, strict=True)

@@ -67,7 +67,7 @@ _COLOUR: dict[Tone, str] = {
 }
 _MOST_GROUPS = 6
 _MOST_NAMES = 40
-"""Number of undetectable effects listed by name; the rest is counted."""
+"""Largest number of undetectable effects listed by name; further ones are only counted."""
 
 
 def as_screen(diagnosis: Diagnosis) -> RenderableType:

@@ -28,7 +28,7 @@ def is_page(file: Path) -> bool:
 
 
 def check_page_file(file: Path) -> None:
-    """Raise UseError unless the suffix is that of an HTML page, since browsers go by the suffix.
+    """Raise UseError unless the file name ends like that of an HTML page, because browsers use the ending.
 
     Raises FileError if the file exists and was not written by rig.
     """

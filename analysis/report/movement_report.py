@@ -55,7 +55,7 @@ def as_screen(moved: MovementResult, language: Language = "en") -> RenderableTyp
 
 
 def footer(moved: MovementResult, texts: Texts) -> str:
-    """Return the numbers of readings, their scatter, and the middle of the work."""
+    """Return the numbers of readings, their scatter, and the middle of the work area."""
     at = ", ".join(f"{value:z.0f}" for value in moved.centre_mm)
     scatter = f"{moved.scatter_mm:.3f}"
     return texts("check_footer", new=moved.readings, old=moved.reference_readings, scatter=scatter, at=at)

@@ -16,7 +16,7 @@ from rigs.schema.part import Vector
 
 _ENGLISH = texts_of("en")
 _MOST_ODDS = 1000
-"""Odds above which only this bound is stated."""
+"""Odds above which the text states only this bound."""
 
 _WIDE_DEG = 0.03
 """Smallest possible error of a joint zero that is reported: half a millimetre at a metre."""

@@ -14,9 +14,7 @@ _MOST_NAMED = 5
 
 
 def begins_with(effects: Sequence[Effect]) -> str:
-    """Return the number of effects a model starts with, and their names and provenance: `2 effects, written by hand:
-    …`.
-    """
+    """Return a sentence on the effects that a model contains initially: `2 effects, written by hand: …`."""
     origins: dict[str, list[str]] = {}
     for effect in effects:
         origin = (

@@ -41,9 +41,9 @@ _TENTH_PERCENT = 0.001
 _LIKELY = 0.5
 """Odds below which the likeliest member of a part is not named in the headline: another member is likelier."""
 _IMITATED: tuple[Doubt, ...] = ("unexplained", "commanded", "small", "one_speed", "cancels")
-"""Doubts about an effect that a different cause may imitate."""
+"""Doubts meaning that an effect may only imitate a different cause."""
 _UNDECIDED = ("out_of_range", "outside_library", "undecided", "not_testable_here")
-"""Conditions of a diagnosis that limit the evidence for every cause and act."""
+"""Conditions under which no cause and no act is certain."""
 
 
 def summarise(
@@ -125,8 +125,9 @@ class _SummaryWords:
 
     @property
     def first_sentences(self) -> list[str]:
-        """The limits of every name, then the cause, which a contradicted constant leaves for later, and the error that
-        has none.
+        """Sentences that limit the conclusions, then the cause and the unexplained error.
+
+        The cause is omitted if the readings contradict a stated constant, because the constant must be checked first.
         """
         causes = [self._cause, *filter(None, [self.answer.unexplained_too])]
         return [*self.answer.preconditions, *([] if self.diagnosis.contradictions else causes)]
@@ -138,8 +139,9 @@ class _SummaryWords:
         return f"{headline[:1].upper()}{headline[1:]}"
 
     def _lower_case_cause(self) -> str:
-        """Return cause, size and certainty of the largest cause, and of the largest fault if that is another cause;
-        the condition if no cause is certain.
+        """Return the largest cause with size and certainty, and the largest fault if it is a different cause.
+
+        If no cause is certain, return the condition.
         """
         names_open = any(named.doubt == "commanded" for named in self.diagnosis.effects)
         if self.diagnosis.condition in ("out_of_range", "outside_library") or names_open:
@@ -154,7 +156,9 @@ class _SummaryWords:
         return self.answer.condition_sentence
 
     def _leading(self) -> list[tuple[str, bool]]:
-        """Return the faults and the other large parts of the error as phrases, largest first, and which are faults."""
+        """Return the faults and the other large parts of the error as phrases, largest first, and a flag for each
+        fault.
+        """
         faults = [(part_of(self.diagnosis, named), named) for named in self.diagnosis.standing]
         phrases = [(part.share if part else 0.0, self._effect(named, part), True) for part, named in faults]
         phrases += [(part.share, self._part(part), False) for part in large_parts(self.diagnosis)]
@@ -199,7 +203,7 @@ class _SummaryWords:
         return list(filter(None, sentences))
 
     def _beyond_basis(self, act: Act) -> Act:
-        """Return an act, with the objection removed that the stated basis of the error already contains."""
+        """Return an act without the objection that the tile of the error already states."""
         return replace(
             act, against=tuple(objection for objection in act.against if objection.why != "not_judged_elsewhere")
         )

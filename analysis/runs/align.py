@@ -176,12 +176,11 @@ class InstrumentObservations:
 
 @dataclass(frozen=True)
 class Joined:
-    """A run, or a part of one, on the rows of gauge 1 with complete data.
+    """A run, or a part of one, with all values given at the times of the readings of gauge 1, without incomplete rows.
 
     rows_ns (n,): times of the rows, including a few before and after the part; `inside` selects the part. The tracks of
-    gauges and robot span all rows.
-    u_lag_s, own_u_s (n,): as u_lag_s and u_t_s in `Aligned`.
-    seen: observations by instrument.
+    gauges and robot span all rows. u_lag_s, own_u_s (n,): as u_lag_s and u_t_s in `Aligned`. seen: observations by
+    instrument.
     """
 
     rows_ns: Array
@@ -443,8 +442,8 @@ def timing_doubts(name: str, instants: Instants | InstrumentObservations) -> lis
 def _track(
     instants: Instants, values: Array, sound: Mask, inside: Mask | None
 ) -> tuple[InstrumentTrack, InstrumentObservations]:
-    """Return the values in order of time with a single row per instant.
-    Rows lacking a valid reading or time are dropped.
+    """Return the values in order of time with a single row per instant. Rows lacking a valid reading or time are
+    dropped.
 
     If several messages arrived together, the last one is kept, because the others waited for it. If a coarse clock
     repeats a time, the first row is kept.

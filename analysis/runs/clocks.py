@@ -38,24 +38,26 @@ _DRIFTING = 0.7
 have a ratio of 1.2 to 1.4.
 """
 _IN_STEP = 0.9
-"""Smallest mean cosine of arrivals released by a timer with a period of whole milliseconds, as in all adapters."""
+"""Smallest mean cosine of the phases of arrivals that indicates a timer, with a period of whole milliseconds."""
 _SAMPLE = 20_000
 """Number of messages used to detect a timer."""
 _STIRRED = 5
 _STIRRED_NS = 2e6
-"""Variation of answer times that reveals a buffering adapter. At least _STIRRED requests must not directly follow
-the previous answer (`daq.protocol.polled` gives the reason).
+"""Variation of answer times that reveals a buffering adapter.
+
+At least _STIRRED requests must start some time after the previous answer (`daq.protocol.polled` gives the reason).
 """
 
 _LONGER = 1.2
 """Multiple of the stated cycle beyond which constant readings contradict the cycle."""
 _SPARSE_NS = 50e6
-"""Interval of readings at which one gauge may show backlash long before the other. Backlash is crossed in about ten
-milliseconds at a reversal; this is five times longer.
+"""Interval of readings above which one gauge may show backlash long before the other.
+
+A reversal crosses backlash in about ten milliseconds; this limit is five times longer.
 """
 _SPARSE = (
-    "the readings are {:.0f} ms apart, too far to follow a joint that turns back: a band may be too large by what the "
-    "other gauge shows earlier; drive the circle slower"
+    "the readings are {:.0f} ms apart, too far to follow the reversal of a joint: one gauge shows it before the "
+    "other, which may increase a band; drive the circle more slowly"
 )
 _NOT_ADVANCING = "the instrument clock does not advance and is not used; check the instrument"
 _FOUND = (
@@ -243,8 +245,8 @@ def _listened(fitted: FittedClock, before_ns: float) -> Instants:
 def _keeps_pace(late: Array, timer_ns: float) -> bool:
     """Return whether delays late (n,) ns relative to a steady rate are caused by transmission.
 
-    Transmission delays are independent, or quantised by a timer. Without a steady rate, the difference from any line
-    drifts slowly, in small steps.
+    Transmission delays are independent of each other, or multiples of a timer period. If the rate is not steady, the
+    differences from a straight line drift slowly, in small steps.
     """
     if len(late) < 2 or not late.any():
         return len(late) < 2

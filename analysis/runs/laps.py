@@ -1,7 +1,7 @@
 """Complete laps of a circle run, without lead-in and lead-out.
 
-The circle angle phi follows from the reported joint angles by nominal kinematics.
-It is the position assumed by the robot.
+The circle angle phi follows from the reported joint angles by nominal kinematics. It is the position assumed by the
+robot.
 """
 
 from __future__ import annotations

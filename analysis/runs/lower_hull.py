@@ -129,8 +129,8 @@ def low_outliers(x: Array, y: Array) -> Mask:
 
 
 def lower_line(x: Array, y: Array) -> tuple[float, float]:
-    """Return intercept and slope, in units of x and y, of the line below all points (n,) with
-    the smallest mean distance.
+    """Return intercept and slope, in units of x and y, of the line below all points (n,) with the smallest mean
+    distance.
 
     The line is the edge of the lower convex hull at the mean of x.
     """

@@ -204,14 +204,16 @@ _DELAY_DIVISOR = 8
 `_AHEAD` messages by more than the quotient.
 """
 _APART = (_AHEAD, 8 * _AHEAD, 64 * _AHEAD, 64 * _AHEAD)
-"""Message distances used to determine the period, at most a quarter of a short run. Between the closest pairs,
-missing messages are rare. For the other distances the missing messages are already known.
+"""Distances between messages, in messages, used to determine the period; at most a quarter of a short run.
+
+Between close messages, missing ones are rare. When the larger distances are used, they are already known.
 """
 _PAIRS = 100_000
 """Number of pairs. The uncertainty of their median is 1/300 of their scatter."""
 _STAYS = 0.4
-"""Threshold of a wandering delay: ratio of the changes between groups of messages to the scatter of the complete run
-(von Neumann's ratio, 1 for independent values).
+"""Threshold of a wandering delay: changes between groups of messages relative to the scatter of the complete run.
+
+This is von Neumann's ratio, which is 1 for independent values.
 """
 _WANDERS = 6.0
 """Alternative threshold of a wandering delay: deviation from the median, as a multiple of the scatter."""
@@ -262,7 +264,7 @@ def through_pace(host_ns: Array) -> FittedClock:
 def _not_early(number: Integers, host_ns: Array, period_ns: float) -> Integers:
     """Correct the numbers (n,) of the last messages before a missing one.
 
-    Very late messages are counted as the first messages after it, and appear earlier than all messages before.
+    If they are very late, they are counted as the first messages after the missing one, and then seem too early.
     """
     number = number.copy()
     for row in (np.flatnonzero(np.diff(number) > 1) + 1).tolist():
@@ -277,7 +279,10 @@ def _not_early(number: Integers, host_ns: Array, period_ns: float) -> Integers:
 
 
 def _wandering(fitted: FittedClock, late_ns: Array, block: int) -> FittedClock:
-    """Return the times of messages that are late_ns (n,) late. The minima of blocks show permanent delays."""
+    """Return a clock that follows slow changes of the delay, if they exceed the scatter.
+
+    late_ns (n,): delay of each message. The least delay of a block of messages contains no short delays.
+    """
     least_ns = _least_of_blocks(late_ns, block)
     steps_ns = np.diff(least_ns)
     level_ns = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(least_ns, 1, mode="edge"), 3), axis=1)
@@ -332,8 +337,8 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
 
 
 def _count_missing_periods(least: Array, period_ns: float) -> Integers:
-    """Return the lag of each smallest delay (n,) relative to the corrected delays of the
-    previous `_AHEAD` rows, in periods.
+    """Return the lag of each smallest delay (n,) relative to the corrected delays of the previous `_AHEAD` rows, in
+    periods.
 
     If the previous rows have equal counts, the next count depends only on the increase of the delay. Such increases are
     found for all rows at once, and only the rows after an increase are processed one by one.
@@ -393,7 +398,8 @@ def _least_of_next(values: Array, width: int = _AHEAD) -> Array:
 
 
 def _uneven_s(host_ns: Array) -> Array:
-    """Return the standard uncertainty (n,) s of arrivals with delays as large as their scatter.
+    """Return the standard uncertainty (n,) s of arrivals without a steady rate. Their delays are as large as their
+    scatter.
 
     It combines the usual scatter with the deviation of each arrival.
     """

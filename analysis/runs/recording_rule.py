@@ -55,8 +55,8 @@ def rule_of(run: Run) -> Rule:
 def _departure(robot: Mapping[str, np.ndarray[Any, Any]], where: str) -> tuple[dict[str, Any], float]:
     """Return posture and first movement of the departure, and the standstill in s that ends the run.
 
-    The standstill is twice the longest on the path.
-    Raises FileError if the robot stood still or moved from the beginning.
+    The standstill is twice the longest on the path. Raises FileError if the robot stood still or moved from the
+    beginning.
     """
     t_s = (robot["last_byte_ns"] - robot["last_byte_ns"][:1]) / 1e9
     q_deg = np.column_stack([robot[f"q{axis}_deg"] for axis in range(1, 7)])

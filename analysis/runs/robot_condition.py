@@ -40,11 +40,12 @@ _CREEPS_DEG = 0.05
 resolve a few thousandths of a degree.
 """
 _WAY_DEG = 3.0
-"""Largest distance from the reversal to evaluate. The smallest is a third of it."""
+"""Largest distance from the reversal that is evaluated; the smallest is a third of it."""
 _WAITS = 0.4
-"""Largest share of time spent creeping in a continuous reversal. At constant acceleration the share is 0.13 for the
-longest distance and 0.22 for the shortest. A joint that waits at the reversal brakes and restarts, which adds
-jumps of the torque.
+"""Largest share of the time spent creeping in a continuous reversal.
+
+At constant acceleration the share is 0.13 for the largest distance and 0.22 for the smallest. A joint that waits at the
+reversal brakes and restarts, which adds jumps of the torque.
 """
 _PIECES = 12
 """Number of current averages on each side, over equal distances. Averaging removes ripple."""

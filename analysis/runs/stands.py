@@ -232,8 +232,7 @@ def standstill_starts_of_visits(q: Array, differs: Mask) -> Mask:
 def _standstills_are_adjacent(q: Array, moved: Mask) -> bool:
     """Return whether most rows with equal postures q (n, axes) rad are adjacent.
 
-    Only in this case does the order of rows without times indicate repeated readings of one standstill. Otherwise rows
-    are visits in any order.
+    If they are, rows without times are repeated readings of one standstill. Otherwise the rows are visits in any order.
     """
     postures = len(np.unique(np.round(q / STANDSTILL_RAD), axis=0))
     return 2 * int(np.count_nonzero(~moved)) > len(q) - postures

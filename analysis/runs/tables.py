@@ -80,9 +80,7 @@ class Table(ABC):
 
     @property
     def lost(self) -> Mask:
-        """Mask (n,) of the rows without a measurement, identified by the value that an instrument writes in that
-        case.
-        """
+        """Mask (n,) of the rows without a measurement, identified by the value that an instrument then writes."""
         return np.zeros(len(self.q), dtype=bool)
 
     def thinned(self, count: int) -> Self:

@@ -18,18 +18,19 @@ function legendRows(data, width) {
   return Math.ceil(names.length / columns);
 }
 
-// Marks that are too near for their words get the words of all at the first: "axis 3, 2, 5".
+// Marks too near for separate labels share the label of the first: "axis 3, 2, 5".
 function readable(annotations, range, width) {
   const near = 20 * (range[1] - range[0]) / width;
   const kept = [];
-  for (const mark of [...annotations].sort((a, b) => a.x - b.x)) {
+  for (const mark of annotations.filter(({ text }) => text).sort((a, b) => a.x - b.x)) {
     const last = kept.at(-1);
+    const axes = mark.text.replace(/^[^0-9]*/, "").split(", ");
     if (last && mark.x - last.at < near) {
-      last.text = `${last.text}, ${mark.text.replace(/^[^0-9]*/, "")}`;
-      last.at = mark.x;
-    } else kept.push({ ...mark, at: mark.x });
+      const added = axes.filter((axis) => !last.axes.includes(axis));
+      Object.assign(last, { text: [last.text, ...added].join(", "), axes: [...last.axes, ...added], at: mark.x });
+    } else kept.push({ ...mark, axes, at: mark.x });
   }
-  return kept.map(({ at, ...mark }) => mark);
+  return kept.map(({ at, axes, ...mark }) => mark);
 }
 
 function painted(picture, colours, ink, step) {

@@ -226,8 +226,8 @@ class PretriggerBuffer:
         self._items[stream].extend(packed(items))
 
     def trim(self) -> None:
-        """Drop items more than five seconds older than the newest.
-        Called once per round to keep long rounds complete.
+        """Drop items more than five seconds older than the newest. Called once per round, so that long rounds are
+        complete.
         """
         for kept in self._items.values():
             while kept and _newest_ns(kept[0]) < _newest_ns(kept[-1]) - KEPT_NS:

@@ -32,7 +32,7 @@ def load(feedback: Feedback) -> Any:
 
 
 def host(feedback: Feedback) -> Host:
-    """Return the conversation of the host. Raises CellError if a required package is not installed.
+    """Return the host side of the protocol. Raises CellError if a required package is not installed.
 
     Samples contain q1_deg … q6_deg in degrees, followed by signal and condition of the robot.
     """
@@ -41,8 +41,9 @@ def host(feedback: Feedback) -> Host:
 
 
 def device(feedback: Feedback, read: Read) -> Device:
-    """Return the conversation of the emulated controller. `read(now_ns)` gives the values in the order of the samples.
+    """Return the emulated controller, the device side of the protocol.
 
+    `read(now_ns)` gives the values in the order of the samples.
     Values that `read` omits at the end are replaced by those of a robot in normal operation.
     """
     usual = [({SIGNAL: 0.0} | UNDISTURBED)[name] for name in columns_beside_joints(feedback)]

@@ -75,12 +75,12 @@ def status_type(version: int) -> int:
 
 
 def host(feedback: FANUCStreamMotion) -> Host:
-    """Return the conversation of the host, which reads the joint angles in degrees."""
+    """Return the host side of the protocol, which reads the joint angles in degrees."""
     return Streamed(_StreamMotionClient(feedback), feedback.timeout_s)
 
 
 def device(feedback: FANUCStreamMotion, read: Read) -> Device:
-    """Return the conversation of the emulated controller. `read` gives its values, joint angles in degrees."""
+    """Return the emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return _StreamMotionController(feedback.version or _ASKED_AS, read)
 
 

@@ -36,12 +36,12 @@ _IPOC_WRAP = 2**63
 
 
 def host(feedback: KUKARSI) -> Host:
-    """Return the conversation of the host, which reads the joint angles in degrees."""
+    """Return the host side of the protocol, which reads the joint angles in degrees."""
     return Streamed(_RSIDialect(feedback), feedback.timeout_s)
 
 
 def device(feedback: KUKARSI, read: Read) -> Device:
-    """Return the conversation of the emulated controller. `read` gives its values, joint angles in degrees."""
+    """Return the emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return _RSIController(feedback, read)
 
 

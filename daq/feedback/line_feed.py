@@ -34,12 +34,12 @@ _CLOCK_FORMAT = {"t_s": ".3f", "t_ms": ".0f", "t_us": ".0f"}
 
 
 def host(feedback: LineFeed) -> Host:
-    """Return the conversation of the host, which reads the joint angles in degrees."""
+    """Return the host side of the protocol, which reads the joint angles in degrees."""
     return Streamed(_LineFeedDialect(feedback), feedback.timeout_s)
 
 
 def device(feedback: LineFeed, read: Read) -> Device:
-    """Return the conversation of the emulated controller. `read` gives its values, joint angles in degrees."""
+    """Return the emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return _ControllerProgram(feedback, read)
 
 

@@ -21,7 +21,7 @@ _DEG_PER_UNIT = {"deg": 1.0, "rad": math.degrees(1)}
 
 
 def host(feedback: ModbusJoints) -> Host:
-    """Return the conversation of the host, which reads the joint angles in degrees."""
+    """Return the host side of the protocol, which reads the joint angles in degrees."""
 
     def reading(registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
         at_ns = message.last_byte_ns
@@ -40,7 +40,7 @@ def host(feedback: ModbusJoints) -> Host:
 
 
 def device(feedback: ModbusJoints, read: Read) -> Device:
-    """Return the conversation of the emulated controller. `read` gives its values, joint angles in degrees."""
+    """Return the emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
 
     def read_registers(now_ns: int) -> list[int] | None:
         """Return all registers, or None if an angle does not fit."""

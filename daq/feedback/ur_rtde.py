@@ -182,12 +182,12 @@ _MAX_CLOCK_S = 1e9
 
 
 def host(feedback: URRTDE) -> Host:
-    """Return the conversation of the host, which reads the joint angles in degrees."""
+    """Return the host side of the protocol, which reads the joint angles in degrees."""
     return Streamed(_RTDEClient(feedback), feedback.timeout_s)
 
 
 def device(feedback: URRTDE, read: Read) -> Device:
-    """Return the conversation of the emulated controller. `read` gives its values, joint angles in degrees."""
+    """Return the emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return _RTDEController(feedback, read)
 
 

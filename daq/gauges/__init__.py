@@ -18,7 +18,7 @@ Read = Callable[[int], Sequence[float]]
 
 
 def host(gauges: Sequence[Gauge]) -> Host:
-    """Return the conversation of the host for gauges that share a link. Raises CellError if a required package is
+    """Return the host side of the protocol for gauges that share a link. Raises CellError if a required package is
     missing.
 
     Samples contain a value in mm for each gauge, in the order given; nan for a gauge in error.
@@ -28,7 +28,7 @@ def host(gauges: Sequence[Gauge]) -> Host:
 
 
 def device(gauges: Sequence[Gauge], read: Read) -> Device:
-    """Return the conversation of the emulated instrument for gauges that share a link.
+    """Return the emulated instrument for gauges that share a link, the device side of the protocol.
 
     `read(now_ns)` gives the measured values in mm, in the order of the gauges; nan for a head in error.
     """

@@ -33,12 +33,12 @@ _CHECK = f"{CHECK}, and that the delimiter is CR LF"
 
 
 def host(gauges: Sequence[MagnescaleLT]) -> Host:
-    """Return the conversation of the host, which reads the gauges on a cable in mm."""
+    """Return the host side of the protocol, which reads the gauges on a cable in mm."""
     return Polled(TextDialect(gauges, _REQUEST + _END, DelimitedLines(_END), _read, _CHECK), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MagnescaleLT], read: Read) -> Device:
-    """Return the conversation of the emulated counter. A channel not assigned to a gauge reads zero."""
+    """Return the emulated counter, the device side of the protocol. A channel not assigned to a gauge reads zero."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command != _REQUEST:

@@ -48,13 +48,13 @@ _MORE = Trouble("the sensor sends further values; select only the distance for R
 
 
 def host(gauges: Sequence[MicroEpsilonILD1420]) -> Host:
-    """Return the conversation of the host, which reads the sensor in mm. A line carries a single sensor."""
+    """Return the host side of the protocol, which reads the sensor in mm. A line carries a single sensor."""
     (gauge,) = gauges
     return QuicklyStreamed(_ILD1420Dialect(gauge), gauge.timeout_s)
 
 
 def device(gauges: Sequence[MicroEpsilonILD1420], read: Read) -> Device:
-    """Return the conversation of the emulated sensor. `read` gives its reading in mm."""
+    """Return the emulated sensor, the device side of the protocol. `read` gives its reading in mm."""
     (gauge,) = gauges
     return _Sensor(gauge, read)
 

@@ -24,12 +24,12 @@ _LONGEST = 9
 
 
 def host(gauges: Sequence[Probe]) -> Host:
-    """Return the conversation of the host, which reads the gauge in mm. A cable carries a single gauge."""
+    """Return the host side of the protocol, which reads the gauge in mm. A cable carries a single gauge."""
     return Polled(TextDialect(gauges, b"1" + _END, DelimitedLines(_END), read_reply), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[Probe], read: Read) -> Device:
-    """Return the conversation of the emulated gauge. `read` gives its reading in mm."""
+    """Return the emulated gauge, the device side of the protocol. `read` gives its reading in mm."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command == b"V":

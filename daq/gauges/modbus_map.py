@@ -40,7 +40,7 @@ _FINE_MM = 1e-6
 
 
 def host(gauges: Sequence[ModbusMap]) -> Host:
-    """Return the conversation of the host, which polls one or several gauges in turn, in mm."""
+    """Return the host side of the protocol, which polls one or several gauges in turn, in mm."""
 
     def exchange(gauge: ModbusMap, wire: Wire, shared: bool) -> Polled:
         return Polled(dialect(gauge, wire), gauge.timeout_s, gauge.rate_hz, shared=shared)
@@ -49,7 +49,7 @@ def host(gauges: Sequence[ModbusMap]) -> Host:
 
 
 def device(gauges: Sequence[ModbusMap], read: Read) -> Device:
-    """Return the conversation of the emulated gauges on a line. `read` gives their readings in mm."""
+    """Return the emulated gauges on a line, the device side of the protocol. `read` gives their readings in mm."""
     return RegisterDevice([(gauge, registers_over_time(gauge, read, place)) for place, gauge in enumerate(gauges)])
 
 
@@ -88,7 +88,7 @@ class _Readings:
             return Fault(FaultKind.GARBLED, at_ns, refused[1])
         if self._mistrusted:
             self._mistrusted -= 1
-            detail = f"{value_mm:.4g} mm is ignored, as a number before was no length; check `word_order`, `byte_order`"
+            detail = f"{value_mm:.4g} mm is ignored after an impossible number; check `word_order` and `byte_order`"
             return Fault(FaultKind.GARBLED, at_ns, detail)
         if refused:
             return Fault(refused[0], at_ns, refused[1])

@@ -217,7 +217,7 @@ class Gathering(Protocol):
 
 
 class Host(Conversation, Protocol):
-    """Host side of a conversation. The items are the complete information about the link."""
+    """Host side of a conversation. All information about the link is in the items that it emits."""
 
     def handle_link_loss(self, now_ns: int) -> tuple[Item, ...]:
         """Return the pending counted faults after the loss of the link."""
@@ -240,7 +240,7 @@ _REPEATING = {
     FaultKind.STRANGER,
 }
 _SAME = {FaultKind.GARBLED, FaultKind.MISSHAPEN}
-"""Kinds of faults that quote the message in the text. Faults of the same kind count as equal."""
+"""Kinds of faults with a text that quotes the message. Faults of such a kind count as equal despite different texts."""
 _TELL_NS = 1_000_000_000
 
 

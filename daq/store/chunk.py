@@ -136,8 +136,7 @@ _OPENING, _OPENING_CRC, _NUMBER, _CRC = b"rig.opening", b"rig.opening_crc32", b"
 MOST_BYTES = 4_000_000_000
 """Largest chunk file in bytes. A recorded chunk has about 20 MB, an imported table at most the size of the CSV."""
 _CELL_BYTES, _MOST_DECODED = 8, 800_000_000
-"""Bytes per number, and largest decoded size of a chunk.
-A recorded chunk has 200 000 rows, a table 20 million cells.
+"""Bytes per number, and largest decoded size of a chunk. A recorded chunk has 200 000 rows, a table 20 million cells.
 """
 _NO_MEMORY = "not enough memory"
 _ZEROS = (StopIteration, EOFError)
@@ -226,7 +225,7 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
                 message = pa.ipc.read_message(whole.slice(end))
                 # A compressed batch may expand to any number of rows.
                 if message.type != "record batch" or _has_compression(message.metadata.to_pybytes()):
-                    raise ValueError("not recorded like this")
+                    raise ValueError("has a different format than recorded")
                 batch, metadata = reader.read_next_batch_with_custom_metadata()
                 batch.validate(full=True)
                 stored = dict(metadata or {})

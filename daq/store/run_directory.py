@@ -115,8 +115,8 @@ def require_files(run: Path, open_files: Mapping[Path, int]) -> None:
 def create_run_directory(runs: Path, manifest: Manifest, companions: Mapping[str, bytes]) -> tuple[Path, int, Ledger]:
     """Create a new directory `<UTC time>_<name>` under runs, with the companion files of the rig file.
 
-    Returns the directory, the lock and the ledger.
-    Raises NearlyFull if space is insufficient, and OSError if the disk refuses.
+    Returns the directory, the lock and the ledger. Raises NearlyFull if space is insufficient, and OSError if the disk
+    refuses.
     """
     durable.make_directories(runs)
     require_room(runs, TO_BEGIN_BYTES + sum(map(len, companions.values())))

@@ -80,7 +80,9 @@ def read_capture(path: Path) -> Capture:
         reason = getattr(error, "strerror", None) or "no text"
         raise FileError(str(path), reason, "give a file written by rigd --capture") from None
     if not text.startswith(HEAD):
-        raise FileError(str(path), "is not a capture of rigd", f"a capture starts with {HEAD!r}: rigd --capture FILE")
+        raise FileError(
+            str(path), "is not a capture of rigd", f"give a file of rigd --capture: its first line is {HEAD!r}"
+        )
     lines = text.split("\n")
     cut = lines.pop() != ""
     pieces = list[Piece]()

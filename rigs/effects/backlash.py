@@ -30,7 +30,7 @@ from rigs.schema.vocabulary import Build
 
 _SPREAD = np.linspace(-0.9, 0.9, 7)
 _FIRM_NM = 1.0
-"""Torque that presses the flank firmly. Below it the transition is smooth."""
+"""Torque that presses the gear firmly against one flank. At smaller torques the transition is smooth."""
 _SPECTRUM = (0.1, 0.25, 0.5, 0.75, 1.25, 1.5, 2.0, 3.0, 4.0)
 _SHARE = 0.05
 """Widths of parallel backlash elements relative to the effect, and the standard deviation of the share of each.
@@ -42,10 +42,10 @@ Friction builds up gradually, and wind-up adds to it. The hysteresis of a joint 
 
 
 class Backlash(Effect):
-    """Backlash of `width_deg`: the link lags, -w/2 while q rises and +w/2 while it falls, and crosses at a reversal.
+    """Backlash of `width_deg`: the link lags by half of it, -w/2 while q rises and +w/2 while it falls.
 
-    transit: gradual crossing, 0 sharp, 1 spread over twice the width. preload: share of the width in which gravity
-    determines the flank.
+    The link crosses the backlash after a reversal. transit: gradual crossing, 0 sharp, 1 spread over twice the width.
+    preload: share of the width in which gravity determines the flank.
     """
 
     effect: Literal["backlash"] = "backlash"
@@ -64,7 +64,9 @@ class Backlash(Effect):
     FREE = (FreeShape("transit", 0.2, 0.4, tried=(1.0,)), FreeShape("preload", 0.0, 0.15, tried=(1.0,)))
 
     def apply(self, scene: S) -> S:
-        """Let the joint lag. A trace, and each visit of a table without times, starts in the middle of the backlash."""
+        """Let the joint lag. A continuous trace, and each visit of an untimed table, starts in the middle of the
+        backlash.
+        """
         half = np.radians(self.width_deg) / 2
         q = scene.q[:, self.axis - 1]
         widths = half * (1 + self.transit * _SPREAD) if self.transit else np.array([half])
@@ -101,16 +103,18 @@ class Backlash(Effect):
         return Compensation("none", "depends on the direction of approach: approach every target from the same side")
 
     def flank_deg(self) -> float | None:
-        """Return half the width; None if gravity determines the flank, since it then differs by posture."""
+        """Return half the width. If gravity determines the flank, the error differs by posture, and the result is
+        None.
+        """
         return None if self.preload else self.width_deg / 2
 
     @property
     def idle(self) -> str:
-        """Reason for being invisible: only reversals show it."""
-        return f"axis {self.axis} does not turn back"
+        """Reason for being invisible in a test with no reversals of the joint."""
+        return f"axis {self.axis} does not reverse"
 
     def departures(self) -> Departures:
-        """Return the departures: initial position within the backlash, and form of the crossing."""
+        """Return the deviations of real backlash: the initial position within it, and the form of the crossing."""
         half_deg = self.width_deg / 2
         free = scaled(self, 1.0, preload=0.0)
         spectrum = tuple(((_SHARE / ratio, scaled(free, ratio, transit=0.0)), (-_SHARE, free)) for ratio in _SPECTRUM)

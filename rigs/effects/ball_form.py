@@ -50,7 +50,7 @@ class BallForm(Effect):
         return Compensation("none", "is a property of the ball, which the robot's controller cannot correct")
 
     def departures(self) -> Departures:
-        """Return the departures: unequal lobes, represented by one lobe more and one lobe less."""
+        """Return the deviations of a real ball: unequal lobes, represented by one lobe more and one lobe less."""
         near = [lobes for lobes in (self.lobes - 1, self.lobes + 1) if _FEWEST <= lobes <= _MOST]
         return Departures(
             tuple(

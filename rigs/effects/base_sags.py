@@ -53,5 +53,5 @@ class BaseSags(Effect):
 
     @property
     def idle(self) -> str:
-        """Reason for being invisible: only a changing moment shows it."""
+        """Reason for being invisible in a test with a constant moment on the base."""
         return "the arm's moment about the base hardly changes, or the masses are missing in the rig file"

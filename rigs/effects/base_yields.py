@@ -59,7 +59,7 @@ class BaseYields(Effect):
     """
 
     def apply(self, scene: S) -> S:
-        """Turn the arm with the base in the direction of the weight."""
+        """Tilt the arm together with the base, in the direction of the weight."""
         moment = scene.moment() * [1.0, 1.0, 0.0]
         if self.way != "evenly":
             about = math.radians(_ABOUT_DEG[self.way])
@@ -97,5 +97,5 @@ class BaseYields(Effect):
 
     @property
     def idle(self) -> str:
-        """Reason for being invisible: only a changing moment shows it."""
+        """Reason for being invisible in a test with a constant moment on the base."""
         return "the arm's moment about the base hardly changes, or the masses are missing in the rig file"

@@ -66,8 +66,8 @@ class Compliance(Effect):
     def free(cls, payload_kg: float) -> tuple[FreeShape, ...]:
         """Return the payload as a shape to fit.
 
-        A given payload may vary within the uncertainty of scales and cables. It may vary further only if the readings
-        contradict it, for example because the tool was absent.
+        A given payload may vary within the uncertainty of scales and cables. It varies further only if the readings
+        contradict it, for example because the tool was not mounted.
         """
         if payload_kg <= 0:
             return cls.FREE
@@ -103,5 +103,5 @@ class Compliance(Effect):
 
     @property
     def idle(self) -> str:
-        """Reason for being invisible: only a load shows it."""
+        """Reason for being invisible in a test with no load on the joint."""
         return f"gravity does not load axis {self.axis}"

@@ -21,7 +21,7 @@ class GaugeBaseline(Effect):
     DEED = "check"
 
     def apply(self, scene: S) -> S:
-        """Move each gauge outwards by half. A single gauge has no baseline."""
+        """Move each gauge outwards by half of the change. A single gauge has no baseline."""
         offsets_mm = scene.offsets_mm
         if len(offsets_mm) < 2:
             return scene

@@ -64,7 +64,7 @@ class GaugeCyclic(Effect):
         return OF_THE_GAUGES
 
     def departures(self) -> Departures:
-        """Return the departures: the second harmonic, because the two signals of a scale are never exactly equal."""
+        """Return the deviation of a real scale: a second harmonic, because its two signals are never exactly equal."""
         return Departures(
             tuple(
                 (_HARMONIC, self.model_copy(update={"period_mm": self.period_mm / 2, "phase_deg": phase}))

@@ -33,8 +33,9 @@ class GaugeDeadBand(Effect):
     PLACE = AT_GAUGE
     STRAIGHT = 0.0
     FORM_U = 0.2
-    """The readings show the size of the lag, but hardly whether the plunger drags or jumps. Chosen: otherwise a band of
-    40 µm from a different generator gave 30.0 ± 0.3.
+    """Relative uncertainty of the size, because the readings hardly show whether the plunger drags or jumps.
+
+    Chosen: without it, a band of 40 µm from a different generator gave 30.0 ± 0.3.
     """
 
     def apply(self, scene: S) -> S:
@@ -58,5 +59,5 @@ class GaugeDeadBand(Effect):
         return OF_THE_GAUGES
 
     def departures(self) -> Departures:
-        """Return the departures: the approach of the plunger to a target is unknown."""
+        """Return the deviation at a target, where the direction of approach of the plunger is unknown."""
         return Departures(stick=(self.gauge, self.width_mm / 2))

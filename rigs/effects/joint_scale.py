@@ -64,5 +64,5 @@ class JointScale(Effect):
 
     @property
     def idle(self) -> str:
-        """Reason for being invisible: only a changing joint angle shows it."""
+        """Reason for being invisible in a test that does not move the joint."""
         return f"axis {self.axis} turns by less than {360 * _LEAST_TURN:g}°"

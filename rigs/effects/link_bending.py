@@ -55,5 +55,5 @@ class LinkBending(Effect):
 
     @property
     def idle(self) -> str:
-        """Reason for being invisible: only a load shows it."""
+        """Reason for being invisible in a test with no load on the link."""
         return f"gravity does not bend the link after axis {self.axis}"

@@ -58,5 +58,5 @@ class LinkGrowth(Effect):
         return Compensation("none", "is a property of the ball link, which the robot's controller cannot correct")
 
     def departures(self) -> Departures:
-        """Return the departures: uneven warming."""
+        """Return the deviation of real warming, which is uneven."""
         return Departures(alike=warming_parts(self))

@@ -76,9 +76,9 @@ class ReversalSpike(Effect):
 
     @property
     def idle(self) -> str:
-        """Reason for being invisible: only reversals show it."""
-        return f"axis {self.axis} does not turn back"
+        """Reason for being invisible in a test with no reversals of the joint."""
+        return f"axis {self.axis} does not reverse"
 
     def departures(self) -> Departures:
-        """Return the departures: an earlier or later start, and any decay time at a target."""
+        """Return the deviations of a real spike: an earlier or later start, and any decay time at a target."""
         return Departures(jolt=(self.axis, abs(self.amplitude_deg), self.decay_s), fades=True)

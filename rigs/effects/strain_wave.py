@@ -130,5 +130,5 @@ class StrainWave(Effect):
 
     @property
     def idle(self) -> str:
-        """Reason for being invisible: only a large joint load shows it."""
+        """Reason for being invisible in a test with a small joint load."""
         return f"gravity hardly loads axis {self.axis}"

@@ -59,11 +59,11 @@ class ThermalGrowth(Effect):
         return "the arm grows when warming up: warm up the arm before measuring, or measure faster"
 
     def compensation(self) -> Compensation:
-        """Return no compensation, because a target has no time."""
+        """Return no compensation by targets, because the growth depends on time, and a target does not."""
         return Compensation("none", "changes with time: warming up helps, a fixed target does not")
 
     def departures(self) -> Departures:
-        """Return the departures: uneven warming, in which parts of the arm grow faster, slower, more or less."""
+        """Return the deviations of a real arm: its parts grow faster, slower, more or less than the average."""
         keys = {"ppm": self.ppm, "time_constant_s": self.time_constant_s}
         return Departures(
             beside=tuple((_PART_SHARE, _GrowthBeyond(axis=axis, **keys)) for axis in _PARTS),

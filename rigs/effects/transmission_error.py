@@ -99,7 +99,7 @@ class TransmissionError(Effect):
         return BY_TARGETS
 
     def departures(self) -> Departures:
-        """Return the departures: harmonics, because real gears deviate from a pure sine."""
+        """Return the deviations of a real gear from a pure sine: harmonics."""
         return Departures(
             tuple(
                 (_HARMONIC, self.model_copy(update={"order": n * self.order, "phase_deg": phase, "third": 0.0}))

@@ -47,5 +47,5 @@ class WristCoupling(Effect):
 
     @property
     def seat(self) -> str:
-        """Driving and driven axis of the seat, such as `4>5`."""
+        """Seat of the effect: the driving and the driven axis, such as `4>5`."""
         return f"{self.from_axis}>{self.to_axis}"

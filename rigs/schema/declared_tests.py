@@ -218,7 +218,7 @@ class Tests(Part):
         return self.touch.distances if self.touch else ()
 
     def with_distances(self, distances: Iterable[KnownSocketDistance]) -> Tests:
-        """Return the tests with these known distances, as far as they are of its sockets."""
+        """Return the tests with these known distances, restricted to their sockets."""
         if self.touch is None:
             return self
         kept = tuple(distance for distance in distances if {*distance.between} <= {*self.touch.sockets})

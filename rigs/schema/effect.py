@@ -197,7 +197,7 @@ class SeatNotation:
 NUMBER = r"\d+(?:\.\d+)?"
 NOWHERE = SeatNotation("", "")
 EVERY_AXIS = "1234567"
-"""Axes represented by an omitted axis, as far as the arm has them."""
+"""All axes that the arm has, which an omitted axis stands for."""
 AT_AXIS = SeatNotation("(?P<axis>[1-7])?", "1", {"axis": EVERY_AXIS})
 AT_GAUGE = SeatNotation("(?P<gauge>g[12])?", "g1", {"gauge": ("g1", "g2")})
 
@@ -287,7 +287,7 @@ class Effect(Part, ABC):
 
     @property
     def repeats_each_turn(self) -> bool:
-        """True if the effect is periodic with a full turn of the joint."""
+        """True if the effect has the same value after each full turn of the joint."""
         return True
 
     @property
@@ -302,7 +302,7 @@ class Effect(Part, ABC):
 
     @property
     def idle(self) -> str:
-        """Reason for being invisible in a test that lacks the required motion."""
+        """Reason for being invisible in a test that lacks the required motion or load."""
         return "no motion in these tests shows this effect"
 
     def unit(self, parameter: str) -> str:
@@ -317,14 +317,14 @@ class Effect(Part, ABC):
 
     @classmethod
     def turning(cls, axis: int, angle_deg: float) -> Effect | None:
-        """Return the effect of a joint turned by a constant. A single class implements this."""
+        """Return the effect of a joint turned by a constant, or None. A single effect class returns an effect."""
         return None
 
     @classmethod
     def changing(cls, axis: int, key: str, delta: float) -> Effect | None:
-        """Return the effect of a constant of an axis changed by delta mm or degrees. A single class implements this.
+        """Return the effect of a constant of an axis changed by delta mm or degrees, or None.
 
-        key: name of the constant in the rig file.
+        A single effect class returns an effect. key: name of the constant in the rig file.
         """
         return None
 

@@ -45,10 +45,10 @@ class Limit(Part):
         return self
 
     def standing(self, value: float, u: float) -> Standing:
-        """Return the standing of a figure with standard uncertainty u.
+        """Return the standing of a figure with standard uncertainty u: pass, watch or fail.
 
         It passes if |value| + 2 u is within the lower bound, and fails if |value| - 2 u is beyond `fail`. In between,
-        or if u is unknown, neither is proven, and the figure needs attention.
+        or if u is unknown, neither is proven, and the figure needs watching.
         """
         size = abs(value)
         expanded = COVERAGE * u if math.isfinite(u) else math.inf

@@ -41,7 +41,7 @@ class ValueRegister(Register):
     @classmethod
     def _not_zero(cls, value: float) -> float:
         if value == 0:
-            raise ValueError("scale must not be zero; give the units of one count")
+            raise ValueError("scale must not be zero; give the value of one count")
         return value
 
 

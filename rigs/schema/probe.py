@@ -16,9 +16,9 @@ Correction = Annotated[float, Field(ge=-1, le=1)]
 """Correction in mm. A larger value suggests the table of a different gauge, or a table in µm."""
 Celsius = Annotated[float, Field(ge=-50, le=100)]
 _TIME_ZONES = dt.timedelta(days=1)
-"""Tolerance for dates: a certificate from further east may have the date of tomorrow."""
+"""Tolerance for the date of a certificate, which may be that of tomorrow in an eastern time zone."""
 _STEPS = 200
-"""Number of steps for checking the range of a polynomial."""
+"""Number of points at which the range of a polynomial is checked."""
 
 
 class Temperature(Part):
@@ -249,7 +249,7 @@ class Probe(Part):
     accuracy_mm: float = Field(default=0.0005, gt=0, le=10)
     """Standard uncertainty of a single reading. Errors common to all readings belong to the certificate."""
     range_mm: Range | None = None
-    """Lowest and highest possible reading. A reading outside of the range is a fault and left out."""
+    """Lowest and highest possible reading. A reading outside this range is counted as a fault and dropped."""
     certificate: GaugeCertificate | None = None
     calibrated: dt.date | None = None
     """Calibration date, in files older than `certificate`; not used."""

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 Stage = Literal["time", "arm", "joint", "tool", "setup", "gauge"]
 STAGES: tuple[Stage, ...] = ("time", "arm", "joint", "tool", "setup", "gauge")
 OUTSIDE_ARM: tuple[Stage, ...] = ("time", "setup", "gauge")
-"""Stages of the instruments. Effects of these stages are no errors of the arm."""
+"""Stages of the instruments. Effects of these stages are not errors of the arm."""
 
 
 class Scene(Protocol):
@@ -133,9 +133,10 @@ S = TypeVar("S", bound=Scene)
 
 
 def plays_of_visits(x: Array, half: Array, samples: int) -> Array:
-    """Return the followers (w, n) of visits x (n,), each with `samples` samples, in gaps of ± half (w,).
+    """Return the positions (w, n) of a part dragged with play along visits x (n,), each with `samples` samples.
 
-    Each visit starts in the middle of the gap, so the order of the visits has no influence.
+    half (w,): half of the play. Each visit starts in the middle of the play, so the order of the visits has no
+    influence.
     """
     visits = x.reshape(-1, samples)
     followers: Array = np.repeat(visits[None], len(half), axis=0)
@@ -146,17 +147,18 @@ def plays_of_visits(x: Array, half: Array, samples: int) -> Array:
 
 
 def play(x: Array, half: float, begin: float = 0.0) -> Array:
-    """Return the follower y (n,) of x (n,) in a gap of ± half, starting at `begin` (-1 … 1) times half from the middle.
+    """Return the position y (n,) of a part dragged along x (n,) with a play of ± half.
 
-    x, y and half have the same unit. Play operator (Visintin, Differential Models of Hysteresis, 1994): y moves only
-    when x pushes against a side of the gap. On a monotone section it has the closed form used here.
+    It starts at `begin` (-1 … 1) times half from the middle. x, y and half have the same unit. Play operator (Visintin,
+    Differential Models of Hysteresis, 1994): y moves only when x pushes against a side of the gap. On a monotone
+    section it has the closed form used here.
     """
     follower: Array = plays(x, np.array([half]), begin)[0]
     return follower
 
 
 def plays(x: Array, half: Array, begin: float = 0.0) -> Array:
-    """Return the followers (w, n) of x (n,) in gaps of ± half (w,), all in the unit of x.
+    """Return the positions (w, n) of a part dragged along x (n,) with plays of ± half (w,), all in the unit of x.
 
     begin: start position (-1 … 1) in units of half.
     """

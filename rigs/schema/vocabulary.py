@@ -14,7 +14,7 @@ TestName = Literal[
 ]
 """Kinds of tests. Packages may offer others as entry points `rig.tests`."""
 _RIGS_OWN = "analysis.procedures."
-"""Common prefix of the packages of rig's own tests."""
+"""Common prefix of the packages that contain rig's tests."""
 TEST_PACKAGES = {
     offer.name: offer
     for offer in entry_points(group="rig.tests")

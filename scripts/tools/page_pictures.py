@@ -34,7 +34,7 @@ _NUMBERED = (
     (3, r"(<h3>)(Main causes)"),
     (4, r"(<h3>)(Do next)"),
     (5, r'(<h2 id="budget">)()'),
-    (6, r'(<th scope="col" class="word">)(class)'),
+    (6, r'(<th scope="col" class="word">)(size)'),
     (7, r'(<h2 id="steps">)()'),
 )
 """Numbered elements in the documents: number, and pattern of the element."""
@@ -64,7 +64,9 @@ def main() -> None:
             _part(chromium, page, _STEPS, 1000, given.output / "report-steps.png")
             _part(chromium, page, _YAW, 1000, given.output / "report-dark.png", dark=True)
             _part(chromium, page, _SPHERE, 560, given.output / "report-sphere.png")
-            readme_page = given.page or made_page(Path(scratch), "paper-fanuc", _README_HIDDEN, _README_RUNS)
+            readme_page = given.page or made_page(
+                Path(scratch), "paper-fanuc", _README_HIDDEN, _README_RUNS, "yaw-cw-002"
+            )
             for name, (width, height) in _VERDICTS.items():
                 with _opened(chromium, readme_page, width):
                     _shot(chromium, given.output / f"verdict-{name}.png", 0, 0, width, height)
@@ -72,18 +74,22 @@ def main() -> None:
 
 
 def made_page(
-    directory: Path, rig: str = "ur10e", hidden: str = _HIDDEN, runs: Sequence[tuple[str, int, int]] = _RUNS
+    directory: Path,
+    rig: str = "ur10e",
+    hidden: str = _HIDDEN,
+    runs: Sequence[tuple[str, int, int]] = _RUNS,
+    hold_out: str = "",
 ) -> Path:
-    """Simulate an arm with hidden backlash and create the report of its runs."""
+    """Simulate an arm with hidden backlash and create the report of its runs; `hold_out` only validates the model."""
     directory = directory / rig
     directory.mkdir()
     (directory / "hidden.yaml").write_text(hidden)
     for test, times, seed in runs:
         _rig(directory, "simulate", rig, "--test", test, "--times", str(times), "--seed", str(seed),
              "--effects", "hidden.yaml", "-o", "runs")  # fmt: skip
-    _rig(
-        directory, "report", *sorted(f"runs/{path.name}" for path in (directory / "runs").iterdir()), "-o", "page.html"
-    )
+    command = ("diagnose", "--hold-out", f"runs/{hold_out}") if hold_out else ("report",)
+    made = sorted(f"runs/{path.name}" for path in (directory / "runs").iterdir())
+    _rig(directory, *command, "-o", "page.html", *made)
     return directory / "page.html"
 
 

@@ -157,13 +157,19 @@ def followed(circle: CircleFrame, points: Array, run: Integers, tolerance: Toler
 # limited to a quarter of the record.
 
 _TIMES = 7
-"""Number of correlation times, from a step to the longest: their ratio is below three for 100 steps."""
+"""Number of correlation times tried, from the duration of a step to the longest.
+
+Consecutive times differ by a factor below three for 100 steps.
+"""
 _LONGEST = (1.0, 0.25)
 """Longest correlation times of rough and smooth noise, relative to the record. Slower noise looks like motion."""
 _SHARES = np.concatenate([[0.0], np.geomspace(1e-2, 1e6, 9)])
 """Ratios of slow to white variance. White noise almost vanishes in the mean of some hundred readings."""
 _NONE = float(np.pi / np.log(_SHARES[2] / _SHARES[1]))
-"""Weight of zero slow noise. It equals the weight of all other shares, which is the sum of the half-Cauchy prior."""
+"""Prior weight of the case that slow noise is absent.
+
+It equals the total weight of all other cases, which is the sum of the half-Cauchy prior.
+"""
 _NOTHING = 1e-24
 """Squared deviation used for noise-free readings."""
 _DRAWS = 4000
@@ -218,7 +224,7 @@ def regress(design: Array, readings: Array, t_s: Array, count: Array) -> list[Re
 
 
 def _case(X: Array, y: Array, variance: Array, share: float, usual: float) -> _Case:
-    """Evaluate a combination by the restricted likelihood and the prior of the slow part.
+    """Evaluate a combination of the grid by the restricted likelihood, with the prior of the slow noise.
 
     usual: mean squared residual of an ordinary fit.
     """
@@ -272,7 +278,7 @@ _FEWEST = 8
 _OUTLYING = 6.0 * 1.4826
 """Limit in median deviations beyond which a row is off the circle, as in `analysis.runs.stands`."""
 _SMALLEST_MM = 0.02
-"""Smallest limit for outliers: a robot on a circle deviates this much, however even the other rows are."""
+"""Smallest limit for outliers in mm. Even on a good circle, single rows of a robot deviate this much."""
 _MOST_OUTLYING = 0.1
 """Largest share of outliers to drop. If more rows deviate, the arm bends the circle and all rows are used."""
 _ALONG = 0.9
@@ -284,7 +290,7 @@ _BLOCKS = 80
 _TRIMS = 3
 """Number of rounds of dropping outlying bins and refitting the circle. The second round changes very little."""
 _ROUNDS = 4
-"""Number of Gauss-Newton steps from a circle accurate to 1 %: each step squares the relative error."""
+"""Number of Gauss-Newton steps. They start from a circle accurate to 1 %, and each step squares the relative error."""
 _APART_S = 1e7
 """Time between two runs, long enough to make them uncorrelated. Noise common to both runs is ignored."""
 
@@ -382,9 +388,8 @@ def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: st
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted circle with the regressions of radial and axial deviations.
-
-    rows: number of rows used. wild: number of outliers.
+    """A fitted circle with the regressions of radial and axial deviations. rows: number of rows used. wild:
+    outliers.
     """
 
     circle: CircleFrame

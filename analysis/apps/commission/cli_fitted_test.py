@@ -142,7 +142,10 @@ def _program_error(rig: Rig) -> RigError | None:
 
 
 def _replace(path: Path, old: str, new: str) -> Path:
-    """Replace a file durably. The old content is kept next to it under an unused name, which is returned."""
+    """Replace a file durably, and keep the old content next to it.
+
+    Returns the name of the file with the old content.
+    """
     from daq.store import durable
 
     path = path.resolve()  # keep a symbolic link

@@ -42,7 +42,7 @@ from rigs.schema.vocabulary import Direction
 _ALONG_NORMAL = float(np.cos(np.radians(30.0)))
 """Minimum cosine between the x axis of the tool and the normal for the tool to determine the sign."""
 _CLEAR_RAD = np.radians(20.0)
-"""Smallest net angle of a motion with a clear direction. A smaller angle means that it went both ways."""
+"""Smallest net angle of a motion with a clear direction. Below it, the robot moved in both directions."""
 _MISSING_SHARE = 0.01
 """Largest missing share of a turn for a lap to count as complete."""
 _SAME_START_RAD = np.radians(5.0)
@@ -154,7 +154,7 @@ _SECOND = 1 / 3
 _FURTHER = 1.3
 """Minimum ratio of angles for preferring a bent circle to a round one. The path of a healthy arm follows both."""
 _ROUND_MM = 0.3
-"""Upper bound for the bending of a healthy arm's circle: its constants are wrong by some tenths of a mm."""
+"""Largest deviation from a circle caused by a healthy arm, whose constants are wrong by some tenths of a mm."""
 _NEAR = 4.0
 """Distance in tolerances of the first circle within which a path does not count as part of a second."""
 _JUMP_RAD, _ALONE = np.radians(0.5), 5.0
@@ -163,7 +163,7 @@ _GAUGE_MM = 5.0
 """Largest 2 u: the ball is mounted at the centre of the circle, and a gauge reads about 5 mm in both directions."""
 _LONGER = "drive a longer arc, preferably a full lap, or rest at three or more points around the circle"
 _SHORT = replace(DRIVEN, least_rad=0.0)
-"""Tolerance for an arc too short to be found among other motion, but sufficient for an uncertainty."""
+"""Tolerance for a short arc: too short to be found among other motion, but long enough to determine the uncertainty."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Guided movement check: propose a touch, take it, and update the odds until a cause is named.
 
-The check knows neither a daemon nor a screen: `rig moved --live` and `rig window` feed it with joint angles at rest.
+The check does not depend on a daemon or a screen: `rig moved --live` and `rig window` supply the joint angles at rest.
 """
 
 from __future__ import annotations

@@ -92,11 +92,11 @@ def _of_library(name: str) -> ChosenArm:
 _BASELINE_MM = 50.0
 _SOCKETS = ("A", "B")
 _NO_CIRCLE = """\
-# No circle yet. Put the ball link on, lead the robot around the ball with the tool's z axis towards it, and let
-# `rig circle fit --live --rig FILE --write` write the circle here; or write it by hand:
+# No circle yet. Mount the ball link, guide the robot around the ball with the z axis of the tool towards the ball,
+# and run `rig circle fit --live --rig FILE --write`; or write the circle by hand:
 # tests:
 #   circle: {centre_mm: [x, y, z], normal: [0, 0, 1], radius_mm: 70, posture_deg: [q1, q2, q3, q4, q5, q6]}"""
-_CIRCLE = "from where the robot stood at the start, with the nominal arm: within some mm"
+_CIRCLE = "computed from the start position with the nominal arm, accurate to some mm"
 
 
 def rig_text(answers: Answers, arm: ChosenArm, name: str, today: dt.date, measured_by: MeasuredBy = "gauges") -> str:

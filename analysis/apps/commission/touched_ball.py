@@ -95,9 +95,10 @@ def is_jogged(bins: Binned, path_circle: FoundCircle | None) -> bool:
 
 
 def on_one_circle(places: Array) -> Mask:
-    """Return a mask of the places (m, 3) in mm on a common circle: the one with most places and then the best fit.
+    """Return a mask of the places (m, 3) in mm on a common circle.
 
-    There must be three or more places.
+    If there are several circles, the one with the most places, and then with the best fit, is selected. There must be
+    three or more places.
     """
     triples = np.array(list(combinations(range(min(len(places), _MOST_STANDS)), 3)))
     centre, normal, radius = circles_through(places[triples])
@@ -124,7 +125,7 @@ def circle_through_stands(arm: Arm, bins: Binned, where: str) -> JoggedCircle:
     extent = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
     if circle is None or extent[1] < _LINE * extent[0]:
         problem = f"the {len(places)} stops of the robot lie on a straight line"
-        raise FileError(where, problem, "rest at distant points around the circle")
+        raise FileError(where, problem, "stop at points far apart around the circle")
     away = deviations(circle, places)
     if away.largest.max() > _OFF_MM:
         worst = int(away.largest.argmax())
@@ -219,7 +220,7 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     places = forward(arm_of(rig.robot), q)[:, :3, 3]
     if (apart := len(distinct(places))) < 4:
         problem = f"the robot was at rest at {apart} places, but a ball needs four that are not in a plane"
-        raise FileError(where, problem, "rest at more places all over the hemisphere, a second at each")
+        raise FileError(where, problem, "stop at more places all over the hemisphere, for a second at each")
     # Drop stops far off the sphere of the others one by one.
     near = np.ones(len(places), dtype=bool)
     for _ in range(int(_OTHERS_OF_BALL * len(places))):
@@ -233,7 +234,7 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     residual = _distance_from_sphere(places, g_mm, x)
     if not np.isfinite(x).all() or np.linalg.cond(design) > 1e6:
         raise FileError(
-            where, "the stops are in a plane, which does not determine a ball", "rest at higher and lower places too"
+            where, "the stops are in a plane, which does not determine a ball", "also stop at higher and lower places"
         )
     if np.abs(residual).max() > _OFF_BALL_MM:
         worst = int(np.abs(residual).argmax())
@@ -246,7 +247,7 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     used = f"{len(q)} stops on a sphere of {x[3]:.1f} mm"
     if 2 * (u_mm := float(np.sqrt(np.diag(covariance)[:3]).max())) > _GAUGE_MM:
         problem = f"the ball position from {used} has an uncertainty of {u_mm:.3g} mm (u), which is too large"
-        raise FileError(where, problem, "rest at more distant places, all over the hemisphere")
+        raise FileError(where, problem, "stop at places farther apart, all over the hemisphere")
     notes = tuple(doubt for of_run in doubts for doubt in of_run) + of_scatter
     if off_sphere:
         notes = (*notes, f"{off_sphere} stops are not used because they are off the sphere of the others")
@@ -319,7 +320,10 @@ The ball may stay in the socket, but a repeated posture adds only scatter.
 _TURNED_DEG = 0.02
 """Motion of a joint beyond which it has reversed. Smaller changes are encoder flicker."""
 _SAME_MM = 30.0
-"""Largest distance of the ball from the first touch of the same socket by the nominal arm: arm errors reach 10 mm."""
+"""Largest distance of the ball from the first touch of the same socket, computed with the nominal arm.
+
+Errors of a nominal arm reach 10 mm.
+"""
 
 Seen = Literal["nothing", "seated", "elsewhere", "same posture"]
 """Observation: no event, a touch accepted, a position outside the socket, or a repeated posture."""

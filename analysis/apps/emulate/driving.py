@@ -144,7 +144,7 @@ _MM_PER_RAD = 500.0
 _MOST_SAMPLES = 3_000_000
 """Maximum number of samples. A program of an hour has a tenth of it."""
 _SMALLEST_STEP = 1e-6
-"""Steps below this size in mm or rad are not moves but rounding in programs."""
+"""Size in mm or rad below which a step is only rounding in the program and not a move."""
 
 
 @dataclass(frozen=True)
@@ -266,7 +266,7 @@ class _Driver:
 
 
 def _part(move: LinearMove | Round) -> tuple[Array, Array, Array, Array]:
-    """Return the poses (n, 4, 4) of a move except the start pose, and for each step the limits.
+    """Return the poses (n, 4, 4) of a move except the start pose, with the limits of each step.
 
     The limits are the size (n,) in mm including rotation, the speed and the acceleration.
     """
@@ -299,9 +299,9 @@ def _joint_time(arm: Arm, begin: Array, end: Array, speed: MoveLimits) -> tuple[
 
 
 def _times(way: Array, speeds: Array, accelerations: Array) -> Array:
-    """Return the times (n,) in s at increasing positions way (n,) of the fastest motion from rest to rest.
+    """Return the times (n,) in s of the fastest motion from rest to rest, at increasing positions way (n,).
 
-    speeds, accelerations (n - 1,): limits for each step.
+    speeds, accelerations (n - 1,): limits of each step.
     """
     # Between two positions v² changes by at most 2 a ds, so the maximum speed is the minimum over all limits.
     gained = np.concatenate([[0.0], np.cumsum(2 * accelerations * np.diff(way))])

@@ -160,8 +160,9 @@ _VERSIONS, _NO_LOG = 18, b"\1\1"
 """Position in the header of the flags for a log file (WAL, used by the resilient preset of rosbag2), and the value
 for no log: a database in memory has none (sqlite.org, Database File Format, 1.3.3)."""
 _MOST_STEPS = 500_000_000
-"""Maximum number of steps of SQLite's virtual machine: half a minute, and several times the steps for five million
-messages."""
+"""Maximum number of steps of SQLite's virtual machine: half a minute, several times the steps for five million
+messages.
+"""
 _STEPS = 1_000_000
 _PLAIN = "SELECT count(*) FROM sqlite_master WHERE name IN ('messages', 'topics') AND type = 'table' AND rootpage > 0"
 _MESSAGES = """SELECT topics.name, topics.type, topics.serialization_format, messages.timestamp, messages.data
@@ -310,8 +311,9 @@ def number(data: bytes) -> float:
 
 
 class Placed(NamedTuple):
-    """A position in m and an orientation as a quaternion x, y, z, w, empty if absent. child: name of the frame, if
-    given."""
+    """A position in m, and an orientation as a quaternion x, y, z, w, possibly empty. child: name of the frame, if
+    given.
+    """
 
     stamp_ns: int
     child: str

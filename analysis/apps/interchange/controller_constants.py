@@ -2,7 +2,7 @@
 
 A robot calibrated by the maker computes with individual constants. Typical controllers do not show these constants but
 report the pose of the flange. Some 20 poses with joint angles determine the constants to the reported digits. This is
-not a measurement: it shows the beliefs of the controller, not the position of the arm.
+not a measurement: the constants are those assumed by the controller, and the real arm may differ.
 """
 
 from __future__ import annotations

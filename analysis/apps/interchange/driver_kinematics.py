@@ -142,8 +142,9 @@ difference at each start."""
 _HASH = re.compile(r"calib_\d{1,20}")
 """Format of the driver's hash: a number of 64 bits."""
 _TWISTS_DEG = (0.0, 90.0, 0.0, 0.0, 90.0, -90.0)
-"""alpha of all arms of the maker (DH parameters published for calculations of kinematics and dynamics, in modified
-form)."""
+"""alpha of all arms of the maker (DH parameters published for calculations of kinematics and dynamics, modified
+form).
+"""
 _MOST_DEG = 5.0
 """Maximum deviation, larger than any deformation. Arms of other makers differ by right angles."""
 

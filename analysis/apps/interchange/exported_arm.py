@@ -1,5 +1,6 @@
-"""Parts of a rig's model in exported arms: geometry, and for simulators the backlash, compliance and friction of
-each joint."""
+"""Parts of a rig's model in exported arms: geometry, and for simulators backlash, compliance and friction of each
+joint.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ from rigs.schema.effect import AT_AXIS, is_play, size_field
 from rigs.schema.scene import Stage
 
 _MOST_LISTED = 4
-"""Limit of effects listed in a line; of more the number is given."""
+"""Largest number of effects listed in a line; a longer list is replaced by its number."""
 _OPTION = "--nm-per-a"
 _SPRING = "deg_per_Nm"
 """Size parameter of effects that turn a joint in proportion to its torque, like a spring."""
@@ -119,9 +120,10 @@ def geometric_share(model: Model) -> GeometricShare:
 
 
 def simulated_arm(rig: Rig, arm: Arm, where: str, carried: str, friction: Mapping[int, float]) -> tuple[str, str]:
-    """Return an arm as a MuJoCo model including the joint properties, and a description that starts with `carried`.
+    """Return an arm as a MuJoCo model with the joint properties, and a description that starts with `carried`.
 
-    where: rig file, for errors. friction: of the joints in Nm, by axis from 1. Raises the errors of `mjcf_text`.
+    where: rig file, for errors. friction: friction of the joints in Nm, by axis from 1. Raises the errors of
+    `mjcf_text`.
     """
     traits = joint_traits(rig, friction)
     parts = [

@@ -54,8 +54,10 @@ _MOST_JOINTS, _LONGEST_NAME = 50, 200
 _GAP_S = 1.0
 """Maximum gap in the joint angles: the robot may have moved in a longer gap."""
 _DRIFTS, _LEAST_M = 6.0, 5e-5
-"""Minimum drift of an instrument during a standstill: difference between the means of the two halves, in multiples
-of its uncertainty and in m."""
+"""Smallest drift of an instrument during a standstill that is reported.
+
+It is the difference between the means of the two halves, in multiples of its uncertainty and in m.
+"""
 
 
 @dataclass
@@ -220,8 +222,7 @@ def _names(messages: Sequence[BagMessage], axes: int, where: str) -> list[str]:
 
 
 def _chosen(placed: dict[str, _SenderMessages], topic: str, where: str) -> tuple[str, _SenderMessages]:
-    """Return the topic of the instrument: the given topic, the only topic, or the only topic that is not a
-    transform."""
+    """Return the topic of the instrument: the given topic, the only topic, or the only one that is not a transform."""
     tracks = {name: track for name, track in placed.items() if len(track.log_ns) > 1}
     has = ", ".join(sorted(tracks))[:300]
     if not tracks:
@@ -282,8 +283,7 @@ def _timed(tracks: dict[str, _SenderMessages]) -> tuple[tuple[Integers, Array], 
 
 
 def _unusable(t_s: Array, pose_ns: Integers, seen: Array, topic: str) -> str:
-    """Return the reason for not using a standstill at times t_s (n,) with readings seen (m, k), empty if it is
-    usable."""
+    """Return the reason for not using a standstill at times t_s (n,) with readings seen (m, k); empty if usable."""
     if np.diff(t_s).max() > _GAP_S:
         return f"joint angles are missing for more than {_GAP_S:g} s"
     if len(pose_ns) < _FEWEST:

@@ -99,8 +99,7 @@ def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = CIRCLES[0])
 
 
 def _stream(topic: str, track: _TopicMessages, begin_ns: int) -> tuple[Columns, list[str]]:
-    """Return the messages of a topic as the columns of an instrument's stream, in order of time, and doubts in
-    words."""
+    """Return the messages of a topic as the columns of an instrument's stream, in order of time, and doubts as text."""
     order = np.argsort(np.array(track.ns), kind="stable")
     ns, sent_ns = (np.array(times, dtype=np.int64)[order] for times in (track.ns, track.sent_ns))
     values = np.array(track.values)[order]

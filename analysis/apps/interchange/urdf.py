@@ -218,7 +218,7 @@ _ENDLESS_RAD = 2 * np.pi
 """Limits of a continuous joint: a full turn in each direction, the usual range of controllers."""
 _REMEDY = "choose the ends of the arm with --base and --tip"
 _GRIPPER = ("gripper", "jaw", "finger", "claw")
-"""Words in gripper joint and link names, as for SO-100, SO-101, WidowX and Robotiq."""
+"""Words in the names of gripper joints and links, as in SO-100, SO-101, WidowX and Robotiq."""
 _LISTED = 5
 _DECIMALS, _MM = 9, 1000.0
 """Decimals of metres."""

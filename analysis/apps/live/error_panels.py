@@ -83,7 +83,7 @@ def draw_circle(area: Area, view: LiveView, controls: LiveControls, curves: tupl
 
 
 def _legend(view: LiveView, controls: LiveControls, curves: tuple[ErrorCurve, ErrorCurve], scale: float) -> list[str]:
-    """Return the error bands and the scale, as far as they fit into the circle."""
+    """Return the error bands and the scale, shortened to the width of the circle."""
     unit, factor = unit_of(view, controls)
     words = []
     for name, curve in zip(("acw", "cw"), curves, strict=True):

@@ -144,7 +144,7 @@ class LiveReversal:
 
 @dataclass(frozen=True)
 class JointMotion:
-    """Motion of the joints.
+    """Motion of the joints so far.
 
     sense (6,): 1 rising, -1 falling, 0 unknown. extreme (6,): furthest angle in rad in that sense, with the time
     extreme_t_s (6,) and the circle angle extreme_phi (6,) in rad.

@@ -41,8 +41,8 @@ T = TypeVar("T")
 class ProgramFiles:
     """The files of a program.
 
-    label: short name of the maker. suffixes: of the file with the motion, in lower case. data: suffix of the data list
-    in the same directory. ending: suffix added to the name of the program in the file name.
+    label: short name of the maker. suffixes: suffixes of the file with the motion, in lower case. data: suffix of the
+    data list in the same directory. ending: text added to the name of the program in the file name.
     """
 
     label: str
@@ -57,8 +57,9 @@ class ConstantParameter:
 
     key: as in the rig file. name, unit: at the controller. per_unit: change of the parameter per mm or degree. later:
     axis number in the rig file minus axis number at the controller, since Craig's a and alpha belong to the axis after
-    the link. axes: axes of the rig file with the parameter, from 1. by_size: the sign of the length is not public. The
-    length then grows regardless of the sign, and a zero length has no parameter.
+    the link. axes: axes of the rig file with the parameter, from 1. by_size: True if the sign convention of a length is
+    not public. The correction then states by how much the length grows, whatever its sign, and a zero length has no
+    parameter.
     """
 
     key: str
@@ -119,7 +120,7 @@ CHECK_LENGTH = (
     "change the length, and correct the rest with corrected targets."
 )
 LATER = (2, 3, 4, 5, 6)
-"""Axes of the rig file that follow a link of the controller."""
+"""Axes of the rig file that have a parameter, if the controller numbers a link by the axis before it."""
 
 
 @dataclass(frozen=True)

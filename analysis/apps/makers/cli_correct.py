@@ -159,7 +159,10 @@ def correct(
             say(f"{program.path.name}: --start-joints is not needed by any target", err=True)
     if any(program.names and not program.held for program in corrections.programs):
         say("next: compare each program with the original line by line; rig did not send anything to a robot", err=True)
-        say("      first run the program at reduced speed, hand on the stop, and watch each target", err=True)
+        say(
+            "      first run the program at reduced speed with a hand on the stop button, and watch each target",
+            err=True,
+        )
     errors = target_errors(*corrections.path) if corrections.path else []
     remedy = "keep the targets unchanged, or measure there; --anyway writes them"
     errors += [
@@ -179,8 +182,8 @@ def _say_next(
 ) -> None:
     """Print the next steps after correcting a rig.
 
-    table: table of the corrected targets. settled: propose no alternative. both: values for the controller were written
-    together with targets, so the user has to choose.
+    table: table of the corrected targets. settled: True if a way of correction is already chosen, so no alternative is
+    proposed. both: True if values for the controller were written together with targets, so the user has to choose.
     """
     axes, rail = len(rig.robot.axes), ", e1_mm" if rig.robot.rail else ""
     file = as_argument(rig_file)

@@ -66,8 +66,7 @@ and a gear error: 0 left 93 µm in the work area and 696 µm outside (582 before
 _SHARE = 0.3
 """Minimum share of a constant in an undetermined combination to be named as part of it."""
 _ROUNDS = 4
-"""Number of linear steps. Chosen: each step leaves about a thousandth, because constants are wrong by about a
-thousandth."""
+"""Number of linear steps. Chosen: each leaves about a thousandth, because constants are wrong by about a thousandth."""
 
 
 @dataclass(frozen=True)
@@ -120,8 +119,8 @@ class Projection:
     def without(self, out: Sequence[int], changes: Array) -> tuple[Projection, Array]:
         """Return the projection with some changes set to zero, and the standard uncertainties (m,) in mm or degrees.
 
-        changes (k, m): result of `changes`. The other changes are conditioned on zero: if only the sum of two changes
-        is certain, the remaining change becomes the sum; independent changes stay.
+        changes (k, m): result of `changes`. The other changes are computed on the condition that these are zero. If
+        only the sum of two changes is certain, the remaining change becomes the sum. Independent changes stay the same.
         """
         kept = [k for k in range(len(self.constants)) if k not in out]
         share = np.linalg.pinv(changes[:, out], 1e-9) @ changes[:, kept]
@@ -139,8 +138,8 @@ class Projection:
     def gains(self, fewer: Projection, rig: Rig, used: Sequence[Effect], q: Array, moves: Array) -> bool:
         """Return whether this projection certainly leaves less position error than a projection with fewer changes.
 
-        The comparison covers the work area q (n, 6) rad, in the robot's base or with frame and tool taught. moves (k, n
-        and more, 6): argument of `changes`.
+        The comparison is over the work area q (n, 6) rad, in the robot's base or with frame and tool taught. moves (k,
+        n and more, 6): argument of `changes`.
         """
         real, nominal = tool_places(rig, used, q), tool_poses(model_of(rig, ()), q)
         off_mm = [real - tool_places(rig, projection.effects, q) for projection in (fewer, self)]
@@ -395,8 +394,9 @@ def as_entered(rig: Rig, targets: CorrectedTargets, at: ControllerEntries) -> Co
 
 
 def _apart_mm(rig: Rig, effects: Sequence[Effect], others: Sequence[Effect], q: Array) -> Array:
-    """Return the distance (n,) mm between the tools of two models at joint angles q (n, 6) rad, with frame and tool
-    taught."""
+    """Return the distance (n,) mm between the tools of two models at angles q (n, 6) rad, with frame and tool
+    taught.
+    """
     return rest_mm(tool_places(rig, effects, q), tool_poses(model_of(rig, others), q))
 
 

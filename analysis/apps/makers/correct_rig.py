@@ -69,7 +69,7 @@ class Corrections:
 
     @property
     def in_vain(self) -> dict[Path, str]:
-        """Paths and programs without a certain gain, with the reason as a continuation of their names."""
+        """Paths and programs for which a gain is not certain, each with the reason."""
         nothing, unknown = (
             "corrected targets do not reduce the error there",
             "the uncertainty of the targets is unknown",

@@ -286,7 +286,7 @@ def _off_by_offset(
 
 
 def _with_offset(target: Target, X: Array) -> Array:
-    """Return the frame (4, 4) of a move with a target's offset from X (4, 4)."""
+    """Return the frame (4, 4) that a move reaches with the offset of a target from X (4, 4)."""
     if target.offset is None:
         return X
     kind, offset = target.offset
@@ -320,8 +320,7 @@ def _stated_frame(place: Array | str, named: Mapping[str, Array], null: tuple[st
 
 
 def _stated_target(target: Target, located: _Located, scale: Sequence[float] | None) -> Array | Reason:
-    """Return the joint angles (6,) rad or the frame (4, 4) in the numbers of a target, or the reason if there are
-    none."""
+    """Return the joint angles (6,) rad or the frame (4, 4) in the numbers of a target, or the reason if missing."""
     if target.form == "pulses" and scale is None:
         return "no_scale"
     values = [number.value for number in target.numbers]
@@ -350,8 +349,7 @@ def _in_program(arm: Arm, located: _Located, T: Array) -> Array:
 def _implausible(
     arm: Arm, targets: Sequence[Target], q: Array, done: CorrectedTargets, moved_mm: Array
 ) -> dict[int, Reason]:
-    """Return the targets with an implausible correction by moved_mm (n,), which must not be written, with the
-    reasons."""
+    """Return the targets with an implausible correction moved_mm (n,), which must not be written, with the reasons."""
     reasons: dict[int, Reason] = {}
     corrected_ones = np.flatnonzero(done.done)
     turned = pose_error(done.T[corrected_ones], forward(arm, q[corrected_ones]))[:, 3:]

@@ -104,9 +104,9 @@ class ToolPose:
 class MoveLimits:
     """The limits of a move; None if the language sets no limit.
 
-    share: of the maximum speed of each axis, 0 to 1. axis_rad_s, axis_rad_s2: of the fastest joint. mm_s, rad_s: of the
-    tool along the path and in rotation. mm_s2: acceleration of the tool. seconds: duration of the move, which overrides
-    the rest.
+    share: share of the maximum speed of each axis, 0 to 1. axis_rad_s, axis_rad_s2: speed and acceleration of the
+    fastest joint. mm_s, rad_s: speed of the tool along the path and in rotation. mm_s2: acceleration of the tool.
+    seconds: duration of the move, which overrides the other limits.
     """
 
     share: float | None = None
@@ -130,7 +130,10 @@ class PointToPointMove:
 
 @dataclass(frozen=True)
 class LinearMove:
-    """A straight move of a tool with even rotation. stops: the tool stops at the end. The speed is in mm/s."""
+    """A straight move of the tool with even rotation, at a speed in mm/s.
+
+    stops: True if the tool stops at the end.
+    """
 
     begin: ToolPose
     end: ToolPose
@@ -157,8 +160,10 @@ class LinearMove:
 
 @dataclass(frozen=True)
 class Round:
-    """An arc of a tool about a unit axis (3,) through a centre (3,) mm, by an angle in rad. stops: the tool stops at
-    the end."""
+    """An arc of a tool by an angle in rad about a unit axis (3,) through a centre (3,) mm.
+
+    stops: True if the tool stops at the end.
+    """
 
     begin: ToolPose
     end: ToolPose

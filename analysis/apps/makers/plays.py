@@ -1,4 +1,4 @@
-"""Compensation of backlash in a program: additional joint rotation so that the links reach the targets."""
+"""Compensation of backlash in a program: the joints turn further, so that the links reach the targets."""
 
 from __future__ import annotations
 

@@ -203,7 +203,7 @@ class Points:
 
 
 def _relative_moves(program: Program) -> list[Unknown]:
-    """Return the relative moves in routines that the routines with targets call, directly or through others."""
+    """Return the relative moves in routines that are called, directly or indirectly, by routines with targets."""
     calls = {
         name: {statement.name for statement in body if isinstance(statement, Call)} & program.routines.keys()
         for name, body in program.routines.items()
@@ -278,7 +278,7 @@ def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
 
 
 def _elsewhere(target: Target, usages: Sequence[Usage]) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
-    """Yield the reasons why moves do not reach the point itself, or reach it with an unknown or varying offset."""
+    """Yield the reasons why moves to a point do not end at the point itself, or have an unknown or varying offset."""
     offsets: dict[str, object] = {}
     for usage in usages:
         if offsets.setdefault(usage.move.key, usage.offset) != usage.offset:

@@ -30,7 +30,7 @@ quadrant or a turn either flag agrees. Chosen."""
 def agreeing(arm: Arm, q: Array, flags: Flags, slack_rad: float = _ROUNDING_RAD) -> Mask:
     """Return a mask (n,) of the solutions q (n, 6) rad that agree with flags.
 
-    slack_rad: tolerance of an angle beyond its sign, quadrant or turn.
+    slack_rad: tolerance of an angle relative to the limits of its sign, quadrant or turn.
     """
     return flags.agreeing(arm, q, flags.values, slack_rad) if len(q) else np.zeros(0, dtype=bool)
 
@@ -44,13 +44,17 @@ ambiguous. Chosen."""
 _ANY_MM_S = 100.0
 """Speed for computing a path. The positions do not depend on the speed."""
 _PAST_SINGULARITY = 0.01
-"""Conditioning below which the end of a straight line is uncertain: an axis 5 below 2.3°, or 4 mm at the wrist,
-which a robot passes between two set points of the controller. The controller then decides on which side the wrist
-leaves."""
+"""Conditioning below which the posture after a straight line is uncertain.
+
+It corresponds to an angle of axis 5 below 2.3°, or to 4 mm at the wrist, which a robot passes between two set points of
+the controller. The controller then decides to which side the wrist turns.
+"""
 _SAME_ORIENTATION_RAD = np.radians(0.1)
 """Tolerance for equal orientations. Chosen: it changes a correction of 1 mm by 2 µm."""
 _FLAT = 1e-4
-"""Sine below which three points of an arc count as collinear. Chosen: a radius of several hundred metres."""
+"""Sine of an angle below which three points of an arc count as collinear. Chosen: the radius is several hundred
+metres.
+"""
 _LONGEST_MM = 1e4
 """Maximum length of a line of an arm: 10 m."""
 
@@ -170,7 +174,7 @@ def _derive_postures(
 def _take_from_approaches(
     ways: _Ways, targets: Sequence[Target], steps: Sequence[TargetMove], reasons: dict[int, Reason]
 ) -> None:
-    """Give points that the program reaches only with an offset the posture of an approach."""
+    """Determine the posture of points that the program reaches only with an offset: it is that of an approach."""
     reached = {step.target for step in steps}
     for approach, target in enumerate(targets):
         k = target.of

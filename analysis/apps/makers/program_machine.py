@@ -24,12 +24,12 @@ BEGIN = "\0begin"
 EXTERNAL = "external"
 """The family of the parts for external axes: off at zero."""
 HERE = " here"
-"""Suffix of parts that are set for the next move only."""
+"""Suffix of parts of the state that apply to the next move only."""
 _MOST_STATES = 64
 """Maximum number of states in which a routine is analysed; further states count as unknown. Chosen: real programs
 call a routine with a few tools and frames."""
 _DEEPEST = 60
-"""Maximum depth of calls; the state is unknown below. Controllers allow fewer (some about 20)."""
+"""Maximum depth of nested calls; the state of deeper calls is unknown. Controllers allow fewer (some about 20)."""
 
 
 @dataclass(frozen=True, order=True)
@@ -47,7 +47,7 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Ref:
-    """The current value of another part."""
+    """Reference to the current value of another part of the controller's state."""
 
     part: str
 
@@ -134,7 +134,8 @@ class Move:
 
     needs: parts that must be off. trusts: the part, if any, that is "on" if posture flags are valid, or "checked" if
     the path has to lead to the same posture. near (6,): angles in rad near which the controller searches for a
-    solution. offset: added to the point, as the kind "frame" or "tool" and the 16 numbers of a frame in mm, or unknown.
+    solution. offset: offset added to the point. It consists of the kind, "frame" or "tool", and the 16 numbers of a
+    frame in mm, or is unknown.
     """
 
     key: str
@@ -455,7 +456,10 @@ class _Machine:
 
 
 def _resolved(stands: list[set[str | None]], places: Iterable[object]) -> frozenset[str | None]:
-    """Return the points of positions given as keys, as None, or as contexts for the position at their start."""
+    """Return the points at which the arm may be, given positions as keys, as None, or as contexts.
+
+    A context stands for the position at the start of its routine.
+    """
     points: set[str | None] = set()
     for place in places:
         points |= stands[place] if isinstance(place, int) else {place if isinstance(place, str) else None}

@@ -118,7 +118,7 @@ def _order(form: Effect) -> float:
 
 
 def scale_shares(arm: PairArm) -> Array:
-    """Return the multiples (terms,) of the terms that make all lengths of an arm in mm larger by one thousandth."""
+    """Return the multiples (terms,) of the terms that increase all lengths of an arm, in mm, by one thousandth."""
     shares = np.zeros(len(arm.terms))
     for k, term in enumerate(arm.terms):
         constant = term.effect.compensation().constant

@@ -29,9 +29,7 @@ _LARGEST_GAP_MM = 50.0
 gives 20 mm for an arm with a reach of one metre.
 """
 _OUTLIER_CHI2 = 35.0
-"""Chi-square of the three coordinates of a touch, given all others, above which it is an outlier: a probability of
-1e-7.
-"""
+"""Chi-square of the three coordinates of a touch, given all others, above which it is an outlier: probability 1e-7."""
 _MOST_OUTLIERS_SHARE = 0.1
 """Largest share of outliers."""
 
@@ -70,7 +68,10 @@ def pair_of(first: Rig, second: Rig, table: PairTable, where: str) -> Pair:
 
 
 def fit_pair(pair: Pair) -> FittedPair:
-    """Fit two arms to their touches. Raises FileError if no set-up explains them, or if too many are odd."""
+    """Fit two arms to their touches.
+
+    Raises FileError if no set-up explains the touches, or if there are too many outliers.
+    """
     state, nominal_rms = start(pair)
     odd: list[tuple[int, float]] = []
     allowed = int(_MOST_OUTLIERS_SHARE * len(pair.table.q))
@@ -102,7 +103,7 @@ def _check_enough(pair: Pair) -> None:
 
 
 def _at_mean(gaps: LinearGaps, at_levels: PairPosterior) -> PairState:
-    """Return the state at a posterior mean: its terms are absolute, its set-up is relative to the linearisation."""
+    """Return the state at a posterior mean. Its terms are absolute, and the set-up is relative to the linearisation."""
     terms = int((gaps.group >= 0).sum())
     step = at_levels.mean.copy()
     step[:terms] -= np.concatenate(gaps.state.times)

@@ -164,9 +164,7 @@ def _groups(pair: Pair, setups: int) -> Integers:
 
 
 def _known_distances(pair: Pair, state: PairState) -> tuple[Array, Array, Array]:
-    """Return the known distances minus those of the state (d,) mm, their derivatives (d, unknowns) and variances
-    (d,) mm².
-    """
+    """Return the known distances minus those of the state (d,) mm, derivatives (d, unknowns) and variances (d,) mm²."""
     fixed = set(pair.table.socket[~pair.table.is_mounted])
     deviations, columns, variances = [], [], []
     for stated in pair.distances:

@@ -244,8 +244,8 @@ def _doubts(fit: FittedPair, left_mm: float) -> Iterator[str]:
 
 
 _STILL_RAD = float(np.radians(20.0))
-"""Largest range of an axis that hardly moved. Chosen: a third of a radian changes the lever arm of an error by a few
-percent.
+"""Range of an axis below which it hardly moved. Chosen: a third of a radian changes the lever arm of an error by a
+few percent.
 """
 
 

@@ -283,8 +283,8 @@ def _sphere_gears(figure: FigureBase, simulated: SimulatedFigures) -> None:
 def _radial(figure: FigureBase, result: Result) -> None:
     """Draw the radial errors of the targets: side view, top view, and over the azimuth.
 
-    The side view is perpendicular to the displacement of the sphere.
-    Over the azimuth, a displacement appears as one full wave.
+    The side view is perpendicular to the displacement of the sphere. Over the azimuth, a displacement appears as one
+    full wave.
     """
     curve = result.curve
     assert isinstance(curve, RadialCurve)  # noqa: S101 - of a hemisphere

@@ -179,8 +179,8 @@ def _bar(bought: Bought, distance_mm: float) -> PrintedPart:
 
 
 def _holder(bought: Bought, asked_mm: float) -> PrintedPart:
-    """Return the ball holder of the tool. The height of the ball centre follows the rig file,
-    within the printable range.
+    """Return the ball holder of the tool. The height of the ball centre follows the rig file, within the printable
+    range.
     """
     seat = seat_of(bought)
     height = min(max(asked_mm, _SHORTEST_HOLDER_MM), _LONGEST_HOLDER_MM)

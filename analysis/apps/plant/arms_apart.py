@@ -143,8 +143,7 @@ def _postures(*arms: CalibratedArm) -> Array:
 
 
 def _constants(*rigs: Rig) -> tuple[dict[str, float], ...]:
-    """Return the differences of the constants by axis, second arm less first: zeros and angles in degrees, lengths
-    in mm."""
+    """Return the differences of the constants by axis, second arm minus first: angles in degrees, lengths in mm."""
     arms = [geometric_arm(model_of(rig)) for rig in rigs]
     by_axis = []
     for axis in range(arms[0].axes):

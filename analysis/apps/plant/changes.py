@@ -89,8 +89,7 @@ def shapes_of(count: int) -> Shapes:
 
 
 def refined(count: int, first: int, last: int) -> tuple[Integers, Integers]:
-    """Return ramps near a ramp of `shapes_of`, refined to single runs, as indices of the first (c,) and last (c,)
-    run."""
+    """Return ramps near a ramp of `shapes_of`, refined to single runs, as indices of first (c,) and last (c,) run."""
     reach = 2 * max(1, count // _STARTS) + (last - first) // 2
     near = [np.arange(max(0, at - reach), min(count, at + reach + 1)) for at in (first, last)]
     if len(near[0]) > _ENDS:  # A long ramp: noise hides the ends anyway
@@ -114,7 +113,7 @@ def directions(noise: Whitening, first: Integers, last: Integers) -> Array:
 
 
 def _allowed(pairs: Integers, count: int) -> tuple[Integers, Integers]:
-    """Return the ramps with enough runs on either side. Runs within a long ramp count."""
+    """Return the ramps with enough runs on either side. The runs within a long ramp are counted on both sides."""
     first, last = pairs.T
     within = (last - first - 1) // 2
     enough = (first + 1 + within >= FEWEST) & (count - last + within >= FEWEST)
@@ -270,8 +269,7 @@ def _best(values: Array) -> tuple[_Best, _Best]:
 
 
 def _refined(values: Array, best: _Best) -> _Best:
-    """Return the shape refined to single runs. The false alarm probability does not include the increase of the
-    score."""
+    """Return the shape refined to single runs. The false alarm probability ignores the increase of the score."""
     first, last = refined(len(values), best.first, best.last)
     is_alike = (last - first == 1) == (best.last - best.first == 1)
     first, last = first[is_alike], last[is_alike]
@@ -282,8 +280,7 @@ def _refined(values: Array, best: _Best) -> _Best:
 
 
 def _likelihoods(values: Array, noise: Whitening, unit: Array) -> tuple[float, Array]:
-    """Return the log-likelihood for no change, and for each whitened shape (n, c), as (c,), maximised over noise and
-    size."""
+    """Return the log-likelihood for no change, and of each whitened shape (n, c), maximised over noise and size."""
     count = len(values)
     white = noise.without_level(values[:, None])[:, 0]
     total = float(white @ white)

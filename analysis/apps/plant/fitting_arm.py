@@ -70,7 +70,7 @@ class FittingArm(Tabular):
 
 
 def fitting_arm(runs: Sequence[Measured], arms: Sequence[tuple[str, Rig]]) -> FittingArm:
-    """Return the residual of runs of (m, k) mm for each of two arms, given with file names.
+    """Compare the residual error of runs between two arms, given with file names.
 
     Raises FileError for an arm whose number of axes differs from the runs.
     """
@@ -79,7 +79,7 @@ def fitting_arm(runs: Sequence[Measured], arms: Sequence[tuple[str, Rig]]) -> Fi
 
 
 def _fit(runs: Sequence[Measured], file: str, rig: Rig) -> tuple[ArmFit, tuple[str, ...]]:
-    """Return the residual of runs of (m, k) mm for an arm, and messages about their placements."""
+    """Return the residual error of runs for an arm, and messages about the positions of base, ball and tool."""
     axes = len(rig.robot.axes)
     for run in runs:
         if (count := len(run.rig.robot.axes)) != axes:

@@ -49,7 +49,7 @@ def as_screen(fleet: Fleet) -> RenderableType:
     table = Table(header_style="bold", box=None, padding=(0, 1))
     table.add_column("robot")
     table.add_column("state")
-    table.add_column("nearest to its limit")
+    table.add_column("figure closest to its limit")
     table.add_column("what changed")
     table.add_column("last run", no_wrap=True)
     table.add_column("runs", justify="right", no_wrap=True)

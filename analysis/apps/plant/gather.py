@@ -48,8 +48,7 @@ class CatalogueContent:
 
 
 def seen_below(directory: Path) -> list[RunOnDisk]:
-    """Return the runs below a directory. Raises FileError if there are none, and CellError if a store does not
-    respond."""
+    """Return the runs below a directory. Raises FileError if there are none, CellError if a store does not respond."""
     seen = list(seen_runs(directory))
     if not seen:
         raise FileError(str(directory), "contains no runs", "give the directory with the plant's runs")

@@ -165,8 +165,10 @@ _CROSSED: dict[Standing, tuple[tuple[Standing, ...], Standing]] = {
     "watch": (("watch", "fail"), "pass"),
     "fail": (("fail",), "pass"),
 }
-"""For each standing of the newest run: standing of the first run after the crossing and of the last run before,
-against the deciding bound."""
+"""Rule for the date of a crossing, for each standing of the newest run.
+
+It contains the standing of the first run after the crossing and of the last run before it, and the deciding bound.
+"""
 
 
 @dataclass(frozen=True)

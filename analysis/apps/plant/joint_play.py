@@ -130,8 +130,7 @@ _BELOW_ZERO = 3.0
 """Limit of negative values in multiples of u. Backlash is never negative, so noise below zero is set to zero; beyond
 this limit the cause is a different one."""
 _WORST_U_DEG = 0.05
-"""Maximum uncertainty of a result. Beyond it the jumps are too small, or too close to the jumps of a different
-joint."""
+"""Maximum uncertainty of a result. Beyond it the jumps are too small, or too close to those of a different joint."""
 
 
 @dataclass(frozen=True)

@@ -89,7 +89,7 @@ class RunRecord:
         try:
             return cls(**fields | {"figures": {name: Quantity(*figure) for name, figure in fields["figures"].items()}})
         except (AttributeError, LookupError) as error:
-            raise ValueError(f"is no record: {error}") from None
+            raise ValueError(f"is not a record: {error}") from None
 
     @property
     def title(self) -> str:

@@ -56,8 +56,9 @@ def seen_runs(directory: Path) -> Iterator[RunOnDisk]:
 
 
 def signature_of(run: Path) -> str:
-    """Return a digest of the names, sizes and times of a run's files, with one system call per file; empty if
-    unreadable."""
+    """Return a digest of names, sizes and times of a run's files, with one system call per file; empty if
+    unreadable.
+    """
     try:
         with os.scandir(run) as entries:
             files = [(entry.name, entry.stat()) for entry in entries if has_figures(entry.name)]

@@ -43,9 +43,7 @@ Knowledge = Literal["calibrated", "effects", "typical"]
 _SWING_RAD = np.radians(5.0)
 """Distance over which a joint approaches from the given side. Chosen: wider than the backlash of any arm."""
 _MOST_GROWTH = 4.0
-"""Growth of u outside the measured joint range: errors of real arms were two to four u there
-(docs/evidence/world.md).
-"""
+"""Growth of u outside the measured joint range: errors of real arms were 2 to 4 u there (docs/evidence/world.md)."""
 _GROWN_RAD = np.radians(30.0)
 """Distance outside the range at which the growth is complete. Chosen: a usual range of taught postures."""
 _ROWS = 1024
@@ -190,9 +188,7 @@ def _model_square(uncertainty: PoseUncertainty, frame: TaughtFrame, taught: Arra
 
 
 def _bare_derivatives(uncertainty: CalibratedUncertainty, q: Array) -> Array:
-    """Return derivatives (p, n, 6) at the nominal arm; effects are small, and evaluating them takes most of the
-    time.
-    """
+    """Return derivatives (p, n, 6) at the nominal arm. Effects are small, and evaluating them takes most time."""
     return uncertainty.pose_derivatives(model_of(uncertainty.rig, ()), q)
 
 

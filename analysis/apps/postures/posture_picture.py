@@ -25,9 +25,7 @@ _CHOSEN, _USUAL, _GREY = "#1f5fa8", "#d95f02", "#b0b0b0"
 
 
 def picture(postures: Postures) -> Figure:
-    """Return a sheet with a title, the errors by target, the joint angles along the program and, for a part, the
-    map.
-    """
+    """Return a sheet with title, errors by target, joint angles along the program and, for a part, the map."""
     texts = texts_of("en")
     title = [gain_words(postures, texts), *limits(postures, texts)]
     parts: list[Part] = [(2.8, partial(_draw_errors, postures)), (2.6, partial(_draw_joints, postures))]

@@ -184,9 +184,7 @@ def _taught(rig: Rig, candidates: Candidates) -> Array:
 
 
 def _with_given(arm: Arm, poses: Array, candidates: Candidates, current: Array | None) -> Candidates:
-    """Return candidates including the postures of the existing program, which may be singular or absent from the
-    samples.
-    """
+    """Return candidates including the postures of the program, which may be singular or absent from the samples."""
     if current is None:
         return candidates
     missing = np.array(

@@ -20,9 +20,7 @@ CHANGE = 0.5
 one target, or reduces the error of ten targets by a twentieth.
 """
 TRAVEL = 0.1
-"""Cost of a radian of the joint with the largest motion, in errors of a mean target. Chosen: half a turn costs a
-third.
-"""
+"""Cost of a radian of the joint that moves most, in errors of a mean target. Chosen: half a turn costs a third."""
 _SINGULAR = 1e3
 """Cost of a singular posture, the last choice. Only the table of an existing program can contain one."""
 _STAYS_RAD = 1e-9
@@ -104,8 +102,6 @@ def _approached(errors: PostureErrors, before: slice, rows: slice, away: Array) 
 
 
 def _after(errors: PostureErrors, away: Array) -> Array:
-    """Return the expected errors (m,) mm after motions (m, axes) rad; the side of a joint that does not move is
-    unknown.
-    """
+    """Return the expected errors (m,) mm after motions (m, axes) rad; the side of a joint at rest is unknown."""
     moved = away[:, : errors.rising_mm.shape[1]]
     return errors.from_sides(np.where(np.abs(moved) > _STAYS_RAD, np.sign(moved), 0.0))

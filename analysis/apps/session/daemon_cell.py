@@ -1,4 +1,4 @@
-"""Cell of a session: rigd as a process, the hands that set up and start programs, and the recording of a step.
+"""Cell of a session: rigd as a process, the operator or emulator who starts the programs, and the recording of a step.
 
 Recording starts when the robot stands at the start of a program and stops when it stands at the end of the path. A run
 therefore belongs to the program that was actually driven, which may differ from the requested program.
@@ -39,7 +39,7 @@ _END_PAUSE_S = 4.0
 """Pause of 3 s at the end of a program, with a margin."""
 _STATUS_S = 1.0
 _MOVES_S = 0.5
-"""A robot at rest for less time than this counts as moving, and the session waits for it."""
+"""Time at rest below which the robot counts as moving, and the session waits for it."""
 _AGAIN_S = 1.0
 _HOST = "host"
 """Stream of events on the computer, such as stalls."""

@@ -1,9 +1,9 @@
 """Guide of a session: the decisions about the next step.
 
-Pure: a state and an event in, the next state and actions out. `analysis.apps.session.run_session` executes the actions
-and reports the results as further events. The next step depends only on the stored session
-(`analysis.apps.session.next_step`), so an interrupted session can resume anywhere. The other fields of the state
-describe the work in progress.
+The guide is a pure function of a state and an event, and returns the next state and actions.
+`analysis.apps.session.run_session` executes the actions and reports the results as further events. The next step
+depends only on the stored session (`analysis.apps.session.next_step`), so an interrupted session can resume anywhere.
+The other fields of the state describe the work in progress.
 """
 
 from __future__ import annotations
@@ -90,9 +90,9 @@ class GuideState:
 
 @dataclass(frozen=True)
 class Present:
-    """The directory contains a run unknown to the session.
+    """Event: the directory contains a run unknown to the session.
 
-    program: the program of the run, if it may belong to a step.
+    program: program of the run, if it may belong to a step.
     """
 
     run: str
@@ -109,9 +109,9 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Answered:
-    """An inference has finished.
+    """Event: an inference has finished.
 
-    answer: None if it failed while a step is driven. More runs and a new inference follow.
+    answer: None if it failed while a step is driven; more runs and a new inference then follow.
     """
 
     answer: Answer | None
@@ -120,7 +120,7 @@ class Answered:
 
 @dataclass(frozen=True)
 class CorrectionMade:
-    """The correction is computed.
+    """Event: the correction is computed.
 
     programs: names of corrected programs, by the name of the program that each replaces.
     """

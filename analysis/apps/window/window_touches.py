@@ -64,7 +64,7 @@ class WindowCheck:
     def _begin(self, name: str) -> str:
         chosen = next((reference for reference in self.references() if reference.runs[0].name == name), None)
         if chosen is None:
-            raise UseError("reference", f"{name!r} is no reference here", "choose one of the list")
+            raise UseError("reference", f"{name!r} is not a known reference", "choose one of the list")
         self.check = GuidedCheck.of_runs([load_measured(chosen.runs[0])])
         return ""
 
@@ -77,7 +77,7 @@ class WindowCheck:
 
     def _require_check(self) -> GuidedCheck:
         if self.check is None:
-            raise UseError("movement check", "has not begun", "choose a reference first")
+            raise UseError("movement check", "has not started", "choose a reference first")
         return self.check
 
     def _joints(self, typed: str) -> Array:

@@ -57,9 +57,7 @@ _One = TypeVar("_One")
 
 
 def recent(kept: dict[_Key, _One], key: _Key, compute: Callable[[], _One], most: int) -> _One:
-    """Return the value cached under a key, or compute it. Above `most` values, the least recently used value is
-    dropped.
-    """
+    """Return the value cached under a key, or compute it. Above `most` values, the least recently used is dropped."""
     result = kept[key] = kept.pop(key) if key in kept else compute()
     if len(kept) > most:
         del kept[next(iter(kept))]
@@ -142,9 +140,7 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects:
 def _repeated(
     members: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: Sequence[Effect]
 ) -> tuple[ObservedRun, Repeated]:
-    """Return the first of repeated runs in comparable form, and their residuals (n, N) mm with the response to
-    scatter.
-    """
+    """Return the first of repeated runs in comparable form, and their residuals (n, N) mm with response to scatter."""
     # Standstills are compared only if every run has them before and after its lap.
     if not all(run.sampling and run.sampling.stands for run in members):
         members = [replace(run, sampling=run.sampling and run.sampling.without_stands()) for run in members]
@@ -266,14 +262,13 @@ _STEP_MM = 0.01
 _EARLY, _READING = ("time", "arm"), ("setup", "gauge")
 """Stages of effects before joint errors, and stages with no influence on the tool."""
 _RIGID = ("arm", "tool")
-"""Stages of effects with columns computed at a healthy size and scaled. They move the tool in proportion to their
-size, but the ball of a column does not follow: for a length of 13 mm the column was not the derivative of the
-fit.
+"""Stages of effects with columns computed at a healthy size and scaled to the actual size.
+
+The displacement of the tool is proportional to the size of these effects, but the fitted position of the ball is not:
+for a length error of 13 mm, an unscaled column differed from the derivative of the fit.
 """
 _SCENES, _ERRORS = 4, 64
-"""Number of scenes, and of joint errors, cached per block, at about 0.1 MB each: a fit reuses those of the present
-effects.
-"""
+"""Number of scenes, and of joint errors, cached per block, about 0.1 MB each: a fit reuses those of present effects."""
 _FEW = 64
 """Number of effects computed together, to fit a processor's cache."""
 

@@ -26,9 +26,7 @@ _SD_MM = float(np.sqrt(2.0)) * SEAT_MM
 
 @dataclass(frozen=True)
 class KnownDistances:
-    """Known distances between the sockets of touches: `pairs` (t) of set-up names, and `distances` (t) of the rig
-    file.
-    """
+    """Known distances between the sockets of touches: `pairs` (t) of set-up names, and `distances` (t)."""
 
     pairs: tuple[tuple[str, str], ...]
     distances: tuple[KnownSocketDistance, ...]

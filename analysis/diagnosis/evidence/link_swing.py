@@ -269,9 +269,7 @@ def _power(deviation: _Deviation, f: Array) -> Array:
 
 
 def _noise_level(power: Array, width: int) -> Array:
-    """Return the mean noise of a spectrum (F,) around each frequency, from the median, which is robust against
-    lines.
-    """
+    """Return the mean noise of a spectrum (F,) around each frequency, from the median, which ignores lines."""
     from scipy.ndimage import median_filter  # noqa: PLC0415 - slow to import
 
     return np.asarray(median_filter(power, size=2 * width + 1, mode="reflect") / np.log(2), dtype=float)

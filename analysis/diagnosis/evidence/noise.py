@@ -1,6 +1,4 @@
-"""Noise of runs estimated from repeats: scatter of joints and ball; noise of orders, runs and targets; and late
-stamps.
-"""
+"""Noise of runs estimated from repeats: scatter of joints and ball, noise of orders, runs and targets, late stamps."""
 
 from __future__ import annotations
 
@@ -71,13 +69,11 @@ class RunScatter:
     drifting_ball: float
 
     def constant(self, terms: int) -> Array:
-        """Return the constant scatter (terms,), relative to the unit, of the joints and then of the ball, if
-        included.
-        """
+        """Return the constant scatter of each joint and of the ball in x, y, z (terms,), in the units of the class."""
         return _by_term(self.joints, self.ball, terms)
 
     def drifting(self, terms: int) -> Array:
-        """Return the drifting scatter (terms,), relative to the unit, in the same order."""
+        """Return the drifting scatter of each joint and of the ball in x, y, z (terms,), in the units of the class."""
         return _by_term(self.drifting_joints, self.drifting_ball, terms)
 
 
@@ -196,8 +192,8 @@ def scatter_columns(constant: Array, drifting: Array, scatter: RunScatter) -> Ar
 
 
 def without_unseen(columns: Array, sd_mm: Array) -> Array:
-    """Return columns (N, r) mm with the covariance of columns (N, c), omitting parts much smaller than the noise
-    sd_mm (N,).
+    """Return fewer columns (N, r) mm with the same covariance as `columns` (N, c), apart from parts much smaller than
+    the noise sd_mm (N,).
     """
     directions, size, _ = np.linalg.svd(columns / sd_mm[:, None], full_matrices=False)
     seen = size > _SEEN
@@ -262,7 +258,7 @@ _SLOW_CORNER = 5.0
 to 5 s of real cells.
 """
 _NOISE_ROUNDS = 4
-"""Rounds of alternating noise and scatter estimates. Chosen: a further round changes the noise by less than the
+"""Rounds of alternating noise and scatter estimates. Chosen: another round changes the noise by less than its
 uncertainty.
 """
 _BORROWED = 4.0
@@ -446,9 +442,10 @@ def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tupl
 # which would raise the noise of all orders.
 
 _RARE = 5.0
-"""Ratio of the noise of an angle to the median of a lap for separate treatment. Chosen: the steepest part of a wave
-has 1.4 times its median, so gear errors remain in the noise of the orders. With a ratio of ten, the slower half
-of a crossing remained there too.
+"""Ratio of the noise at an angle to the median noise of the lap, above which the angle is treated separately.
+
+Chosen: the steepest part of a wave has 1.4 times the median, so gear errors remain in the noise of the orders. A ratio
+of ten would leave the slower half of a backlash crossing there too.
 """
 _MOST = GRID // 16
 """Largest number of angles of a lap treated separately, selected by noise. Chosen: with backlash and a spike of 45

@@ -75,8 +75,7 @@ class ObservedRun:
 
     @property
     def targets_key(self) -> bytes:
-        """Bytes equal for runs that repeat each other reading by reading; empty for circles, identified by their
-        name."""
+        """Bytes equal for runs that repeat each other reading by reading; empty for circles, identified by name."""
         return b"" if self.sampling else self.visits.tobytes()
 
     def entries(self, values: Array) -> Array:
@@ -288,8 +287,7 @@ reading in 400 passes the next.
 _ROWS = 2 * GRID
 """Rows per lap sufficient for its orders; the rows of faster gauges are averaged."""
 _STANDSTILL_SHARE = 0.02
-"""Share of the lap's median joint speed below which the robot stands. Chosen: above the noise of differentiated
-feedback."""
+"""Share of the median joint speed of a lap below which the robot stands. Chosen: above the noise of the feedback."""
 _MOST_APART = GRID // 16
 """Largest bridged distance between the start angles of repeated laps, in grid steps. Chosen: repeats of a program begin
 within a row."""
@@ -409,11 +407,11 @@ class Sampling:
 
 
 def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
-    """Return the samplings of repeated laps with the same grid angles bridged at their start.
+    """Return samplings of repeated laps in which the same grid angles around the start are interpolated.
 
-    A joint may end a lap a full turn away from the start, with a step of angle-dependent errors of a tenth of a
-    millimetre. Repeats start within a row of each other. At the same grid angle, some would show the end of the lap and
-    others the start. Laps with distant starts are unchanged.
+    At the end of a lap a joint may be a full turn away from the start, which can change the readings by a tenth of a
+    millimetre. Repeated laps start up to a row apart. Without interpolation, a grid angle near the start would show the
+    end of one lap and the start of another. Laps with distant starts are unchanged.
     """
     first = samplings[0].begin
     offsets = [(sampling.begin - first + GRID / 2) % GRID - GRID / 2 for sampling in samplings]
@@ -425,7 +423,9 @@ def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
 
 
 def by_orders(readings: Array) -> Array:
-    """Return readings (GRID, 2, …) at the grid as orders of sum and difference, (N, …); `curve` is the inverse."""
+    """Return the Fourier coefficients (N, …) of the sum and difference of both gauges, given their readings
+    (GRID, 2, …) around a circle. `curve` is the inverse.
+    """
     parts = []
     for channel in _channels(readings):
         spectrum = np.fft.rfft(channel, axis=0, norm="ortho")
@@ -434,7 +434,7 @@ def by_orders(readings: Array) -> Array:
 
 
 def curve(vector: Array) -> Array:
-    """Return readings (GRID, 2) at the grid from the orders (N,) of a circle's vector."""
+    """Return the readings (GRID, 2) mm of both gauges around a circle, given the coefficients of `by_orders`."""
     per_channel = len(ORDER_OF) // 2
     channels = []
     for part in (vector[:per_channel], vector[per_channel : 2 * per_channel]):

@@ -72,9 +72,7 @@ def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
 
 
 def split_by_frame(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[list[ObservedRun], list[str]]:
-    """Return runs, of (m, k) mm, with a set-up for each frame visible in them, and messages; for poses by
-    `split_by_target`.
-    """
+    """Return runs, of (m, k) mm, with a set-up for each visible frame, and messages; for poses by `split_by_target`."""
     split_up, messages = list(runs), []
     for setup in dict.fromkeys(run.setup for run in runs):
         places = [k for k, run in enumerate(runs) if run.setup == setup]
@@ -130,8 +128,9 @@ def split_by_target(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[
 
 
 def _settled(settled: dict[str, list[ObservedRun]], setup: str, runs: Sequence[ObservedRun]) -> str:
-    """Return the set-up name for runs, relative to settled set-ups: with the target or the frame of an existing
-    set-up, or new in both.
+    """Return the name of the set-up of runs, given the set-ups determined so far.
+
+    The runs share the target or the frame of an existing set-up, or have a new set-up.
     """
     if not settled:
         return setup

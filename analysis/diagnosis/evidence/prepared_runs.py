@@ -108,8 +108,8 @@ def _doubts_of_gauges(findings: Sequence[Finding], counted: Sequence[tuple[str, 
         names = [name for finding in likely if finding.meant == meant for name in finding.runs]
         others = f" and {len(names) - 1} more" * (len(names) > 1)
         doubts.append(
-            f"{meant} in {names[0]}{others}, where repeats cannot show it; every size would be wrong then: press a "
-            "probe to see which is which before anything is corrected"
+            f"{meant} in {names[0]}{others}, which repeats cannot show; every size would then be wrong: before any "
+            "correction, press a probe to identify the gauges"
         )
     circles = [(name, wild, table.readings.size) for name, wild, table in counted if table.swept]
     wild, readings = sum(circle[1] for circle in circles), sum(circle[2] for circle in circles)
@@ -121,7 +121,7 @@ def _doubts_of_gauges(findings: Sequence[Finding], counted: Sequence[tuple[str, 
 
 
 def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
-    """Return the runs relative to a rig, with their circle and targets; set-ups are named after test, placement and
+    """Return the runs relative to a rig, with its circle and targets; set-ups are named after test, placement and
     cell.
     """
     cells: list[Rig] = []
@@ -182,8 +182,9 @@ _NEAR = 2.5
 mm. Chosen: usual.
 """
 _STEPS = 4
-"""Number of set-up fits, each to the readings close to the previous fit (Rousseeuw's concentration steps): fitted to
-all readings, the set-up hid one outlier in nine.
+"""Number of set-up fits, each to the readings close to the previous fit (Rousseeuw's concentration steps).
+
+A single fit to all readings failed to reveal one outlier in nine.
 """
 
 

@@ -45,8 +45,10 @@ _MOST_STEPS = 30
 _ENOUGH_MM = 1e-4
 """Change below which a set-up has converged: a tenth of a micrometre, below the resolution of any gauge."""
 _FURTHEST_MM = 1.0
-"""Longest step of a ball. The height of a ball at the centre of a circle has no effect, so the derivatives do not
-bound it. Instruments start at a large distance and have no such term.
+"""Largest displacement of a ball in a step of the fit.
+
+The height of a ball at the centre of a circle does not change the readings, so the derivatives do not limit it. Fits of
+instruments start at a large distance and need no limit.
 """
 BALL_PRIOR_MM = 5.0
 """Prior standard deviation of a ball's position. The prior is weak and decides only undetermined terms, such as the
@@ -223,9 +225,7 @@ def _at(place: Array) -> Array:
 
 
 def at_instrument(setup: SetUp, runs: Sequence[ObservedRun]) -> SetUp:
-    """Return a set-up with the instrument fitted to the poses, of (m, 3) mm: the best rigid motion, with a fixed
-    tool.
-    """
+    """Return a set-up with the instrument fitted to the poses, of (m, 3) mm: the best rigid motion at a fixed tool."""
     bare = replace(setup, T_instrument_world=np.eye(4))
     places = np.concatenate([predicted(run, bare) for run in runs])
     seen_there = np.concatenate([run.values for run in runs])
@@ -354,9 +354,7 @@ def neighbourhoods(q: Array, rng: np.random.Generator) -> Integers:
 
 
 def _places(q: Array) -> tuple[Array, Integers]:
-    """Return the distinct places (p, 6) rad of joint angles q (n, 6) rad, and the index (n,) of the place of each
-    row.
-    """
+    """Return the distinct places (p, 6) rad of joint angles q (n, 6) rad, and the index (n,) of each row's place."""
     places, place = np.unique(np.round(q, 3), axis=0, return_inverse=True)
     return places, np.asarray(place.ravel(), dtype=np.int64)
 
@@ -378,7 +376,7 @@ def folds_of(q: Array, folds: int) -> Integers:
 def without_a_fold(
     runs: Sequence[ObservedRun], folds: int = 5, fold: int = 0
 ) -> tuple[list[ObservedRun], list[ObservedRun]]:
-    """Split runs of poses into a part for the fit and a held-out fold of their neighbourhoods.
+    """Split runs of poses into a part for the fit and a held-out part: one of `folds` groups of similar postures.
 
     Other runs are not split, nor are runs of few poses, or of few poses visited often, like those of a cube.
     """

@@ -1,4 +1,8 @@
-"""Background: all unnamed contributions as a normal distribution, and free-form errors."""
+"""Background: all unnamed contributions as a normal distribution, and free-form errors.
+
+The unnamed contributions are the noise, the set-ups, the scatter between runs, and the small part of every effect that
+each healthy arm has.
+"""
 
 from __future__ import annotations
 
@@ -247,7 +251,7 @@ class Background:
 
 @dataclass(frozen=True)
 class Gains:
-    """Gain of n forms relative to a healthy share, each fitted together with all other terms.
+    """Gain of n forms over their part of the background, each fitted together with all other terms.
 
     Log evidence (n,) as a `fault`, and as the only form of `healthy` size of the effect. `sigma` (n,): significance of
     a healthy size in sigmas. `size` (n,): size shown by the readings, in healthy sizes.
@@ -362,7 +366,7 @@ class CoefficientPosterior:
 
     @cached_property
     def _of_terms(self) -> Array:
-        """Variances (N,) of the readings caused by the uncertainty of the fitted terms, after absorption by the
+        """Variances (N,) of the readings due to the uncertainty of the fitted terms, after absorption by the
         columns.
         """
         remainder = self.terms.T - self.background.columns.X @ self._absorbed_coefficients[:, :-1]

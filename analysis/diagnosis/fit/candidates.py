@@ -103,11 +103,12 @@ def _scope(blocks: Sequence[Block]) -> Scope:
 # is distributed over the forms.
 
 _BALL_MM, _PLACED_MM = 10.0, 1000.0
-"""Prior standard deviation of a set-up term about the first fit: of a ball, and of an instrument or its target. It
-matters only for poorly determined terms, such as a ball's height above the plane of a circle. Chosen: a ball is
-placed at the centre of the tool's circle, and an instrument anywhere. Poses of a UR10 with two main directions of
-the last axis move instrument and target by 60 mm; with 10 mm, a length at its limit absorbed 12 mm of this
-motion.
+"""Prior standard deviation of a set-up term about the first fit: of a ball, and of an instrument or its target.
+
+It matters only for poorly determined terms, such as the height of a ball above the plane of a circle. Chosen: a ball is
+placed at the centre of the tool's circle, whereas an instrument may be anywhere. For poses of a UR10 with only two main
+directions of the last axis, instrument and target had to move by 60 mm. A prior of 10 mm prevented this, and a length
+at its limit absorbed 12 mm of it.
 """
 _DETECTABLE_SIGMA = 3.0
 """Minimum significance of the largest fault, with a known set-up, for a form to get a column. Chosen: below the
@@ -255,7 +256,7 @@ class Columns:
 
     @cached_property
     def K(self) -> Array:  # noqa: N802 - a matrix
-        """Products (b, p, p) of the whitened columns by band."""
+        """The Gram matrix (p, p) of the whitened columns in each band, as (b, p, p)."""
         products = np.empty((len(self.parts), self.X.shape[1], self.X.shape[1]))
         for part, product in zip(self.parts, products, strict=True):
             np.matmul(part.T, part, out=product)
@@ -263,7 +264,7 @@ class Columns:
 
     @cached_property
     def gram(self) -> Array:
-        """Products (p, p) of the whitened columns over all bands."""
+        """The Gram matrix X'X (p, p) of all whitened columns."""
         return np.asarray(self.K[0] if len(self.K) == 1 else self.K.sum(axis=0), dtype=float)
 
     def weighted_gram(self, weight: Array) -> Array:
@@ -367,8 +368,8 @@ class Columns:
         return usual
 
     def mean(self, level: float) -> Array:
-        """Return the prior mean (p,) of the coefficients in an arm with `level` times the healthy size of every
-        effect.
+        """Return the prior mean (p,) of the coefficients in an arm with `level` times the healthy size of all
+        effects.
         """
         return np.asarray(level * self.healthy_mean, dtype=float)
 
@@ -437,10 +438,10 @@ def remaining_variance_shares(forms: Sequence[Form], effect: Effect) -> Array:
     """Return the share of healthy variance kept by each form (n,) if an effect is named: zero for forms of the same
     name.
 
-    A gear may have further waves in addition to the named wave, hardly separable for a joint with little motion. When
-    they were omitted, the size of a wave of order 16 was 5 % too large in the presence of order 20, 4 times the
-    uncertainty. Most orders are integers, like numbers of teeth, so the named wave takes the share of a single order
-    from its nearest form.
+    A gear may have further waves next to the named wave, which are hard to separate if the joint moves little. If these
+    waves were omitted, the fitted size of a wave of order 16 next to order 20 was 5 % too large, or 4 times the
+    uncertainty. Most orders are integers, like numbers of teeth. The named wave therefore takes the share of a single
+    order from its nearest form.
     """
     name = name_of(effect)
     keeps = np.array([form.name != name for form in forms], dtype=float)
@@ -470,16 +471,15 @@ def order_of(effect: Effect) -> float:
 
 
 def _is_ordered(orders: Array) -> bool:
-    """Return whether forms differ by several orders (n,)."""
     return len(orders) > 1 and len(np.unique(orders[np.isfinite(orders)])) == len(orders)
 
 
 def _likelihoods(forms: Sequence[Form]) -> Array:
     """Return the likelihood of each form (n,) among the forms of the effect: by weight, except for gear orders.
 
-    Orders are ratios of gear stages, so each octave is equally likely. With equal likelihood for every order of a joint
-    with a large range, a healthy gear error of order 3 was expected at a third of the true size. A similar form error
-    of the ball was then estimated 8 % too small, 6 times the uncertainty.
+    Orders are ratios of gear stages, so each octave is equally likely. If every order were equally likely, a healthy
+    gear error of order 3 of a joint with a large range would be expected at a third of its true size. As a consequence,
+    a similar form error of the ball was estimated 8 % too small, or 6 times the uncertainty.
     """
     likely, names = np.array([form.weight for form in forms]), np.array([form.name for form in forms])
     for name in dict.fromkeys(names.tolist()):
@@ -494,10 +494,10 @@ def _likelihoods(forms: Sequence[Form]) -> Array:
 def healthy_means(forms: Sequence[Form], present: Collection[str] = ()) -> Array:
     """Return the prior mean (p,) of form columns in a healthy arm, in healthy sizes.
 
-    present: names already in the model, whose remaining error may have either sign. A non-negative size is positive on
-    average. Servo lags of all joints resemble late stamps; a large lag was estimated too small by the mean of healthy
-    lags. The mean is assigned to the expected shape of a name at a healthy size, because the response to backlash is
-    not proportional to the width.
+    present: names already in the model, whose remaining error may have either sign. A size that cannot be negative is
+    positive on average. Servo lags of all joints together resemble late timestamps, so a prior mean of zero made the
+    estimate of a large lag too small. The mean is assigned to the expected shape of a name at a healthy size, because
+    the response to backlash is not proportional to the width.
     """
     means = np.zeros(sum(len(form.columns) for form in forms))
     nearest: dict[str, Form] = {}

@@ -28,9 +28,7 @@ _NEGLIGIBLE = 0.01
 ten-thousandth of the noise variance.
 """
 _PARTS = 16
-"""Parts of a fault's backlash with separate initial positions. Chosen: finer than the rounding of a backlash
-crossing.
-"""
+"""Parts of a fault's backlash with separate initial positions. Chosen: finer than the rounding of a crossing."""
 
 
 def departure_columns(linear: Linearisation, effect: Effect) -> Array:
@@ -61,8 +59,9 @@ def departure_columns(linear: Linearisation, effect: Effect) -> Array:
 
 
 def similar_columns(linear: Linearisation, effect: Effect) -> Array:
-    """Return columns (N, f) of effect combinations that resemble an effect, each scaled to a standard deviation, in
-    noise standard deviations.
+    """Return columns (N, f) for combinations of effects that resemble a given effect.
+
+    Each column is the change of the readings for a standard deviation of the combination, in noise standard deviations.
     """
     parts = [_shares(linear, combined).sum(axis=1) for combined in effect.departures().alike]
     return np.stack(parts, axis=1) if parts else np.empty((len(linear.y), 0))
@@ -73,10 +72,10 @@ def _shares(linear: Linearisation, effects: Sequence[tuple[float, Effect]]) -> A
 
 
 def fewest_columns(columns: Array) -> Array:
-    """Return the fewest columns (N, g) equivalent to columns (N, f): equal covariance, except along directions that
-    hardly vary.
+    """Return the smallest set of whitened columns (N, g) with the same covariance as columns (N, f), in standard
+    deviations.
 
-    Backlash has a column for each part and each circle, and most are similar.
+    Directions that hardly vary are omitted. Backlash has a column for each part and each circle, and most are similar.
     """
     variances, directions = np.linalg.eigh(columns.T @ columns)
     return np.asarray(columns @ directions[:, variances > _NEGLIGIBLE**2], dtype=float)
@@ -91,10 +90,11 @@ def initial_play_columns(linear: Linearisation, effects: Sequence[Effect]) -> Ar
 
 
 def _initial_play(linear: Linearisation, axis: int, half_width_deg: float, parts: int) -> Array:
-    """Return columns (N, b) for the unknown position of a joint in the backlash at the start of each circle.
+    """Return columns (N, b) for the unknown position of a joint within its backlash at the start of each circle.
 
-    The influence lasts until the joint has crossed the backlash, possibly much of a lap. The range ± half_width_deg is
-    divided into parts, each with a column per circle; all positions are equally likely.
+    The position affects the readings until the joint has crossed the backlash, which may take much of a lap. All
+    positions within ± half_width_deg are equally likely. The range is divided into parts, each with a column per
+    circle.
     """
     edges, half_width_rad = np.linspace(-1, 1, parts + 1), np.radians(half_width_deg)
     # Rms of the share of each part between the middle and a random position.
@@ -111,11 +111,10 @@ def _initial_play(linear: Linearisation, axis: int, half_width_deg: float, parts
 
 
 def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s: float) -> Array:
-    """Return columns (N, j) for the samples around each reversal of a joint.
+    """Return columns (N, j) for the uncertain time of each reversal of a joint.
 
-    The time of a reversal is known to about a sample and varies by that between repeats, so a spike may start earlier
-    or later, and backlash may be crossed differently. A spike decaying in fades_s (s) is smaller or larger from then
-    on: more remains if it started later.
+    The time is known to about a sample, and repeats differ by as much. A spike may therefore start earlier or later,
+    and backlash may be crossed differently. A spike that decays in fades_s (s) is larger after a later start.
     """
     jolts, faded = [], [np.empty((len(linear.y), 0))]
     for k, (simulated, rows) in enumerate(zip(linear.simulated, linear.rows, strict=True)):
@@ -144,9 +143,9 @@ def _that_change(columns: Array) -> Array:
 
 
 def _columns_by_block(linear: Linearisation, whole: Array, *, sampling: bool) -> Array:
-    """Return columns (N, c) separately for each circle, or if not sampling for each block of targets, as (N, f).
+    """Return columns (N, f) that each describe a single circle, or a single block of targets, and are zero elsewhere.
 
-    Each is zero elsewhere; columns without influence are omitted.
+    Columns with no influence on the readings are omitted.
     """
     columns = [np.empty((len(whole), 0))]
     for block, rows in zip(linear.blocks, linear.rows, strict=True):

@@ -10,13 +10,11 @@ from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.fit.selection_state import SelectionState, beginnings
 
 _LEAST_STRENGTH = 1.5
-"""Strength of a band above which a cause outside the library is tried. Chosen: cells with no such cause have up to
-1.2.
-"""
+"""Strength of a band above which a cause outside the library is tried. Chosen: cells with none have up to 1.2."""
 
 
 def add_discrepancy(selection: Selection, state: SelectionState) -> tuple[Selection, SelectionState]:
-    """Add free functions for causes outside the library, and remove the named effects that no longer pay.
+    """Add free functions for causes outside the library, and remove the named effects that are no longer justified.
 
     Returns the new selection and state, or both unchanged if there is no sign of such causes. A named effect that
     imitates such a cause leaves a residual, to which the next effect is fitted. Named effects are therefore reassessed

@@ -26,9 +26,10 @@ HEALTHY_PRICE = 6.0
 _OFF_STATED = 3.0
 """Standard deviations from the stated value beyond which the cause is a different one."""
 _OF_SET_UP = 0.01
-"""Share of a column remaining with a free set-up, below which the column is a term of the set-up. Chosen: next to a
-soft joint the last length, which determines the torque, leaves 0.002, and was named as 24 mm for 36 µm; columns
-of other terms leave 0.6 and more.
+"""Share of a column that remains after a set-up is fitted, below which the column is a term of the set-up.
+
+Chosen: next to a soft joint the last length, which determines the torque, leaves 0.002; it was wrongly named, as 24 mm
+for a change of 36 µm. Columns of other terms leave 0.6 and more.
 """
 
 
@@ -83,8 +84,9 @@ class EffectPrices:
     def choice_cost(self, effect: Effect) -> float:
         """Return the log evidence required for choosing an effect among several possible forms.
 
-        Waves are as likely as in the background: by octaves. With all of 125 orders equally likely, order 2 paid 2.6
-        more than that, and a ball's form replaced a gear error of the axis that drives the circle.
+        Waves are as likely as in the background: each octave of orders is equally likely. If all 125 orders were
+        equally likely, order 2 would require 2.6 more, and a form error of the ball then replaced a gear error of the
+        driving axis.
         """
         nearest = self.nearest_form(effect) if np.isfinite(order_of(effect)) else None
         if nearest is not None:
@@ -102,17 +104,14 @@ class EffectPrices:
         return odds - self.choice_cost(effect) - self.stated_penalty(effect)
 
     def usual_gain(self, effect: Effect, level: float) -> float:
-        """Return the log odds that an effect gains over the penalty in a comparison of named effects, since it may
-        be usual.
-        """
+        """Return the log odds that offset the penalty of an effect, because the effect may be one of usual size."""
         return float(self.usual_gains([effect], np.array([size_of(effect)]), level)[0])
 
     def usual_gains(self, effects: Sequence[Effect], size: Array, level: float) -> Array:
-        """Return the log odds (n,) that effects with given sizes (n,), in healthy sizes, gain over their penalties in a
-        comparison of named effects, since they may be usual.
+        """Return the log odds (n,) that offset the penalties of effects with given sizes (n,), in healthy sizes.
 
-        Every arm has a usual amount of every effect. Neither a search that ignores it below a given gain nor an arm
-        that shows less of most others is evidence against it.
+        Every arm has a usual amount of every effect. It is therefore no evidence against an effect that a search
+        ignores it below a given gain, or that the arm shows little of most other effects.
         """
         build = self.linear.blocks[0].model.rig.robot.design
         usual = np.array([max(level, effect.usual_times(build)) for effect in effects])
@@ -121,8 +120,9 @@ class EffectPrices:
         return np.where([self.is_of_curve(effect) for effect in effects], 0.0, gains)
 
     def _size_odds(self, size: Array | float, level: float, healthy: Array | float) -> Array:
-        """Return the prior log odds (n,) of sizes (n,), in healthy sizes, over the wide prior of the fit: as faults,
-        or with the log odds `healthy` (n,) as effects present in every arm.
+        """Return the prior log odds (n,) of sizes (n,), in healthy sizes, relative to the wide prior of the fit.
+
+        A size belongs to a fault, or with the log odds `healthy` (n,) to an effect present in every arm.
         """
         sizes, each = fault_sizes(level), np.asarray(size, dtype=float)[..., None]
         fault = self.fault_price + np.log(np.mean(np.exp(-0.5 * (each / sizes) ** 2) / sizes, axis=-1) + 1e-300)

@@ -28,9 +28,7 @@ order, as for a random walk, so that bends and steps are possible. Chosen: fine 
 degrees.
 """
 _WAVES_BY_WAY = 8
-"""Half waves for an error that changes with the direction of joint motion. Chosen: friction and torque change
-slowly.
-"""
+"""Half waves for an error that changes with the direction of joint motion. Chosen: friction changes slowly."""
 _POWERS = np.array([0.5, 1.0, 2.0])
 """Powers of the speed for speed-dependent errors. Chosen: square root, linear and quadratic, covering friction and
 inertia.

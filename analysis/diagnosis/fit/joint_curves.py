@@ -62,10 +62,11 @@ def is_of_curve(effect: Effect) -> bool:
 
 @dataclass(frozen=True)
 class JointCurves:
-    """Size of joint curves: widths in healthy sizes of a gear error, and decay of the amplitudes with the order.
+    """Sizes of joint curves: their widths, in healthy sizes of a gear error, and the decay of the amplitudes with the
+    order.
 
     If kinds of arm constants have separate widths, the widths of angles, lengths and compliances follow those of the
-    maximum number of joints, in healthy sizes.
+    joints, in healthy sizes.
     """
 
     widths: tuple[float, ...]

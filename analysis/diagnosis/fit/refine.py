@@ -24,25 +24,21 @@ from rigs.effects import Effect, bounds, healthy_size, one_sided, size_field
 from rigs.schema.effect import PHASE, is_wave, name_of
 
 FIT_ROUNDS = 8
-"""Largest number of Gauss-Newton rounds. Chosen: more than a fit near the optimum needs, since it stops by
-`_ENOUGH`.
-"""
+"""Largest number of Gauss-Newton rounds. Chosen: more than a fit near the optimum needs; it stops by `_ENOUGH`."""
 _TRIES = 5
 """Largest number of damping increases in a round. Chosen: five factors of 8 raise the damping by more than 10⁴."""
 _FURTHEST = 4.0
 """Largest distance of a shape from the expected value, in prior standard deviations. Chosen: beyond it the shape is
 implausible."""
 _ENOUGH = 0.1
-"""Chi-square that a round must gain for the fit to continue. Chosen: well below the log evidence relevant to any
-decision.
-"""
+"""Chi-square that a round must gain for the fit to continue. Chosen: well below any evidence that matters."""
 _NEARBY = 0.005
 """Change of the size of an effect, and of the spread of a shape, up to which derivatives and departures are not
 recomputed. Chosen: at 2 % the uncertainty of a backlash of 0.1° was 28 % too large, at 0.5 and 0.2 % it is right.
 """
 
 _AT_LIMIT = 1e-6
-"""Relative distance to the limit within which a size is at the limit: rounding."""
+"""Relative distance to a limit within which a size counts as being at the limit, because of rounding."""
 _WHOLE = 0.5
 """Share of integer orders of gears: numbers of teeth, and turns of a stage with an integer ratio. Chosen: a wave of
 non-integer order loses at most half of the odds.
@@ -84,9 +80,7 @@ class Refined:
     free: Response
 
     def sd(self, effect: int) -> dict[str, float]:
-        """Return the standard uncertainty of each fitted parameter of an effect, including the uncertainty of the
-        form.
-        """
+        """Return the standard uncertainty of each fitted parameter of an effect, including that of the form."""
         sds = np.sqrt(np.diag(self.covariance))
         stated = {u.field: float(sd) for u, sd in zip(self.unknowns, sds, strict=True) if u.effect == effect}
         whole, name = self.effects[effect], size_field(self.effects[effect])
@@ -182,9 +176,7 @@ def whole_order_gain(refined: Refined, place: int) -> float:
 
 
 def _departures(linear: Linearisation, effect: Effect, *, alike: bool) -> Response:
-    """Return the departures (N, f) of an effect, or of the latest effect near it, including those of `alike`
-    effects.
-    """
+    """Return the columns (N, f) for deviations of a real effect from its ideal form, for this or a similar effect."""
 
     def compute() -> Array:
         departures = departure_columns(linear, effect)
@@ -308,9 +300,6 @@ class _Problem:
         return _Projected(marginal, self._allowed.products(marginal))
 
     def _product(self, first: _Projected, second: _Projected) -> Array:
-        """Return first' (C + FF')⁻¹ second, with F the departures and free forms: (k, l) for values (N, k) and (N,
-        l).
-        """
         return first.marginal.products(second.marginal) - first.across.T @ self._inverse @ second.across
 
     def _normal(self, J: _Projected, r: _Projected) -> tuple[Array, Array]:
@@ -360,7 +349,7 @@ class _Problem:
 
 
 def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[UnknownParameter]) -> Array:
-    """Return the derivatives (N, q) of whitened readings by the unknowns of an effect, over small steps within the
+    """Return the derivatives (N, q) of whitened readings by the unknowns of an effect, over small steps within
     bounds.
     """
     steps, changed = np.empty(len(unknowns)), []
@@ -398,12 +387,13 @@ def _within_limits(linear: Linearisation, effect: Effect) -> Effect:
 
 def step_within(limits: Array, H: Array, gradient: Array) -> tuple[Array, Array]:
     """Return the step (q,) to the optimum within limits of the step (2, q), and the part (q,) fixed by limits, NaN for
-    unknowns within them. H (q, q) is the normal matrix, and gradient (q,) the negative gradient.
+    others.
 
-    Cutting a step at a limit would leave the other unknowns at their unlimited optimum; they are therefore solved
-    again. Nine of ten fits have an unknown at a limit, and a third of these fits ended at the start. The evidence also
-    follows the tangents to their optimum: a backlash at the largest width that gravity keeps on a flank resembles a
-    zero, and with unlimited width it replaced a zero that was wrong by 1.6°.
+    H (q, q) is the normal matrix, and gradient (q,) the negative gradient. If a limit shortens the step of an unknown,
+    the other unknowns are solved again; otherwise they would go to the optimum of an unlimited fit. Nine of ten fits
+    have an unknown at a limit, and without the second solution a third of these fits ended at the start. The evidence
+    uses the same limited optimum. With an unlimited width, a backlash that gravity keeps on one flank resembled a zero
+    error, and replaced a zero that was wrong by 1.6°.
     """
     step, (low, high) = np.linalg.solve(H, gradient), limits
     if ((step >= low) & (step <= high)).all():

@@ -87,16 +87,18 @@ class NearResponses:
 # as columns or all together on the simulator.
 
 _INDISTINCT = {"ball": 0.05, "poses": 0.005}
-"""Singular value of a combination of set-up terms, as a share of the largest, below which the combination is not
-moved. A ball shift along the normal of the circle shows a thousandth of a shift across, and a fiftieth if the
-circle is eccentric by 1 mm, so other errors would move the ball by millimetres. The other terms show a tenth,
-those of a hemisphere 0.29. Instrument and tool of poses show a hundredth if each axis turns by 0.3 rad in both
-directions.
+"""Singular value of a combination of set-up terms, relative to the largest, below which the combination stays fixed.
+
+A shift of the ball along the normal of the circle has a thousandth of the influence of a shift in the plane, or a
+fiftieth if the circle is eccentric by 1 mm. If it were free, other errors would move the ball by millimetres. The other
+terms have at least a tenth, and those of a hemisphere 0.29. Instrument and tool of poses have a hundredth if each axis
+turns by 0.3 rad in both directions.
 """
 _STEPS, _NEAR_MM = 6, 0.05
-"""Largest number of steps in a fit of set-ups, and length of a step below which the fit ends: over 0.05 mm, a circle
-of 70 mm radius is nonlinear by less than 0.02 µm. An arm with a length error of 8 mm moves the ball by the same
-amount, and the first step ends 0.5 mm from the place.
+"""Largest number of steps in a fit of set-ups, and length of a step below which the fit ends.
+
+Over 0.05 mm, a circle of 70 mm radius is nonlinear by less than 0.02 µm. Several steps are needed: a length error of 8
+mm moves the ball as far, and the first step ends 0.5 mm from the final position.
 """
 _NEAR_BALL_MM = 0.3
 """Distance of a ball from the linearisation point within which readings are linear. Over 0.3 mm, a circle of 70 mm
@@ -107,8 +109,9 @@ _BENT = 0.3
 noise. Chosen: it adds a tenth to the variance of the noise.
 """
 _FAR_MM = 1.0
-"""Displacement of a tool from which an unmoved ball is also tried. Over 1 mm, a circle of 70 mm radius is nonlinear
-by 7 µm.
+"""Displacement of the tool above which a ball that did not follow is also tried.
+
+Over 1 mm, a circle of 70 mm radius is nonlinear by 7 µm.
 """
 
 
@@ -306,9 +309,7 @@ class Linearisation:
         return self._best_fit(effects)[1].copy()
 
     def _best_fit(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
-        """Return `residual` and `moves_with`, cached because fits, searches and verdicts need both for the same
-        effects.
-        """
+        """Return `residual` and `moves_with`, cached because fits, searches and verdicts need both."""
 
         def compute() -> tuple[Array, Array]:
             scenes = self._scenes(effects)
@@ -339,7 +340,7 @@ class Linearisation:
         return [simulated.scene_with(effects) for simulated in self.simulated]
 
     def _moves_with_tool(self, scenes: Sequence[ModelScene]) -> Array:
-        """Return the terms of the set-ups (s,) mm with each ball displaced like the tool in new scenes."""
+        """Return the changes (s,) mm of the set-ups if each ball is displaced as far as the tool in new scenes."""
         moves, count = np.zeros(self.U.shape[1]), Counter(simulated.block.setup for simulated in self.simulated)
         for simulated, scene in zip(self.simulated, scenes, strict=True):
             seen = simulated.block
@@ -359,9 +360,7 @@ class Linearisation:
     def _responses(
         self, effects: Sequence[Effect], scenes: Sequence[ModelScene], setups: Mapping[str, SetUp]
     ) -> list[Array]:
-        """Return the contribution of `effects` to the entries (N,) mm of each block, given the scenes with these
-        effects.
-        """
+        """Return the contribution of `effects` to the entries (N,) mm of each block, given the scenes with them."""
         both = zip(self.simulated, scenes, strict=True)
         return [
             simulated.block.entries(simulated.read(effects, scene, setups[simulated.block.setup]) - simulated.base)
@@ -402,14 +401,14 @@ class Linearisation:
         return self.at_entries([simulated.by_joint(axis, off(simulated.block)) for simulated in self.simulated])
 
     def late(self, effect: Effect) -> Array:
-        """Return the change (N, c) of the whitened readings if the joint errors of an effect are delayed like all
-        readings by each of c stamp effects, at a healthy size.
+        """Return the change (N, c) of the whitened readings if each of c timing effects, at a healthy size, delays the
+        joint errors of an effect.
         """
         return self.at_entries([simulated.late(effect) for simulated in self.simulated])
 
     def scattered(self, effect: Effect) -> Array:
-        """Return the change (N, 1) of the whitened readings if the joint errors of an effect are averaged over
-        scattering stamps.
+        """Return the change (N, 1) of the whitened readings if the times of the samples scatter, which averages the
+        joint errors of an effect.
         """
         return self.at_entries([simulated.scattered(effect) for simulated in self.simulated])
 

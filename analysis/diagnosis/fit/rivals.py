@@ -19,9 +19,10 @@ _NEAR = 6.0
 1 in 400.
 """
 _MISSED = 0.9
-"""Share of the evidence of a named effect, or of the linear form if that is less, above which the linear form of a
-rival is also fitted. Chosen: linear forms of similar effects miss the evidence of the fits by shares differing
-less than a tenth.
+"""Share of the evidence of a named effect above which the linear form of a rival is also fitted.
+
+The evidence of the named effect is that of its fit, or of its linear form if that is less. Chosen: the linear
+approximation underestimates the evidence of similar effects by nearly equal shares, which differ by less than a tenth.
 """
 _SWAPS = 4
 """Largest number of replacements of a named effect by a rival. Chosen: each costs a search."""
@@ -32,8 +33,9 @@ _CAUTIOUS = 0.25
 the prior below a healthy arm.
 """
 _NEARLY = 0.5
-"""Share of the smallest fault that the linear form of a rival must have to be fitted if only faults count. Chosen: a
-fit hardly doubles a size.
+"""Share of the smallest fault that the linear form of a rival must reach to be fitted, if only faults count.
+
+Chosen: a fit hardly ever doubles a size.
 """
 _DOUBT = 5.0
 """Log evidence behind a named effect within which a rival is also fitted together with it, to check whether the
@@ -85,11 +87,11 @@ def compare_with_rivals(
 
 
 def without_needless_names(selection: Selection, state: SelectionState, limits: Array) -> SelectionState:
-    """Remove the faults that do not pay after all other terms are refitted. Faults that change readings by no more than
-    the limits (b,) µm are not tried.
+    """Remove the faults that are no longer justified after all other terms are refitted.
 
-    An effect added before a large fault was fitted closely may have absorbed the residual of that fault. The fault of
-    largest worth is not tried, because the others are compared in its presence.
+    Faults that change readings by no more than the limits (b,) µm are not tried. An effect added before a large fault
+    was fitted closely may have absorbed the residual of that fault. The fault with the largest contribution is not
+    tried, because the others are compared in its presence.
     """
     state = selection.settled(state)
     tried: set[str] = set()

@@ -50,9 +50,7 @@ _PLACINGS = 8
 fit. Chosen: two or three mostly suffice.
 """
 _GIVEN_TURNS = 4
-"""Largest number of fits of given effects, each about the set-ups of the previous fit. Chosen: they move less each
-time.
-"""
+"""Largest number of fits of given effects, each about the previous set-ups. Chosen: they move less each time."""
 _STOPS, _ITERATIONS = 5, 8
 """Largest number of selections that stop at a fault, and of all selections. Chosen: few faults of an arm are large
 enough to change the columns of earlier faults, and of three complete selections the second mostly had the same
@@ -109,9 +107,7 @@ class SearchResult:
 
     @property
     def noise_share(self) -> float:
-        """Share of the assumed noise of circles, as a standard deviation, shown by the readings; 1 if it was
-        measured.
-        """
+        """Share of the assumed noise of circles, as a standard deviation, shown by the readings; 1 if measured."""
         pairs = zip(self.blocks_as_shown, self.linear.blocks, strict=True)
         shown = [(after.sd_mm, before.sd_mm) for after, before in pairs if before.sampling and not before.measured]
         if not shown:
@@ -157,8 +153,10 @@ class SearchResult:
 
     @cached_property
     def calibrated_posterior(self) -> CoefficientPosterior:
-        """The posterior excluding free forms and discrepancy. No model contains them, and a part shared between them
-        and the background would remain in it: 92 µm, compared with 19 for the named effects only.
+        """The posterior without free forms and discrepancy, because a calibrated model does not contain them.
+
+        If they were included, errors shared between them and the background would be missing in the model: 92 µm
+        remained in one case, compared with 19 µm for the named effects only.
         """
         if not self.state.free_forms and not self.state.discrepancy:
             return self.posterior
@@ -234,9 +232,7 @@ def _selection(
     effects: tuple[Effect, ...] = (),
     unlimited: frozenset[str] = frozenset(),
 ) -> Selection:
-    """Return a selection among all possible causes in runs, about set-ups and together with the effects in the
-    model.
-    """
+    """Return a selection among all possible causes in runs, about set-ups and with the effects of the model."""
     linear = linearise(blocks_of(runs, setups, effects), setups, effects, unlimited)
     return Selection(linear, columns_for(linear, candidates_for(linear)))
 
@@ -287,7 +283,10 @@ _ALIKE, _UNABSORBED = 0.5, 0.2
 of the energy remains after the dependence on the joint angle is removed.
 """
 _STEPS = 19
-"""Angles of a joint, equally spaced in poses, beyond which the link may be displaced. Chosen: 5 % each."""
+"""Number of angles of a joint at which a step of the link is tried.
+
+Chosen: they divide the measured angles into parts of 5 %.
+"""
 _ORDERS = np.array([1, 2, 3])
 """Cycles per turn of the functions of a joint's angle. Chosen: the first three orders describe gravity and eccentric
 gear wheels.
@@ -337,8 +336,10 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     if share < _LEAST_SHARE or not early.any() or share < _step_share(linear, rows, free, y):
         return ()
     axes = ", ".join(f"axis {k + 1} {words.format(unit * ahead[k], unit * sd[k])}" for k in np.flatnonzero(early))
-    message = f"poses were read before the joints came to rest: links are ahead in the direction of travel ({axes})"
-    return (f"{message}, unlike with a play; wait longer before reading a pose, or import with --joints commanded",)
+    message = f"poses were read before the joints came to rest: the links lead in the direction of travel ({axes})"
+    return (
+        f"{message}, whereas play makes them lag; wait longer before reading a pose, or import with --joints commanded",
+    )
 
 
 def _moves(block: Block) -> Array | None:
@@ -363,10 +364,11 @@ def _smooth(q: Array) -> Array:
 
 
 def _step_share(linear: Linearisation, rows: Mask, free: Callable[[Array], Array], y: Array) -> float:
-    """Return the share of the energy of readings y (N,) explained best by a link displaced beyond some angle of the
-    joint, after a slipped tooth.
+    """Return the largest share of the energy of readings y (N,) explained by a step of the link at an angle of the
+    joint.
 
-    A joint reaches large angles from below, and the error therefore also follows the direction.
+    A slipped tooth causes such a step. A joint reaches large angles from below, so the error also follows the
+    direction.
     """
     steps = _by_angle(linear, lambda q: np.heaviside(q - np.quantile(q, np.linspace(0, 1, _STEPS + 2)[1:-1]), 0.0))
     columns = free(np.concatenate(steps, axis=1))[rows]
@@ -375,8 +377,9 @@ def _step_share(linear: Linearisation, rows: Mask, free: Callable[[Array], Array
 
 
 def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) -> Array:
-    """Return the residual (N,) plus the contributions of named effects and of the healthy share with the shape of
-    the arrival errors A (N, axes), and the curves of joints.
+    """Return the residual (N,) plus all known contributions that resemble the arrival errors A (N, axes).
+
+    The contributions are those of named effects, of the background, and of the curves of joints.
     """
     posterior = result.posterior
     columns = posterior.background.columns

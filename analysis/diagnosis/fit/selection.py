@@ -96,9 +96,9 @@ class Selection(SelectionSteps):
     def state_with(self, effects: Sequence[Effect], previous: SelectionState | None = None) -> SelectionState:
         """Return a state with the given effects fitted, from any initial size and shape.
 
-        An effect with readings not proportional to the size, such as a backlash, starts at the size explaining most in
-        addition to the previous effects, in the order of their explained part. Fitted from a small width, a backlash of
-        0.03° ended at 0.
+        The readings are not proportional to the size of some effects, such as a backlash. Such an effect starts at the
+        size that explains most of what the previous effects leave. The effects are added in the order of the part they
+        explain. When started from a small width, the fit of a backlash of 0.03° ended at 0.
         """
         forms = self.columns.forms
         waiting = [effect for effect in effects if effect.FREE or (effect.STRETCHED and not is_wave(effect))]
@@ -136,11 +136,10 @@ class Selection(SelectionSteps):
         return replace(state, curves=curves, strength=strength)
 
     def fitted_again(self, state: SelectionState, refitted: Sequence[Effect] = ()) -> SelectionState:
-        """Return the state with each fault refitted from the best form of the effect, if that explains more, except the
-        `refitted` faults.
+        """Return the state with each fault refitted from the best form of the effect, if that explains more.
 
-        A shape found with other set-ups may be a local optimum: a spike of 0.18 s remained at 0.05 s, although most of
-        it took four times as long.
+        The `refitted` faults are not tried again. A shape found with other set-ups may be a local optimum. For example,
+        the decay time of a spike of 0.18 s remained at 0.05 s, although most of the spike took four times as long.
         """
         place = 0
         for effect in state.effects:

@@ -95,7 +95,7 @@ class SelectionState:
         return bool(self.possible_faults([self.refined.effects[place]]))
 
     def possible_faults(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-        """Return the effects that are larger than in healthy arms, or than in arms of this level.
+        """Return the effects larger than in healthy arms, or, if this arm is better than those, than usual in this arm.
 
         A search recomputes all other terms with them, and compares them with rivals. The verdict decides about faults.
         """
@@ -113,7 +113,7 @@ def combined_effect(effects: Sequence[Effect], size: Array) -> Effect:
 
 
 def is_alike(effect: Effect, other_effect: Effect) -> bool:
-    """Return whether two effects have the same name, with any size and shape. Waves of different orders are not
+    """Return whether two effects have the same name, with any size and shape. Waves of different order are not
     alike.
     """
     if name_of(effect) != name_of(other_effect):
@@ -224,9 +224,7 @@ targets have the higher price, because their noise has heavy tails.
 _MOST_STRENGTH = 1e6
 """Largest strength of the noise: a thousand times the scatter of a real pose, exceeded only by a wrong arm."""
 _TAIL = 4.0
-"""Degrees of freedom of Student's distribution of readings at targets. Chosen: stops of real robots have heavy
-tails.
-"""
+"""Degrees of freedom of Student's distribution of readings at targets. Chosen: stops of robots have heavy tails."""
 MOST_LEVEL = 8.0
 """Largest level of a background. Chosen: an arm that shows eight times the healthy size of every effect has faults
 instead.
@@ -242,8 +240,10 @@ estimate moves a third of the distance; twelve rounds lead from a healthy arm to
 _QUIETER = 1.4
 """Factor between levels that are compared by evidence. Chosen: a tenth of the width of the prior."""
 _QUIETEST = 0.03
-"""Level below which no quieter level is tried by evidence: the right effects of cells with a single effect win from
-0.1 on, and below it a search continues to ever smaller named effects.
+"""Level below which the evidence is not used to try a lower level.
+
+In cells with a single effect, the right effects win from level 0.1 on. Below it, a search continues to ever smaller
+named effects.
 """
 _SAME_STRENGTH = 0.01
 """Largest logarithm of the ratio of strengths treated as equal: half a percent of an uncertainty."""
@@ -455,9 +455,9 @@ def settled(
 ) -> SelectionState:
     """Return the likeliest of the states reached from several initial states.
 
-    `fitted` fits all effects, `with_noise` estimates the noise, and `evidence` is the log evidence of a state. Fits end
-    early if gains fall, and the remaining rounds, each with the gain of the last round, would not reach the log
-    evidence `least`.
+    `fitted` fits all effects, `with_noise` estimates the noise, and `evidence` returns the log evidence of a state.
+    Fits end early if the gains decrease and the remaining rounds, each with the gain of the last round, could not reach
+    the log evidence `least`.
     """
     states = []
     for begin in begins:
@@ -478,12 +478,14 @@ def settled(
 # end in a local minimum, with a residual that supports wrong names. Widths and orders are scanned first.
 
 _BETWEEN = np.linspace(-0.6, 0.6, 9)
-"""Orders tried about the order of a form, as multiples of the distance to the neighbour. They cover a little more
-than half of the distance to either side.
+"""Orders tried around the order of a form, as multiples of the distance to the neighbouring form.
+
+They cover a little more than half of the distance in either direction.
 """
 _PARTS = 3
-"""Number of parts into which the distances between the orders of forms are divided for a large wave. Chosen: the
-phases of neighbours at the ends of a joint's range then differ by 48 degrees.
+"""Number of intermediate orders tried between the orders of two forms, for a large wave.
+
+Chosen: the phases of neighbours at the ends of a joint's range then differ by 48 degrees.
 """
 _WIDTHS = np.concatenate([0.5 ** np.arange(5.0, 1.0, -1.0), np.geomspace(0.5, 100.0, 40)])
 """Widths of a play that are tried, in healthy sizes, up to that of the largest fault. Neighbours differ by 15 %:
@@ -495,10 +497,10 @@ proportional to the width, and neighbours differ by a factor of two.
 def starting_effects(
     linear: Linearisation, columns: Columns, posterior: CoefficientPosterior, form: Form
 ) -> list[Effect]:
-    """Return the initial effects for the fit of a form to the readings (N,).
+    """Return the initial effects for fitting a form to the readings (N,).
 
-    A wave has the order between the neighbours that explains most, and if large, the best of all orders. Every other
-    effect except a backlash has the size of a fault.
+    A wave starts at the order that explains most between the neighbouring forms, and a large wave also at the best of
+    all orders. Every other effect except a backlash starts at the size of a fault.
     """
     effect = form.effect
     if is_play(effect):
@@ -532,10 +534,9 @@ def starting_effects(
 def _waves(columns: Columns, linear: Linearisation, posterior: CoefficientPosterior, form: Form) -> list[Effect]:
     """Return the best wave of an order near the form and, if large, the best wave of any order.
 
-    The first has an order between the neighbours of the form. The second has any order between those of the forms, and
-    leaves the smallest residual (N,) with only the set-ups. A joint is mostly near the ends of the range. A large wave
-    therefore resembles most closely the waves with phases that agree at both ends, and least the neighbours among the
-    forms.
+    The first has an order between the neighbours of the form. The second may have any order, and leaves the smallest
+    residual (N,) with only the set-ups fitted. A joint is mostly near the ends of its range. A large wave therefore
+    resembles the waves whose phases agree at both ends more than the neighbouring forms.
     """
     effect: Any = form.effect
     orders = [order_of(neighbour.effect) for neighbour in columns.forms if neighbour.name == form.name]

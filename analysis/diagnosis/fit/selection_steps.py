@@ -36,10 +36,10 @@ _TRIED, _CLOSE = 3, 0.5
 have. Chosen: each fit costs a fraction of a round.
 """
 _BENT, _PLAIN_TO_SEE = -5.0, 10.0
-"""Minimum log evidence of a form whose name is also fitted if no name gains much, and minimum sigmas of the form in
-the readings. All stretched shapes may differ too much from the true shape. The spike of an axis that fades in
-0.93 s, 21 sigma, lost 2.5 with the shape of 1 s and gained 420 when fitted; when omitted, it turned a lag of 0.6
-ms into 33 ms.
+"""Log evidence a form must have for its name to be fitted although no name gains much, and its significance in sigmas.
+
+The shape tried for a form may differ too much from the true shape for a gain. A spike of an axis that fades in 0.93 s,
+with 21 sigma, lost 2.5 with the shape of 1 s and gained 420 when fitted. Without this fit a lag of 0.6 ms became 33 ms.
 """
 _FEW_ROUNDS = 3
 """Number of rounds of preliminary fits: fits from several starts, of which only the likeliest continues, and fits
@@ -96,10 +96,10 @@ class SelectionSteps(StateEvidence):
         return changed, self.refitted(replace(state, free_forms=(*state.free_forms, free_form)))
 
     def _worth_trying(self, state: SelectionState, posterior: CoefficientPosterior, gain: Array) -> list[int]:
-        """Return the best form of each of the few names with the largest gains (n,), best first.
+        """Return the best form of each of the few effects with the largest gains (n,), best first.
 
-        If none gains much, also return the form of a clearly visible name whose gain may be low only because of the
-        stretched shape.
+        If none gains much, also return the form of a clearly visible effect whose gain may be low only because of its
+        shape.
         """
         forms, best_of = self.columns.forms, dict[str, int]()
         for k in np.argsort(-gain).tolist() if len(state.effects) < _DEPTH else ():

@@ -1,4 +1,4 @@
-"""Evidence of a selection state: posterior, prices and gains of a linearisation. Nothing here fits an effect."""
+"""Log evidence of a set of selected effects for a given linearisation, and the gain of adding or removing effects."""
 
 from __future__ import annotations
 
@@ -26,8 +26,9 @@ from rigs.effects import healthy_size
 from rigs.schema.effect import name_of
 
 _OFF = 0.1
-"""Share of the response of the faults by which the reference faults may differ. Chosen: columns computed with no
-faults missed up to 1 % of a large fault; they then miss 0.1 %.
+"""Largest difference of the response of the faults from that of the reference faults, as a share.
+
+Chosen: columns computed with no faults were wrong by up to 1 % of a large fault; with this limit it is 0.1 %.
 """
 _FEW_SIGMA = 100.0
 """Norm of the difference between the responses of the faults and the reference faults, in standard deviations of the
@@ -49,7 +50,7 @@ class StateEvidence:
 
     @cached_property
     def prices(self) -> EffectPrices:
-        """The prior odds of effects."""
+        """The prior log odds (price) of each effect."""
         return EffectPrices(self.linear, self.columns)
 
     @cached_property
@@ -84,8 +85,9 @@ class StateEvidence:
         return max(((self.evidence(state), state) for state in states), key=lambda both: both[0])
 
     def gains(self, state: SelectionState, posterior: CoefficientPosterior) -> Array:
-        """Return the log odds (n,) of each form over an equal share, as a fault or as the healthy effect of the
-        name, whichever are larger.
+        """Return the log odds (n,) of each form as a named effect against remaining in the background.
+
+        The larger of the odds as a fault and as an effect of healthy size.
         """
         gains = posterior.gains(self.columns.forms, state.level)
         curves, pieces = self.prices.waves_of_curves
@@ -96,8 +98,9 @@ class StateEvidence:
         return np.asarray(np.maximum(fault, healthy), dtype=float)
 
     def gain_of(self, state: SelectionState, posterior: CoefficientPosterior, place: int) -> float:
-        """Return the approximate log evidence of an effect over the share of a healthy arm in the form, from the
-        cavity of the size.
+        """Return the approximate log odds of a named effect against its form remaining in the background.
+
+        The size has the normal likelihood that results when the prior is removed from the posterior (cavity).
         """
         refined, effect = state.refined, state.effects[place]
         row = next(k for k, u in enumerate(refined.unknowns) if u.effect == place)
@@ -117,9 +120,7 @@ class StateEvidence:
         return gain - self.prices.choice_cost(effect)
 
     def not_testable(self, state: SelectionState, posterior: CoefficientPosterior) -> tuple[str, ...]:
-        """Return the names that these tests would not show at the size of a large fault, with all other possible
-        effects present.
-        """
+        """Return the effects that these tests would not show even as a large fault, with all other effects possible."""
         sigma = posterior.gains(self.columns.forms, state.level).sigma
         named = {name_of(effect) for effect in state.effects}
         seen = {self.columns.forms[k].name for k in np.flatnonzero(LARGEST_FAULT * sigma > _SEEN).tolist()}

@@ -39,9 +39,7 @@ _WORTH = 0.8
 _REPEATS = 2
 """Runs per direction needed to show changes with time."""
 _RARE = 3.0
-"""Ratio to the usual size above which an effect causing much of the error is repaired: 0.3 % of healthy arms reach
-it.
-"""
+"""Ratio to the usual size above which an effect causing much of the error is repaired: 0.3 % of healthy arms."""
 
 
 @dataclass(frozen=True)

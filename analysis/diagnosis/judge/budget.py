@@ -115,9 +115,12 @@ class GapMeasure:
 
 @dataclass(frozen=True)
 class EffectChange:
-    """Contribution of a fitted effect: `change` (N,) of the whitened readings, its rms and standard uncertainty in µm,
-    and its ratio to a healthy one, None if a healthy one is invisible. `apart`: differences between single runs beyond
-    noise and scatter, as a relative standard uncertainty of their mean."""
+    """Contribution of a fitted effect.
+
+    `change` (N,): of the whitened readings, with rms and standard uncertainty in µm, and the ratio to a healthy effect,
+    None if that is invisible. `apart`: differences between single runs beyond noise and scatter, as a relative standard
+    uncertainty of their mean.
+    """
 
     change: Array
     um: float
@@ -278,8 +281,7 @@ class Budget:
         return drawn
 
     def _u_um(self, moved: Array, indices: Integers) -> float:
-        """Return the standard uncertainty in µm of the combined contribution of columns `indices` to readings (N,
-        n)."""
+        """Return the standard uncertainty in µm of the combined change `moved` (N, n) by columns `indices`."""
         return float(np.sqrt(max(np.sum(moved.T @ moved * self.result.posterior.covariance_among(indices)), 0.0)))
 
     @cached_property

@@ -39,9 +39,7 @@ from rigs.distribution import version
 
 
 def covariance_of(posterior: CoefficientPosterior, unknowns: Sequence[UnknownParameter]) -> Array:
-    """Return the covariance (P, P) of the fitted unknowns, each in the unit of the name, followed by the multiples
-    of the forms.
-    """
+    """Return the covariance (P, P) of the fitted unknowns, in their units, followed by the multiples of the forms."""
     columns = posterior.background.columns
     forms, fitted = columns.set_ups.start, len(unknowns)
     covariance = posterior.joint_covariance(forms, fitted)

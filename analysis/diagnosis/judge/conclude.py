@@ -1,6 +1,4 @@
-"""Fifth stage of a diagnosis: the calibrated model, the residual as its parts are added step by step, and the
-doubts.
-"""
+"""Fifth stage of a diagnosis: the calibrated model, the residual as its parts are added, and the doubts."""
 
 from __future__ import annotations
 

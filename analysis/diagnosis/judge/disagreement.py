@@ -36,8 +36,7 @@ from rigs.schema.effect import label_of
 _MOST_STEPS = 6
 """Number of parts with a separate step. Chosen: a readable number; the budget lists all."""
 _LEAST = 0.05
-"""Minimum rms contribution of a part with a separate step, relative to the gap. Chosen: less is hardly visible in a
-chart."""
+"""Minimum rms contribution of a part with a separate step, relative to the gap. Chosen: less is hardly visible."""
 _ROWS = 256
 """Number of readings of a circle used for intermediate steps. Chosen: they give the rms to some percent."""
 
@@ -172,7 +171,7 @@ def _residuals_of_models(
 ) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
     """Return the residuals of models with these effects for circles (steps, n, 2) and targets (steps, n) in µm.
 
-    Set-ups are as free as in the gap.
+    The set-ups are fitted with the same freedom as for the gap.
     """
     measure, curves, maps = GapMeasure(linear), [], []
     for effects in models:

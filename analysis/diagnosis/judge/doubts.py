@@ -1,6 +1,4 @@
-"""Doubts about a diagnosis: doubts about the runs, about sizes at the limit of fits, and about effects of the rig
-file.
-"""
+"""Doubts about a diagnosis: about the runs, about sizes at the limit of fits, and about effects of the rig file."""
 
 from __future__ import annotations
 

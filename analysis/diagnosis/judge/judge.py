@@ -52,9 +52,7 @@ from rigs.schema.effect import name_of
 
 @dataclass(frozen=True)
 class Findings:
-    """Messages for the doubts: about poses read before the joints came to rest, and about sizes at the limit of
-    fits.
-    """
+    """Messages for the doubts: poses read before the joints came to rest, and sizes at the limit of fits."""
 
     early: tuple[str, ...]
     at_limits: tuple[str, ...]
@@ -106,7 +104,7 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Verdict
 
 
 def _limits_names(remainder: Remainder) -> bool:
-    """Return whether a remainder may imitate effects: it is material, and at new places no negligible share."""
+    """Return whether a remainder may imitate effects: it is material, and at new places its share is not negligible."""
     return remainder.is_material and (not remainder.at_new_places or remainder.share > CRUMBS)
 
 

@@ -103,7 +103,7 @@ def _left_out(result: SearchResult, rows: Integers, group: Integers, placed: Arr
 
 
 def _neighbourhoods(run: ObservedRun) -> Integers:
-    """Return the neighbourhood of each entry (n,) of positions."""
+    """Return the number of the neighbourhood of similar postures (n,) for each measured coordinate."""
     return np.repeat(neighbourhoods(run.table.q[run.rows], np.random.default_rng(0)), 3)
 
 
@@ -207,11 +207,12 @@ def widening_of(
     stages: Stages,
     result: SearchResult,
 ) -> Widening:
-    """Return the excess of prediction errors over the calibrated model's uncertainty.
+    """Return the excess of prediction errors over the stated uncertainty of the calibrated model.
 
-    It is the largest ratio of three: places used, with each neighbourhood (`left_out`) and each placement held out in
-    turn; held-out runs; runs elsewhere. A model that is too smooth, or assumes equal behaviour in postures, on days or
-    at placements, has larger errors than the covariance indicates. Residuals are (m, k) mm.
+    It is the largest of three ratios: for the places used, with each neighbourhood (`left_out`) and each placement held
+    out in turn; for held-out runs; and for runs elsewhere. The covariance assumes a model that is smooth enough and an
+    arm that behaves equally in all postures, on all days and at all placements. Otherwise the errors are larger than it
+    states. Residuals are (m, k) mm.
     """
     sets: list[Misses | None] = [left_out, _placements_left_out(result)]
     setups = dict(stages.calibrated.setups)

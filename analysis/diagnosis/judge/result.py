@@ -97,7 +97,10 @@ class BudgetPart:
 
     @property
     def shown_together(self) -> tuple[BudgetPart, ...]:
-        """This part and the parts cancelling more of it than 2 u and a twentieth; empty if no such part exists."""
+        """This part and the parts that considerably cancel it; empty if there are none.
+
+        Considerable: more than twice the standard uncertainty, and more than a twentieth of this part.
+        """
         large = [part for part in self.together[1:] if part.um > max(2 * part.u_um, self.together[0].um / 20)]
         return (self.together[0], *large) if large else ()
 
@@ -168,8 +171,7 @@ LARGE_SHARE = 1 / 3
 """Share of the error from which a part of any size is mentioned in the first sentence, and a group lists candidate
 effects."""
 CERTAIN_SIGMA = 7.0
-"""Standard uncertainties from which the contribution of an effect of any size is certain: the detection limit of the
-plan."""
+"""Standard uncertainties from which the contribution of any effect is certain: the detection limit of the plan."""
 
 
 @dataclass(frozen=True)
@@ -236,8 +238,7 @@ class Named:
     """False if the readings cannot identify the cause, such as a wave with fewer than two periods over the motion of
     the joint."""
     directions: int = 1
-    """Number of independent observations of the effect: set-ups that each show the size, and runs not used in the
-    fit."""
+    """Number of independent observations of the effect: set-ups that each show the size, and runs not fitted."""
 
     @property
     def stands(self) -> bool:
@@ -246,8 +247,7 @@ class Named:
 
     @property
     def is_term(self) -> bool:
-        """True if the effect is one of several waves of a joint that together approximate an error of a different
-        form."""
+        """True if the effect is one of several waves of a joint that together approximate a different error."""
         return self.doubt == "series"
 
     @property
@@ -353,7 +353,7 @@ class Gap:
 
     @property
     def u_um(self) -> float:
-        """Standard uncertainty of the initial residual in µm, for the mean of all runs, each with the noise."""
+        """Standard uncertainty of the initial residual in µm: noise of a run divided by the root of their number."""
         return self.noise_floor_um / math.sqrt(max(len(self.runs), 1))
 
     @property
@@ -426,8 +426,9 @@ class Verdict:
 
     @property
     def is_modelled(self) -> bool:
-        """True if a calibrated model is written and reported: the runs can show effects, and no parameter is out of
-        range."""
+        """True if a calibrated model is written and reported: runs can show effects, and no parameter is out of
+        range.
+        """
         return self.is_testable and self.condition != "out_of_range"
 
     @property
@@ -450,8 +451,7 @@ class Verdict:
 
     @property
     def extended_rig(self) -> Rig:
-        """The initial rig with the confirmed effects added. If several effects are possible, the most likely one is
-        used."""
+        """The initial rig with the confirmed effects. If several effects are possible, the most likely one is used."""
         return self.rig.model_copy(update={"effects": (*self.rig.effects, *(name.effect for name in self.written))})
 
 

@@ -126,7 +126,7 @@ def most_usual_visits_um(result: SearchResult) -> float:
 
 
 def _folds(result: SearchResult) -> Integers:
-    """Return the index (N,) of the fold of each entry."""
+    """Return the index (N,) of the cross-validation fold of each reading."""
     folds = np.zeros(len(result.linear.y), dtype=np.int64)
     for k, rows in enumerate(result.linear.rows):
         folds[rows] = _FOLDS * k + np.arange(rows.stop - rows.start) % _FOLDS

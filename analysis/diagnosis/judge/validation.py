@@ -37,14 +37,14 @@ class FrozenModel:
         return [residual_of(run.on_lap, setups) for run in modelled]
 
     def setups_with(self, runs: Sequence[ObservedRun]) -> dict[str, SetUp]:
-        """Return the set-ups of the model, with fitted set-ups added for runs (m, k) mm in no known set-up."""
+        """Return the set-ups of the model, and set-ups fitted to the runs whose set-up is not among them."""
         new = [run for run in runs if run.setup not in self.setups]
         return {**self.setups, **(fit_run_setups(new)[0] if new else {})}
 
 
 @dataclass(frozen=True)
 class Stages:
-    """Models compared with runs, in this order: initial, with the names, and calibrated."""
+    """Models compared with runs, in this order: initial, with the named effects, and calibrated."""
 
     bare: FrozenModel
     named: FrozenModel
@@ -76,7 +76,7 @@ def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
 
 
 def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, run_names: Sequence[str]) -> Gap:
-    """Return the gap of runs with the initial model, with the names, and calibrated; residuals are (m, k) mm.
+    """Return the gap of runs with the initial model, with the named effects, and calibrated; residuals are (m, k) mm.
 
     The noise and scatter of a run are estimated from repeats, or else assumed. For touches and many poses, the estimate
     is limited by the residuals. Runs of a different place use the noise of their test.
@@ -144,8 +144,8 @@ def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[fl
 
 @dataclass(frozen=True)
 class _JudgedRun:
-    """A validation run with the named effects and the healthy share determined by other runs, in standard deviations of
-    a block (N,).
+    """A validation run with the named effects and the background determined by other runs, in standard deviations of a
+    block (N,).
 
     `before` is the residual of the initial model and `residual` that of the complete model. `free_share` is the
     additional contribution of free forms, zero if unknown. `contributions` are the changes when each effect is removed.
@@ -176,9 +176,7 @@ class _JudgedRun:
 
 
 def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None:
-    """Return a run at places used by runs of the same kind; None if no such runs exist or the standstill periods
-    differ.
-    """
+    """Return a run at places used by runs of the same kind; None if there are none or the standstills differ."""
     linear = result.linear
     kinds = [(block.name, block.targets_key) for block in linear.blocks]
     kind = (run.name, run.targets_key)
@@ -207,9 +205,7 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
 
 
 def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str, SetUp]) -> _JudgedRun:
-    """Return a run at places or under conditions absent from the runs used: other poses, a different radius or
-    speed.
-    """
+    """Return a run at places or conditions absent from the runs used: other poses, a different radius or speed."""
     effects = result.effects
     placed = setups if run.setup in setups else fit_run_setups(with_effects([run], effects))[0]
     of_run = linearise(blocks_of([run], placed, effects), placed, effects)

@@ -139,8 +139,10 @@ CRUMBS = 0.05
 """Share of the energy of the gap up to which a remainder is negligible: false verdicts of generated cells had 0.03
 to 0.5 %, and a UR10 predicted by the calibrated model within a tenth of the error 1 to 5 %."""
 _SURE_ODDS = 0.999
-"""Odds from which a named effect is confirmed even if it does not reduce the gap by itself. A gear of 97 % replaced
-a twist of 96 %."""
+"""Odds above which a named effect is confirmed even if it does not reduce the gap when added alone.
+
+Example: a gear error at odds of 97 % replaced a twist at 96 %.
+"""
 _SAME_SIGMA = 0.5
 """Change of the readings in standard deviations of the noise up to which an effect and a rival are twins. Chosen: at
 1.0, both would be confused in a third of all repeats."""
@@ -162,9 +164,7 @@ scale of axis 6 that imitated cable drag was as large there as the unexplained e
 _MOST_RUNS = 20
 """Largest number of runs advised; a fault requiring more is not found in this way."""
 _ENOUGH = 3
-"""Smallest number of readings per set-up term for a test. Chosen: with fewer, the set-up absorbs a third of the
-readings.
-"""
+"""Smallest number of readings per set-up term for a test. Chosen: fewer let the set-up absorb a third of them."""
 _HEALTHY = 0.05
 """Probability that a healthy arm shows an effect this large, above which the effect is not reported as a fault.
 Chosen: 5 % of the cases.
@@ -398,9 +398,7 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
 
 
 def _single_runs_um(train: Gap) -> float:
-    """Return the rms in µm that single runs leave beyond the noise; 0 if it is not much larger than the noise, which
-    is only roughly known.
-    """
+    """Return the rms in µm by which single runs exceed the noise; 0 for a small excess, as the noise is uncertain."""
     if train.calibrated_um <= _FAR * train.noise_floor_um:
         return 0.0
     return float(np.sqrt(min(train.calibrated_um, train.before_um) ** 2 - train.noise_floor_um**2))
@@ -520,7 +518,7 @@ def within_unexplained(named: Sequence[Named], unexplained_um: float, noise_um: 
 
 
 def within_commanded(named: Sequence[Named]) -> list[Named]:
-    """Return the names, with faults of the arm no longer confirmed.
+    """Return the named effects, with no fault of the arm confirmed.
 
     Only commanded angles are known, and an angle that the arm did not reach has the same effect as such a fault.
     """

@@ -37,9 +37,9 @@ def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple
     """
     size = size_field(left.effect)
     return tuple(
-        f"once the fitted vibration is taken off, the runs still show a {left.effect.plain('')} of "
+        f"after the fitted vibration is removed, the runs still contain a {left.effect.plain('')} of "
         f"{left.amplitude_mm:.4f} ± {left.sd[size]:.4f} mm: a fit with one phase and one frequency for all runs does "
-        "not see the scatter between runs"
+        "cannot represent the scatter between runs"
         for name in vibrations
         if left.gain >= np.log(ODDS) and left.amplitude_mm > CERTAIN_SIGMA * name.sd[size]
     )

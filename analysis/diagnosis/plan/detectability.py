@@ -60,9 +60,7 @@ _APART_MM = 100.0
 
 @dataclass(frozen=True)
 class FurtherTest:
-    """Further test. `choices`: rigs set up for it, each with a description; the first that the arm can drive is
-    used.
-    """
+    """Further test. `choices`: rigs set up for it, each with a description; the first that can be driven is used."""
 
     tests: tuple[TestName, ...]
     why: str
@@ -139,9 +137,7 @@ def with_circle(rig: Rig, circle: Circle, **changed: Any) -> Rig:
 
 
 def places(rig: Rig, circle: Circle) -> list[tuple[str, tuple[float, ...]]]:
-    """Return displaced circle centres, each with a description: towards axis 1 and away from it, along it down and
-    up.
-    """
+    """Return displaced circle centres, each with a description: towards axis 1 and away, along it down and up."""
     T, centre = transform(rig.robot.base), np.array(circle.centre_mm)
     up, out = T[:3, 2], centre - T[:3, 3]
     out = out - (out @ up) * up
@@ -160,9 +156,7 @@ _ELSEWHERE = " further"
 
 @dataclass(frozen=True)
 class SeparatingTest:
-    """Further test, separation in sigmas of the two closest rivals in combination with the existing tests, and
-    reason.
-    """
+    """Further test, separation in sigmas of the two closest rivals if combined with the existing tests, and reason."""
 
     test: str
     sigma: float
@@ -269,8 +263,10 @@ within 2 % of the reach.
 _NUDGE_DEG = 0.02
 """Joint rotation for comparing responses; only ratios matter."""
 _OWN_SHARE = 0.02
-"""Share of an effect's response outside any set-up, below which the set-up is reported as the reason. Smaller shares
-are within the linearisation error of curved responses."""
+"""Share of the response of an effect that no set-up absorbs, below which the set-up is reported as the reason.
+
+Smaller shares are within the error of the linear approximation.
+"""
 _NOTHING = 1e-3
 """Sigmas below which a response counts as zero: well below any detection, and above rounding errors."""
 

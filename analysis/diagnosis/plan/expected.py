@@ -198,9 +198,7 @@ _ASSUMED_UM = {
     "the ball, from run to run": 1e3 * BALL_MM.rms,
     "a target, from stop to stop": 1e3 * TARGET_MM.rms,
 }
-"""Assumed noise of planned runs, rms in µm of a run, from the ranges of real cells
-(`analysis.runs.noise.cell_noise`).
-"""
+"""Assumed noise of planned runs, rms in µm of a run, from the ranges of `analysis.runs.noise.cell_noise`."""
 ASSUMED_JOINT_DEG = JOINT_DEG.rms
 """Assumed scatter of each joint between planned runs, from the range of real cells."""
 
@@ -307,9 +305,7 @@ class ExpectedPosterior:
         return refined.sd(0)[size_field(effect)] / healthy_size(effect)
 
     def sd_of_name(self, name: str) -> float:
-        """Return the standard uncertainty of an effect's size, in healthy sizes, in the form with the best
-        detection.
-        """
+        """Return the standard uncertainty of an effect's size, in healthy sizes, in the best detected form."""
         forms = [candidate for candidate in self.candidates if candidate.name == name]
         return self.sd(min(forms, key=self._form_posterior.sd)) if forms else float("inf")
 

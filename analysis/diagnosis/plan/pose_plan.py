@@ -100,23 +100,25 @@ class PlannedPoses:
     def lines(self) -> list[str]:
         """Return the plan as sentences."""
         lines = [
-            f"{len(self.q)} poses: the place of the tool is then known to {1e3 * self.u_mm:.0f} µm over the workspace "
-            "(expected rms, for an arm with the errors of a real one, frame and tool fitted)"
+            f"{len(self.q)} poses determine the tool position over the workspace to {1e3 * self.u_mm:.0f} µm "
+            "(expected rms, for an arm with typical errors, frame and tool fitted)"
         ]
-        as_good = f"{self.as_good} random ones are as good" if self.as_good else "the tried numbers of poses are worse"
-        compared = f"as many random poses leave {1e3 * self.random_u_mm:.0f} µm"
+        as_good = (
+            f"{self.as_good} random poses are equally good"
+            if self.as_good
+            else "no tried number of random poses is as good"
+        )
+        compared = f"the same number of random poses: {1e3 * self.random_u_mm:.0f} µm"
         if self.one_axis:
             lines.append(
-                "each axis moves down, up and back, the others rest: rig analyse shows its curve by direction and "
-                f"its play; {compared}: measure some as well to calibrate the arm"
+                "each axis moves down, up and back while the others rest: rig analyse shows its error curve by "
+                f"direction and its play; {compared}: measure some as well to calibrate the arm"
             )
         else:
             lines.append(f"{compared}; {as_good}")
         if left_out := self.asked - len(self.q):
-            lines.append(
-                f"{left_out} of {self.asked} have no way from another, clear and within limits; they are ignored"
-            )
-        return [*lines, "covers, cables and the cell are unknown: watch the first run, hand on the stop"]
+            lines.append(f"{left_out} of {self.asked} poses are ignored, because no clear move leads to them")
+        return [*lines, "covers, cables and obstacles are unknown: watch the first run with a hand on the stop button"]
 
     def csv(self) -> str:
         """Return the poses as a table, a row each: joint angles, previous joint angles, and nominal position.

@@ -185,8 +185,8 @@ class Aims:
 
 @dataclass(frozen=True)
 class ProposedCircle:
-    """A circle to drive, with the names it makes testable and the pairs it separates, in addition to the circles
-    before it.
+    """A circle to drive, with the effects it makes testable and the pairs it separates, beyond the circles before
+    it.
     """
 
     candidate: CircleCandidate

@@ -72,9 +72,7 @@ def _with_joints(runs: Runs) -> list[Measured]:
 
 
 def doubts_of(run: Measured) -> tuple[str, ...]:
-    """Return the doubts about a single run as text: those already known, followed by the findings against
-    conventions.
-    """
+    """Return the doubts about a single run as text: those already known, then the findings against conventions."""
     return tuple(dict.fromkeys((*run.doubts, *(finding.words for finding in findings_of([run])))))
 
 
@@ -196,7 +194,5 @@ _FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
 
 
 def why_no_measurement(run: Measured) -> str:
-    """Return the reason why a newly recorded run is not a valid measurement of the labelled test; empty if it is
-    valid.
-    """
+    """Return the reason why a new run is not a valid measurement of the labelled test; empty if it is valid."""
     return next((finding.words for finding in findings_of([run]) if finding.strength != "likely"), "")

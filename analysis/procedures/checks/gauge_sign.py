@@ -51,14 +51,15 @@ _ORDER_ROWS = 5000
 _WHOLE = 0.9
 """Minimum share of a lap for determining the first order."""
 _CLOSER = 0.5
-"""Maximum ratio of the distance between the two eccentricities with exchanged gauges to that as labelled."""
+"""Largest ratio of the distance between the two eccentricities with exchanged gauges to the distance as labelled."""
 _BEYOND = 2.0
 """Minimum distance between the two eccentricities as a multiple of the rms of all other orders. This factor and
 _CLOSER are chosen: `scripts/dev exchanged` counts wrong doubts and missed exchanges.
 """
 _SEEN_MM, _NEGATED = 0.2, 0.25
-"""With one gauge inverted, the two eccentricities agree within this share, if they exceed this size. Chosen: an
-error of the arm has the same effect only by chance, in size and in direction.
+"""Relative difference up to which the two eccentricities agree if one gauge is inverted, and their smallest size.
+
+Chosen: an error of the arm has the same size and direction only by chance.
 """
 
 
@@ -210,7 +211,6 @@ def repeat_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
 
 
 def _grouped(items: Iterable[T], key: Callable[[T], object]) -> list[list[T]]:
-    """Return the items in groups of equal keys, which need no hash."""
     groups: list[tuple[object, list[T]]] = []
     for item in items:
         key_of_item = key(item)
@@ -223,7 +223,7 @@ def _grouped(items: Iterable[T], key: Callable[[T], object]) -> list[list[T]]:
 
 
 def _contradicting(repeats: Sequence[Lap], reverse: Sequence[Lap]) -> Iterator[Finding]:
-    """Yield findings about repeats in which the sign of the difference is opposite to that of the majority."""
+    """Yield a finding for repeats in which the difference of the gauges has the opposite sign to most others."""
     mean, apart = np.array([lap.mean for lap in repeats]), np.array([lap.apart for lap in repeats])
     sign = np.where(np.linalg.eigh(apart @ apart.T)[1][:, -1] < 0, -1.0, 1.0)
     if abs(sign.sum()) > 0:
@@ -281,7 +281,7 @@ _KNOWN = 4.0
 change to the opposite sign.
 """
 _KNOWN_MM = 0.02
-"""Residual below which readings agree with the rig file as labelled."""
+"""Residual below which the readings, as labelled, agree with the rig file."""
 _ROWS = 1500
 _STEP = 1e-4
 
@@ -457,8 +457,8 @@ def _mean(ways: Sequence[_Way]) -> _Way:
 def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:
     """Return the energy in mm² of the difference between the directions that backlash does not explain.
 
-    The gauges have derivatives (GRID, 2, 6) mm/rad by each joint. Errors depending on the angles cancel in the
-    difference. Drift, late times and a sticking gauge are removed.
+    slopes (GRID, 2, 6) mm/rad: change of both gauges by each joint. Errors that depend on the joint angles cancel in
+    the difference. Drift, late times and a sticking gauge are removed.
     """
     from scipy.optimize import nnls  # noqa: PLC0415 - slow to import, needed here only
 

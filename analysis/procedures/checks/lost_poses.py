@@ -45,11 +45,10 @@ difference between the extrapolations.
 _LEAST_MM = 0.1
 """Smallest outlier. No tracker has a coarser resolution, and a smaller outlier changes no figure."""
 _ALIKE = 5
-"""Number of equal successive positions that exclude motion, …"""
+"""Number of equal successive positions, above which the instrument has stopped measuring …"""
 _CAUGHT_UP, _BEFORE, _AHEAD = 0.75, 20, 0.5
-"""… if the tool has moved afterwards by this share of the distance expected from its previous speed. It was moving
-if this number of previous steps leads ahead by that share of their length, so it did not tremble about a
-position.
+"""… if the tool moved on afterwards: by this share of the distance expected from its previous speed. The tool was
+moving if the net distance over this number of previous steps is at least that share of their total length.
 """
 
 
@@ -214,8 +213,9 @@ def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Outliers:
 
 
 def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Array, Mask]:
-    """Return distances (n,) mm from an arm with all constants fitted to the near poses, and the mask (n,) of far
-    poses. They are unchanged if there are too few poses.
+    """Return distances (n,) mm from an arm with all constants fitted to the near poses, and the mask (n,) of far poses.
+
+    If there are too few poses for the fit, the arguments are returned unchanged.
     """
     near = ~far
     for _ in range(STEPS):
@@ -339,7 +339,7 @@ _ELSEWHERE_MM = 1.0
 _FINE_MM = 2e-3
 """Resolution of positions that always differ between visits, because robots repeat to 0.01 mm."""
 _SEVERAL = 3
-"""Number of rows with six equal angles and exactly the same position that is not a coincidence."""
+"""Number of rows with six equal angles and exactly the same position that cannot be a coincidence."""
 
 
 def duplicate_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:

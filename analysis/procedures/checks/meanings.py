@@ -69,9 +69,7 @@ do not change the result.
 _STEPS, _BEST = 8, 6
 """Number of fit steps in the first comparison, and number of meanings in the final comparison."""
 _KEPT = 0.8
-"""Share of the poses with the smallest residuals that is fitted and compared, so that outliers do not affect the
-base.
-"""
+"""Share of the poses, those with the smallest residuals, that is fitted and compared, because of outliers."""
 _ROUNDS = 3
 _NOTHING_MM = 1e-3
 """Residual below which the labels are correct. Below a micrometre only the rounding of the numbers is compared."""
@@ -221,8 +219,9 @@ def _decided(judged: Sequence[JudgedMeaning], as_labelled: float, right_mm: floa
 
 
 def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> float:
-    """Return the rms residual in mm of the nearest of the positions xyz_mm (n, 3) at joints q (n, axes) rad, with
-    fitted base and tool. Rotations rpy (n, 3) rad are included as lengths.
+    """Return the rms residual in mm of the positions xyz_mm (n, 3) that fit best, with fitted base and tool.
+
+    q (n, axes) rad: joint angles. Rotations rpy (n, 3) rad are included as lengths.
     """
     return fit_nearest(bare, q, xyz_mm, steps, rpy)[0]
 

@@ -126,8 +126,7 @@ _OFF = 3.2
 
 
 def stamp_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
-    """Yield a finding if the mean speed along the circle is wrong by a unit. Decreasing timestamps are refused on
-    reading."""
+    """Yield a finding if the mean speed along the circle is wrong by a unit. Reading refuses decreasing timestamps."""
     circle = rig.tests.circle
     if circle is None:
         return
@@ -239,15 +238,16 @@ def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
 
 _ON_PATH = 0.03
 _ON_TRACK = 0.3
-"""Largest deviation from the path, as a share of its size. The target of the tracker may be missing in the rig file,
-so the positions fit only roughly.
+"""Largest deviation from the path, as a share of the path size.
+
+The rig file may lack the target of the tracker, so the positions fit only roughly.
 """
 _IN_SOCKET = 0.1
 """Largest residual in sockets, as a share of the tool's travel. Uncalibrated arms leave up to 0.04 (the Pandas of
 MUKCa). With joints in a wrong unit it is at least 0.3, because the ball then appears to move.
 """
 _UPRIGHT = 0.3
-"""Largest angle in rad between the tool and the orientation of the test; a misinterpreted joint causes more."""
+"""Largest acceptable angle in rad between the tool and the orientation of the test; a misread joint exceeds it."""
 
 
 def off_sockets(T: Array, socket: NDArray[np.str_]) -> PathDeviation | None:
@@ -311,7 +311,5 @@ def most_distant_rows(places: Array) -> int:
 
 
 def steps(places: Array, rows: int) -> Array:
-    """Return the distances (n,) mm of positions (n, 3) from those `rows` rows before, which are equal in every
-    frame.
-    """
+    """Return the distances (n,) mm of positions (n, 3) from those `rows` rows before; they are equal in every frame."""
     return np.asarray(np.linalg.norm(places - np.roll(places, rows, axis=0), axis=1))

@@ -96,13 +96,14 @@ _OF_TRACKERS = {"m": 1e-3, "cm": 0.1}
 _MISREAD_UNITS = {"inches": 25.4, "cm": 10.0}
 """Factor for a length in mm misinterpreted in another unit, for example by an import map; m looks like µm."""
 _ABOUT = 0.3
-"""Largest relative difference of distances. The target of the tracker may be missing in the rig file, so they agree
-only roughly.
+"""Largest relative difference between equal distances.
+
+The rig file may lack the target of the tracker, so the distances agree only roughly.
 """
 _SAME_TURN_RAD = 0.01
 """Largest median difference between the rotation angles of tracker and robot between poses, …"""
 _FARTHER = 8.0
-"""… and an angle convention is wrong if it exceeds this limit, and that of another convention by this factor."""
+"""An angle convention is wrong if its difference exceeds this limit, and that of another convention by this factor."""
 
 
 def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
@@ -140,9 +141,7 @@ def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
 
 
 def off_in_its_unit(T: Array, xyz_mm: Array) -> PathDeviation | None:
-    """Return the deviation of tool poses T (n, 4, 4) from positions (n, 3), in the best-fitting unit of the
-    positions.
-    """
+    """Return the deviation of tool poses T (n, 4, 4) from positions (n, 3), in the best-fitting unit of positions."""
     units = (1.0, *FACTORS.values(), *_OF_TRACKERS.values(), *_MISREAD_UNITS.values())
     every = [off for factor in units if (off := off_places(T, xyz_mm / factor))]
     return min(every, key=lambda off: off.off, default=None)

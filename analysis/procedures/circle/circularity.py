@@ -33,10 +33,10 @@ _ROUNDS = 4
 
 @dataclass(frozen=True)
 class Circularity:
-    """Result of one direction.
+    """Circular deviation of one direction.
 
-    deviation_mm (NODES,): outwards over PHI, at the stated resolution. curve: distance. ball_mm (2,): centre of the
-    least-squares circle, along u and v.
+    deviation_mm (NODES,): radial deviation at the circle angles PHI, positive outwards, at the stated resolution.
+    curve: distance between tool and ball. ball_mm (2,): centre of the least-squares circle, along u and v.
     """
 
     deviation_mm: Array

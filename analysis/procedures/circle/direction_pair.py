@@ -1,17 +1,14 @@
 """Compare an anticlockwise and a clockwise run of one set-up: the part that depends on direction.
 
-At a circle angle the eccentricity is the same in both, so the difference acw - cw of the angle only contains effects of
-direction and history: mainly backlash (Oh 2019, figure 6 a and b). For the distance, ISO 230-4:2005, clause 3:
-bidirectional
-circular deviation G(b) about the least-squares circle of both paths, and circular hysteresis H, the largest radial
-difference.
+At a circle angle the eccentricity is the same in both, so the difference acw - cw of the angle only contains effects
+of direction and history: mainly backlash (Oh 2019, figure 6 a and b). For the distance, ISO 230-4:2005, clause 3:
+bidirectional circular deviation G(b) about the least-squares circle of both paths, and circular hysteresis H, the
+largest radial difference.
 
 Ball and gauge zeros must not be touched between the runs. A moved ball causes a difference of order one only, in the
 distance and, for yaw, equally in the angle: such runs are not a pair. A lag between gauges and robot belongs to the
-set-up:
-it is drawn once for both runs, with the larger uncertainty of the two, and shifts them in opposite directions, the
-worst
-case.
+set-up: it is drawn once for both runs, with the larger uncertainty of the two, and shifts them in opposite directions,
+the worst case.
 """
 
 from __future__ import annotations
@@ -35,7 +32,10 @@ from rigs.errors import FileError
 _SURE = 0.9545
 """Share of the draws covered by 2 u."""
 _PLATEAU_ROUNDS = 2
-"""Rounds for finding a plateau: the wider it is, the further its points may lie below the maximum."""
+"""Number of rounds for finding a plateau of the curve.
+
+The wider a plateau is, the further noise may move its points below the maximum.
+"""
 _HALVINGS = 10
 """Number of bisections for the clipping level, which gives a thousandth of the noise contribution."""
 
@@ -103,14 +103,10 @@ def lag_of(pairs: Sequence[tuple[LapCurve, LapCurve]], radii_mm: Sequence[float]
     its unit: 1 for a distance, the circle's radius for an angle.
 
     Late stamps shift the curve along the motion, forwards in one direction and backwards in the other, so acw - cw
-    contains
-    twice the lag times the speed times the slope of the curve. Backlash and friction also depend on the direction, and
-    their
-    first harmonic is indistinguishable from a lag. Their other harmonics indicate its possible size: it is modelled as
-    random,
-    decreasing with the order as for a step, and determines the uncertainty, together with the repeatability of the
-    robot. A
-    single direction shows nothing: there a lag looks like a displaced ball.
+    contains twice the lag times the speed times the slope of the curve. Backlash and friction also depend on the
+    direction, and their first harmonic is indistinguishable from a lag. Their other harmonics indicate its possible
+    size: it is modelled as random, decreasing with the order as for a step, and determines the uncertainty, together
+    with the repeatability of the robot. A single direction shows nothing: there a lag looks like a displaced ball.
     """
     kinds = []
     for (acw, cw), radius_mm in zip(pairs, radii_mm, strict=True):
@@ -151,8 +147,7 @@ in higher orders."""
 
 @dataclass(frozen=True)
 class DirectionPair:
-    """Differences between the directions by name; lag: of the gauges behind the robot, ms, reported and not
-    corrected."""
+    """Differences between the directions by name; lag: delay of the gauges behind the robot in ms, not corrected."""
 
     figures: dict[str, Quantity]
     lag: Quantity

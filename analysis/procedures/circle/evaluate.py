@@ -52,10 +52,10 @@ Plain = Callable[[Array, float], Mapping[str, Array]]
 
 @dataclass(frozen=True)
 class Measure:
-    """Figures of one kind from the angle over a circle.
+    """Figures of a test from the angle over a circle.
 
-    figures_at: computes them. ranges: names of figures biased upwards by noise, such as a range, which are lowered by
-    its mean contribution.
+    figures_at: function that computes them. ranges: names of figures biased upwards by noise, such as a range. They are
+    lowered by the mean contribution of the noise.
     """
 
     figures_at: Plain
@@ -140,8 +140,7 @@ class CircleResult:
 
     @property
     def without_rows(self) -> CircleResult:
-        """Return the result without the rows of all laps except the first, and without noise draws, recreated on
-        demand."""
+        """Return the result with the rows of the first lap only, and without noise draws, recreated on demand."""
         distance = replace(self.distance, curve=self.distance.curve.without_draws)
         return replace(self, laps=self.laps.without_rows, curve=self.curve.without_draws, distance=distance)
 
@@ -227,8 +226,7 @@ def eccentricities(result: CircleResult) -> tuple[Array, Array]:
 
 
 def sine_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
-    """Return band, amplitude, shift and offset (...,) in degrees of angles y (..., NODES) rad: the paper's section
-    2.1."""
+    """Return band, amplitude, shift and offset (...,) in degrees of angles y (..., NODES) rad: the paper's 2.1."""
     A, a, b = sine_of(y)
     error = at_resolution(y - _sines(A, a, b))
     return {

@@ -125,8 +125,10 @@ class _Window:
         return joined
 
     def time_after(self, begin_ns: float, rows: int) -> float:
-        """Return the time of the row `rows` rows after the first from begin_ns on; inf if hardly half as many
-        remain."""
+        """Return the time of the row that follows the first row from begin_ns on by `rows` rows.
+
+        The result is infinite if at most one and a half times as many rows remain.
+        """
         most = rows + rows // 2
         while True:
             came_ns = [chunk["last_byte_ns"] for chunk in self._kept]
@@ -174,12 +176,12 @@ and readings by both; over all, rows, outliers, and changed readings."""
 
 @dataclass(frozen=True)
 class _Rows:
-    """Rows of a part.
+    """Reduced rows of a part of a run.
 
-    at_ns, cell (m,): start of each stretch, and its node, plus NODES beyond the angle at which laps begin. sums
-    (m, len(_SUMS)). shown: thinned table, with t_s in ns. u_lag_s; count. step_mm, noise_mm (k,): of its middle, at
-    middle_ns.
-    beyond: rows beyond a certificate.
+    at_ns, cell (m,): start of each stretch of rows, and the node that it belongs to; NODES is added beyond the angle at
+    which laps begin. sums (m, len(_SUMS)): sums over each stretch. shown: thinned table, with t_s in ns. step_mm,
+    noise_mm (k,): resolution and noise in the middle of the part, at middle_ns. beyond: number of rows outside the
+    range of a certificate.
     """
 
     at_ns: Array
@@ -196,7 +198,10 @@ class _Rows:
 
 @dataclass(frozen=True)
 class _Piece:
-    """Result of a part. robot: columns of thinned rows. rows: None if gauges and robot have no common time."""
+    """Result of a part of a run.
+
+    robot: columns of the thinned rows. rows: None if gauges and robot have no common time.
+    """
 
     robot: dict[str, Array]
     seen: dict[str, InstrumentObservations]
@@ -250,7 +255,7 @@ def long_circle(directory: Path, path: Path) -> tuple[Measured, Reduced] | None:
 
 
 class _AsAWhole(Exception):
-    """A row can only be interpreted together with the complete run."""
+    """Raised if a row can only be interpreted together with the complete run."""
 
 
 def _pieces(directory: Path, run: Run, rig: Rig) -> Iterator[_Piece]:
@@ -297,10 +302,10 @@ def _rows_of(joined: Joined, manifest: Manifest, rig: Rig, taken: int) -> _Rows:
 
 
 def _stretches(phi: Array, g_mm: Array, marks: Mask, slot: Integers, start: float) -> tuple[Integers, Integers, Array]:
-    """Return the first rows (m,) of stretches within a time slot, their cells (m,) and sums (m, len(_SUMS)).
+    """Return the first rows (m,) of stretches, with their nodes (m,) and sums (m, len(_SUMS)).
 
-    marks (4, n): outliers, and changed readings. If the robot trembles between two cells, the rows of each form one
-    stretch.
+    A stretch is the sequence of rows between two nodes within a time slot. marks (4, n): masks of outliers and of
+    changed readings. If the robot trembles about a node, the rows on each side form one stretch.
     """
     (of_start,), (behind,) = place_of(np.array([start]))
     firsts, keys, sums = [], [], []
@@ -371,9 +376,9 @@ def _rows_in(laps: Laps, parts: Sequence[_Rows], first_ns: float, start: float) 
 
 
 def _pulls_of(base: Array, sums: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Return the sums (2, L, NODES) of readings times hat functions for readings equal to waves (5, 2).
+    """Return the sums (2, L, NODES) of readings times hat functions, for readings equal to waves (5, 2).
 
-    Behind a node a wave is represented by its Taylor polynomial: 4e-9 beyond the third order is missing.
+    A wave is represented by its Taylor polynomial of third order after each node; the error is 4e-9.
     """
     beyond, third, fourth = sums["beyond"], sums["cubes"], sums["fourths"]
     first = sums["between"] + beyond
@@ -389,7 +394,7 @@ def _pulls_of(base: Array, sums: Mapping[str, Array]) -> tuple[Array, Array]:
 def _lap_of(laps: Laps, at_s: Array, cell: Integers, start: float) -> Integers:
     """Return the lap number (m,) of each stretch, or -1 outside the laps.
 
-    Lap times are known to a few rows of the thinned table; within them the circle angle decides.
+    The lap times are known to a few rows of the thinned table. Within these rows the circle angle decides.
     """
     (of_start,), (behind,) = place_of(np.array([start]))
     middle = cell % NODES + 0.5

@@ -1,10 +1,8 @@
 """Yaw test: orientation error about the circle's normal, after Oh 2019, section 2.1.
 
 The angle between link and tool over the circle angle phi is a sine, because the base-ball is never exactly in the
-circle's
-centre: yaw = atan2(-e_u sin + e_v cos, R - …), with the exact first harmonic (-e_u sin + e_v cos)/R. The distance, the
-mean
-of the gauges, shows the same eccentricity independently. A note reports gross differences;
+circle's centre: yaw = atan2(-e_u sin + e_v cos, R - …), with the exact first harmonic (-e_u sin + e_v cos)/R. The
+distance, the mean of the gauges, shows the same eccentricity independently. A note reports gross differences;
 analysis/procedures/checks/gauge_sign.py detects exchanged gauges.
 
 Figures: band_deg (noise-corrected), amplitude_deg, shift_deg, offset_deg of the sine; eccentricity_u_mm and _v_mm of
@@ -27,7 +25,9 @@ from analysis.robot.kinematics.arm import Array
 
 _APART_MM = 0.2
 _APART = 0.5
-"""Relative difference of eccentricities that hardly belong to one ball, if they also differ by the absolute limit."""
+"""Relative difference above which two eccentricities hardly belong to the same ball, if they also exceed the
+absolute limit.
+"""
 
 
 def eccentricity_figures(y: Array, radius_mm: float) -> dict[str, Array]:

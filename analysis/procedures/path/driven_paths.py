@@ -3,10 +3,8 @@
 recording  →  moves, between two standstills  →  paths, by length and chord  →  frame  →  deviations
 
 Positions are averaged over short spans, so that tracker noise, estimated from second differences, is not taken for
-motion.
-A standstill is longer than half a second: at corners some controllers almost stop, but for less. Data before the first
-and
-after the last standstill is dropped, because its completeness is unknown.
+motion. A standstill is longer than half a second: at corners some controllers almost stop, but for less. Data before
+the first and after the last standstill is dropped, because its completeness is unknown.
 
 A move is identified by length and chord; the first of the two directions around the large circle is anticlockwise, as
 in the program. An unknown tracker frame is fitted to all paths: first by the relative position along each path, then
@@ -32,11 +30,11 @@ _SPAN_S, _SAMPLES = 0.05, 4
 """Averaging time, and minimum number of positions averaged."""
 _STANDSTILL_S = 0.6
 _SLOW = 0.02
-"""The tool is at rest below this share of the 90 % quantile of the span speeds …"""
+"""Share of the 90 % quantile of the speeds below which the tool is at rest …"""
 _NOISES = 6.0
-"""… or below this multiple of the standard deviation of noise alone."""
+"""… or multiple of the standard deviation caused by noise alone."""
 _GAP_S = 0.3
-"""A move with a longer gap in the tracker data is incomplete: the target was lost."""
+"""Longest gap in the tracker data of a complete move; after a longer gap the target was lost."""
 _NORMAL = 1.4826
 """Ratio of the standard deviation of a normal distribution to its median absolute deviation."""
 
@@ -94,17 +92,20 @@ _ROUNDS = 12
 _MOST_DEVIATION = 0.05
 """Limit of the deviation, relative to the cube's side, for paths of this program."""
 _STATIONS, _FEWEST = 200, 12
-"""Stations along a path; fewer for few tracker positions, and less than the minimum is not evaluated."""
+"""Usual number of stations along a path, and smallest number for an evaluation. Few tracker positions give fewer
+stations.
+"""
 _ENDS = 0.02
 """Share of a path at each end left out: acceleration and stop, and ambiguous closest points of a closed path."""
 
 
 @dataclass(frozen=True)
 class DrivenPath:
-    """One path in all cycles.
+    """A path in all cycles.
 
-    places: per cycle (k, 3) mm in the world. s_mm (m,): stations. off_mm (cycles, m, 3): mean deviation at each
-    station, across the path, in the world. speed_mm_s (cycles,): mean along the middle half.
+    places: positions of each cycle, (k, 3) mm in the world. s_mm (m,): stations along the path. off_mm (cycles, m, 3):
+    mean deviation at each station, across the path, in the world. speed_mm_s (cycles,): mean speed along the middle
+    half.
     """
 
     command: CommandPath

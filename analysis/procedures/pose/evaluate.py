@@ -66,7 +66,7 @@ _FEW_POSES = 20
 _MISSES_MM, _DOUBTFUL_U = 10.0, 100.0
 """A nominal arm has errors of some mm; an error above this limit and this multiple of u is doubtful."""
 _BLIND = 1e-3
-"""Relative singular value (lengths and rotations scaled equally) below which a direction is undetermined."""
+"""Relative singular value below which a direction is undetermined. Lengths and rotations have the same scale."""
 
 
 @dataclass(frozen=True)
@@ -180,9 +180,9 @@ def _of_visits(
     pose: Integers,
     instrument: TrackerPose | None,
 ) -> tuple[dict[str, Quantity], list[str], Scatter, Scatter | None]:
-    """Return figures of repeated poses, notes, and the scatter of their positions and rotations.
+    """Return figures, notes, and the scatter of positions and rotations of repeated poses.
 
-    pose (n,): pose number of the cube. The uncertainty of the instrument frame is included in u of AP.
+    pose (n,): pose number of the cube. u of AP includes the uncertainty of the instrument frame.
     """
     counts = np.bincount(group)
     again = np.flatnonzero(counts >= 2)
@@ -266,8 +266,11 @@ def _noise(
     u: float,
     stops: LogUniform | None = None,
 ) -> Array:
-    """Return draws (m, n, 3) of the noise of all rows: from the scatter of their group, otherwise of any group; if
-    unknown, from the instrument's u and the usual scatter of robot stops."""
+    """Return draws (m, n, 3) of the noise of all rows.
+
+    The noise is taken from the scatter of the group of the row, or else of any group. If both are unknown, it combines
+    the uncertainty u of the instrument with the usual scatter of robot stops.
+    """
     rng = np.random.default_rng(SEED)
     if scatter is None:
         robot = 0.0 if stops is None else stops.low * (stops.high / stops.low) ** rng.uniform(size=(DRAWS, 1, 1))

@@ -11,15 +11,11 @@ loss, hardly affected by a few bad readings, and (3) this may concern at most on
 wrong position affects all orientations, a gauge slip only one. Otherwise every target stays.
 
 Differences between targets and orientations are robot errors; differences between visits are noise. Repeated visits of
-a
-target and orientation determine the noise at each target (`analysis.runs.noise.target_scatter`); otherwise it is
-assumed. Every
-figure refers to the mean positions of the targets: its value is the expectation over draws of these positions, and
-value ±
-2 u contains 95 % of them. So a range is never negative and not biased by noise. A drift seen in the visits is removed.
-A
-length then refers to the middle of the run, but may be needed for its start: the drift in between is included in its
-uncertainty, as a distribution concentrated at both ends (JCGM 101, 6.4.6).
+a target and orientation determine the noise at each target (`analysis.runs.noise.target_scatter`); otherwise it is
+assumed. Every figure refers to the mean positions of the targets: its value is the expectation over draws of these
+positions, and value ± 2 u contains 95 % of them. So a range is never negative and not biased by noise. A drift seen in
+the visits is removed. A length then refers to the middle of the run, but may be needed for its start: the drift in
+between is included in its uncertainty, as a distribution concentrated at both ends (JCGM 101, 6.4.6).
 """
 
 from __future__ import annotations
@@ -64,7 +60,10 @@ _FEWEST_POINTS = 6
 _WEAK = 0.01
 """Relative singular value below which a parameter direction is undetermined."""
 _STEPS, _ROBUST_STEPS = 6, 30
-"""Gauss-Newton for points within a hundredth of the sphere converges in three steps; reweighting takes longer."""
+"""Number of Gauss-Newton steps, and of robust steps.
+
+For points within a hundredth of the radius three steps are sufficient; robust weights need more.
+"""
 
 
 @dataclass(frozen=True)
@@ -98,8 +97,7 @@ def conditioned(points: Array) -> bool:
 
 
 def outlying_targets(points: Array) -> NDArray[np.bool_]:
-    """Return a mask (t,) of the targets left out by the rule above; points (t, o, 3) mm of o readings, NaN if
-    missing."""
+    """Return a mask (t,) of the targets left out by this rule; points (t, o, 3) mm of o readings, NaN if missing."""
     # Robust sphere: soft_l1 by reweighting.
     read = points[np.isfinite(points).all(axis=-1)]
     x = np.append(np.zeros(3), np.median(np.linalg.norm(read, axis=1)))
@@ -282,8 +280,8 @@ def _plain(
 ) -> dict[str, Array]:
     """Return the figures (m,) of m draws of the readings, including those of the fitted sphere.
 
-    cell_mm (m, t, o): draws of the readings. best (t, o): readings about which they are drawn. length_mm (m,): added to
-    every distance. The sphere is updated linearly by its slopes.
+    cell_mm (m, t, o): drawn readings. best (t, o): readings about which they are drawn. length_mm (m,): length added to
+    every distance. The sphere is updated by a linear approximation.
     """
     length = np.broadcast_to(length_mm, len(cell_mm))
     mean = _mean(cell_mm)

@@ -1,14 +1,10 @@
 """Repeatability test: scatter of the distance in repeated approaches to a target, from one side and from both.
 
 After Oh 2019, section 2.3 and figure 15 (ranges), ISO 9283 (RP) and ISO 230-2 (R, B). Scatter is the measurand, and a
-few
-readings per side determine it poorly: the uncertainty of a figure is its deviation from the expectation in repeated
-tests on
-the same robot. Targets scatter differently, with heavy tails (`analysis.runs.noise.target_scatter`); 2 u contains 95 %
-of such
-tests. So a figure should be compared with its expectation for the same number of readings and targets: the largest
-range
-grows with both; 4 s does not.
+few readings per side determine it poorly: the uncertainty of a figure is its deviation from the expectation in
+repeated tests on the same robot. Targets scatter differently, with heavy tails (`analysis.runs.noise.target_scatter`);
+2 u contains 95 % of such tests. So a figure should be compared with its expectation for the same number of readings
+and targets: the largest range grows with both; 4 s does not.
 """
 
 from __future__ import annotations

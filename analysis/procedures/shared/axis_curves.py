@@ -1,15 +1,11 @@
 """One axis at a time: the angle error of a joint over its angle, by direction of motion, from tracker poses.
 
 If a single joint turns, the target on the tool moves on a circle about that axis, and its lag or lead along the circle
-is
-the angle error (circle-point analysis; Mooring, Roth and Driels, Fundamentals of Manipulator Calibration, 1991, ch. 3).
-Driven in both directions, backlash and curve form one quantity: the bidirectional angular positioning deviation
-(Ibaraki,
-Int. J. Automation Technology 16, 2022), in the terms of ISO 230-2. Because the circle is fitted, a constant error and
-most
-of a wave of one cycle per turn are invisible; compliance of the joint under its load is visible. No arm model is
-needed,
-only the angles and directions of the joint.
+is the angle error (circle-point analysis; Mooring, Roth and Driels, Fundamentals of Manipulator Calibration, 1991, ch.
+3). Driven in both directions, backlash and curve form one quantity: the bidirectional angular positioning deviation
+(Ibaraki, Int. J. Automation Technology 16, 2022), in the terms of ISO 230-2. Because the circle is fitted, a constant
+error and most of a wave of one cycle per turn are invisible; compliance of the joint under its load is visible. No arm
+model is needed, only the angles and directions of the joint.
 """
 
 from __future__ import annotations
@@ -30,11 +26,11 @@ coordinates."""
 
 @dataclass(frozen=True)
 class AxisCurve:
-    """Behaviour of a joint turning alone, by angle (k,).
+    """Angle error of a joint that turned alone, at k angles.
 
-    axis: from 1. radius_mm: of the target's circle. angle_deg: as reported. up_deg, down_deg (k,): real less reported
-    angle, relative to the fitted circle, after turning up and down, nan if missing. u_deg (k,): standard uncertainty of
-    a value from the noise of the poses.
+    axis: number of the joint, from 1. radius_mm: radius of the circle of the target. angle_deg: reported angles.
+    up_deg, down_deg (k,): true minus reported angle, relative to the fitted circle, after turning up and down; nan if
+    not measured. u_deg (k,): standard uncertainty of a value due to the noise of the poses.
     """
 
     axis: int
@@ -93,7 +89,7 @@ def axis_curves(
 _ACROSS = 5
 """Parameters fitted across the circle: its plane (3), and radius and centre in it (2 of 3)."""
 _SAME_RAD = float(np.radians(0.1))
-"""Joint motion below which an angle is repeated or a joint stands."""
+"""Joint motion below which an angle counts as repeated, and a joint as standing."""
 
 
 def _rows_of_joint(q: Array, sides: Integers, joint: int) -> Integers:

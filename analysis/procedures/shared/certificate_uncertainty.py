@@ -18,7 +18,7 @@ from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES, TestName
 
 Figures = dict[str, Quantity]
 _SHORTEST_MM = 0.3
-"""Correlation length: errors of readings further apart are independent."""
+"""Correlation length of a gauge error: errors of readings further apart are independent."""
 _LENGTHS = ("radius_mm", "held_radius_mm", "ap_mm", "ap_mean_mm")
 """Figures shifted fully by an error common to all readings."""
 

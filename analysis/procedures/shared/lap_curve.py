@@ -32,18 +32,20 @@ UNDULATIONS = 80.0
 have orders up to about 60, and reversals take a degree and more."""
 _PASSES = 0.5 ** ((ORDERS / UNDULATIONS) ** 2)
 _COARSE = 0.5 ** ((ORDERS / 40.0) ** 2)
-"""Filter that smooths the steps of quantisation, so that different positions of the steps can be tried."""
+"""Filter that smooths quantisation steps, so that other positions of the steps can be simulated."""
 _WINDOW = 21
 """Width of the running median in nodes: 10°, less than the distance of most reversals."""
 _LOCAL, _SLOW = 19, 81
 """Widths for comparing laps in nodes: twice the stated resolution, relative to differences within 40°."""
 _ODD, _MOST = 2.0, 5.0
-"""Laps differing by this multiple of the usual difference have a reason other than noise; and the limit for Student's
-distribution with one degree of freedom."""
+"""Multiple of the usual difference between laps above which the cause is not noise, and the limit of random draws.
+
+The draws from Student's distribution with one degree of freedom would otherwise be unlimited.
+"""
 _FEWEST = 8.0
-"""Minimum readings per lap of a gauge moving by hardly a step: it shows no jumps."""
+"""Smallest number of readings per lap assumed for jumps. A gauge that moves by hardly a step has fewer."""
 RANGE_U = 0.5
-"""Relative uncertainty of the noise correction of a range: the curve without noise is itself an estimate."""
+"""Relative uncertainty of the noise correction of a range, because the noise-free curve is only an estimate."""
 
 Plain = Callable[[Array], Mapping[str, Array]]
 """Figures (...,) by name of curves (..., NODES)."""
@@ -96,8 +98,10 @@ class LapCurve:
         return factors
 
     def draw_noise(self, curve: Array, turned: NDArray[np.complex128], scale: Array) -> Array:
-        """Return a curve (NODES,), this one or its calm version, with different noise, lag (`turned`) and relative
-        scale (DRAWS,): (DRAWS, NODES)."""
+        """Return simulated curves (DRAWS, NODES): a curve (NODES,) with new noise, lag and relative scale.
+
+        curve: this curve or its smoothed version. turned: factors of the lags. scale (DRAWS,): relative scale.
+        """
         return np.fft.irfft(np.fft.rfft(curve) * turned, NODES, axis=1) / scale[:, None] + self.errors
 
 
@@ -164,10 +168,12 @@ def figures(
     ranges: frozenset[str],
     calm: Sequence[Array] | None = None,
 ) -> dict[str, Quantity]:
-    """Return figures by name of several curves; `plain` takes them stacked, (curves, ..., NODES).
+    """Return the figures of several curves by name, with uncertainties from simulated noise.
 
-    drawn: returns draws (DRAWS, NODES) of each around the given curves. A range is lowered by the median noise
-    contribution to that of the calm curve, at least zero; calm (NODES,): per curve, by default its own.
+    plain: computes the figures of stacked curves (curves, ..., NODES). drawn: function that returns simulated curves
+    (DRAWS, NODES) around each curve. ranges: names of figures that noise increases. Each is lowered by the median
+    contribution of the noise to that of a smoothed curve, to zero at least. calm (NODES,): smoothed curve for each
+    curve, by default its own.
     """
     values = plain(np.stack([curve.y for curve in curves]))
     calm = [curve.calm for curve in curves] if calm is None else calm
@@ -193,10 +199,10 @@ def blurred(y: Array, blur: float) -> Array:
 
 
 def _where_laps_differ(laps: Array, rng: np.random.Generator) -> Array:
-    """Return errors (DRAWS, NODES) for local differences between laps (L, NODES).
+    """Return simulated errors (DRAWS, NODES) for places at which the laps (L, NODES) differ.
 
-    Stationary noise is equal all around. A slow gauge sampling a jump at different times is not, nor is a burst of
-    outliers: there any mixture of the laps is possible, by Student's distribution for so few laps.
+    Stationary noise is equal at all angles. A slow gauge that samples a jump at different times is not, and neither is
+    a burst of outliers. At such places any mixture of the laps is possible, by Student's distribution for few laps.
     """
     count = len(laps)
     if count < 2:
@@ -210,18 +216,17 @@ def _where_laps_differ(laps: Array, rng: np.random.Generator) -> Array:
 
 
 def _smeared(values: Array, width: int) -> Array:
-    """Return means (..., NODES) of `width` nodes around each, an odd number, cyclic."""
+    """Return running means (..., NODES) over `width` nodes, an odd number, around the closed circle."""
     half = width // 2
     summed = np.cumsum(np.concatenate([values[..., -half - 1 :], values, values[..., :half]], axis=-1), axis=-1)
     return np.asarray((summed[..., width:] - summed[..., :-width]) / width)
 
 
 def _misplaced(run: Reduced, rng: np.random.Generator) -> Array:
-    """Return errors (DRAWS, NODES, k) mm of rows whose circle angles are wrong because of their times, at jumps of the
-    curve.
+    """Return simulated errors (DRAWS, NODES, k) mm of rows with a wrong circle angle, at jumps of the curve.
 
-    The rows of a holding gauge are wrong together, possibly equally in the next lap; in the middle of a holding period
-    they are correct, so a steady slope averages out.
+    The angle is wrong if the time of the row is wrong. If a gauge repeats its reading, the rows of a repetition are
+    wrong together, possibly equally in the next lap. On a steady slope these errors average out.
     """
     readings = max(run.readings, _FEWEST)
     cells = int(min(NODES, readings))
@@ -240,9 +245,9 @@ def _misplaced(run: Reduced, rng: np.random.Generator) -> Array:
 
 
 def _stairs(run: Reduced, rng: np.random.Generator) -> Array:
-    """Return possible quantisation errors (DRAWS, NODES, k) mm, for any position of the steps.
+    """Return simulated quantisation errors (DRAWS, NODES, k) mm, for any position of the steps.
 
-    Laps share them: the rows of different laps may coincide.
+    Laps have the same errors, because their rows may coincide.
     """
     mean = np.fft.irfft(np.fft.rfft(run.g_mm.mean(axis=0), axis=0) * _COARSE[:, None], NODES, axis=0)
     errors = np.zeros((DRAWS, NODES, mean.shape[1]))

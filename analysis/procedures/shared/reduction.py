@@ -21,11 +21,11 @@ from analysis.runs.noise.spectrum import NODES, Integers, node_response
 PHI = 2 * np.pi * np.arange(NODES) / NODES
 """Circle angles (NODES,) rad of a curve."""
 _STIFF = 1e-3
-"""Weight of second differences relative to the rows per node, which bridges nodes without rows."""
+"""Weight of second differences relative to the number of rows per node. They bridge nodes that have no rows."""
 _SOLVED = 1e-9
 """Relative tolerance: a picometre in a millimetre."""
 _COARSEST = 10.0
-"""Minimum travel in steps: with fewer the curve consists of two or three values."""
+"""Smallest travel of a gauge in quantisation steps. A smaller travel gives a curve of two or three values."""
 _BASE_ROWS = 20_000
 _JUMPS = 2.0
 """Limit of an outlier in multiples of the line's change within two nodes."""
@@ -170,9 +170,10 @@ def slopes_of(base: Array) -> list[Array]:
 
 
 def outliers_of(phi: Array, rough: Array, lap: Integers, rounds: int = 2 * NODES) -> Mask:
-    """Return a mask (k, n) of outliers in readings rough (n, k) at phi (n,) rad of laps counted from 0.
+    """Return a mask (k, n) of the outliers among readings rough (n, k) at phi (n,) rad.
 
-    rounds: of the solver; for a part of a lap few are sufficient, because other nodes do not matter.
+    lap (n,): number of the lap, from 0. rounds: rounds of the solver. A part of a lap needs only a few, because distant
+    nodes have no influence.
     """
     wild = np.array([is_outlier(column) for column in rough.T])
     if not wild.any():
@@ -245,7 +246,7 @@ def _waves(phi: Array) -> Array:
 
 
 def _hat_sums(phi: Array, values: Array, lap: Integers, keep: Mask) -> HatSums:
-    """Return the sums of the kept values (n, k) at phi (n,) rad per lap, in blocks of rows."""
+    """Return the sums over the kept rows of each lap, computed in blocks of rows. values (n, k) at phi (n,) rad."""
     count = int(lap.max()) + 1
     beyond, between, before = (np.zeros(count * NODES) for _ in range(3))
     pull_left, pull_right = (np.zeros((values.shape[1], count * NODES)) for _ in range(2))

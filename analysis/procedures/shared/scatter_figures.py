@@ -25,7 +25,7 @@ _SEED = 1
 """Different from the sampler's, and fixed, so that a run always gives the same report."""
 _SHARE = 0.95
 _TESTS = 4
-"""Repeated tests per every other draw of the scatter: about five hundred in total."""
+"""Number of simulated tests for every second draw of the scatter: about five hundred in total."""
 Plain = Callable[[Array], dict[str, Array]]
 """Figures (...,) by name, ending in the unit, of readings (..., t, k, n) mm, NaN if missing."""
 
@@ -77,14 +77,14 @@ def exact(plain: Plain, readings: Array) -> dict[str, Quantity]:
 
 
 def assumed(scatter: Scatter | None) -> tuple[str, ...]:
-    """Return the note that the scatter was not measured, if so."""
+    """Return a note if the scatter was not measured."""
     if scatter is None or scatter.noise != "assumed":
         return ()
     return ("too few targets were repeated to show the scatter, which is assumed; measure each target twice or more",)
 
 
 def coarse(scatter: Scatter | None) -> tuple[str, ...]:
-    """Return the note that quantisation exceeds the scatter, if so."""
+    """Return a note if quantisation exceeds the scatter."""
     if scatter is None or scatter.step_mm <= float(np.median(scatter.sd_mm)):
         return ()
     step = f"readings step by {1e3 * scatter.step_mm:.3g} µm, more than they scatter"

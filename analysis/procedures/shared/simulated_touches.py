@@ -27,7 +27,7 @@ STOPS_MM = 0.02
 _APPROACH_RAD = (0.1, 0.4)
 """Joint motion before a touch, in one direction: the user swings elbow or wrist to the next posture."""
 _POSTURES, _TRIES, _STEPS, _LARGEST_RAD = 300, 20, 25, 0.3
-"""Postures tried together, number of attempts, steps to the socket, and largest joint step."""
+"""Number of postures tried together, number of attempts, number of steps to the socket, and largest joint step."""
 _THERE_MM = 1e-6
 _OFF_LIMIT = 0.05
 """Margin to the joint limits, relative to the range."""
@@ -70,7 +70,7 @@ def simulated_touches(rig: Rig, seed: int | None, effects: Sequence[Effect] | No
 
 
 def _standing(rig: Rig, table: TouchTable) -> TouchTable:
-    """Return touches with the rail at 0; others unchanged."""
+    """Return touches with the rail at position 0; touches of an arm that has no rail are unchanged."""
     if rig.robot.rail is None:
         return table
     assert table.came_from is not None  # noqa: S101 - planned touches say it
@@ -104,8 +104,7 @@ def _planned(rig: Rig, rng: np.random.Generator) -> tuple[TouchTable, Array]:
 def _somewhere(
     arm: Arm, count: int, rng: np.random.Generator, where: str, distances: Sequence[tuple[Array, float]]
 ) -> tuple[Array, Array]:
-    """Return a socket position (3,) mm with these distances from others, and postures (count, axes) rad with the
-    ball there."""
+    """Return a random socket position (3,) mm at given distances from other sockets, and postures (count, axes) rad."""
     low, high = arm.limits.T
     free = forward(arm, rng.uniform(low, high, (_POSTURES, arm.axes)))[:, :3, 3]
     base = arm.T_world_base[:3, 3]

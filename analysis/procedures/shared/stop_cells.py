@@ -12,8 +12,10 @@ from analysis.runs.tables import PlaceTable, TargetTable
 
 
 def visit_starts(table: TargetTable, labels: Array) -> Mask:
-    """Return a mask (n,) of the rows that start a standstill: the joints moved, or the labels (n, k) or the reading
-    differ from the previous row."""
+    """Return a mask (n,) of the rows at which a new standstill starts.
+
+    A standstill starts if the joints moved, or if the labels (n, k) or the reading differ from the previous row.
+    """
     differs = (np.diff(labels, axis=0) != 0).any(axis=1) | (np.abs(np.diff(table.g_mm)) > STANDSTILL_MM)
     return standstill_starts(table.q, np.asarray(differs))
 

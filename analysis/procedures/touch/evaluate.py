@@ -40,7 +40,7 @@ from rigs.schema.vocabulary import Direction
 _FEWEST = 6
 """Minimum touches of two sockets, or of one, to exceed the unknowns."""
 _BLIND = 1e-3
-"""Relative singular value below which the ball position on the tool is undetermined along a direction."""
+"""Relative singular value below which a direction of the ball position on the tool is undetermined."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,9 @@ def _plain(off: Array, socket: Integers, sockets: int) -> dict[str, Array]:
 def _distances(
     model: Model, names: Sequence[str], terms: Array, drawn: Array, samples: int
 ) -> tuple[SocketDistance, ...]:
-    """Return socket distances for positions among the terms (3 + 3 s,) mm, and their draws (m, 3 + 3 s) mm."""
+    """Return the distances between sockets, and their draws, from the fitted terms (3 + 3 s,) mm and draws (m, 3 + 3
+    s) mm.
+    """
     declared = model.rig.tests.touch.distances if model.rig.tests.touch else ()
     stated = {frozenset(pair.between): Quantity(pair.distance_mm, pair.u_mm, "mm") for pair in declared}
     distances = []
@@ -168,7 +170,7 @@ def known_otherwise(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
 
 
 def unknown_distance(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
-    """Return a note if sockets were touched and the distance of each pair is unknown."""
+    """Return a note if sockets were touched, but the rig file states none of their distances."""
     if not distances or any(pair.known for pair in distances):
         return ()
     first, second = distances[0].between

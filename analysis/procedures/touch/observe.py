@@ -24,7 +24,9 @@ class TouchObservation(UsualObservation[TouchTable]):
         return far_touches(table, forward(arm, table.q))
 
     def doubts(self, table: TouchTable, model: Model, where: str) -> tuple[str, ...]:
-        """Return notes about socket distances that differ from the known ones; a few touches determine no positions."""
+        """Return notes about socket distances that differ from the stated ones. A few touches do not determine the
+        positions.
+        """
         declared = model.rig.tests.touch
         if declared is None or not declared.distances:
             return ()

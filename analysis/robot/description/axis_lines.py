@@ -143,7 +143,7 @@ def _turned(origin: Array, R: Array, z_next: Array, a: float) -> _Step:
 
 
 def _towards(before: Array, x: Array) -> Array:
-    """Return the one of x and -x (3,) that is closer to the previous direction."""
+    """Return x or -x (3,), whichever is closer to the previous direction."""
     return -x if before @ x < -_MEET_MM else x
 
 

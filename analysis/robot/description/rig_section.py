@@ -25,8 +25,7 @@ _CENTRE_DECIMALS = 3
 TOLERANCE = 1e-9
 """Largest permitted difference between section and source, in mm and rad."""
 _POSTURES = 200
-"""Number of random postures, which moves each joint through the complete range.
-The URDF library needs 1 ms for each.
+"""Number of random postures, which moves each joint through the complete range. The URDF library needs 1 ms for each.
 """
 _ZERO = 1e-11
 """Magnitude in mm or degrees of a rounded zero. Doubles of a few metres have a resolution of 1e-12 mm."""

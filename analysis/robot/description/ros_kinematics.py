@@ -106,7 +106,9 @@ def read_calibration(path: Path) -> Differences:
     try:
         text = read_text(path, _MOST_BYTES)
         if text.lstrip().startswith(ROS_KINEMATICS):
-            raise FileError(str(path), "is the YAML of ur_calibration of ROS, which holds frames of a URDF", _REMEDY)
+            raise FileError(
+                str(path), "is a YAML file of the ROS package ur_calibration, with frames of a URDF", _REMEDY
+            )
         parser.read_string(text, source=path.name)
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), _REMEDY) from None

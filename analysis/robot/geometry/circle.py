@@ -2,10 +2,8 @@
 fitted circles, and deviations from a circle.
 
 docs/conventions.md, "Circle test": P = C + R r(phi), z_T = -r, x_T = n, y_T = z_T × x_T (the acw tangent). The link's
-disk
-is perpendicular to the line from the tool P to the ball B. A gauge at offset w along e reads along z_T to the plane of
-the
-disk: g = (s - w (l·e)) / (l·z_T), with l the unit vector from P to B.
+disk is perpendicular to the line from the tool P to the ball B. A gauge at offset w along e reads along z_T to the
+plane of the disk: g = (s - w (l·e)) / (l·z_T), with l the unit vector from P to B.
 
 Peaks are those of `scipy.signal.find_peaks`, reimplemented because the import takes half a second, more than a
 diagnosis of a small run.
@@ -29,9 +27,10 @@ from rigs.schema.vocabulary import CircleTest, Direction
 
 
 def peaks(x: Array, prominence: float) -> Integers:
-    """Return the rows of peaks of x (n,) with a prominence above `prominence` on both sides, in the unit of x.
+    """Return the rows of peaks of x (n,) that exceed their surroundings on both sides by `prominence`, in the unit of
+    x.
 
-    The middle of a flat top counts, and the first of several equal tops.
+    A flat top has its peak in the middle. Of several equal tops, the first counts.
     """
     # A follower in a gap moves down only after a fall by the whole gap.
     follower = np.diff(play(x, prominence / 2))

@@ -68,9 +68,10 @@ class CircleProgram:
 
 @dataclass(frozen=True)
 class LapMotion:
-    """Equal laps of a circle from rest to rest, and the returns between them at `back` times the speed.
+    """Equal laps of a circle from rest to rest, and the returns between them.
 
-    For one lap with lead-in and lead-out: t_s (n,); phi (n,) rad; q (n, 6) rad.
+    The returns are faster by the factor `back`. A lap with lead-in and lead-out has times t_s (n,), circle angles phi
+    (n,) rad and joint angles q (n, 6) rad.
     """
 
     t_s: Array
@@ -118,8 +119,8 @@ def circle_program(rig: Rig, direction: Direction) -> CircleProgram:
 def circle_laps(rig: Rig, direction: Direction) -> LapMotion:
     """Return the laps of a circle program. Raises FileError if the robot cannot drive them.
 
-    Between laps the robot returns along the circle, because few arms have two spare turns of the wrist; twice as fast
-    if its joints permit.
+    Between laps the robot returns along the circle, because few arms can turn the wrist by two more turns. The return
+    is twice as fast if the joint speeds permit it.
     """
     circle = circle_of(rig)
     arm, frame = arm_of(rig.robot), frame_of(circle)

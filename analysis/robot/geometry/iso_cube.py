@@ -2,10 +2,8 @@
 place.
 
 P1 is the centre; P2 … P5 lie on the space diagonals, 10 % of a diagonal from their ends, on one of the four planes
-through
-two opposite edges: P2 and P3 low, P4 and P5 high, P2 opposite to P4. The tool orientation is constant. The standard is
-not
-public; clauses and numbers follow public quotations (docs/figures.md).
+through two opposite edges: P2 and P3 low, P4 and P5 high, P2 opposite to P4. The tool orientation is constant. The
+standard is not public; clauses and numbers follow public quotations (docs/figures.md).
 
 The paths, 6.8.6, lie on the same plane, parametrised by their length: the line from P2 to P4; a large circle about P1
 with 80 % of the cube's side as diameter and a small one of a tenth of that; the rectangle P2 P3 P4 P5. The large circle
@@ -45,19 +43,19 @@ _REACHES = (0.25, 0.35, 0.45, 0.55, 0.65)
 _HEIGHTS = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65)
 """Heights of the centres tried, relative to the reach."""
 _SIDES = (0.4, 0.35, 0.3, 0.25, 0.2, 0.15, 0.1)
-"""Sides tried, relative to the reach; a cube of 0.4 fills the space in front of most arms."""
+"""Side lengths tried, relative to the reach of the arm. A cube of 0.4 fills the space in front of most arms."""
 _REGULAR = 0.03
 """Minimum conditioning at and between the poses: the shipped circles have three to six times as much."""
 _ALONG = 9
-"""Poses along each side of the plane that must also be reachable."""
+"""Number of poses along each side of the plane that must also be reachable."""
 _SWING = np.radians(60.0)
 """Limit of joint motion from the centre to any point on the plane."""
 _MARGIN = np.radians(2.0)
 """Margin of every joint to its limits."""
 _WHOLE_MM = 10.0
-"""Sides found by a search are multiples of this, for convenience."""
+"""Step in mm to which side lengths and centres found by a search are rounded."""
 _TRIED, _STEPS = 100, 12
-"""Postures tried in each direction, and Newton steps from the centre to a pose."""
+"""Number of postures tried in each direction, and number of Newton steps from the centre to a pose."""
 
 
 @dataclass(frozen=True)
@@ -229,8 +227,10 @@ def _reached(arm: Arm, starts: _Starts, rows: Integers, away: Array) -> tuple[Ar
 
 
 def cycle_stops(rig: Rig) -> Array:
-    """Return the joints (n, 6) rad of tracker measurements: P5 P4 P3 P2 P1 in each cycle. Raises FileError like
-    `cube_of`."""
+    """Return the joints (n, 6) rad of all stops for a tracker, in the order P5 P4 P3 P2 P1 in each cycle.
+
+    Raises FileError like `cube_of`.
+    """
     return np.asarray(cube_of(rig).q[np.tile(np.array(ORDER) - 1, iso9283_of(rig).cycles)])
 
 

@@ -14,19 +14,22 @@ from analysis.robot.kinematics.arm import Arm, Array, Mask, forward, link_frames
 from analysis.robot.kinematics.newton import conditioning
 
 _FLOOR_MM = 100.0
-"""Height above the base's mounting plane kept by every joint from the elbow on."""
+"""Smallest height of the elbow and all later joints above the mounting plane of the base."""
 _COLUMN_MM = 250.0
-"""Distance from axis 1 kept by wrist and tool below and at shoulder height."""
+"""Smallest distance of wrist and tool from axis 1, below and at shoulder height."""
 _MARGIN_RAD = np.radians(5.0)
 _HALF_TURN = np.pi
-"""Limit of every joint, whatever its range: cables and hoses."""
+"""Limit of every joint regardless of its range, because of cables and hoses."""
 _LEAST_CONDITIONING = 0.01
 _SIGHT_CLEARANCE_MM = 120.0
 """Distance between arm and line of sight."""
 _AT_TOOL = 0.9
-"""Share of the line of sight, from the tracker on, to be free of the arm, which carries the target at the end."""
+"""Share of the line of sight that must be free of the arm, measured from the tracker.
+
+The arm carries the target, so the end of the line is never free.
+"""
 _FACING = float(np.cos(np.radians(30.0)))
-"""A corner cube in a ball is visible within 30° of its axis."""
+"""Largest viewing angle: a corner cube in a ball is visible within 30° of its axis."""
 _STEP_RAD = np.radians(5.0)
 _DRAWS = 40
 
@@ -66,7 +69,8 @@ def joint_ranges(arm: Arm) -> tuple[Array, Array]:
 def axes_in_turn(arm: Arm, count: int, sight: Sight | None, rng: np.random.Generator) -> Array:
     """Return joint angles (n, axes) rad of a plan that moves one axis at a time down, up and back through its range.
 
-    The other axes stay at one posture, chosen for the largest collision-free and visible ranges. At most `count` poses.
+    The other axes remain in one posture, chosen for the largest collision-free and visible ranges. The plan has at most
+    `count` poses.
     """
     postures = drawn_poses(arm, _POSTURES, sight, rng)
     if not len(postures):
@@ -97,7 +101,9 @@ _POSTURES, _FEWEST_STOPS = 30, 5
 
 
 def is_clear(arm: Arm, q: Array) -> Mask:
-    """Return a mask (n,) of joint angles q (n, 6) rad free of the floor, the column and singularities."""
+    """Return a mask (n,) of joint angles q (n, 6) rad at a distance from the floor, from axis 1 and from
+    singularities.
+    """
     return np.asarray(_is_off(arm, q) & (conditioning(arm, q) > _LEAST_CONDITIONING))
 
 
@@ -108,7 +114,9 @@ def is_way_clear(arm: Arm, begin: Array, end: Array) -> bool:
 
 
 def _is_off(arm: Arm, q: Array) -> Mask:
-    """Return a mask (n,) of joint angles q (n, axes) rad free of the floor and the column."""
+    """Return a mask (n,) of joint angles q (n, axes) rad at which the arm keeps its distance from the floor and from
+    axis 1.
+    """
     points = _points(arm, q)
     outer, last = points[:, 2:], points[:, 4:]  # from the elbow on, and from the wrist on
     off_column = (np.hypot(last[..., 0], last[..., 1]) > _COLUMN_MM) | (last[..., 2] > points[:, 1:2, 2] + _COLUMN_MM)

@@ -157,7 +157,7 @@ REACH_MM = 500.0
 """Distance at which rotations are expressed as lengths, so that all unknowns are in mm."""
 _LEAST_DAMPING_OF_ARM, _MOST_DAMPING_OF_ARM = 1e-10, 1e2
 _ENOUGH = 1e-3
-"""Share of the misfit that a further step must remove."""
+"""Share of the residual by which a further step must reduce it."""
 DETERMINED = 1e-6
 """Share of the largest singular value above which a direction is determined."""
 _FIELDS = (("a", 1.0), ("alpha", REACH_MM), ("beta", REACH_MM), ("d", 1.0), ("offset", REACH_MM))

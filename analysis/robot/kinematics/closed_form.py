@@ -48,12 +48,11 @@ _DEGENERATE = 1e-6
 
 @dataclass(frozen=True)
 class Canonical:
-    """An arm of a kind without signs: theta of the arm is sign · theta here.
+    """An arm of one of the two kinds, with all axis directions brought to the same convention.
 
-    a, d, sign: (6,).
-    T_one_world: (4, 4), from the world to the frame of axis 1 at rest, raised by d1.
-    T_tool_wrist: (4, 4), from the tool back along axis 6 by d6.
-    snapped_mm: largest tool motion caused by snapping, with a radian counted as 500 mm.
+    A joint angle theta of the arm is sign · theta in this form. a, d, sign: (6,). T_one_world: (4, 4), from the world
+    to the frame of axis 1 at rest, raised by d1. T_tool_wrist: (4, 4), from the tool back along axis 6 by d6.
+    snapped_mm: largest tool motion caused by replacing the arm by its ideal kind, with a radian counted as 500 mm.
     """
 
     kind: Kind
@@ -114,8 +113,7 @@ def _size(arm: Arm) -> float:
 _BOTH = np.array([1.0, -1.0])
 _ON_AXIS_MM = 1e-9
 _WRIST_SINGULAR = 1e-12
-"""Value of sin t5 below which t4 can be chosen.
-The resulting tool motion is negligible compared with all tolerances.
+"""Value of sin t5 below which t4 can be chosen. The resulting tool motion is negligible compared with all tolerances.
 """
 Point = tuple[Array, Array]
 """Positions in the plane of the arm in mm: two coordinates with equal shapes."""

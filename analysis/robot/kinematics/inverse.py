@@ -28,12 +28,12 @@ _BEYOND = 1.5
 because the difference is the missing reach.
 """
 _REGULAR = 2e-3
-"""Regularity of a doubtful branch of the snapped arm. The true arm may have additional solutions below it."""
+"""Regularity below which a branch of the snapped arm is doubtful: the true arm may then have additional solutions."""
 _SPREAD = 0.1
 """Angle in rad between start values on the two sides of a singularity of the snapped arm."""
 _SINGULAR = 0.01
 _ASIDE = np.array([-0.6, -0.15, -0.03, 0.03, 0.15, 0.6])
-"""Conditioning of a singular solution, and distances in rad of the start values on its sides."""
+"""Conditioning below which a solution is singular, and distances in rad of the start values on both sides of it."""
 
 
 def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mask]:

@@ -43,7 +43,9 @@ def within_limits(arm: Arm, q: Array) -> tuple[Array, NDArray[np.intp]]:
 _MOST_RAD = 4 * np.pi + 0.1
 """Limit of axes with internal cables: two turns in each direction."""
 _WIND = 2
-"""Number of endless axes: axis 6, and axis 4 if a circle is about it (UR e-series, wrist 3; ABB, independent axis)."""
+"""Largest number of endless axes: axis 6, and axis 4 if a circle is about it (UR e-series, wrist 3; ABB, independent
+axis).
+"""
 
 
 def wrapped(angle: Array) -> Array:
@@ -55,8 +57,8 @@ def wrapped(angle: Array) -> Array:
 def impossible_rad(q: Array) -> float:
     """Return the largest impossible angle of joints q (n, axes) rad, or 0 if all are possible.
 
-    Angles are impossible if more joints exceed the limit than an arm can have endless axes.
-    Their unit is probably wrong.
+    Angles are impossible if more joints exceed the limit than an arm can have endless axes. Their unit is probably
+    wrong.
     """
     most = np.abs(q).max(axis=0, initial=0.0)
     return float(most.max(initial=0.0)) if np.count_nonzero(most > _MOST_RAD) > _WIND else 0.0

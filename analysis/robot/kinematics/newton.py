@@ -1,9 +1,8 @@
 """Damped Newton for inverse kinematics on stacks: from start angles to the nearest solution of each pose.
 
 The method works for any arm. With more than six axes, each step is the shortest possible; with fewer, only poses that
-the arm reaches exactly converge. Converged rows are removed
-from the stack, so that a few hard poses do not slow down the others. The Jacobian also shows the distance to a
-singularity, and the axes involved.
+the arm reaches exactly converge. Converged rows are removed from the stack, so that a few hard poses do not slow down
+the others. The Jacobian also shows the distance to a singularity, and the axes involved.
 
 With five axes a tool can reach any position, and two of the three rotations (`newton_in_part`). The position has
 priority, and the orientation is as close as possible: steps of the orientation use only joint motions that preserve the
@@ -64,9 +63,7 @@ def _all_converged(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[A
 
 
 def _converge(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array, Array]:
-    """Iterate from angles q (n, 6) rad to poses (n, 4, 4):
-    angles (n, 6) rad, and errors (n,) mm before the last step.
-    """
+    """Iterate from angles q (n, 6) rad to poses (n, 4, 4): angles (n, 6) rad, errors (n,) mm before the last step."""
     q = q.copy()
     size = np.full(len(q), np.inf)
     active = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(poses).all(axis=(1, 2)))
@@ -188,7 +185,6 @@ def _solved(normal: Array, right: Array) -> Array:
 
 
 def _limited(step: Array) -> Array:
-    """Limit steps (6, n) rad to half a radian per axis."""
     limited: Array = step * np.minimum(1.0, _LARGEST_STEP / np.maximum(np.abs(step).max(axis=0), 1e-300))
     return limited
 

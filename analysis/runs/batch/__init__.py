@@ -1,2 +1,1 @@
-"""Apply a function to many runs: in this process, in several processes, or on a cluster. A failure affects a single
-run."""
+"""Apply a function to many runs: here, in several processes, or on a cluster. A failure affects a single run."""

@@ -27,8 +27,11 @@ _TRIES = 2
 """Attempts per item after a killed process: the out-of-memory killer may have chosen the wrong process."""
 
 _SIGNALS_S = 1.0
-"""Duration of a wait. Python handles Ctrl-C between calls: a Ctrl-C just before a wait would take effect only at the
-end (seen once in a thousand test runs on a busy computer)."""
+"""Longest wait in seconds. Python handles Ctrl-C only between calls, so a Ctrl-C just before a long wait would be
+delayed.
+
+This was seen once in a thousand test runs on a busy computer.
+"""
 
 _AHEAD = 200
 """Number of items started ahead of the expected item; the values stay in memory."""

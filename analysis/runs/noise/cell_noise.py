@@ -71,5 +71,4 @@ TRACKER_MM = 0.01
 DRIFT_MM_PER_S = 0.020 / 600.0
 """Largest drift in either direction, from temperature and clamping: 20 µm in ten minutes."""
 LEVELS_APART = 4.0
-"""Largest ratio between the noise levels of two runs, or of two gauges, of a cell: the factor of 1 to 4 of real
-cells."""
+"""Largest ratio between the noise levels of two runs, or of two gauges, of a cell: 1 to 4 in real cells."""

@@ -25,19 +25,18 @@ _SLIPPED = 4.0
 """Difference of the levels of two laps, in standard deviations, from which it is a slip. Chosen: noise exceeds 4
 sigma only in 1 of 16 000 cases."""
 _RINGS = 6
-"""Number of nodes on either side of a burst of wild readings that are replaced too. The fitted polyline changes
-beyond them by less than a thousandth.
+"""Number of nodes on either side of a burst of outliers that are replaced too.
+
+The fitted polyline changes beyond them by less than a thousandth.
 """
 _LEVEL = 120
-"""Nodes on either side of a step used for averaging the level: 60°. Chosen: several correlation lengths of slow
-noise."""
+"""Nodes on either side of a step for averaging the level: 60°. Chosen: several correlation lengths of slow noise."""
 _NEAR = 41
-"""Number of nodes around a node for the detection of a burst of wild readings: 20°. Chosen: longer than a burst."""
+"""Number of nodes around a node for the detection of a burst of outliers: 20°. Chosen: longer than a burst."""
 
 
 def without_slips(laps: Array) -> tuple[Array, list[float]]:
-    """Return laps (L, NODES) of a gauge in order of time, corrected for the steps of its clamp, and the list of
-    steps."""
+    """Return laps (L, NODES) of a gauge in order of time, corrected for the steps of its clamp, and these steps."""
     slips: list[float] = []
     while len(slips) < len(laps) and (clearest := _clearest(laps)):
         lap, node, step = clearest
@@ -82,8 +81,8 @@ def _clearest(laps: Array) -> tuple[int, int, float] | None:
 def bursts(laps: Array) -> Mask:
     """Return a mask (L, NODES) of nodes at which a lap differs both from its neighbours and from the other laps.
 
-    These are wild readings, too many in a row for their running median. The neighbourhood is wide, because a line
-    through wild readings oscillates.
+    Such bursts are outliers in succession, too many for a running median. The neighbourhood is wide, because a line
+    through outliers oscillates.
     """
     odd = np.zeros(laps.shape, dtype=bool)
     for lap in range(len(laps) if len(laps) > 1 else 0):

@@ -15,9 +15,12 @@ import numpy as np
 from analysis.robot.kinematics.arm import Array, Mask
 
 SPREADS, NEAR = 10.0, 2.5
-"""Limits in robust standard deviations: from the first a reading is wild, and up to the second it counts in the fit.
-Chosen: as for the sphere of a radial test, and usual; the 2127 poses of the measured UR10 are within 2 of the
-nominal arm."""
+"""Limits in robust standard deviations: above the first a reading is an outlier; up to the second it is used in the
+fit.
+
+Chosen: as for the sphere of a radial test, and usual. The 2127 poses of the measured UR10 are within 2 standard
+deviations of the nominal arm.
+"""
 FITTED_SPREADS = 5.0
 """Robust standard deviations from which a pose is an outlier for an arm with fitted constants, both at import and
 among held-out poses. Measured: of 1600 poses of a UR10 and a UR5, in sets of 30 to 400, the farthest was at 4.2.

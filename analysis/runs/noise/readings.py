@@ -1,7 +1,7 @@
-"""Properties of the readings of a gauge: rounding step, noise before rounding, and wild readings.
+"""Properties of the readings of a gauge: rounding step, noise before rounding, and outliers.
 
-They are determined from long series or from a few readings at stops. Also computed is the rounding error that repeated
-visits do not average out.
+They are determined from long series or from a few readings at stops. The module also computes the rounding error that
+repeated visits do not average out.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from analysis.robot.kinematics.arm import Array
 Mask = NDArray[np.bool_]
 
 _SAMPLE = 20_000
-"""Sufficient number of readings for estimating steps and spreads. Chosen: it determines a standard deviation to 0.5
-%."""
+"""Number of readings that is enough to estimate steps and spreads: a standard deviation to 0.5 %. Chosen."""
 _SPREADS, _TAIL = 6.0, 2.5
 """Limits of a wild reading: it differs from the running median by 6 robust standard deviations and by 2.5 times the
 limit of 98 % of all readings. With only the first limit, steps and slow noise at a high rate would classify 44 %
@@ -30,8 +29,10 @@ _SORTING = ((0, 5), (0, 3), (1, 6), (2, 4), (0, 1), (3, 5), (2, 6), (2, 3), (3, 
 """Pairs to compare and exchange, after which the fourth of seven values is the median (Devillard, Fast median
 search, 1998)."""
 _SEEN = 0.35
-"""Share of a step below which noise cannot be detected: noise-free readings appear equally noisy if the curve
-changes by about a step between readings."""
+"""Share of a step below which noise cannot be detected.
+
+If the curve changes by about a step between readings, noise-free readings appear to have noise of this size.
+"""
 _HARMONICS = 5
 """Number of harmonics of a sawtooth: five contain nine tenths of the energy."""
 _BLOCK = 1 << 16

@@ -36,8 +36,10 @@ _SLOWS_MM = np.concatenate([[1e-6], np.geomspace(3e-5, 0.05, 40)])
 _TOP = 240
 """Highest order in the comparison; the reduction to nodes changes higher orders."""
 _SINGLE = 16
-"""Orders up to this limit are compared singly, higher orders in bands that widen by a fifth. Chosen: slow noise
-falls steeply at low orders."""
+"""Highest order compared individually; higher orders are combined in bands that widen by a fifth.
+
+Chosen: slow noise decreases steeply at low orders.
+"""
 _SCALES = (1, 2, 4, 8, 16, 32)
 """Distances in nodes for the differences of a single lap. Chosen: an octave apart, from half a degree to 16°."""
 _CURVED = (0.15, 0.25, 0.4, 0.6, 0.8, 0.9)
@@ -53,10 +55,10 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class LapNoise:
-    """m draws of the likely noise in a curve.
+    """m random draws of the noise of a curve, from its posterior.
 
-    white (m,) of a reading and slow (m,): standard deviations in the unit of the curve. shape (m,): index of the
-    correlation time of the slow part. source: origin of the values.
+    white (m,): standard deviation of a reading, slow (m,): of the slow part, both in the unit of the curve. shape (m,):
+    index of the correlation time of the slow part. source: origin of the values.
     """
 
     white: Array
@@ -74,7 +76,7 @@ class LapNoise:
         return power
 
     def elsewhere(self, rng: np.random.Generator) -> LapNoise:
-        """Return the noise (m,) of a different run of the same cell, with a different level."""
+        """Return the noise (m,) expected in a different run of the same cell, which may have a different level."""
         level = LEVELS_APART ** rng.uniform(-1.0, 1.0, len(self.white))
         return LapNoise(self.white * level, self.slow * level, self.shape, "borrowed")
 

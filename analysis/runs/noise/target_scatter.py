@@ -155,10 +155,11 @@ def _drift_shapes(t_s: Array) -> Array:
 
 @dataclass
 class _Sampler:
-    """State of all chains.
+    """State of m Markov chains.
 
-    variance (m, t) mm² of the scatter; share (m, t, k, n) of the weight of a reading in it; tail, s0² and d0 (m,);
-    drift (m, d) in units of its shapes.
+    variance (m, t): mm², of the scatter at each target. share (m, t, k, n): weight of each reading; outliers have a
+    small weight. tail (m,): degrees of freedom of Student's t distribution of the errors. s0_sq and d0 (m,): common
+    variance of all targets, and agreement of the targets with it. drift (m, d): coefficients of the drift shapes.
     """
 
     readings_mm: Array

@@ -82,7 +82,8 @@ def attempts(port: str, modbus_units: Sequence[int] = (1,)) -> list[Attempt]:
 def named_attempts(fields: dict[str, Any]) -> list[Attempt]:
     """Return the attempts for an instrument named by the user with keys of the rig file.
 
-    They use the complete conversation, as in rigd. Raises ValidationError of pydantic for invalid keys.
+    They may send all data that rigd sends, because the user has confirmed the instrument. Raises ValidationError of
+    pydantic for invalid keys.
     """
     placed = {"offset_mm": 0.0, **fields}
     lines = USUAL_LINES if "line" not in fields else ()

@@ -40,7 +40,7 @@ _LOOKS = 16
 def heard(data: bytes, sent: Line, at: Line) -> bytes:
     """Convert characters sent with certain line settings to those received with different settings.
 
-    Parity is not checked, and a character with a missing stop bit is passed on, as in most drivers.
+    Parity is not checked. A character with a missing stop bit is passed on, as most drivers do.
     """
     return b"".join(bytes(_characters(character, sent, at)) for character in data)
 

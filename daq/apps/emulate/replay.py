@@ -135,7 +135,7 @@ class TimingMarks:
             self.path.write_text("", encoding="utf-8")
 
     def add(self, stream: str, off_ns: float) -> None:
-        """Store the timing deviation of a stream in a second."""
+        """Append the timing deviation of a stream over one second."""
         if self.path is None:
             return
         try:

@@ -56,12 +56,12 @@ _SHORTEST_MS = 1000
 
 
 def host(feedback: OPCUARobotics) -> Host:
-    """Return the conversation of the host, which reads the joint angles in degrees."""
+    """Return the host side of the protocol, which reads the joint angles in degrees."""
     return _Host(_Client(feedback), feedback.timeout_s)
 
 
 def device(feedback: OPCUARobotics, read: Read) -> Device:
-    """Return the conversation of the emulated controller. `read` gives its values, joint angles in degrees."""
+    """Return the emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return RobotServer(feedback, read)
 
 

@@ -64,7 +64,7 @@ def test_repeated_circles_that_differ_are_reported_first() -> None:
 def test_a_material_error_without_a_cause_is_stated_beside_the_causes() -> None:
     named = diagnosis("named")
     material = replace(named, remainder=replace(named.remainder, um=97.0, at_new_places=True, is_material=True))
-    told = "At places that were not used to fit the model, 97 µm rms are unexplained."
+    told = "At places that were not used to fit the model, an error of 97 µm rms is unexplained."
     assert told in summarise(material).headline and told in AnswerWords(material).findings
     assert "unexplained" not in summarise(named).headline
 

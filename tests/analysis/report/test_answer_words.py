@@ -107,8 +107,8 @@ def test_an_unusual_part_that_is_no_fault_is_said_too() -> None:
 def test_what_remains_after_the_calibration_is_said_of_where_it_was_found() -> None:
     words = AnswerWords(diagnosis())
     assert words.accuracy == (
-        "The error of the readings used is 6.1 µm rms, at most 21 µm. In readings that were not used to fit the model, "
-        "a calibration reduces the error from 6.3 µm to 1.9 µm rms."
+        "The error in the readings used is 6.1 µm rms, with a maximum of 21 µm. In readings that were not used to fit "
+        "the model, a calibration reduces the error from 6.3 µm to 1.9 µm rms."
     )
     used = replace(words.diagnosis.accuracy, place="used")
     assert "The error elsewhere is unknown" in AnswerWords(diagnosis(accuracy=used)).accuracy
@@ -264,7 +264,7 @@ def test_what_another_place_judged_is_said_where_its_runs_joined() -> None:
 
 
 def test_noise_that_no_run_repeats_is_said_to_be_assumed() -> None:
-    told = "The noise of tests that were not repeated is assumed."
+    told = "The noise is assumed for tests that were not repeated."
     for shows_noise in (True, False):
         screen = io.StringIO()
         Console(width=200, file=screen).print(as_screen(diagnosis("named", shows_noise=shows_noise)))

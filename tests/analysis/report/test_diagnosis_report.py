@@ -51,7 +51,7 @@ def _printed(found: Diagnosis, width: int = 80) -> str:
 def test_the_screen_fits_80_columns_and_keeps_its_order(condition: Condition) -> None:
     text = _printed(diagnosis(condition))
     assert max(map(len, text.splitlines())) <= 80
-    headings = ["Error now", "Main causes", "Do next", "Details", "The error of the readings used is 6.1"]
+    headings = ["Error now", "Main causes", "Do next", "Details", "The error in the readings used is 6.1"]
     headings += ["Error budget", "Error of the model before", "Unexplained error"]
     headings += ["Causes that these tests cannot separate", "Causes that these tests cannot detect"]
     headings += ["Where model and readings disagree"]

@@ -49,7 +49,7 @@ def accuracy(entries: Entries, rows: list[str]) -> str:
     for row in rows:
         nominal = any_scores(entries)[row]["nominal_um"]
         lines.append([row, str(nominal.of), f"{nominal.value:.0f}", *(erred(own[row]) for own in entries.values())])
-    return table(["task", "poses asked", "nominal", *entries], lines)
+    return table(["task", "test poses", "nominal", *entries], lines)
 
 
 def erred(own: Mapping[str, Figure]) -> str:

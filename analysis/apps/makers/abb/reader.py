@@ -93,8 +93,7 @@ def parse(texts: ProgramTexts) -> Parsed:
 def _other_tasks(reader: RapidReader) -> None:
     """Add the tools and work objects set by other tasks and programs.
 
-    A module with a main routine belongs to another task or program. Persistent data with the same name may be shared by
-    all tasks.
+    A module with a main routine belongs to another task or program. Tasks may share persistent data of the same name.
     """
     if not any(f"{file}:main" in reader.routines for file in range(reader.points.files)):
         return

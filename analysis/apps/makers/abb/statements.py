@@ -92,7 +92,7 @@ _UNTIL = {
     "MODULE": re.compile(r"\n|\)"),
     "RECORD": re.compile(r"\bENDRECORD\b", re.IGNORECASE),
 }
-"""The end of a header that does not end with a semicolon."""
+"""The end of a header without a semicolon."""
 _OPERATORS = ("AND", "OR", "XOR", "NOT", "DIV", "MOD")
 _MOVE = re.compile(
     r"(?:Move(?P<move>AbsJ|J|L|C)(?:DO|AO|GO|Sync)?|Trigg(?P<trigg>J|L|C)(?:IOs)?|Arc(?P<arc>L|C)(?:Start|End)?|"
@@ -199,7 +199,8 @@ class RapidReader:
 
     def defined(self, name: str) -> list[str]:
         """Return the candidate routines for a name: routines of the current module or, if there are none, global
-        routines."""
+        ones.
+        """
         if self._defined is None:
             self._defined = {}
             for file, text in enumerate(self.texts):
@@ -218,10 +219,7 @@ class RapidReader:
         return Call(routines[0], why) if len(routines) == 1 else ForgetAll(why)
 
     def literal(self, file: int, kind: str, begin: int, end: int, name: str) -> tuple[Target | None, Reason | None]:
-        """Return the target of [[…],[…]…], and the reason if it cannot be corrected.
-
-        The target is None for text of any other form.
-        """
+        """Return the target written as [[…],[…]…], and the reason if it cannot be corrected; None for other text."""
         text = self.texts[file]
         groups = list(re.compile(r"\[([^\[\]]*)\]").finditer(text, begin, end))
         outside = re.sub(r"\s", "", re.sub(r"\[[^\[\]]*\]", "g", text[begin:end]))
@@ -395,7 +393,7 @@ def _functions(reader: RapidReader, begin: int, end: int) -> None:
 
 
 def _handed(reader: RapidReader, begin: int, end: int) -> None:
-    """Parse the arguments of a routine: it may write to tools and work objects, and move to targets."""
+    """Parse the arguments passed to a routine, which may write to tools and work objects or move to targets."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text = reader.texts[reader.file]
     for handed in _HANDED.finditer(text, begin, end):

@@ -24,8 +24,8 @@ CONTROLLER = Controller(
     "…/fanuc-robot-dh-parameters-system-variables-reference; a user's report (W) that lengths took effect on an "
     "LR Mate 200iD and angles did not: robot-forum.com/robotforum/thread/23503-modify-fanuc-dh-parameters",
     "counts per degree of the axes, the signs of lengths and a manual of the maker for them were not found in "
-    "public, nor how the maker's own calibration option keeps its values: corrected targets are the way to the "
-    "rest",
+    "public, nor how the maker's own calibration option keeps its values: use corrected targets for the other "
+    "errors",
     constants=(
         ConstantParameter("a_mm", "$PARAM_GROUP[1].$DH_A[{axis}]", "mm", 1.0, 1, LATER, by_size=True),
         ConstantParameter("d_mm", "$PARAM_GROUP[1].$DH_D[{axis}]", "mm", 1.0, by_size=True),

@@ -55,7 +55,7 @@ from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 _DECIMALS = Decimals(place=(3, 7), turn=(3, 9))
-"""A controller prints three decimals. Whether it accepts more is unknown, so no decimals are added."""
+"""Decimals of corrected numbers. A controller prints three; whether it accepts more is unknown, so none are added."""
 _BLANK = re.compile(
     r"(?<=:)[ \t]*(?:!|//|--eg:)[^\n]*|^[ \t]*(?:\d+[ \t]*)?:[ \t]*(?:!|//)[^\n]*|\"[^\"\n]*\"|MESSAGE\[[^\n]*",
     re.MULTILINE,
@@ -475,4 +475,4 @@ READER = ProgramReader(
     null_frames=("0",),
     beside=(".ls",),
 )
-"""Remarks have at most 32 characters (B-83284EN, 4.13). Longer remarks take several lines."""
+"""Reader of FANUC programs. Remarks have at most 32 characters (B-83284EN, 4.13); longer remarks take several lines."""

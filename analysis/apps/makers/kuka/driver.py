@@ -40,7 +40,7 @@ _CALLS = {"BAS": ["#INITMOV", ",", "0"], "RSI_ON": ["#RELATIVE"], "RSI_OFF": []}
 def run(source: str, data: str, machine: Machine) -> None:
     """Execute a module, given as source and data list. Raises ProgramError if the controller would reject it."""
     if not data:
-        raise ProgramError("the data list, the .dat beside it, is missing")
+        raise ProgramError("the data list (the .dat file of the same name) is missing")
     name, statements = _inside(source, "DEF", "END", r"(\w+)\(\)")
     listed, declarations = _inside(data, "DEFDAT", "ENDDAT", r"(\w+)")
     if name != listed:

@@ -28,7 +28,7 @@ from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import NamedFrame, Parsed, ProgramTexts, blanked, lines_of, with_newlines
 
 _DECIMALS = Decimals(place=(4, 7), turn=(6, 9))
-"""0.1 µm and 1e-6°, which is 0.02 µm at 1 m: a REAL of KRL has about seven digits."""
+"""Decimals of corrected numbers: 0.1 µm and 1e-6°, which is 0.02 µm at 1 m. A REAL of KRL has about seven digits."""
 _BLANK = re.compile(r"\"[^\"\n]*\"|;[^\n]*|^[ \t]*&[^\n]*", re.MULTILINE)
 _DECLARED = re.compile(
     r"\s*(?:(?:DECL|GLOBAL|CONST)\s+)*(?:(?P<type>E6POS|POS|FRAME|E6AXIS|AXIS)\s+)?(?P<name>[A-Z_]\w*)\s*=\s*"
@@ -40,14 +40,14 @@ _FDAT = re.compile(r"\s*(?:(?:DECL|GLOBAL)\s+)*FDAT\s+(\w+)\s*=\s*\{([^{}]*)\}?"
 _ROUTINE = re.compile(r"\s*(GLOBAL\s+)?(?:DEF|DEFFCT\s+\w+(?:\s*\[[^\]]*\])?)\s+(\w+)\s*\(", re.IGNORECASE)
 _TYPED = re.compile(r"\s*(?:(?:DECL|GLOBAL)\s+)*(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s+([\w\s,]+)", re.IGNORECASE)
 _TAKEN = re.compile(r"(?:FDAT_ACT\s*=|\bFDAT|\b(S(?:TOOL2?|BASE|IPO_MODE|LOAD))\s*\()\s*$", re.IGNORECASE)
-"""Text before a set of tool and base that is only read."""
+"""Pattern of the text before a set of tool and base that is read but not written."""
 _GLOBAL = re.compile(r"\bGLOBAL\b", re.IGNORECASE)
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _IMPORT = re.compile(r"\bIMPORT\b[^\n]*\.\.\s*(\w+)", re.IGNORECASE)
-"""Another name for a point of this program, which other programs can write to."""
+"""Pattern of an import, which gives a point of this program another name that other programs can write to."""
 _CONFIG = "$config.dat"
 _OWN_LIST = re.compile(r"\s*(?:(?:DECL|GLOBAL|CONST)\s+)*FRAME\s+(?:.*,\s*)?(TOOL_DATA|BASE_DATA)\b", re.IGNORECASE)
-"""A list of tools or bases that hides the list of the controller."""
+"""Pattern of a list of tools or bases that hides the list of the controller."""
 
 
 def parse(texts: ProgramTexts) -> Parsed:

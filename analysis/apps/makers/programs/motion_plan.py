@@ -98,7 +98,7 @@ class Signal:
 
 @dataclass(frozen=True)
 class Hold:
-    """A pause until the operator continues the program."""
+    """A pause that ends when the operator continues the program."""
 
     request: str
 
@@ -176,7 +176,7 @@ def in_base(arm: Arm, poses: Array) -> Array:
 _STEP_RAD = np.radians(2.0)
 """Rotation of the fastest joint between two samples of a joint move."""
 _FULL_TURN_DEG = 300.0
-"""Range of a joint that winds cables and hoses by nearly a full turn. Chosen."""
+"""Range above which a joint may wind up cables and hoses, nearly a full turn. Chosen."""
 _NEAR_SINGULAR = 0.02
 """Conditioning below which a path is reported as near a singularity: a tenth of the shipped circles."""
 
@@ -270,7 +270,7 @@ def demand_lines(plan: MotionPlan, demand: Demand, names: list[str]) -> list[str
         lines[1] += f": nearly singular, because axes {axes} cancel each other; watch the first run"
     if demand.removals and plan.has_link:
         lines.append(
-            f"the link comes off {demand.removals} times, where the arm cannot follow the sphere past a singularity"
+            f"remove the link {demand.removals} times, because a singularity prevents the arm from following the sphere"
         )
     lines += [
         f"{names[axis]} turns from {low[axis]:z.0f}° to {high[axis]:z.0f}°, {travel[axis] / 360:z.1f} turns "

@@ -1,7 +1,8 @@
-"""Motion plans of the tests of a rig: the motion of the simulator (analysis/robot/geometry/driven_programs.py) in
-steps.
+"""Motion plans of the tests of a rig, as steps for a program.
 
-- circle, roll: laps with lead-in, lead-out and ways back; a program per direction, because each direction is a separate
+The motion is that of the simulator (analysis/robot/geometry/driven_programs.py).
+
+- circle, roll: laps with lead-in, lead-out and returns; a program per direction, because each direction is a separate
   run.
 - hemisphere, repeatability: a stop at each target.
 - poses for a tracker: joint moves with a stop at each pose.

@@ -18,7 +18,7 @@ from rigs.schema.effect import label_of
 _REPORTED_UM = 1.0
 """Minimum rms displacement of the tool, in µm, for an uncorrected effect to be listed."""
 _THIRD = 1 / 3
-"""Minimum share of the squared error for a cause to be named in the first sentence."""
+"""Share of the squared error above which the first sentence names a cause."""
 
 
 def first_sentence(entries: ControllerEntries, *, entered: bool = False) -> str:

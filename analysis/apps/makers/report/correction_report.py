@@ -112,7 +112,7 @@ def _first(corrections: Corrections) -> str:
 
 
 def _falls(how: str, error: WorkError, *, of_work: bool) -> str:
-    """Return a sentence with a way to correct the arm and the resulting error.
+    """Return a sentence on the error after a way of correction.
 
     of_work: the error refers to the work area; otherwise to the targets of a file.
     """

@@ -86,7 +86,7 @@ def noise_in_words(tests: Sequence[TestName]) -> str:
 
 
 def arm_in_words(level: float) -> str:
-    """Return the assumed level of all other errors of the arm, among which an effect has to be detected."""
+    """Return a phrase on the level of all other errors of the arm, assumed when an effect is to be detected."""
     if level == 1:
         return (
             "Assumed arm: all other errors have their usual size. Use --level for the level that a diagnosis "

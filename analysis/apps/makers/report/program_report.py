@@ -203,7 +203,6 @@ def error_object(error: WorkError) -> dict[str, Any]:
 
 
 def targets_in_words(count: int) -> str:
-    """Return a number of targets in words, as "1 target" or "3 targets"."""
     return "1 target" if count == 1 else f"{count} targets"
 
 

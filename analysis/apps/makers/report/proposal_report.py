@@ -59,8 +59,8 @@ def as_table(proposal: CircleProposal) -> RenderableType:
 
 
 def _testable(proposal: CircleProposal, circle: ProposedCircle) -> list[str]:
-    """Return the names that a circle makes testable. The full judgement of all circles, which fits shapes, has to
-    agree.
+    """Return the effects that a circle makes testable, confirmed by the full judgement of all circles, which fits
+    shapes.
     """
     return [name for name in circle.testable if name not in proposal.after.undetectable]
 

@@ -56,7 +56,7 @@ from analysis.apps.makers.target import (
 from analysis.correction.reasons import Reason
 
 _DECIMALS = Decimals(place=(8, 10), turn=(8, 10))
-"""1e-8 m is 0.01 µm; PolyScope writes at least twelve decimals."""
+"""Decimals of corrected numbers: 1e-8 m is 0.01 µm. PolyScope writes at least twelve decimals."""
 _QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
 _BLANK = re.compile(rf"#[^\n]*|{_QUOTED.pattern}|^[ \t]*\$[^\n]*", re.MULTILINE)
 _DECLARED = re.compile(
@@ -82,9 +82,11 @@ _WAYS: dict[str, Way] = {
     "optimovej": "joint", "optimovel": "line",
 }  # fmt: skip
 _KEEPS = "posture of the way"
-"""Name of a part that is always off, because the text does not specify the posture at the end of a line or of a
-joint move to a bare pose. The arm keeps the current posture, even on the way to a waypoint with taught joint
-angles."""
+"""Name of a part of the state that is always off.
+
+The text does not specify the posture at the end of a line, or of a joint move to a bare pose. The arm keeps the current
+posture, even on the way to a waypoint with taught joint angles.
+"""
 _MODE, _MODE_PLACE = re.compile(r"mode\s*=\s*(.*)", re.DOTALL), 5
 """The mode of movec(pose_via, pose_to, a, v, r, mode)."""
 _STREAMED = ("servoj", "servoc")

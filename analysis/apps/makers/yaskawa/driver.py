@@ -169,4 +169,4 @@ DRIVER = ProgramDriver(
     ),
     tool_entered=True,
 )
-"""The reading of an axis is (count - count at zero) / counts per degree."""
+"""Emulated Yaskawa controller. The reading of an axis is (count - count at zero) / counts per degree."""

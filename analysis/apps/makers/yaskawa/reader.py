@@ -79,8 +79,9 @@ _NOTHING = words("""
     VAL2STR STR2VAL ASC CHR$ MID$ LEN CAT$ GETREG SETREG BIND REFP HAND HSEN TOOLON TOOLOF PAINTON PAINTOF SPYON SPYOF
     HPVELON HPVELOF GETFILE SETFILE DOUTWAIT CLRSTP LATCH ADVINIT ADVSTOP DELAY SWAIT CWAIT TSYNC MSHIFT
     """)
-"""Instructions that change neither tool, frame, shift nor arm position: variables, signals, waiting, messages,
-welding, guns."""
+"""Instructions that do not change tool, frame, shift or arm position: variables, signals, waiting, messages,
+welding.
+"""
 _SWITCHES = {
     "SFTON": ("shift", "on"), "SFTOF": ("shift", OFF), "CVON": ("tracking", "on"), "CVOF": ("tracking", OFF),
     "SYSTART": ("tracking", "on"), "SYEND": ("tracking", OFF), "COMARCON": ("tracking", "on"),
@@ -373,4 +374,4 @@ READER = ProgramReader(
     null_frames=("base",),
     beside=(".jbi",),
 )
-"""Comments have at most 32 characters (RE-CKI-A457). Longer remarks take several lines."""
+"""Reader of Yaskawa jobs. Comments have at most 32 characters (RE-CKI-A457); longer remarks take several lines."""

@@ -68,7 +68,7 @@ def test_a_moved_zero_is_found_touch_by_touch_and_kept_for_the_history(case: tup
 def test_a_wrong_touch_is_refused_or_removed(case: tuple[Case, Path]) -> None:
     drawn, folder = case
     with served(folder, control=True) as window:
-        assert "has not begun" in _post(window, "touch", joints="1+2+3+4+5+6")["said"]
+        assert "has not started" in _post(window, "touch", joints="1+2+3+4+5+6")["said"]
         _post(window, "begin", run="before")
         assert "are not 6 angles" in _post(window, "touch", joints="1+2+3")["said"]
         assert "mm from socket" in _post(window, "touch", joints="10+20+30+40+50+60")["said"]
@@ -122,7 +122,7 @@ def test_the_touch_of_a_resting_robot_is_read_and_a_moving_robot_refused(case: t
         moving.do("begin", {"run": "before"})
         with pytest.raises(error, match=what):
             moving.do("touch", {})
-    with pytest.raises(UseError, match="is no reference"):
+    with pytest.raises(UseError, match="is not a known reference"):
         check.do("begin", {"run": "../before"})
 
 

@@ -78,7 +78,7 @@ def test_a_tracker_that_sees_nothing_is_refused() -> None:
 def test_the_planned_table_and_a_tracker_s_become_a_run(maker: str, tmp_path: Path) -> None:
     done = ran("plan", "ur10e", "--poses", "14", "--for", maker, "--tracker", "2500,0,800", "-o", tmp_path / "p")
     assert done.returncode == 0, done.stderr
-    assert "random ones" in done.stdout and len(list((tmp_path / "p").iterdir())) > 1
+    assert "random poses" in done.stdout and len(list((tmp_path / "p").iterdir())) > 1
     table = (tmp_path / "p" / "poses.csv").read_text()
     found = list(csv.DictReader(io.StringIO(table)))
     q = np.radians([[float(row[f"q{k}_deg"]) for k in range(1, 7)] for row in found])

@@ -270,7 +270,7 @@ def test_a_target_that_is_left_out_is_drawn_as_such(report: Report) -> None:
     less = replace(radial, found=replace(radial.found, used=used))
     targets = target_charts(less, texts_of("en"))[1]
     assert isinstance(targets, Chart)
-    assert [(line.name, len(line.x)) for line in targets.lines] == [("measured", len(used) - 1), ("left out", 1)]
+    assert [(line.name, len(line.x)) for line in targets.lines] == [("measured", len(used) - 1), ("excluded", 1)]
     assert targets.lines[1].x == [5.0]
 
 
