@@ -24,7 +24,7 @@ from rigs.text import as_argument
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from analysis.diagnosis.plan.pose_plan import PlannedPoses
+    from analysis.apps.planning.pose_plan import PlannedPoses
     from analysis.robot.geometry.pose_pool import Sight
     from rigs.rig import Rig
 
@@ -111,7 +111,7 @@ def plan(
     if maker or tracker or faces or one_axis:
         raise typer.BadParameter("--for, --tracker, --faces and --one-axis require --poses", param_hint="--poses")
 
-    from analysis.diagnosis.plan.detectability import tests_named
+    from analysis.apps.planning.detectability import tests_named
     from rigs.errors import UseError
     from rigs.load import load, named_by
 
@@ -129,8 +129,8 @@ def plan(
 
 def _plan(rig: Rig, tests: Sequence[TestName], runs: int, level: float, *, as_json: bool) -> None:
     from analysis.apps.makers.report import plan_report
+    from analysis.apps.planning.detectability import plan as planned
     from analysis.cli.console import progress_of
-    from analysis.diagnosis.plan.detectability import plan as planned
 
     with progress_of("simulating the tests"):
         plan_made = planned(rig, tests, runs, level)
@@ -144,8 +144,8 @@ def _propose(
     rig: Rig, text: str, tests: Sequence[TestName], runs: int, minutes: float, output: Path | None, *, as_json: bool
 ) -> None:
     from analysis.apps.makers.report import proposal_report
+    from analysis.apps.planning.proposal import propose as proposed
     from analysis.cli.console import progress_of
-    from analysis.diagnosis.plan.proposal import propose as proposed
 
     if output:
         proposal_report.refuse_earlier_proposal(rig, output)
@@ -187,8 +187,8 @@ def _plan_poses(
     as_json: bool,
 ) -> None:
     """Plan poses, print the expected results, and write poses and program if a directory is given."""
+    from analysis.apps.planning.pose_plan import planned_poses
     from analysis.cli.console import progress_of
-    from analysis.diagnosis.plan.pose_plan import planned_poses
     from rigs.load import load, named_by
 
     if maker and not output:
