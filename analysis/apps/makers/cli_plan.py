@@ -19,13 +19,13 @@ from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument, maker_option
 from rigs.errors import FileError, UseError
 from rigs.schema.vocabulary import MakerName, TestName
-from rigs.text import as_argument
+from rigs.text import as_argument, numbers_in
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from analysis.apps.planning.pose_plan import PlannedPoses
-    from analysis.robot.geometry.pose_pool import Sight
+    from analysis.apps.planning.pose_pool import Sight
     from rigs.rig import Rig
 
 
@@ -216,17 +216,14 @@ def _plan_poses(
 def _sight(tracker: str | None, faces: str | None) -> Sight | None:
     import numpy as np
 
-    from analysis.robot.geometry.pose_pool import Sight
+    from analysis.apps.planning.pose_pool import Sight
 
     if tracker is None:
         if faces:
             raise UseError("--faces", "needs the position of the tracker", "add --tracker X,Y,Z")
         return None
-    try:
-        place = np.array([float(part) for part in tracker.split(",")])
-    except ValueError:
-        place = np.zeros(0)
-    if place.shape != (3,) or not np.isfinite(place).all():
+    place = np.array(numbers_in(tracker))
+    if place.shape != (3,):
         raise UseError("--tracker", f"{tracker!r} is not a position", "write X,Y,Z in mm, such as 2500,0,800")
     axis = None
     if faces:
