@@ -285,9 +285,9 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
     waves: dict[int, list[tuple[float, float, float]]] = {}
     sums: dict[Effect, float] = {}
     for term, times in terms:
-        effect = term.model_copy(update={"found": None})  # the provenance is no property of the arm, and not hashable
-        if is_nothing(effect, times):
+        if is_nothing(term, times):
             continue
+        effect = _without_provenance(term)
         if is_sine(effect):
             axis, order, phase, size = sine_of(effect)
             amplitude = times * math.degrees(size)
@@ -309,6 +309,11 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
             whole.append(scaled(effect, times))
     together = [JointPortions(portions=tuple(parts)) for parts in joints.values()]
     return [*whole, *curves, *together, *([GaugePortions(portions=tuple(gauges))] if gauges else [])]
+
+
+def _without_provenance(effect: Effect) -> Effect:
+    """Drop the provenance, which is not hashable and no property of the arm."""
+    return effect if effect.found is None else effect.model_copy(update={"found": None})
 
 
 def is_sine(effect: Effect) -> bool:

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 
 from rigs.effects import VOCABULARY
 from rigs.schema.effect import waves_in_words
+from rigs.text import enumerated
 
 _SEATS = {
     "x": "about x",
@@ -82,8 +83,4 @@ def _with_seats(kind: str, seats: Sequence[str]) -> str:
     if not noun:
         return f"{words} ({', '.join(_SEATS.get(seat, seat.replace('>', ' to ')) for seat in seats)})"
     plural = "axes" if noun == "axis" else f"{noun}s"
-    return f"{words} of {noun if len(seats) == 1 else plural} {_and(seats)}"
-
-
-def _and(words: Sequence[str]) -> str:
-    return f"{', '.join(words[:-1])} and {words[-1]}" if len(words) > 1 else words[0]
+    return f"{words} of {noun if len(seats) == 1 else plural} {enumerated(seats)}"

@@ -10,9 +10,10 @@ Names may be spelled freely: UR10E, ur-10e and Ur 10e are ur10e.
 from __future__ import annotations
 
 import difflib
+import math
 import os
 import shlex
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +63,21 @@ def listed(numbers: list[int]) -> str:
     shown = [str(number) for number in numbers[:8]]
     if len(numbers) > 8:
         return ", ".join(shown) + f" and {len(numbers) - 8} more"
-    return shown[0] if len(shown) == 1 else ", ".join(shown[:-1]) + f" and {shown[-1]}"
+    return enumerated(shown)
+
+
+def enumerated(words: Sequence[str], last: str = "and") -> str:
+    """Format words as `a, b and c`, with a different word before the last one if given."""
+    return f" {last} ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
+
+
+def numbers_in(text: str) -> tuple[float, ...]:
+    """Parse finite numbers separated by commas; empty if the text contains anything else."""
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        return ()
+    return numbers if all(map(math.isfinite, numbers)) else ()
 
 
 _MOST_NEAR = 3

@@ -34,7 +34,7 @@ def test_a_new_effect_passes_the_checks_and_keeps_the_contract(with_effect: tupl
     checked(tree, files)
     contract = "tests/rigs/test_effect_contract.py::test_every_effect_keeps_the_contract"
     chosen = "gauge_bow and not in_a_plan"  # the commands of the page plan with it
-    assert "7 passed" in output(
+    assert "8 passed" in output(
         tree,
         *PYTEST,
         "-m",
@@ -42,6 +42,7 @@ def test_a_new_effect_passes_the_checks_and_keeps_the_contract(with_effect: tupl
         "-k",
         chosen,
         "tests/rigs/test_gauge_bow.py",
+        "tests/rigs/test_effect_names.py",
         contract,
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,6 +10,7 @@ import typer
 
 from analysis.cli import completion
 from rigs.schema.vocabulary import MAKERS, Direction, MakerName, direction_of, maker_named
+from rigs.text import enumerated
 
 
 def location(text: str | Path) -> Path:
@@ -101,17 +101,13 @@ def _maker(text: str) -> MakerName:
     """Return a maker from common spellings. Raises typer.BadParameter."""
     maker = maker_named(text)
     if maker is None:
-        raise typer.BadParameter(f"{text!r} is not a known maker of controllers; give {_one_of(MAKERS)}")
+        raise typer.BadParameter(f"{text!r} is not a known maker of controllers; give {enumerated(list(MAKERS), 'or')}")
     return maker
-
-
-def _one_of(names: Sequence[str]) -> str:
-    return f"{', '.join(names[:-1])} or {names[-1]}"
 
 
 def maker_option(meaning: str, default: str = "") -> Any:
     """Return the option --for with the meaning for a command, and the default."""
-    help_text = f"{meaning}: {_one_of(MAKERS)}" + (f"; default: {default}." if default else ".")
+    help_text = f"{meaning}: {enumerated(list(MAKERS), 'or')}" + (f"; default: {default}." if default else ".")
     return typer.Option("--for", metavar="MAKER", parser=_maker, autocompletion=lambda: list(MAKERS), help=help_text)
 
 

@@ -1,17 +1,13 @@
-"""Correctable effects of a rig file, reasons for the uncorrectable effects, and corrected joint zeros and link
-constants.
+"""Correctable effects of a rig file, and reasons for the uncorrectable effects.
 
 A target can compensate posture-dependent effects, but not effects of direction, time or instruments. An effect not
-significantly different from zero is not corrected. Several effects on the same constant (a second diagnosis adds to the
-first) are summed, with uncertainties added in quadrature.
+significantly different from zero is not corrected.
 
 If the diagnosis says *correct nothing* (`rigs.calibration.verdict_of`), a correction is refused, or written and marked.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,61 +89,6 @@ CERTAIN_U = 2.0
 
 For a smaller effect no gain is proven, and a correction may do harm.
 """
-CONSTANTS = ("a_mm", "alpha_deg", "beta_deg", "d_mm", "offset_deg")
-"""Columns of a table of constants, named as in the rig file."""
-
-
-@dataclass(frozen=True)
-class Correction:
-    """A number to change: axis from 1, key as in the rig file, in mm or degrees, and change `delta` with standard
-    uncertainty `u`.
-    """
-
-    axis: int
-    key: str
-    nominal: float
-    delta: float
-    u: float
-
-    @property
-    def corrected(self) -> float:
-        """Corrected value."""
-        return self.nominal + self.delta
-
-
-def joint_zeros(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
-    """Return the changes of the controller's joint angles in an unchanged posture, for mastering."""
-    return _summed(supported, "joint zero", {axis: {"q_deg": 0.0} for axis in range(1, len(rig.robot.axes) + 1)})
-
-
-def link_constants(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
-    """Return the changes of the arm's constants relative to the rig file."""
-    return _summed(supported, "link constant", {k: axis.model_dump() for k, axis in enumerate(rig.robot.axes, start=1)})
-
-
-def corrected_table(rig: Rig, corrections: Sequence[Correction]) -> list[dict[str, float | int | str]]:
-    """Return the table of constants, a row per axis, including corrections except joint zeros."""
-    changed = {(correction.axis, correction.key): correction.corrected for correction in corrections}
-    rows: list[dict[str, float | int | str]] = []
-    for k, axis in enumerate(rig.robot.axes, start=1):
-        constants = {key: round(changed.get((k, key), getattr(axis, key)), 9) for key in CONSTANTS}
-        rows.append({"axis": k, "name": axis.name, **constants})
-    return rows
-
-
-def _summed(supported: Sequence[Support], use: Use, nominal: dict[int, dict[str, float]]) -> list[Correction]:
-    """Return the corrections for a given use, by axis and key."""
-    places: dict[tuple[int, str], list[Support]] = {}
-    for support in supported:
-        if support.use == use and (place := support.effect.compensation().constant):
-            places.setdefault(place, []).append(support)
-    made = []
-    for (axis, key), of_place in sorted(places.items(), key=lambda item: item[0]):
-        delta, u = math.fsum(support.value for support in of_place), math.hypot(*(support.u for support in of_place))
-        made.append(Correction(axis, key, float(nominal[axis][key]), delta, u))
-    return made
-
-
 ANYWAY = "written although rig advises against a correction by this model"
 """Mark in every file written against the verdict."""
 

@@ -23,7 +23,7 @@ from analysis.runs.written_files import as_it_was
 from daq.store.chunk import ColumnType
 from rigs.errors import FileError
 from rigs.schema.vocabulary import direction_of
-from rigs.text import counted
+from rigs.text import counted, enumerated
 
 _SHOWN = 20
 
@@ -134,7 +134,7 @@ def value(column: str, text: str) -> Value:
         direction = direction_of(lower)
         near = [direction] if direction in words else difflib.get_close_matches(lower, words, n=1)
         hint = f"; did you mean {near[0]}?" if near else ""
-        raise ValueError(f"{quoted(text)} is not {', '.join(words[:-1])} or {words[-1]}{hint}")
+        raise ValueError(f"{quoted(text)} is not {enumerated(words, 'or')}{hint}")
     if column in COUNTS:
         if not _COUNT.fullmatch(text) or float(text) < 1:
             raise ValueError(f"{quoted(text)} is not a positive integer: 1, 2, 3, …")

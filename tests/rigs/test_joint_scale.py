@@ -13,6 +13,7 @@ from rigs.effects import JointScale
 from rigs.load import load
 from rigs.schema.effect import name_of
 from tests.support.diagnosis_cells import RIG, found_in, table_of
+from tests.support.nightly import cases
 from tests.support.pose_runs import pose_run
 from tests.worlds.arms.independent_arm import cell, none, postures
 
@@ -26,7 +27,7 @@ def test_the_link_turns_a_share_of_the_angle_more() -> None:
     assert scene.link_q[:, [0, 1, 3, 4, 5]] == pytest.approx(scene.q[:, [0, 1, 3, 4, 5]], abs=1e-12)
 
 
-@pytest.mark.parametrize("axis", [1, 3, 5])
+@pytest.mark.parametrize("axis", cases((1, 3, 5), {3}))
 def test_a_wrong_gear_ratio_is_named_and_no_zero_and_no_gear(axis: int) -> None:
     """97 % of what is reported was told as a zero of -2.5° and a gear error of 13 waves a turn."""
     rng = np.random.default_rng(axis)

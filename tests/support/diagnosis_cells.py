@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from analysis.apps.planning.detectability import CapabilityOfTests, plan
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.observation import ObservedRun, observe_run
@@ -20,7 +21,6 @@ from analysis.diagnosis.fit.background import Background, background_of
 from analysis.diagnosis.fit.candidates import Columns, Form, candidates_for, columns_for
 from analysis.diagnosis.fit.responses import Linearisation, linearise, noise_um
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.diagnosis.plan.detectability import CapabilityOfTests, plan
 from analysis.procedures.prediction import nominal_setup, path_of
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import arm_of, forward
@@ -130,7 +130,7 @@ def plan_of_circles() -> CapabilityOfTests:
 def plan_without_further_tests() -> CapabilityOfTests:
     """Return the capability of a yaw circle only, without comparing further tests, which takes most of the time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("analysis.diagnosis.plan.detectability.possible_tests", lambda *_, **__: ([], []))
+        patch.setattr("analysis.apps.planning.detectability.possible_tests", lambda *_, **__: ([], []))
         return plan(RIG, ("yaw",))
 
 

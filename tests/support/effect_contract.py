@@ -9,8 +9,9 @@ from typing import get_args
 
 import numpy as np
 
+from analysis.apps.makers.corrected_constants import joint_zeros, link_constants
 from analysis.apps.makers.report import plan_report
-from analysis.correction.support import joint_zeros, link_constants, supports
+from analysis.correction.support import supports
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.given import given_effects, parse_effects
 from analysis.diagnosis.evidence.observation import observe_run

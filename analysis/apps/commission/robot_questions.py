@@ -29,6 +29,7 @@ from rigs.schema.limits import TOLERANCE_BY_RP, USUAL_RP_MM, WATCH_SHARE, offere
 from rigs.schema.part import Vector
 from rigs.schema.robot import Pose, Robot
 from rigs.schema.vocabulary import DRIVEN_AXES, Build, maker_of
+from rigs.text import numbers_in
 
 
 def circle_from_start(robot: Robot, joints_deg: Sequence[float], radius_mm: float) -> Circle:
@@ -238,11 +239,8 @@ def _tolerance_mm(text: str) -> float:
 
 
 def _pose(text: str) -> Pose:
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) not in (3, 6) or not all(map(math.isfinite, values)):
+    values = numbers_in(text)
+    if len(values) not in (3, 6):
         raise FileError(
             repr(text), "is not x,y,z or x,y,z,roll,pitch,yaw", "write for example 0,0,150 or 0,0,150,0,90,0"
         )

@@ -4,7 +4,6 @@ joint.
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,6 +20,7 @@ from rigs.errors import UseError
 from rigs.rig import Rig
 from rigs.schema.effect import AT_AXIS, is_play, size_field
 from rigs.schema.scene import Stage
+from rigs.text import numbers_in
 
 _MOST_LISTED = 4
 """Largest number of effects listed in a line; a longer list is replaced by its number."""
@@ -60,11 +60,8 @@ def friction_nm(friction: Mapping[int, Friction], nm_per_a: Sequence[float]) -> 
 
 def torques_of(text: str) -> tuple[float, ...]:
     """Parse the torque of each axis per ampere, in Nm, from a comma-separated list. Raises UseError."""
-    try:
-        values = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        values = ()
-    if not values or not all(math.isfinite(value) and value > 0 for value in values):
+    values = numbers_in(text)
+    if not values or min(values) <= 0:
         raise UseError(
             _OPTION, f"{text!r} is not a list of torques above zero", "give a number per axis, separated by commas"
         )

@@ -19,13 +19,13 @@ from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument, maker_option
 from rigs.errors import FileError, UseError
 from rigs.schema.vocabulary import MakerName, TestName
-from rigs.text import as_argument
+from rigs.text import as_argument, numbers_in
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from analysis.diagnosis.plan.pose_plan import PlannedPoses
-    from analysis.robot.geometry.pose_pool import Sight
+    from analysis.apps.planning.pose_plan import PlannedPoses
+    from analysis.apps.planning.pose_pool import Sight
     from rigs.rig import Rig
 
 
@@ -111,7 +111,7 @@ def plan(
     if maker or tracker or faces or one_axis:
         raise typer.BadParameter("--for, --tracker, --faces and --one-axis require --poses", param_hint="--poses")
 
-    from analysis.diagnosis.plan.detectability import tests_named
+    from analysis.apps.planning.detectability import tests_named
     from rigs.errors import UseError
     from rigs.load import load, named_by
 
@@ -129,8 +129,8 @@ def plan(
 
 def _plan(rig: Rig, tests: Sequence[TestName], runs: int, level: float, *, as_json: bool) -> None:
     from analysis.apps.makers.report import plan_report
+    from analysis.apps.planning.detectability import plan as planned
     from analysis.cli.console import progress_of
-    from analysis.diagnosis.plan.detectability import plan as planned
 
     with progress_of("simulating the tests"):
         plan_made = planned(rig, tests, runs, level)
@@ -144,8 +144,8 @@ def _propose(
     rig: Rig, text: str, tests: Sequence[TestName], runs: int, minutes: float, output: Path | None, *, as_json: bool
 ) -> None:
     from analysis.apps.makers.report import proposal_report
+    from analysis.apps.planning.proposal import propose as proposed
     from analysis.cli.console import progress_of
-    from analysis.diagnosis.plan.proposal import propose as proposed
 
     if output:
         proposal_report.refuse_earlier_proposal(rig, output)
@@ -187,8 +187,8 @@ def _plan_poses(
     as_json: bool,
 ) -> None:
     """Plan poses, print the expected results, and write poses and program if a directory is given."""
+    from analysis.apps.planning.pose_plan import planned_poses
     from analysis.cli.console import progress_of
-    from analysis.diagnosis.plan.pose_plan import planned_poses
     from rigs.load import load, named_by
 
     if maker and not output:
@@ -216,17 +216,14 @@ def _plan_poses(
 def _sight(tracker: str | None, faces: str | None) -> Sight | None:
     import numpy as np
 
-    from analysis.robot.geometry.pose_pool import Sight
+    from analysis.apps.planning.pose_pool import Sight
 
     if tracker is None:
         if faces:
             raise UseError("--faces", "needs the position of the tracker", "add --tracker X,Y,Z")
         return None
-    try:
-        place = np.array([float(part) for part in tracker.split(",")])
-    except ValueError:
-        place = np.zeros(0)
-    if place.shape != (3,) or not np.isfinite(place).all():
+    place = np.array(numbers_in(tracker))
+    if place.shape != (3,):
         raise UseError("--tracker", f"{tracker!r} is not a position", "write X,Y,Z in mm, such as 2500,0,800")
     axis = None
     if faces:

@@ -13,7 +13,7 @@ from analysis.cli.console import say, say_error, say_json
 from analysis.cli.options import AsJson, maker_option
 from rigs.errors import UseError
 from rigs.schema.vocabulary import MakerName
-from rigs.text import as_argument
+from rigs.text import as_argument, numbers_in
 
 if TYPE_CHECKING:
     from analysis.robot.kinematics.arm import Array
@@ -130,11 +130,8 @@ def _size_of(part: str | None) -> Array | None:
 
     if part is None:
         return None
-    try:
-        size = np.array([float(number) for number in part.split(",")])
-    except ValueError:
-        size = np.zeros(0)
-    if size.shape != (3,) or not np.isfinite(size).all() or (size < 0).any():
+    size = np.array(numbers_in(part))
+    if size.shape != (3,) or (size < 0).any():
         raise UseError("--part", f"{part!r} is not a size", "give X,Y,Z in mm, such as 300,200,100")
     if 0 < size.max() < _LEAST_PART_MM:
         problem = f"{part!r} has no side of {_LEAST_PART_MM:g} mm or more: the size looks like metres"

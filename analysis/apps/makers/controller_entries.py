@@ -49,6 +49,7 @@ from rigs.effects import Effect, changed, turned
 from rigs.errors import UseError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
+from rigs.text import numbers_in
 
 _LEVER_MM = 100.0
 """Minimum lever of a rotation of the tool. Chosen: about half a hand's width from a flange."""
@@ -443,11 +444,8 @@ def scale_of(text: str | None) -> tuple[float, ...] | None:
     """
     if text is None:
         return None
-    try:
-        scale = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        scale = ()
-    if len(scale) != 6 or not all(math.isfinite(number) and number for number in scale):
+    scale = numbers_in(text)
+    if len(scale) != 6 or not all(scale):
         raise UseError(
             "--scale", f"{text!r} is not a list of six nonzero numbers", "give a number per axis, separated by commas"
         )

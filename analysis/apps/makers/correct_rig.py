@@ -10,19 +10,13 @@ import numpy as np
 
 from analysis.apps.makers import maker_by
 from analysis.apps.makers.controller_entries import ControllerEntries, as_entered, controller_entries
+from analysis.apps.makers.corrected_constants import Correction, joint_zeros, link_constants
 from analysis.apps.makers.corrected_program import CorrectedProgram, Programs, correct_program
 from analysis.apps.makers.reading import refuse_marked
 from analysis.apps.makers.target_path import TargetPath, read_path, refuse_corrected_path
 from analysis.correction.corrected_targets import CorrectedTargets, WorkError, angles_for, corrected
 from analysis.correction.pose_uncertainty import covered, places_u_mm, pose_uncertainty
-from analysis.correction.support import (
-    Correction,
-    Support,
-    joint_zeros,
-    link_constants,
-    supports,
-    supports_of_usual_size,
-)
+from analysis.correction.support import Support, supports, supports_of_usual_size
 from analysis.correction.work import (
     left_out_mm,
     rest_effects,

@@ -36,6 +36,7 @@ from rigs.errors import FileError, UseError
 from rigs.rig import Rig
 from rigs.schema.robot import Pose, Robot
 from rigs.schema.vocabulary import MakerName
+from rigs.text import numbers_in
 
 MOST_MM, _MOST_DEG, _MOST_JOINT_DEG = 10.0, 1.0, 10.0
 """Largest corrections written. A zero wrong by half a degree moves a tool at 1.1 m by 10 mm. A larger error means
@@ -461,10 +462,7 @@ def start_of(text: str | None) -> tuple[float, ...] | None:
 
 
 def _six(argument: str, text: str, limit: float, how: str) -> tuple[float, ...]:
-    try:
-        numbers = tuple(float(value) for value in text.split(","))
-    except ValueError:
-        numbers = ()
+    numbers = numbers_in(text)
     if len(numbers) != 6 or not all(abs(value) < limit for value in numbers):
         raise UseError(argument, "is not six numbers", how)
     return numbers

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from analysis.apps.makers.target import WHY
 from analysis.apps.makers.target_path import TargetPath, read_path
 from analysis.apps.postures.result import Postures
-from analysis.correction.reasons import WHY
 from analysis.correction.work import posture_limits
 from analysis.robot.kinematics.arm import RAIL_MM, Array, arm_of, forward
 from analysis.runs.table_layout import PLACE, RAIL

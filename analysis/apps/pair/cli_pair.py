@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -13,7 +12,7 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import progress_of, say, say_json
 from analysis.cli.options import AsJson
 from rigs.errors import FileError, UseError
-from rigs.text import as_argument
+from rigs.text import as_argument, numbers_in
 
 if TYPE_CHECKING:
     from analysis.apps.pair.plan_touches import PlannedTouches
@@ -201,11 +200,8 @@ def _pose(text: str) -> Pose:
     """Return a pose written as x,y,z or x,y,z,roll,pitch,yaw. Raises UseError."""
     from rigs.schema.robot import Pose
 
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) not in _BASE_NUMBERS or not all(map(math.isfinite, values)):
+    values = numbers_in(text)
+    if len(values) not in _BASE_NUMBERS:
         raise UseError(
             "--base", f"{text!r} is not a pose", "give X,Y,Z or X,Y,Z,ROLL,PITCH,YAW, such as 1500,0,0,0,0,180"
         )

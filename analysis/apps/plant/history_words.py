@@ -11,7 +11,7 @@ from analysis.apps.plant.history import History, Series, judge
 from analysis.apps.plant.records import RunRecord, in_time
 from analysis.procedures.shared.quantity import Quantity
 from analysis.report.origins import simulated_runs
-from rigs.text import counted, plain
+from rigs.text import counted, enumerated, plain
 
 _MOST_NAMED = 5
 _MONTHS = ("Jan", "Feb", "March", "April", "May", "June", "July", "Aug", "Sept", "Oct", "Nov", "Dec")
@@ -35,7 +35,7 @@ def sentences(history: History) -> list[str]:
         size = Quantity(change.after - change.before, change.u, series.quantities[0].unit)
         verb = "rose" if change.after > change.before else "fell"
         also = [f"{its_series.title}" for its_series, _ in others]
-        seen = f"; {_listed(also)} also show{'s' * (len(also) == 1)} the change" if also else ""
+        seen = f"; {enumerated(also)} also show{'s' * (len(also) == 1)} the change" if also else ""
         when = f"{dates(series, change)}{', and may continue' if change.is_last else ''}"
         changed.append(
             f"{series.label[0].upper()}{series.label[1:]} {verb} from {size.rounded(change.before)} to "
@@ -49,7 +49,7 @@ def sentences(history: History) -> list[str]:
 
 def movement_line(marked: MarkedCheck) -> str:
     """Return the answer of a movement check with its day and runs."""
-    against = _listed([plain(name) for name in marked.check.reference[:_MOST_NAMED]])
+    against = enumerated([plain(name) for name in marked.check.reference[:_MOST_NAMED]])
     return f"{_day(marked.when)}, run {plain(marked.run)} compared with {against}: {plain(marked.check.answer)}"
 
 
@@ -92,7 +92,7 @@ def remarks(history: History) -> list[str]:
                 wild.setdefault(run.name, []).append(f"{series.label} of {series.title}")
     named = list(wild.items())[:_MOST_NAMED]
     lines += [
-        f"run {plain(name)} is an outlier and was not used to detect changes in {_listed(of)}" for name, of in named
+        f"run {plain(name)} is an outlier and was not used to detect changes in {enumerated(of)}" for name, of in named
     ]
     if len(wild) > _MOST_NAMED:
         lines.append(f"{len(wild) - _MOST_NAMED} further outliers were not used to detect changes")
@@ -185,7 +185,3 @@ def _alike(pair: tuple[Series, Change], other_pair: tuple[Series, Change]) -> bo
     begin = max(series.runs[change.first].when, its_series.runs[its.first].when)
     end = min(series.runs[change.last].when, its_series.runs[its.last].when)
     return begin <= end
-
-
-def _listed(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.diagnosis.plan.pose_plan import pose_columns
+from analysis.apps.planning.pose_plan import pose_columns
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import VOCABULARY, Effect
 from rigs.rig import Rig

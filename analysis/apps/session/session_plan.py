@@ -19,10 +19,10 @@ import yaml
 from analysis.apps.makers.programs.motion_plan import MotionPlan, demand_of, seconds_of
 from analysis.apps.makers.programs.planned import LONGEST_ARC_DEG, plans_of
 from analysis.apps.makers.writing import encoded_programs, programs_of
+from analysis.apps.planning.detectability import plan as plan_tests
+from analysis.apps.planning.proposal import SET_UP_MIN
 from analysis.apps.session.session_state import ELSEWHERE, MAIN, Aim, ProgramStep, Purpose, Stage
-from analysis.diagnosis.plan.detectability import further_tests, places, with_circle
-from analysis.diagnosis.plan.detectability import plan as plan_tests
-from analysis.diagnosis.plan.proposal import SET_UP_MIN
+from analysis.diagnosis.plan.further_tests import further_tests, places, with_circle
 from analysis.robot.geometry.driven_programs import circle_program
 from analysis.runs.written_files import write_all_over
 from daq.store.manifest import DrivenWith

@@ -25,6 +25,7 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Redire
 from starlette.routing import Route
 
 from analysis.apps.commission.cell_reference import references_of
+from analysis.apps.commission.movement_report import columns, rows_of
 from analysis.apps.plant.history import label_of
 from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window.control_posts import WindowControls
@@ -34,7 +35,6 @@ from analysis.apps.window.shelf import MOST_SHOWN, NOT_IN_DIRECTORY, Shelf, Shel
 from analysis.apps.window.watcher import MOST_VIEWERS, Follow, Watcher
 from analysis.procedures.shared.quantity import Quantity
 from analysis.report.html_page import environment
-from analysis.report.movement_report import columns, rows_of
 from analysis.report.movement_words import headline, remarks, what_to_do
 from analysis.report.texts import LANGUAGES, Language
 from analysis.report.texts import texts_of as report_texts

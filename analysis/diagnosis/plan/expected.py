@@ -35,12 +35,12 @@ from analysis.procedures.prediction import nominal_setup
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp, model_of
-from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
+from analysis.runs.noise.cell_noise import TARGET_MM
 from analysis.runs.tables import CircleTable
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import healthy, healthy_size, is_play, is_wave, one_sided, scaled, size_field, size_of
-from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES, TestName
+from rigs.schema.vocabulary import CIRCLES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Knowledge of each form of each name before measurements: posterior covariance of the forms' sizes in a healthy arm,
@@ -192,24 +192,6 @@ _SET_BY_HAND_MM = (0.6, -0.4, 0.1)
 """Displacement of the ball from the circle's centre, unless given in the rig file. Chosen: a ball placed by hand is
 off by about 0.7 mm, and effects that scale the readings are visible only if the readings vary.
 """
-_ASSUMED_UM = {
-    "gauges, white": 1e3 * WHITE_MM.rms,
-    "along a lap, slow": 1e3 * SLOW_MM.rms,
-    "the ball, from run to run": 1e3 * BALL_MM.rms,
-    "a target, from stop to stop": 1e3 * TARGET_MM.rms,
-}
-"""Assumed noise of planned runs, rms in µm of a run, from the ranges of `analysis.runs.noise.cell_noise`."""
-ASSUMED_JOINT_DEG = JOINT_DEG.rms
-"""Assumed scatter of each joint between planned runs, from the range of real cells."""
-
-
-def assumed_um(tests: Sequence[TestName]) -> dict[str, float]:
-    """Return the assumed noise of planned tests, rms in µm of a run; a ball seated by hand scatters as much as a
-    robot stop.
-    """
-    if set(tests) <= set(WITHOUT_GAUGES):
-        return {"a touch, each coordinate": 1e3 * TARGET_MM.rms}
-    return _ASSUMED_UM
 
 
 def planned_blocks(

@@ -18,8 +18,8 @@ from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.acts import Cost, NamingTest
 from analysis.diagnosis.judge.result import CERTAIN_ODDS, BudgetPart, Named, fault_rivals, is_open, likely_rivals
-from analysis.diagnosis.plan.detectability import FurtherTests, PossibleTest, shortest, sigma_between
 from analysis.diagnosis.plan.expected import SEPARABLE, ExpectedPosterior, without_bands
+from analysis.diagnosis.plan.further_tests import FurtherTests, PossibleTest, shortest, sigma_between
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.schema.effect import is_play, label_of, name_of, size_of

@@ -14,8 +14,8 @@ from analysis.diagnosis.judge.judge import Findings
 from analysis.diagnosis.judge.result import Diagnosis, Named, NextTest, fault_rivals
 from analysis.diagnosis.judge.validate import Validation
 from analysis.diagnosis.judge.verdict import ambiguous_names
-from analysis.diagnosis.plan.detectability import FurtherTests, possible_tests, shortest, sigma_between
 from analysis.diagnosis.plan.expected import is_separable
+from analysis.diagnosis.plan.further_tests import FurtherTests, possible_tests, shortest, sigma_between
 from analysis.diagnosis.plan.naming_tests import naming_tests
 from analysis.procedures.facts import facts_of
 from analysis.runs.loading import Measured

@@ -20,7 +20,7 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.robot.geometry.pose_pool import is_clear
+from analysis.robot.geometry.clearance import is_clear
 from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, link_frames
 from analysis.robot.kinematics.follow import follow
 from analysis.robot.kinematics.inverse import inverse

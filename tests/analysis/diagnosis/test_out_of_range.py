@@ -25,6 +25,7 @@ from rigs.load import load
 from rigs.schema.effect import name_of, size_field
 from tests.support.diagnosis_cells import found_in, remounted_circles
 from tests.support.handmade_diagnosis import FAR, diagnosis
+from tests.support.nightly import cases
 from tests.support.pose_runs import pose_run
 from tests.worlds.arms.independent_arm import Wrong, constants_of, flange, none
 
@@ -45,10 +46,10 @@ def _found(wrong: Wrong, seed: int) -> Diagnosis:
     return found_in([pose_run("ur10e", q, places)], load("ur10e")[0])
 
 
-@pytest.mark.parametrize(
-    ("field", "axis", "value", "name"),
-    [("a", 3, -30.0, "link_geometry 3.a"), ("offset", 2, np.radians(-10.0), "joint_offset 2")],
-)
+_FAR_OFF = (("a", 3, -30.0, "link_geometry 3.a"), ("offset", 2, np.radians(-10.0), "joint_offset 2"))
+
+
+@pytest.mark.parametrize(("field", "axis", "value", "name"), cases(_FAR_OFF, _FAR_OFF[:1]))
 def test_one_parameter_beyond_its_limit_is_the_only_name_with_its_estimate(
     field: str, axis: int, value: float, name: str
 ) -> None:

@@ -18,6 +18,7 @@ from analysis.runs.loading import Measured
 from rigs.arms import load_arm
 from rigs.load import parse
 from rigs.rig import Rig
+from tests.support.nightly import cases
 from tests.worlds.arms.seven_axes import Fault, draw_truth, run_of, touch_table
 
 _BALL_MM = np.array([3.0, -1.5, 36.0])
@@ -42,7 +43,7 @@ def _found(stated_mm: float | None, *faults: Fault) -> Diagnosis:
     return diagnose(rig, [_run(rig, *faults)], [], [], lambda _: None)
 
 
-@pytest.mark.parametrize("off_mm", [8.0, -0.5 * _TRUE_MM])
+@pytest.mark.parametrize("off_mm", cases((8.0, -0.5 * _TRUE_MM), {8.0}))
 def test_a_wrong_distance_is_named_first_with_the_distance_that_the_readings_give(off_mm: float) -> None:
     found = _found(_TRUE_MM + off_mm)
     (made,) = found.contradictions
@@ -62,7 +63,10 @@ def test_the_rest_of_the_answer_is_that_without_the_distance() -> None:
     assert wrong.train.calibrated_um == pytest.approx(without.train.calibrated_um, rel=1e-6)
 
 
-@pytest.mark.parametrize("fault", [None, Fault("zero", 3, 4.0), Fault("length", 3, 6.0, "a")])
+_FAULTS = (None, Fault("zero", 3, 4.0), Fault("length", 3, 6.0, "a"))
+
+
+@pytest.mark.parametrize("fault", cases(_FAULTS, _FAULTS[1:2]))
 def test_a_right_distance_is_not_doubted_whatever_the_arm_has(fault: Fault | None) -> None:
     assert not _found(_TRUE_MM, *([fault] if fault else [])).contradictions
 

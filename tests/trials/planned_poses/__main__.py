@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis import FileError, calibrate
-from analysis.diagnosis.plan.pose_plan import pool_of
+from analysis.apps.planning.pose_plan import pool_of
 from analysis.intake.imports import propose_map
 from analysis.intake.mapped import poses_of
 from analysis.intake.raw_table import read_files

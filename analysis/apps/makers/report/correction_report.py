@@ -16,12 +16,13 @@ from rich.text import Text
 
 from analysis.apps.makers import maker_by
 from analysis.apps.makers.correct_rig import Corrections
+from analysis.apps.makers.corrected_constants import CONSTANTS, corrected_table
 from analysis.apps.makers.reading import mark_of, with_remark
 from analysis.apps.makers.report import controller_report, program_report
 from analysis.apps.makers.report.controller_report import base_note, short
 from analysis.apps.makers.target_path import corrected_columns
 from analysis.correction.corrected_targets import GAIN_UM, CorrectedTargets, WorkError
-from analysis.correction.support import ANYWAY, CONSTANTS, corrected_table, reason_against_model, why_nothing
+from analysis.correction.support import ANYWAY, reason_against_model, why_nothing
 from analysis.correction.work import rest_effects
 from analysis.procedures.shared.quantity import quantity_of
 from analysis.report.diagnosis_words import plain

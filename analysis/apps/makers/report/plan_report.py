@@ -11,15 +11,19 @@ from rich.console import Group, RenderableType
 from rich.table import Column, Table
 from rich.text import Text
 
+from analysis.apps.planning.detectability import (
+    ASSUMED_JOINT_DEG,
+    CapabilityOfTests,
+    Detectability,
+    SeparatingTest,
+    assumed_um,
+)
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.judge.result import ODDS
-from analysis.diagnosis.plan.detectability import CapabilityOfTests, Detectability, SeparatingTest
 from analysis.diagnosis.plan.expected import (
-    ASSUMED_JOINT_DEG,
     DETECTABLE,
     SEPARABLE,
-    assumed_um,
     is_detectable,
     is_separable,
 )

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from analysis.apps.makers.corrected_program import MOST_MM, REMAINING_SHARE, CorrectedProgram
+from analysis.apps.makers.target import WHY
 from analysis.correction.corrected_targets import WorkError
-from analysis.correction.reasons import WHY
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.readings import rms
 

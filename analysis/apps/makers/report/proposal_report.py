@@ -10,8 +10,8 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from analysis.apps.makers.report.plan_report import noise_in_words
-from analysis.diagnosis.plan.detectability import Judgement
-from analysis.diagnosis.plan.proposal import SET_UP_MIN, CircleProposal, ProposedCircle
+from analysis.apps.planning.detectability import Judgement
+from analysis.apps.planning.proposal import SET_UP_MIN, CircleProposal, ProposedCircle
 from analysis.report.plain_console import fold_long_words, right
 from analysis.runs.written_files import refuse_existing
 from rigs.edit import Keys, Value, with_values

@@ -16,10 +16,11 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from analysis.apps.makers.correct_rig import correct_rig
+from analysis.apps.makers.corrected_constants import joint_zeros, link_constants
 from analysis.apps.makers.report.correction_report import write
 from analysis.cli import app
 from analysis.correction.corrected_targets import corrected
-from analysis.correction.support import joint_zeros, link_constants, supports
+from analysis.correction.support import supports
 from analysis.correction.work import tool_poses
 from analysis.intake.cells import TableFileError
 from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward

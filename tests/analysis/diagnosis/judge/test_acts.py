@@ -24,7 +24,7 @@ from analysis.diagnosis.judge.act_list import (
 from analysis.diagnosis.judge.acts import Act
 from analysis.diagnosis.judge.result import BudgetPart, Diagnosis, GroupMember, Named, is_sure
 from analysis.diagnosis.judge.verdict import Gaps, condition_of, shows_time
-from analysis.diagnosis.plan.detectability import PossibleTest
+from analysis.diagnosis.plan.further_tests import PossibleTest
 from analysis.diagnosis.plan.naming_tests import NamingTests, naming_tests
 from analysis.report.act_words import ActWords, without_idle_mounts
 from analysis.report.answer_words import AnswerWords

@@ -40,7 +40,7 @@ PLAY = Backlash(axis=1, width_deg=0.03, transit=0.2)
 
 @cache
 def _searched() -> SearchResult:
-    return search(seen(circles(USUAL, seed=61)), lambda doing: None)
+    return search(seen(circles(USUAL, seed=61, ways=("acw",))), lambda doing: None)
 
 
 @made_once

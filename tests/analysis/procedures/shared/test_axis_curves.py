@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analysis.apps.planning.pose_pool import axes_in_turn, is_way_clear
 from analysis.diagnosis.diagnose import diagnose
 from analysis.procedures.pose.evaluate import evaluate
-from analysis.robot.geometry.pose_pool import axes_in_turn, is_way_clear
 from analysis.robot.kinematics.arm import arm_of
 from analysis.runs.tables import PoseTable
 from rigs.arms import load_arm

@@ -11,7 +11,7 @@ import yaml
 
 from analysis.apps.makers.corrected_program import CorrectedProgram, correct_program, frames_of
 from analysis.apps.makers.report.program_report import lines
-from analysis.correction.reasons import WHY
+from analysis.apps.makers.target import WHY
 from analysis.correction.support import supports
 from rigs.edit import extended
 from rigs.effects import Backlash, Compliance, Effect, JointOffset

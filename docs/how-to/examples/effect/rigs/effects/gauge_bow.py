@@ -16,6 +16,8 @@ class GaugeBow(Effect):
     relative_per_mm: float = size(0.5, 1e-3)
 
     STAGE = "gauge"
+    KIND_NAME = "bow"
+    SEAT_NOUN = "gauge"
     PLACE = AT_GAUGE
 
     def apply(self, scene: S) -> S:

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from analysis import load_run
-from analysis.diagnosis.plan.pose_plan import planned_poses, pool_of
-from analysis.robot.geometry.pose_pool import Sight, drawn_poses, in_order_of_ways, is_clear, is_seen, is_way_clear
+from analysis.apps.planning.pose_plan import planned_poses, pool_of
+from analysis.apps.planning.pose_pool import Sight, drawn_poses, in_order_of_ways, is_seen, is_way_clear
+from analysis.robot.geometry.clearance import is_clear
 from analysis.robot.kinematics.arm import arm_of
 from analysis.runs.tables import PoseTable
 from rigs.errors import FileError

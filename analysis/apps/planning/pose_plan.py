@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from analysis.apps.planning.pose_pool import Sight, axes_in_turn, drawn_poses, in_order_of_ways, joint_ranges
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.observation import observe_run
 from analysis.diagnosis.fit.candidates import Columns, candidates_for, columns_for
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.plan.expected import without_bands
 from analysis.procedures.prediction import nominal_setup
-from analysis.robot.geometry.pose_pool import Sight, axes_in_turn, drawn_poses, in_order_of_ways, joint_ranges
 from analysis.robot.kinematics.arm import Array, Integers, arm_of, forward
 from analysis.robot.model.predict import model_of
 from analysis.runs.table_layout import came_from_columns, joint_columns

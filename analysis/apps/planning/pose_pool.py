@@ -1,8 +1,4 @@
-"""Poses of an arm in front of a tracker: within limits, collision-free, and visible.
-
-The arm is a chain of lines between joint frames and tool; its covers are unknown. Safety distances include the covers
-of common arms, and the operator supervises the first run.
-"""
+"""Poses of an arm in front of a tracker: within limits, collision-free, and visible."""
 
 from __future__ import annotations
 
@@ -10,17 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.robot.kinematics.arm import Arm, Array, Mask, forward, link_frames
-from analysis.robot.kinematics.newton import conditioning
+from analysis.robot.geometry.clearance import chain_points, in_base, is_clear, is_collision_free
+from analysis.robot.kinematics.arm import Arm, Array, Mask, forward
 
-_FLOOR_MM = 100.0
-"""Smallest height of the elbow and all later joints above the mounting plane of the base."""
-_COLUMN_MM = 250.0
-"""Smallest distance of wrist and tool from axis 1, below and at shoulder height."""
 _MARGIN_RAD = np.radians(5.0)
 _HALF_TURN = np.pi
-"""Limit of every joint regardless of its range, because of cables and hoses."""
-_LEAST_CONDITIONING = 0.01
+"""Limit of every joint, whatever its range: cables and hoses."""
 _SIGHT_CLEARANCE_MM = 120.0
 """Distance between arm and line of sight."""
 _AT_TOOL = 0.9
@@ -83,7 +74,7 @@ def axes_in_turn(arm: Arm, count: int, sight: Sight | None, rng: np.random.Gener
             angles = np.linspace(angle, end, 2 + int(abs(end - angle) / _STEP_RAD))
             q = np.repeat(postures[row][None], len(angles), axis=0)
             q[:, joint] = angles
-            free = _is_off(arm, q) & (is_seen(arm, q, sight) if sight else True)
+            free = is_collision_free(arm, q) & (is_seen(arm, q, sight) if sight else True)
             ends.append(angles[np.logical_and.accumulate(free)][-1])
         ways[row, joint] = min(ends), max(ends)
     best = int(np.argmax([np.log(np.ptp(way, axis=1) + _STEP_RAD).sum() for way in ways]))
@@ -100,33 +91,16 @@ _POSTURES, _FEWEST_STOPS = 30, 5
 """Candidate postures, and the fewest stops of an axis in each direction."""
 
 
-def is_clear(arm: Arm, q: Array) -> Mask:
-    """Return a mask (n,) of joint angles q (n, 6) rad at a distance from the floor, from axis 1 and from
-    singularities.
-    """
-    return np.asarray(_is_off(arm, q) & (conditioning(arm, q) > _LEAST_CONDITIONING))
-
-
 def is_way_clear(arm: Arm, begin: Array, end: Array) -> bool:
     """Return whether a joint move between two postures (6,) rad is collision-free; singularities are permitted."""
     count = 2 + int(np.abs(end - begin).max() / _STEP_RAD)
-    return bool(_is_off(arm, begin + np.linspace(0, 1, count)[:, None] * (end - begin)).all())
-
-
-def _is_off(arm: Arm, q: Array) -> Mask:
-    """Return a mask (n,) of joint angles q (n, axes) rad at which the arm keeps its distance from the floor and from
-    axis 1.
-    """
-    points = _points(arm, q)
-    outer, last = points[:, 2:], points[:, 4:]  # from the elbow on, and from the wrist on
-    off_column = (np.hypot(last[..., 0], last[..., 1]) > _COLUMN_MM) | (last[..., 2] > points[:, 1:2, 2] + _COLUMN_MM)
-    return np.asarray((outer[..., 2] > _FLOOR_MM).all(axis=1) & off_column.all(axis=1))
+    return bool(is_collision_free(arm, begin + np.linspace(0, 1, count)[:, None] * (end - begin)).all())
 
 
 def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
     """Return a mask (n,) of joint angles q (n, 6) rad with a target visible to the tracker: facing it, and not
     hidden by the arm."""
-    points = _points(arm, q)
+    points = chain_points(arm, q)
     tool = points[:, -1]
     way = sight.tracker_mm + np.linspace(0, _AT_TOOL, 40)[:, None, None] * (tool - sight.tracker_mm)
     seen = np.ones(len(q), dtype=bool)
@@ -138,7 +112,7 @@ def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
         seen &= (away > _SIGHT_CLEARANCE_MM).all(axis=0)
     if sight.faces is not None:
         to_tracker = sight.tracker_mm - tool
-        looks = _in_base(arm, forward(arm, q))[:, :3, :3] @ sight.faces
+        looks = in_base(arm, forward(arm, q))[:, :3, :3] @ sight.faces
         seen &= (looks * to_tracker).sum(axis=1) > _FACING * np.linalg.norm(to_tracker, axis=1)
     return seen
 
@@ -155,13 +129,3 @@ def in_order_of_ways(arm: Arm, q: Array) -> Array:
             break
         order.append(unordered.pop(int(nearest)))
     return q[order]
-
-
-def _points(arm: Arm, q: Array) -> Array:
-    """Return joint and tool positions (n, 7, 3) mm in the robot's base."""
-    frames = np.concatenate([link_frames(arm, q), forward(arm, q)[:, None]], axis=1)
-    return np.asarray(_in_base(arm, frames)[..., :3, 3])
-
-
-def _in_base(arm: Arm, T: Array) -> Array:
-    return np.asarray(np.linalg.inv(arm.T_world_base) @ T)

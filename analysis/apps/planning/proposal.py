@@ -8,19 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analysis.apps.planning.detectability import Judgement, judged
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
-from analysis.diagnosis.plan.detectability import (
+from analysis.diagnosis.plan.expected import DETECTABLE, SEPARABLE, FormInformation, expected_posterior, planned_blocks
+from analysis.diagnosis.plan.further_tests import (
     FASTER,
     OFF_AXIS_MM,
-    Judgement,
     ball_off_axis,
-    judged,
     other_radii,
     places,
     with_circle,
 )
-from analysis.diagnosis.plan.expected import DETECTABLE, SEPARABLE, FormInformation, expected_posterior, planned_blocks
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import circle_program, require_drivable_arm
 from analysis.robot.kinematics.arm import Array

@@ -14,22 +14,15 @@ from scipy.optimize import minimize_scalar
 from typer.testing import CliRunner
 
 from analysis.apps.makers.report.plan_report import as_table
+from analysis.apps.planning.detectability import CapabilityOfTests, detectabilities_of, plan
 from analysis.cli import app
 from analysis.diagnosis.evidence.observation import observe_run, rms
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.background import background_of
 from analysis.diagnosis.fit.candidates import columns_for
 from analysis.diagnosis.fit.refine import refine
-from analysis.diagnosis.plan.detectability import (
-    CapabilityOfTests,
-    PossibleTest,
-    detectabilities_of,
-    further_tests,
-    plan,
-    possible_tests,
-    sigma_between,
-)
 from analysis.diagnosis.plan.expected import SEPARABLE, ExpectedPosterior, expected_posterior, planned_blocks
+from analysis.diagnosis.plan.further_tests import PossibleTest, further_tests, possible_tests, sigma_between
 from analysis.procedures.simulate import simulate
 from analysis.robot.model.predict import model_of
 from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError, healthy_size, size_field
@@ -177,7 +170,7 @@ def test_the_ball_off_the_axis_is_what_shows_axis_6(circle_alone: CapabilityOfTe
 
 
 def test_a_test_that_the_arm_cannot_drive_is_reported_and_not_advised(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("analysis.diagnosis.plan.detectability.ExpectedPosterior", lambda *_: None)
+    monkeypatch.setattr("analysis.diagnosis.plan.further_tests.ExpectedPosterior", lambda *_: None)
     slow = [axis.model_copy(update={"speed_deg_s": 80.0}) for axis in RIG.robot.axes]
     rig = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"axes": tuple(slow)})})
     found, impossible = possible_tests(rig, ("roll",), *planned_blocks(rig, ("roll",), 3))
@@ -212,7 +205,7 @@ def test_the_command_prints_words_or_one_object(
     monkeypatch: pytest.MonkeyPatch, circle_alone: CapabilityOfTests
 ) -> None:
     monkeypatch.setattr(
-        "analysis.diagnosis.plan.detectability.plan",
+        "analysis.apps.planning.detectability.plan",
         lambda *_: replace(circle_alone, impossible=(("a flight", "no wings"),)),
     )
     monkeypatch.setenv("COLUMNS", "140")

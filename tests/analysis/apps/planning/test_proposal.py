@@ -11,17 +11,17 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis.apps.makers.report.proposal_report import write
-from analysis.cli import app
-from analysis.diagnosis.evidence.blocks import Block
-from analysis.diagnosis.plan import proposal as proposals
-from analysis.diagnosis.plan.expected import FormInformation, expected_posterior, planned_blocks
-from analysis.diagnosis.plan.proposal import (
+from analysis.apps.planning import proposal as proposals
+from analysis.apps.planning.proposal import (
     CircleCandidate,
     CircleCandidates,
     CircleProposal,
     circle_candidates,
     propose,
 )
+from analysis.cli import app
+from analysis.diagnosis.evidence.blocks import Block
+from analysis.diagnosis.plan.expected import FormInformation, expected_posterior, planned_blocks
 from analysis.robot.geometry.driven_programs import circle_program, feasible_tests
 from analysis.robot.model.predict import SetUp
 from rigs.errors import FileError, RigError, UseError
