@@ -25,7 +25,7 @@ from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, KnownSocketDistance
-from rigs.schema.effect import phases
+from rigs.schema.effect import phases, size_of
 from rigs.schema.vocabulary import CIRCLES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -174,10 +174,13 @@ on demand.
 
 
 def sigma_between(effect: Effect, rival: Effect) -> Callable[[PossibleTest], float]:
-    """Return a function for the separation in sigmas of two effects at their sizes, whichever is present."""
+    """Return a function for the separation in sigmas of two effects at their sizes, whichever is present: an effect
+    of size zero is not.
+    """
 
     def sigma(test: PossibleTest) -> float:
-        return min(test.expected.separation_sigma([a], phases(b)) for a, b in permutations((effect, rival)))
+        present = [(a, b) for a, b in permutations((effect, rival)) if size_of(a)]
+        return min((test.expected.separation_sigma([a], phases(b)) for a, b in present), default=0.0)
 
     return sigma
 
