@@ -47,7 +47,7 @@ def size_of(cause: CauseOdds, texts: Texts = _ENGLISH) -> str:
 
 def movement_sentence(movement: Movement, texts: Texts) -> str:
     """Return a movement found among the runs of a diagnosis as a sentence."""
-    which = "base_tracker" if movement.what == "base" and movement.of_tracker else movement.what
+    which: str = "base_tracker" if movement.what == "base" and movement.of_tracker else movement.what
     alike = look_alike(movement.axis, movement.axes)
     which += f"_or_{alike}" if alike else ""
     thing = texts(f"moved_{which}", axis=movement.axis or "", name=movement.name).rstrip()

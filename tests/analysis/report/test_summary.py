@@ -317,3 +317,16 @@ def test_a_session_that_corrected_shows_the_measured_error_and_the_step_that_is_
     assert corrected["next"].startswith("Repair it. Then load the original programs")
     assert corrected["error"]["size"] == "93.0 ± 1.0 → 4.0 ± 1.0 µm rms"
     assert shown_summary(session.model_copy(update={"answer": answer.model_copy(update={"summary": None})})) is None
+
+
+def test_a_cause_that_is_unlikely_by_itself_is_no_headline() -> None:
+    """The headline was a zero with a probability of 4 %, although its rival had 71 %."""
+    (rival,) = ZERO.rivals
+    other = replace(rival, effect=ZERO.effect.model_copy(update={"axis": 4}), posterior=0.25)
+    unlikely = replace(ZERO, posterior=0.04, rivals=(other, replace(rival, posterior=0.71)), doubt="usual")
+    part = BudgetPart("effect", 60.0, 1.0, 0.9, index=0, rank="usual")
+    found = replace(diagnosis("nothing_unusual"), effects=(unlikely,), budget=(part,))
+    summary = summarise(found)
+    assert summary.headline.startswith("No single cause: length a of axis 5")
+    assert "(71 %)" in summary.headline and summary.headline.index("(25 %)") < summary.headline.index("(4 %)")
+    assert summary.causes[0].name.startswith("length a of axis 5") and "4 %" not in summary.causes[0].name
