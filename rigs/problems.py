@@ -147,6 +147,8 @@ def _message(detail: ErrorDetails, place: Place, model: type[BaseModel]) -> str:
         choices = [name.strip().strip("'") for name in detail["ctx"]["expected"].replace(" or ", ", ").split(",")]
         tag = _short(value).strip("'")
         return f"{tag!r} is unknown{_nearest(tag, choices)}"
+    if kind == "string_pattern_mismatch" and place == ("name",):
+        return f"may contain only a–z, 0–9, - and _, and begins with a letter or digit, not {_short(value)}"
     if kind == "too_short":
         return f"has {detail['ctx']['actual_length']} entries, but needs at least {detail['ctx']['min_length']}"
     message = _PLAIN.get(kind, detail["msg"]).removeprefix("Value error, ").removeprefix("Input ")
