@@ -28,6 +28,7 @@ _PLAIN = {
     "model_type": "must be a mapping of keys to values",
     "union_tag_not_found": "is missing the key `interface` or `effect`; add the key",
     "model_attributes_type": "must be a mapping of keys to values",
+    "name": "may contain only a–z, 0–9, - and _, and begins with a letter or digit",
 }
 """Replacements for Python terms in messages of pydantic."""
 
@@ -149,6 +150,8 @@ def _message(detail: ErrorDetails, place: Place, model: type[BaseModel]) -> str:
         return f"{tag!r} is unknown{_nearest(tag, choices)}"
     if kind == "too_short":
         return f"has {detail['ctx']['actual_length']} entries, but needs at least {detail['ctx']['min_length']}"
+    if kind == "string_pattern_mismatch" and place == ("name",):
+        kind = "name"
     message = _PLAIN.get(kind, detail["msg"]).removeprefix("Value error, ").removeprefix("Input ")
     if not isinstance(value, int | float | str):
         return message

@@ -19,7 +19,7 @@ class Deviation(Part):
     """Deviation of the tool from the program, in µm of the readings with fitted set-ups: rms and maximum over several
     runs.
 
-    u_um: standard uncertainty of the rms.
+    u_um: standard uncertainty of the rms, 0 if no repeats measured it.
     """
 
     um: NotNegative

@@ -34,17 +34,23 @@ def without_moved(rig: Rig, runs: Sequence[Measured]) -> tuple[list[Measured], l
         if facts_of(run.table.test).of_places:
             groups.setdefault((run.table.test, run.run.manifest.placement), []).append(k)
     dropped: set[int] = set()
-    for numbers in groups.values():
-        movement, masks = _of_group(rig, [runs[k] for k in numbers])
+    pending = list(groups.values())
+    for numbers in pending:  # which grows by the runs after each movement
+        movement, masks, after = _of_group(rig, [kept[k] for k in numbers])
         if movement is None:
             continue
         movements.append(movement)
+        if after is not None:
+            doubts.append(f"{movement.to} and later runs were fitted as a separate placement, after the movement")
+            pending.append(numbers[after:])
+            for k in numbers[after:]:
+                kept[k] = _with_placement(kept[k], runs[k].run.manifest.placement, movement.to)
         for k, mask in zip(numbers, masks, strict=True):
             if not mask.all():
                 name = runs[k].run.manifest.name
                 rows = f"{np.count_nonzero(~mask)} of {len(mask)} rows of {name} are ignored"
                 doubts.append(f"{rows}: they lie on the other side of the movement")
-                kept[k] = replace(runs[k], table=_shortened(runs[k].table, mask))
+                kept[k] = replace(kept[k], table=_shortened(kept[k].table, mask))
                 dropped |= {k} if not mask.any() else set()
     return [run for k, run in enumerate(kept) if k not in dropped], movements, doubts
 
@@ -58,25 +64,33 @@ def with_movements(diagnosis: Diagnosis, movements: Sequence[Movement], doubts: 
     return replace(diagnosis, movements=tuple(movements), doubts=(*doubts, *diagnosis.doubts), acts=acts)
 
 
-def _of_group(rig: Rig, runs: Sequence[Measured]) -> tuple[Movement | None, list[Mask]]:
-    """Return the movement among runs of a placement, and masks of the rows that a diagnosis may use."""
+def _of_group(rig: Rig, runs: Sequence[Measured]) -> tuple[Movement | None, list[Mask], int | None]:
+    """Return the movement among runs of a placement, masks of the rows that a diagnosis may use, and the first run of
+    a placement of its own: None unless a frame moved between two runs."""
     whole = [np.ones(len(run.table.q), dtype=bool) for run in runs]
     parts = [(k, piece) for k, run in enumerate(runs) for piece in observed(rig, [run])]
     begins = np.cumsum([0, *(len(run.table.q) for run in runs)])
     order = np.concatenate([begins[k] + piece.rows for k, piece in parts])
     step = find_step([piece for _, piece in parts], order)
     if step is None:
-        return None, whole
+        return None, whole, None
     where = int(np.searchsorted(begins, step.first, side="right")) - 1
     row = step.first - int(begins[where])
     movement = _movement(runs, where, row, step, parts[0][1])
     if row == 0 and step.found.what in _FRAMES:
-        return movement, whole
+        return movement, whole, where
     masks = [np.arange(len(mask)) + begins[k] < step.first for k, mask in enumerate(whole)]
     before = sum(int(mask.sum()) for mask in masks)
     if 2 * before < begins[-1]:
         masks = [~mask for mask in masks]
-    return movement, masks
+    return movement, masks, None
+
+
+def _with_placement(run: Measured, label: str, name: str) -> Measured:
+    """Return a run at the part of a labelled placement that begins with the run of a given name."""
+    placement = f"{label} from {name}".lstrip()
+    manifest = run.run.manifest.model_copy(update={"placement": placement})
+    return replace(run, run=replace(run.run, manifest=manifest))
 
 
 def _movement(runs: Sequence[Measured], where: int, row: int, step: MovementStep, piece: ObservedRun) -> Movement:
@@ -103,6 +117,7 @@ def _movement(runs: Sequence[Measured], where: int, row: int, step: MovementStep
         run=names[where],
         row=None if row == 0 else int(rows[row]),
         of_tracker=facts_of(piece.table.test).of_tracker,
+        axes=piece.model.arm.axes,
     )
 
 

@@ -57,6 +57,13 @@ class Cause:
         return np.full(3, SHIFT_MM) if self.what in ("socket", "target", "tool") else np.empty(0)
 
 
+def look_alike(axis: int | None, axes: int) -> Literal["base", "tool"] | None:
+    """Return the part whose rotation about an axis changes every reading as the zero of that axis does: of the first
+    axis the base, of the last one the tool. None for the others.
+    """
+    return "base" if axis == 1 else "tool" if axis == axes else None
+
+
 NOTHING, OTHER = Cause("nothing"), Cause("other")
 
 

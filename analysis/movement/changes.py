@@ -63,11 +63,9 @@ def find_step(runs: Sequence[ObservedRun], order: Integers) -> MovementStep | No
     if sum(len(run.rows) for run in new) < _FEWEST:
         return None
     compared = compare(reference, new)
-    if compared.distance_mm > MOST_MM:
-        return None
-    found = moved_of(reference, compared).named
+    found = moved_of(reference, compared).named if compared.distance_mm <= MOST_MM else None
     if found is None or found.what in ("nothing", "other", "pair"):
-        return None
+        return find_step(before, order[order < first])  # something else may have moved earlier
     moves_mm = np.abs(compared.shifts[found.cause].columns @ compared.posterior.estimates[found.cause].mean).max()
     return MovementStep(first, found) if moves_mm > _TIMES_SCATTER * reference.scatter_mm else None
 

@@ -21,6 +21,7 @@ from analysis.diagnosis.judge.result import (
     BudgetPart,
     Diagnosis,
     Named,
+    Rival,
     fault_rivals,
     is_certain_part,
     is_sure,
@@ -425,9 +426,10 @@ class AnswerWords:
         return self.texts("or").join(map(self.noun, (named.effect, *named.twins)))
 
     def with_rivals(self, named: Named) -> str:
-        """Return a fault and the rivals that cannot be dismissed, joined by "or"."""
-        effects = (named.effect, *(rival.effect for rival in likely_rivals(named)))
-        return self.texts("or").join(map(self.noun, effects))
+        """Return an effect and the rivals that cannot be dismissed, likeliest first, joined by "or"."""
+        causes: list[Named | Rival] = [named, *likely_rivals(named)]
+        causes.sort(key=lambda cause: -cause.posterior)
+        return self.texts("or").join(self.noun(cause.effect) for cause in causes)
 
     def _share(self, named: Named) -> list[str]:
         part = part_of(self.diagnosis, named)

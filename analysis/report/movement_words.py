@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.diagnosis.evidence.movements import Movement
-from analysis.movement.causes import Cause
+from analysis.movement.causes import Cause, look_alike
 from analysis.movement.next_touch import Lever, ReferencePosture
 from analysis.movement.result import CauseOdds, MovementResult, short_name
 from analysis.report.texts import Texts, texts_of
@@ -47,7 +47,9 @@ def size_of(cause: CauseOdds, texts: Texts = _ENGLISH) -> str:
 
 def movement_sentence(movement: Movement, texts: Texts) -> str:
     """Return a movement found among the runs of a diagnosis as a sentence."""
-    which = "base_tracker" if movement.what == "base" and movement.of_tracker else movement.what
+    which: str = "base_tracker" if movement.what == "base" and movement.of_tracker else movement.what
+    alike = look_alike(movement.axis, movement.axes)
+    which += f"_or_{alike}" if alike else ""
     thing = texts(f"moved_{which}", axis=movement.axis or "", name=movement.name).rstrip()
     size = ""
     if movement.size_deg is not None and movement.u_deg is not None:
@@ -117,7 +119,8 @@ def what_to_do(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
     named = moved.named
     if named is not None:
         causes = [member.cause for member in named.together] or [named.cause]
-        acts = [_act(cause, short_name(cause), texts, of_tracker=moved.of_tracker) for cause in causes]
+        axes = len(moved.zero_bounds_deg)
+        acts = [_act(cause, short_name(cause), texts, axes, of_tracker=moved.of_tracker) for cause in causes]
         return " ".join(dict.fromkeys(acts))
     if moved.next_posture is not None:
         return next_words(moved.next_posture, texts)
@@ -128,12 +131,14 @@ def what_to_do(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
 
 def act_after(movements: Sequence[Movement], texts: Texts) -> str:
     """Return the recommended action after movements found among the runs of a diagnosis."""
-    acts = [_act(movement, movement.name, texts, of_tracker=movement.of_tracker) for movement in movements]
+    acts = [_act(moved, moved.name, texts, moved.axes, of_tracker=moved.of_tracker) for moved in movements]
     return " ".join(dict.fromkeys(acts))
 
 
-def _act(moved: Cause | Movement, name: str, texts: Texts, *, of_tracker: bool) -> str:
-    which = "base_tracker" if moved.what == "base" and of_tracker else moved.what
+def _act(moved: Cause | Movement, name: str, texts: Texts, axes: int, *, of_tracker: bool) -> str:
+    which: str = "base_tracker" if moved.what == "base" and of_tracker else moved.what
+    alike = look_alike(moved.axis, axes)
+    which += f"_or_{alike}" if alike else ""
     return texts(f"check_act_{which}", axis=moved.axis or "", name=name)
 
 
@@ -161,8 +166,9 @@ def remarks(moved: MovementResult, texts: Texts = _ENGLISH) -> list[str]:
     named = moved.named
     if moved.wild_row is not None:
         lines.append(texts("check_wild", row=moved.wild_row))
-    if named is not None and named.what == "zero" and named.cause.axis == 1:
-        lines.append(texts("check_base_about_axis_1"))
+    alike = named and look_alike(named.cause.axis, len(moved.zero_bounds_deg))
+    if named is not None and alike:
+        lines.append(texts(f"check_{alike}_alike", axis=named.cause.axis))
     if named is not None and named.what == "nothing":
         bounds = enumerate(moved.zero_bounds_deg, start=1)
         wide = [texts("check_up_to", axis=k, size=f"{deg:.2f}") for k, deg in bounds if deg > _WIDE_DEG]

@@ -104,7 +104,7 @@ def with_driven_error(summary: Summary, before: Deviation, after: Deviation, tex
         now=error_size(before.um, before.u_um),
         after_label=texts("error_driven_label"),
         after=error_size(after.um, after.u_um),
-        basis=texts("basis_driven"),
+        basis=" ".join([texts("basis_driven"), *([] if before.u_um else [texts("noise_assumed")])]),
     )
     if summary.standing not in WITHOUT_FAULT:
         return replace(summary, error=error)

@@ -53,7 +53,7 @@ def not_in_metres(value: object) -> object:
     """Return a length in mm unchanged. Raises ValueError below 1 mm, because the value was probably meant in metres."""
     if isinstance(value, int | float) and 0 < abs(value) < 1:
         raise ValueError(
-            f"{value:g} mm is too short; it looks like metres: multiply it by {MM_PER_M}, {MM_PER_M * value:g}"
+            f"{value:g} mm is too short; it looks like metres: multiply it by {MM_PER_M} and write {MM_PER_M * value:g}"
         )
     return value
 

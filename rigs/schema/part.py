@@ -35,7 +35,7 @@ def place_not_in_metres(place: Vector) -> Vector:
         in_mm = ", ".join(f"{MM_PER_M * value:g}" for value in place)
         raise ValueError(
             f"[{', '.join(f'{value:g}' for value in place)}] has no coordinate of {_LEAST_MM:g} mm or more; it looks "
-            f"like metres: multiply it by {MM_PER_M}, [{in_mm}]"
+            f"like metres: multiply it by {MM_PER_M} and write [{in_mm}]"
         )
     return place
 

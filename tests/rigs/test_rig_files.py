@@ -223,7 +223,7 @@ def test_a_key_given_twice_is_refused() -> None:
         ("accuracy_mm: 0.0005", "timeout_s: 1.0e-300", "greater than or equal to 0.01"),
         ("line: 4800 7E2", "line: {baud: 0, bits: 9, parity: X, stop: 3}", "greater than or equal to 50"),
         ("line: 4800 7E2", "line: 4800", "'9600 8N1'"),
-        ("name: paper-fanuc", "name: ../paper", "match"),
+        ("name: paper-fanuc", "name: ../paper", "may contain only a–z"),
         ("tcp://192.168.1.10:59002", "udp://192.168.1.10:59002", "add listens: true"),
         ("tcp://192.168.1.10:59002", "udp://192.168.1.10:0", "not a UDP port"),
         ("tcp://192.168.1.10:59002", "/dev/ttyUSB2\n  listens: true", "remove the key for a serial port"),
@@ -462,3 +462,11 @@ def test_a_place_on_the_flange_in_metres_is_doubted(written: str, in_metres: str
         parse(text.replace(written, in_metres), "cell.yaml")
     assert re.search(rf"line \d+, {place}: ", str(refused.value))
     parse(text.replace(written, written[: written.index("[")] + "[0, 0, 0]"), "cell.yaml")
+
+
+def test_a_name_with_capitals_is_refused_in_plain_words() -> None:
+    """The message was a regular expression."""
+    _, text = load("ur10e")
+    with pytest.raises(RigFileError, match="name: may contain only a–z, 0–9, - and _") as refused:
+        parse(text.replace("name: ur10e", "name: My Cell", 1), "cell.yaml")
+    assert "'My Cell'" in str(refused.value) and "pattern" not in str(refused.value)

@@ -46,6 +46,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     from analysis.report.act_words import ActWords, command  # noqa: PLC0415
     from analysis.report.answer_words import AnswerWords, part_of  # noqa: PLC0415
     from analysis.report.diagnosis_report import write  # noqa: PLC0415
+    from analysis.report.diagnosis_words import measured_u  # noqa: PLC0415
     from analysis.report.summary_words import step_of, summarise  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
@@ -98,7 +99,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         calibrated_um=diagnosis.accuracy.calibrated_um,
         before_there_um=diagnosis.accuracy.before_there_um,
         level=diagnosis.level,
-        noise_um=diagnosis.train.noise_floor_um,
+        noise_um=measured_u(diagnosis, diagnosis.train.noise_floor_um),
         seconds=round(diagnosis.seconds, 1),
         found=directory.name,
         model=model.name if model else "",
@@ -227,8 +228,9 @@ class ControllerModel:
 def path_error(runs: Sequence[Path], driven: ControllerModel, noise_um: float) -> Deviation | None:
     """Return the deviation of the tool from the commanded circle, after fitting the set-ups; None if there are no runs.
 
-    noise_um: rms scatter of a single run. The joint angles reported by a corrected controller do not reveal the
-    commanded place. The commanded joints are therefore recovered from the circle angle. Raises FileError.
+    noise_um: rms scatter of a single run, 0 if it was not measured. The joint angles reported by a corrected controller
+    do not reveal the commanded place. The commanded joints are therefore recovered from the circle angle. Raises
+    FileError.
     """
     from analysis.diagnosis.judge.compare_runs import compare  # noqa: PLC0415 - slow to import
 

@@ -143,7 +143,8 @@ _DRIVEN: dict[Way, str] = {
 
 
 def _size(error: Deviation) -> str:
-    return f"{error.um:.1f} ± {error.u_um:.1f} µm rms (at most {error.largest_um:.0f})"
+    size = f"{error.um:.1f} ± {error.u_um:.1f}" if error.u_um else f"{error.um:.1f}"
+    return f"{size} µm rms (at most {error.largest_um:.0f})"
 
 
 def status_lines(session: Session, following: Following, directory: Path) -> Iterator[str]:

@@ -15,7 +15,7 @@ class Movement:
     `translation_mm` and `rotation_deg` refer to the axes of the base, for a tool to the axes of the flange. A zero of
     `axis` has only `size_deg`. `u_mm` is the standard uncertainty of the length of the shift, `u_deg` of a zero,
     `u_rotation_deg` of the rotation. `row`: row of the file of `run` from which it moved, None between runs.
-    `of_tracker`: a base and its instrument are not distinguished.
+    `of_tracker`: a base and its instrument are not distinguished. `axes`: number of joints of the arm, 0 if unknown.
     """
 
     from_: str
@@ -33,6 +33,7 @@ class Movement:
     run: str = ""
     row: int | None = None
     of_tracker: bool = False
+    axes: int = 0
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain types for JSON."""

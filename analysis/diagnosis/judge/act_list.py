@@ -44,13 +44,17 @@ _RARE = 3.0
 
 @dataclass(frozen=True)
 class JudgedPlace:
-    """Validation runs of the actions, runs for fitting set-ups of the same placement, the models, and the gap there."""
+    """Validation runs of the actions, runs for fitting set-ups of the same placement, the models, and the gap there.
+
+    predicted_um: error of the model at poses used, each predicted by the others; None if unknown.
+    """
 
     place: JudgedOn
     used: FittedRuns
     there: Sequence[ObservedRun]
     stages: Stages
     gap: Gap
+    predicted_um: float | None = None
 
     def removed(self, effects: Sequence[Effect], relative_u: float = 0.0) -> Act:
         """Return the figures of an action that removes these effects. The change has a relative uncertainty."""
@@ -286,6 +290,8 @@ def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
     before_um, fails = figures.gain_um + figures.remains_um, diagnosis.accuracy.standing in ("watch", "fail")
     if not figures.removes or (figures.remains_um >= _WORTH * before_um and not fails):
         return []
+    if judged.place == "used" and judged.predicted_um is not None and judged.predicted_um >= before_um:
+        return []  # the model of the other poses predicts a pose no better than the rig file: the poses are too few
     parts = tuple(
         k
         for k, part in enumerate(diagnosis.budget)

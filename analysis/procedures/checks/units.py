@@ -88,6 +88,9 @@ def impossible_travel(name: str, reading: Array, radius_mm: float) -> Iterator[t
     travel = float(np.ptp(reading))
     if travel > radius_mm:
         fact = f"{name} travels {travel:.4g} mm on a radius of {radius_mm:g} mm, which is impossible for a link"
+        if wrapped := unsigned_readings(reading):
+            yield f"{fact}: {wrapped.words}", wrapped.remedy
+            return
         yield fact, "convert it to mm: the values are probably µm" if travel > 3 * radius_mm else "check the unit"
 
 

@@ -63,3 +63,20 @@ def test_a_zero_far_from_usual_is_named_though_it_alone_shows_how_wide_zeros_are
     zeros = [act for act in found.acts if act.kind == "remaster" and act.effect]
     assert {name_of(act.effect) for act in zeros if act.effect} == set(named)
     assert all(act.removes for act in zeros) and zeros[-1].remains_um < 0.1 * found.train.before_um
+
+
+def test_too_few_poses_prove_no_unknown_cause_and_no_gain_of_a_correction() -> None:
+    """Of 18 sound arms with 10 or 12 poses, six had an unknown cause: two neighbourhoods show an upper limit only."""
+    rng = np.random.default_rng(9)
+    small = independent_arm.none()
+    small = replace(
+        small, a=rng.normal(0, 0.25, 6), d=rng.normal(0, 0.25, 6), offset=np.radians(rng.normal(0, 0.04, 6))
+    )
+    q = independent_arm.postures("ur10e", 12, rng)
+    R, p = independent_arm.flange(independent_arm.constants_of("ur10e"), small, q)
+    places = p + R @ [30.0, -20.0, 110.0] + [2500.0, -800.0, 400.0] + rng.normal(0, 0.02, (12, 3))
+    rig = load("ur10e")[0].model_copy(update={"effects": ()})
+    found = found_in([measured(PoseTable(q, places, None), "pose", "few", rig)], rig)
+    assert found.condition != "outside_library" and not found.remainder.is_material
+    # The other poses predict each of them no better than the rig file, so no correction is proposed.
+    assert not any(act.kind == "load" for act in found.acts)

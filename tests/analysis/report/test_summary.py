@@ -23,7 +23,7 @@ from analysis.report.act_words import ActWords
 from analysis.report.answer_words import AnswerWords
 from analysis.report.diagnosis_screen import as_screen
 from analysis.report.diagnosis_words import error_size
-from analysis.report.summary import Summary
+from analysis.report.summary import Summary, with_driven_error
 from analysis.report.summary_screen import StackedBar, on_screen
 from analysis.report.summary_words import step_of, summarise
 from analysis.report.texts import LANGUAGES, Language, texts_of
@@ -317,3 +317,26 @@ def test_a_session_that_corrected_shows_the_measured_error_and_the_step_that_is_
     assert corrected["next"].startswith("Repair it. Then load the original programs")
     assert corrected["error"]["size"] == "93.0 ± 1.0 → 4.0 ± 1.0 µm rms"
     assert shown_summary(session.model_copy(update={"answer": answer.model_copy(update={"summary": None})})) is None
+
+
+def test_a_cause_that_is_unlikely_by_itself_is_no_headline() -> None:
+    """The headline was a zero with a probability of 4 %, although its rival had 71 %."""
+    (rival,) = ZERO.rivals
+    other = replace(rival, effect=ZERO.effect.model_copy(update={"axis": 4}), posterior=0.25)
+    unlikely = replace(ZERO, posterior=0.04, rivals=(other, replace(rival, posterior=0.71)), doubt="usual")
+    part = BudgetPart("effect", 60.0, 1.0, 0.9, index=0, rank="usual")
+    found = replace(diagnosis("nothing_unusual"), effects=(unlikely,), budget=(part,))
+    summary = summarise(found)
+    assert summary.headline.startswith("No single cause: length a of axis 5")
+    assert "(71 %)" in summary.headline and summary.headline.index("(25 %)") < summary.headline.index("(4 %)")
+    assert summary.causes[0].name.startswith("length a of axis 5") and "4 %" not in summary.causes[0].name
+
+
+def test_an_assumed_noise_is_no_uncertainty_of_a_driven_error() -> None:
+    """A page said 107 ± 18 → < 18 µm of errors of 107 and 3 µm, because no circle was repeated."""
+    before, after = (Deviation(um=um, largest_um=3 * um, u_um=0.0, runs=2) for um in (107.0, 2.9))
+    error = with_driven_error(summarise(diagnosis("nothing_unusual")), before, after, EN).error
+    assert (error.now, error.after) == ("107", "2.9") and error.basis.endswith(EN("noise_assumed"))
+    measured = [one.model_copy(update={"u_um": 0.5}) for one in (before, after)]
+    error = with_driven_error(summarise(diagnosis("nothing_unusual")), *measured, EN).error
+    assert error.after == "2.9 ± 0.5" and EN("noise_assumed") not in error.basis

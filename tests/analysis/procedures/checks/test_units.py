@@ -15,7 +15,7 @@ from analysis.procedures.checks.finding import Finding
 from analysis.procedures.checks.gauge_sign import ORDER
 from analysis.procedures.checks.lost_poses import DUPLICATES, WILDNESS
 from analysis.procedures.checks.place import PLACE, STAMPS
-from analysis.procedures.checks.units import unit_findings
+from analysis.procedures.checks.units import impossible_travel, unit_findings
 from analysis.procedures.simulate import simulate
 from analysis.runs.csv_tables import table_from
 from analysis.runs.tables import CircleTable, Table
@@ -293,3 +293,11 @@ def test_a_target_that_the_robot_was_not_at_is_doubted_by_name(test: TestName) -
         rows["polar_deg"][9:12] = ["60"] * 3
     (doubt,) = check(rows, test)
     assert "from target 8 in row 10, and further away than 20 mm in 3 of 24 rows" in doubt
+
+
+def test_wrapped_counts_that_travel_farther_than_a_link_are_not_called_micrometres() -> None:
+    """Readings of a signed 32-bit gauge read as unsigned were refused as µm."""
+    true = np.round(0.02 * np.sin(np.linspace(0, 7, 400)), 4)
+    wrapped = np.where(true < 0, true + 1e-4 * 2.0**32, true)
+    ((fact, remedy),) = impossible_travel("g1_mm", wrapped, 70.0)
+    assert "a signed value was read as unsigned" in fact and remedy == "set `type: int32`"

@@ -1,0 +1,57 @@
+"""Movements between runs of one placement, of an arm whose kinematics are not those of the product."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.evidence.movements import Movement
+from analysis.movement.between import without_moved
+from analysis.report.movement_words import act_after, movement_sentence
+from analysis.report.texts import texts_of
+from analysis.runs.loading import Measured
+from rigs.load import load
+from tests.support.pose_runs import pose_run
+from tests.worlds.arms.independent_arm import constants_of, flange, none
+
+RIG = load("ur10e")[0].model_copy(update={"effects": ()})
+TOOL_MM = np.array([40.0, 25.0, 130.0])
+
+
+def _run(name: str, poses: int, *, base_mm: tuple[float, float, float] = (0, 0, 0), turn_deg: float = 0) -> Measured:
+    """Poses of an arm with small errors; the base, or the zero of the first axis, differs from that at the start."""
+    rng = np.random.default_rng([poses, *name.encode()])
+    small = np.random.default_rng(4)
+    wrong = replace(none(), a=small.normal(0, 0.1, 6), offset=np.radians(small.normal(0, 0.02, 6)))
+    low, high = np.radians([(-85, -130, 50, -120, -110, -150), (85, -55, 120, -40, -50, 150)])
+    q: NDArray[np.float64] = rng.uniform(low, high, (poses, 6))
+    R, p = flange(constants_of("ur10e"), wrong, q + np.radians([turn_deg, 0, 0, 0, 0, 0]))
+    places = p + R @ TOOL_MM + [2100.0, -800.0, 600.0] + base_mm + rng.normal(0, 0.02, (poses, 3))
+    return pose_run("ur10e", q, places, name)
+
+
+def test_runs_after_a_moved_base_have_a_placement_of_their_own() -> None:
+    """A base that moved by 1.3 mm was reported, but fitted as one placement: 0.5 mm then counted as scatter."""
+    runs = [_run("before", 40), _run("after", 20, base_mm=(0.5, -1.1, 0.3))]
+    runs.append(_run("third", 20, base_mm=(0.5, 0.4, 0.3)))
+    sound, movements, doubts = without_moved(RIG, runs)
+    assert [(movement.from_, movement.to, movement.what) for movement in movements] == [
+        ("before", "after", "base"), ("after", "third", "base")
+    ]  # fmt: skip
+    assert [run.run.manifest.placement for run in sound] == ["door", "door from after", "door from third"]
+    assert any(doubt.startswith("third and later runs were fitted as a separate placement") for doubt in doubts)
+
+
+def test_a_zero_of_the_first_axis_is_not_told_from_a_base_that_turned() -> None:
+    """The readings of both are equal, and re-mastering a sound axis makes an arm worse."""
+    _, (movement,), _ = without_moved(RIG, [_run("before", 40), _run("after", 20, turn_deg=0.1)])
+    assert (movement.what, movement.axis) == ("zero", 1)
+    for language, names in {"en": ("base", "tool"), "de": ("Sockel", "Werkzeug"), "ko": ("베이스", "공구")}.items():
+        texts = texts_of(language)
+        assert names[0] in movement_sentence(movement, texts) and names[0] in act_after([movement], texts)
+        last: Movement = replace(movement, axis=6)
+        assert names[1] in movement_sentence(last, texts) and names[1] in act_after([last], texts)
+        between: Movement = replace(movement, axis=3)
+        assert not any(name in movement_sentence(between, texts) for name in names)
