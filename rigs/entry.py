@@ -56,3 +56,9 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     _require_packages("import rig_metrology", "rigs", "daq", PACKAGE_OF_API)
     return getattr(import_module(PACKAGE_OF_API), name)
+
+
+def __dir__() -> list[str]:
+    """Return the names of the public API, which a console offers for completion."""
+    _require_packages("import rig_metrology", "rigs", "daq", PACKAGE_OF_API)
+    return [*globals(), *import_module(PACKAGE_OF_API).__all__]

@@ -40,7 +40,7 @@ _NEGLIGIBLE = 1e-3
 """Weight relative to the largest below which a grid point is dropped."""
 _OUTLIER_ODDS = 0.01
 """Prior probability of an outlier in the new readings: a ball not seated, a disturbed tracker. Chosen."""
-_OTHER_LEVELS = np.array([3.0, 10.0, 30.0, 100.0, 300.0])
+OTHER_LEVELS = np.array([3.0, 10.0, 30.0, 100.0, 300.0])
 """Multiples of the scatter for changes explained by neither causes nor noise."""
 _PAIR_LEVELS = LEVELS[:3]
 """Size levels of each member of a pair."""
@@ -347,8 +347,8 @@ def _estimate_other(predictions: Sequence[Prediction]) -> Estimate:
     for p in predictions:
         values, vectors = np.linalg.eigh(p.cov)
         turned = (vectors.T @ p.excess) ** 2
-        total = values + (_OTHER_LEVELS[:, None] * p.scatter) ** 2
-        logs.append(np.log(p.weight) - 0.5 * (np.log(total) + turned / total).sum(axis=1) - np.log(len(_OTHER_LEVELS)))
+        total = values + (OTHER_LEVELS[:, None] * p.scatter) ** 2
+        logs.append(np.log(p.weight) - 0.5 * (np.log(total) + turned / total).sum(axis=1) - np.log(len(OTHER_LEVELS)))
     return Estimate(_log_sum(np.concatenate(logs)), np.empty(0), np.empty((0, 0)), np.ones(1))
 
 

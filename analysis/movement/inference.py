@@ -36,6 +36,10 @@ from analysis.robot.kinematics.arm import Array, Mask
 
 NAMED = 20 / 21
 """Probability from which a cause is named: odds of 20 to 1."""
+FEWEST_OF_REFERENCE = 12
+"""Minimum number of readings of a reference. Chosen: arm and set-up have about as many uncertain constants."""
+FEWEST_TO_CLEAR = 4
+"""Minimum number of new readings from which "nothing moved" is an answer. Chosen: fewer hardly show the wrist."""
 _REGIONS = 4
 """Number of regions in joint space, and of parts of each run, used to compare the reference with itself. Chosen: new
 readings mostly cover a part of the reference.
@@ -155,12 +159,19 @@ class ReferenceComparison:
     @property
     def identified_cause(self) -> Cause | None:
         """The cause with odds of at least 20 to 1; None if there is none. Causes that the readings cannot show are
-        added to "nothing".
+        added to "nothing", which needs FEWEST_TO_CLEAR readings.
         """
         cause, probability = next(iter(self.posterior.probability.items()))
         if cause == NOTHING:
+            if self.count < FEWEST_TO_CLEAR:
+                return None
             probability += sum(self.posterior.probability[unseen] for unseen in self.unseen)
         return cause if probability >= NAMED else None
+
+    @property
+    def count(self) -> int:
+        """Number of new readings."""
+        return sum(len(run.rows) for run in self.runs)
 
     @property
     def distance_mm(self) -> float:

@@ -11,7 +11,14 @@ from analysis.diagnosis.evidence.observation import ObservedRun, socket_of
 from analysis.diagnosis.evidence.setups import FRAME
 from analysis.movement.causes import NOTHING, OTHER, Cause, What
 from analysis.movement.evidence import Estimate
-from analysis.movement.inference import MOST_MM, NAMED, Reference, ReferenceComparison, compare, study
+from analysis.movement.inference import (
+    FEWEST_TO_CLEAR,
+    MOST_MM,
+    NAMED,
+    Reference,
+    ReferenceComparison,
+    compare,
+)
 from analysis.movement.linearise import angles_of, tool_places, with_cause
 from analysis.movement.next_touch import Candidates, Lever, ReferencePosture, candidates_of, hidden_causes, next_posture
 from analysis.procedures.facts import facts_of
@@ -117,14 +124,12 @@ def short_name(cause: Cause) -> str:
     return name.partition(FRAME)[0]
 
 
-def what_moved(reference_runs: list[ObservedRun], new: list[ObservedRun], *, plan: bool = False) -> MovementResult:
-    """Infer the movement between reference runs and new runs of an arm, with a common model and touches split by
-    socket.
+def what_moved(reference: Reference, new: list[ObservedRun], *, plan: bool = False) -> MovementResult:
+    """Infer the movement between a reference and new runs of an arm, with touches split by socket.
 
     The result contains the next posture if `plan` is set or no cause is named. Raises FileError if the new readings
     share no set-up with the reference.
     """
-    reference = study(reference_runs)
     known = {run.setup for run in reference.runs}
     shared = [run for run in new if run.setup in known]
     if new and not shared:
@@ -159,7 +164,7 @@ def moved_of(
     wild = None if compared is None or compared.posterior.wild is None else compared.posterior.wild + 1
     return MovementResult(
         tuple(causes), named, rivals, step, hidden,
-        sum(len(run.rows) for run in compared.runs) if compared else 0, sum(len(run.rows) for run in reference.runs),
+        compared.count if compared else 0, sum(len(run.rows) for run in reference.runs),
         reference.scatter_mm, _vector(reference.place.centre_mm), wild,
         any(facts_of(run.table.test).of_tracker for run in reference.runs), _zero_bounds(compared), doubts,
     )  # fmt: skip
@@ -184,7 +189,8 @@ def _next(
 ) -> ReferencePosture | None:
     """Return the next posture; None if only causes remain that no posture shows."""
     invisible = {lever.cause for lever in hidden}
-    if rivals and all(rival.cause in invisible or rival.cause == NOTHING for rival in rivals):
+    is_enough = compared is not None and compared.count >= FEWEST_TO_CLEAR
+    if is_enough and rivals and all(rival.cause in invisible or rival.cause == NOTHING for rival in rivals):
         return None
     return next_posture(reference, candidates, compared)
 

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.diagnosis.evidence.movements import Movement
-from analysis.movement.causes import Cause, look_alike
+from analysis.movement.causes import NOTHING, Cause, look_alike
+from analysis.movement.inference import FEWEST_TO_CLEAR
 from analysis.movement.next_touch import Lever, ReferencePosture
 from analysis.movement.result import CauseOdds, MovementResult, short_name
 from analysis.report.texts import Texts, texts_of
@@ -90,6 +91,8 @@ def headline(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
         return texts("check_no_readings", count=moved.reference_readings)
     named, of_tracker = moved.named, moved.of_tracker
     readings = texts("check_reading" if moved.readings == 1 else "check_readings", count=moved.readings)
+    if named is None and [cause.cause for cause in moved.cannot_separate] == [NOTHING]:
+        return texts("check_unmoved_so_far", readings=readings, fewest=FEWEST_TO_CLEAR)
     if named is None:
         rivals = [
             f"{name_of(cause.cause, texts, of_tracker=of_tracker)} ({100 * cause.posterior:.0f} %)"

@@ -47,7 +47,7 @@ SIMULATED = "simulated, "
 """Prefix of the source of a simulated table, followed by the seed."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Measured(Tabular):
     """A run: its rig file and the readings as one table, in rad and mm.
 
@@ -72,6 +72,10 @@ class Measured(Tabular):
     doubts: tuple[str, ...]
     systematic: Systematic = NO_CERTIFICATE
     condition: Condition = NOT_SHOWN
+
+    def __repr__(self) -> str:
+        """Return one line for a console, instead of all readings."""
+        return f"<run {self.run.manifest.name}: {self.table.test} of {self.rig.name}, {len(self.table.q)} rows>"
 
     @property
     def title(self) -> str:

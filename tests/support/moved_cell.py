@@ -77,7 +77,9 @@ class Case:
         return self.touch([self.sockets[row] for row in rows], self.q[rows])
 
     def touch_planned(self, count: int) -> tuple[list[str], np.ndarray]:
-        """Return touches after the change in postures that the plan chooses one by one."""
+        """Return touches after the change in postures that the plan chooses one by one, until a cause is named or
+        `count` is reached.
+        """
         candidates, compared = candidates_of(self.reference), None
         sockets: list[str] = []
         q = np.empty((0, self.q.shape[1]))
@@ -88,6 +90,8 @@ class Case:
             name, near = self.touch([self.sockets[row]], self.q[row : row + 1])
             sockets, q = sockets + name, np.concatenate([q, near])
             compared = compare(self.reference, observed(self.model, sockets, q))
+            if compared.identified_cause is not None:
+                break
         return sockets, q
 
     def named(self, touches: tuple[list[str], np.ndarray]) -> Cause | None:

@@ -7,13 +7,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from analysis.movement.inference import FEWEST_OF_REFERENCE
 from analysis.procedures.facts import facts_of, shows_joints
 from daq.store import RunInfo, read_run, survey
 from rigs.errors import FileError, RigError
 from rigs.schema.vocabulary import CIRCLES, TestName
-
-FEWEST = 12
-"""Minimum number of touches or poses of a reference. Chosen: arm and set-up have about as many uncertain constants."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,7 @@ def _of_places(run: RunInfo) -> CellReference | None:
         return None
     with suppress(RigError):
         table = read_run(run.path).table
-        if table is not None and table.num_rows >= FEWEST:
+        if table is not None and table.num_rows >= FEWEST_OF_REFERENCE:
             return CellReference(manifest.rig_name, (run.path,), manifest.test, table.num_rows, manifest.started[:10])
     return None
 

@@ -17,10 +17,10 @@ import numpy as np
 from analysis.apps.commission.record_touches import TONE, SampleSource, joint_samples
 from analysis.apps.commission.touched_ball import Standstill, is_same_posture
 from analysis.diagnosis.evidence.observation import ObservedRun, by_socket, observe, socket_of, with_placement
-from analysis.movement.inference import MOST_MM, Reference, compare, study
+from analysis.movement.inference import MOST_MM, Reference, compare
 from analysis.movement.linearise import tool_places
 from analysis.movement.result import MovementResult, moved_of
-from analysis.movement.runs import observed
+from analysis.movement.runs import study_runs
 from analysis.report.movement_words import headline, what_to_do
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.csv_tables import columns_of
@@ -30,9 +30,6 @@ from daq import clock
 from daq.store import MovementCheck, mark_moved, table_run, write_table_run
 from rigs.errors import FileError
 from rigs.rig import Rig
-
-_FEWEST = 4
-"""Minimum number of touches after which "nothing moved" ends a check. Chosen: fewer hardly show the wrist."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +60,7 @@ class GuidedCheck:
         if len(placements) != 1:
             problem = f"has touches of {len(placements)} placements, but a guided check needs those of one"
             raise FileError(", ".join(names), problem, "give runs of touches of the same sockets")
-        reference = study(observed(rig or runs[0].rig, runs))
+        reference = study_runs(rig or runs[0].rig, runs)
         place = reference.place
         sockets = {
             run.setup: tool_places(run, place.setups[run.setup]).mean(axis=0)
@@ -108,11 +105,8 @@ class GuidedCheck:
 
     @property
     def is_decided(self) -> bool:
-        """True if a cause is named, "nothing" only after enough touches, or no further touch would help."""
-        named = self.result.named
-        if named is None:
-            return bool(self.touches) and self.result.next_posture is None
-        return named.what != "nothing" or len(self.touches) >= _FEWEST
+        """True if a cause is named, or no further touch would help."""
+        return bool(self.touches) and (self.result.named is not None or self.result.next_posture is None)
 
     def save(self, directory: Path, operator: str) -> Path:
         """Write the touches as a run with the answer as a mark. Raises FileError without touches, and CellError."""
@@ -143,12 +137,17 @@ def mark_of(result: MovementResult, names: Sequence[str]) -> MovementCheck:
 
 
 def follow_touches(daemon: SampleSource, check: GuidedCheck, say: Callable[[str], None]) -> GuidedCheck:
-    """Take each touch of a hand-guided or driven robot until the check is decided, or Ctrl-C. Raises CellError."""
+    """Take each touch of a hand-guided or driven robot until the check is decided, or Ctrl-C. Raises CellError.
+
+    The posture at the start is no touch: the robot may have stood there since before the movement.
+    """
+    say("Seat the ball near the posture, let go, and wait for the tone. Ctrl-C ends the check and keeps the touches.")
     say(what_to_do(check.result))
-    standstill, last, has_left = Standstill(), np.empty(0), True
+    standstill, last, has_left = Standstill(), np.empty(0), False
     with suppress(KeyboardInterrupt):
         for t_s, angles in joint_samples(daemon, len(check.rig.robot.axes)):
             q_deg = np.array(angles)
+            last = last if last.size else q_deg
             has_left = has_left or not is_same_posture(q_deg, last)
             if not standstill.feed(t_s, q_deg) or not has_left:
                 continue

@@ -360,6 +360,7 @@ class Touching:
         self._q: list[Array] = []
         self._came: list[Array] = []
         self._first_mm: Array | None = None
+        self._elsewhere: tuple[Array, Array, Array] | None = None
         self._sides: _Sides | None = None
         self._standstill = Standstill()
 
@@ -399,15 +400,32 @@ class Touching:
             return "nothing"
         if self._q and is_same_posture(q, self._q[-1]):
             return "same posture"
-        ball = forward(self._arm, np.radians(q)[None])[0, :3, 3]
+        ball, came = forward(self._arm, np.radians(q)[None])[0, :3, 3], self._sides.from_deg.copy()
         if self.number == 1:
-            self._first_mm = ball
-        elif self._first_mm is not None and np.linalg.norm(ball - self._first_mm) > _SAME_MM:
+            self._first_mm, self._elsewhere = ball, None
+        elif not self._is_in_socket(ball) and not self._replaces_first(ball, q):
+            self._elsewhere = ball, q, came
             return "elsewhere"
         self._names.append(self.socket)
         self._q.append(q)
-        self._came.append(self._sides.from_deg.copy())
+        self._came.append(came)
         return "seated"
+
+    def _is_in_socket(self, ball: Array) -> bool:
+        return self._first_mm is None or bool(np.linalg.norm(ball - self._first_mm) <= _SAME_MM)
+
+    def _replaces_first(self, ball: Array, q: Array) -> bool:
+        """Replace the only touch of this socket if the last standstill and this one agree on a different place.
+
+        The robot may stand anywhere at the start, or stop on its way to the next socket.
+        """
+        if self.number != 2 or self._elsewhere is None:
+            return False
+        place, before, came = self._elsewhere
+        if np.linalg.norm(ball - place) > _SAME_MM or is_same_posture(q, before):
+            return False
+        self._first_mm, self._q[-1], self._came[-1] = place, before, came
+        return True
 
 
 class _Sides:

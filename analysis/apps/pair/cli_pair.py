@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rigs.schema.robot import Pose
 
 _BASE_NUMBERS = (3, 6)
+_TABLES = (".csv", ".tsv", ".txt", ".xlsx", ".dat")
 
 
 @command(app, "rig pair left.yaml right.yaml touches.csv -o calibrated")
@@ -81,6 +82,9 @@ def pair(
     calibration of each arm and the transform between their bases. Rows without
     joints of the second arm are touches of sockets that are fixed in the cell.
     """
+    if table is None and Path(second_file).suffix.lower() in _TABLES:
+        problem = f"{second_file} is a table in place of the second rig file"
+        raise UseError("rig pair", problem, "give both rig files first: rig pair FIRST SECOND TABLE")
     if (plan is None) == (table is None):
         raise UseError("rig pair", "needs either a table of touches or --plan N", "see rig pair --help")
     for option, value in (("--base", base), ("--simulate", simulate)):
@@ -140,7 +144,7 @@ def fit_two_arms(
         written = pair_report.write(fit, result, (first_text, second_text), table, directory, lang)
     for path in written:
         say(f"wrote {path}", err=True)
-    for model in models:
+    for model in models if result.left_mm < result.before_mm else ():
         corrections = model.with_name(f"corrections-{model.stem}")
         say(f"next: rig correct {as_argument(model)} -o {as_argument(corrections)}", err=True)
 

@@ -54,6 +54,12 @@ class FittedPair:
     nominal_rms_mm: float
 
 
+_NOMINAL_MM = 0.01
+"""Residual of nominal arms below which the joints were computed. Chosen: a seated ball scatters by more, and the
+rounding of a plan to 0.0001° causes 0.002 mm.
+"""
+
+
 def pair_of(first: Rig, second: Rig, table: PairTable, where: str) -> Pair:
     """Return the pair of two rigs with their touches. Raises FileError for a rail or an existing calibration."""
     for rig in (first, second):
@@ -70,9 +76,12 @@ def pair_of(first: Rig, second: Rig, table: PairTable, where: str) -> Pair:
 def fit_pair(pair: Pair) -> FittedPair:
     """Fit two arms to their touches.
 
-    Raises FileError if no set-up explains the touches, or if there are too many outliers.
+    Raises FileError for planned joints, if no set-up explains the touches, or if there are too many outliers.
     """
     state, nominal_rms = start(pair)
+    if nominal_rms < _NOMINAL_MM:
+        problem = f"fits the nominal arms to {nominal_rms:.3f} mm, which no real arms do: these are planned joints"
+        raise FileError(pair.where, problem, "make the touches, and write the joints that both controllers show")
     odd: list[tuple[int, float]] = []
     allowed = int(_MOST_OUTLIERS_SHARE * len(pair.table.q))
     levels = None

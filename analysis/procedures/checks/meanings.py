@@ -17,7 +17,7 @@ from itertools import combinations, product
 import numpy as np
 
 from analysis.procedures.checks.checks_of_test import JudgedMeaning, Meaning, Verdict, checks_of
-from analysis.procedures.checks.finding import Finding, Misfit
+from analysis.procedures.checks.finding import Finding, Misfit, Strength
 from analysis.procedures.facts import facts_of, labels_of
 from analysis.robot.geometry.pose_setup import PoseSetUp, fit_setup, position_error
 from analysis.robot.kinematics.arm import Arm, Array, Integers, arm_of, forward, without_setup
@@ -79,6 +79,10 @@ RIGHT_SHARE = 0.02
 """Largest residual of a correct meaning as a share of the spread of the positions. An arm of one metre leaves some
 thousandths; poses that hardly move always leave a few mm.
 """
+UNRELATED_SHARE = 0.1
+"""Smallest residual, as a share of the extent of the positions, of a table that belongs to a different arm. A zero
+wrong by 5° moves places by 0.09 of the lever, which is more than any arm in use.
+"""
 CLEARLY = 4.0
 """Factor by which an alternative must fit better. Fitting all constants of a real arm (UR10) gave a factor of 2.6,
 whereas a meaning has no free parameter.
@@ -134,11 +138,18 @@ def _far_off(table: Table, rig: Rig, left_mm: float) -> Iterator[Finding]:
         f"{100 * RIGHT_SHARE:g} %, and no other order, sign or zero of the joints fits clearly better"
     )
     remedy = "check that the rig file belongs to this arm; otherwise a zero or a length is wrong"
-    yield Finding(JOINTS, "likely", (), "a different arm, or a zero or length far off", fact, remedy)
+    strength = _strength(left_mm, apart_mm)
+    yield Finding(JOINTS, strength, (), "a different arm, or a zero or length far off", fact, remedy)
+
+
+def _strength(left_mm: float, extent_mm: float) -> Strength:
+    """Return how certainly a residual shows a different arm; extent_mm: of the positions, rms."""
+    return "decisive" if left_mm > max(RIGHT_MM, UNRELATED_SHARE * extent_mm) else "likely"
 
 
 def _far_from_sockets(table: Table, rig: Rig, left_mm: float) -> Iterator[Finding]:
-    path = checks_of(table.test).off_path(table, rig, forward(arm_of(rig.robot), table.q))
+    T = forward(arm_of(rig.robot), table.q)
+    path = checks_of(table.test).off_path(table, rig, T)
     if left_mm <= RIGHT_MM or path is None or path.on:
         return
     fact = (
@@ -146,7 +157,8 @@ def _far_from_sockets(table: Table, rig: Rig, left_mm: float) -> Iterator[Findin
         "sign or zero of the joints fits clearly better"
     )
     remedy = "check that the rig file belongs to this arm, and that each row names its socket"
-    yield Finding(JOINTS, "likely", (), "a different arm, or rows of another socket", fact, remedy)
+    strength = _strength(left_mm, float(np.sqrt(3)) * rms(T[:, :3, 3]))
+    yield Finding(JOINTS, strength, (), "a different arm, or rows of another socket", fact, remedy)
 
 
 PLACE_UNKNOWN = "the rig file lacks the place of the test"

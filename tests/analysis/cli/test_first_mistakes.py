@@ -72,6 +72,37 @@ def test_rows_of_another_socket_are_questioned(folder: Path) -> None:
     assert any("miss their sockets by" in doubt and "names its socket" in doubt for doubt in doubts_of(run))
 
 
+@pytest.mark.parametrize("command", ["diagnose", "calibrate", "moved"])
+@pytest.mark.parametrize("head", ["x_mm,y_mm,z_mm", "socket"])
+def test_a_table_of_another_arm_gets_no_verdict(tmp_path: Path, command: str, head: str) -> None:
+    """Random poses received a complete diagnosis and exit code 0."""
+    rng = np.random.default_rng(7)
+    q, xyz = rng.uniform(-170, 170, (40, 6)), rng.uniform(-800, 800, (40, 3))
+    places = [["A"]] * len(q) if head == "socket" else [[f"{mm:.3f}" for mm in place] for place in xyz]
+    rows = [",".join([*(f"{deg:.4f}" for deg in row), *place]) for row, place in zip(q, places, strict=True)]
+    table = tmp_path / "t.csv"
+    table.write_text("\n".join([",".join([*_JOINTS, head]), *rows]) + "\n", encoding="utf-8")
+    options = {"diagnose": [], "calibrate": ["-o", tmp_path / "c.yaml"], "moved": ["--new", table]}[command]
+    done = ran(command, table, *options, "--arm", "ur5")
+    assert done.returncode == 3 and not (tmp_path / "c.yaml").exists() and not done.stdout
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("error: t") and "check that the rig file belongs to this arm" in last
+
+
+def test_an_arm_with_a_wrong_zero_is_still_diagnosed(folder: Path) -> None:
+    """Three degrees at axis 2, which move the ball by centimetres, are a fault of this arm and no different arm."""
+    lines = (folder / "t.csv").read_text(encoding="utf-8").splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    for row in rows:
+        row[2] = str(float(row[2]) + 3.0)
+    (folder / "slipped.csv").write_text(
+        "\n".join([lines[0], *(",".join(row) for row in rows)]) + "\n", encoding="utf-8"
+    )
+    rig = load(folder / "cell.yaml")[0]
+    run = read_table(folder / "slipped.csv", folder / "cell.yaml", "touch")
+    assert all(finding.strength == "likely" for finding in joint_findings(run.table, rig))
+
+
 def test_a_column_that_occurs_twice_is_no_other_joint(folder: Path) -> None:
     """`q1_deg` twice was read as joints 1 and 2, because the second was called `q1_deg (2)`."""
     table = _changed(folder, "twice.csv", ["q1_deg", "q1_deg", *_JOINTS[2:]])

@@ -16,7 +16,7 @@ from analysis.cli import app
 from analysis.movement.between import without_moved
 from analysis.movement.changes import find_step
 from analysis.movement.evidence import condition
-from analysis.movement.inference import compare
+from analysis.movement.inference import compare, study
 from analysis.movement.next_touch import candidates_of, hidden_causes, next_posture
 from analysis.movement.result import moved_of, what_moved
 from analysis.report.movement_words import headline, movement_sentence, what_to_do
@@ -66,7 +66,7 @@ def test_one_socket_and_the_base_are_not_separated() -> None:
     rows = [k for k, name in enumerate(drawn.sockets) if name == "A"]
     reference = observed(drawn.model, ["A"] * len(rows), _touched(drawn, rows, world.no_change(6), drawn.arm))
     new = observed(drawn.model, ["A"] * 4, _touched(drawn, rows[:4], drawn.change, drawn.after))
-    found = what_moved(reference, new)
+    found = what_moved(study(reference), new)
     assert found.named is None or found.named.what in ("base", "socket")
     if found.named is None:
         assert {cause.what for cause in found.cannot_separate} >= {"base", "socket"}
@@ -120,9 +120,9 @@ def test_readings_of_other_sockets_are_refused() -> None:
     far = q + np.radians([20, 0, 0, 0, 0, 0])
     reference = observed(drawn.model, drawn.sockets, drawn.before)
     with pytest.raises(FileError, match="mm from the positions of the reference"):
-        what_moved(reference, observed(drawn.model, sockets, far))
+        what_moved(study(reference), observed(drawn.model, sockets, far))
     with pytest.raises(FileError, match="does not occur in any reference run"):
-        what_moved(reference, observed(drawn.model, ["C"] * 6, q))
+        what_moved(study(reference), observed(drawn.model, ["C"] * 6, q))
 
 
 def test_evidence_prefers_the_right_scatter() -> None:

@@ -13,11 +13,12 @@ from typer.testing import CliRunner
 
 from analysis import load_run
 from analysis.apps.commission import guided_touches
-from analysis.apps.commission.cell_reference import FEWEST, references_of
+from analysis.apps.commission.cell_reference import references_of
 from analysis.apps.commission.guided_touches import GuidedCheck, follow_touches, mark_of
 from analysis.apps.commission.touched_ball import REST_S
 from analysis.apps.session.run_session import offer_lines
 from analysis.cli import app
+from analysis.movement.inference import FEWEST_OF_REFERENCE
 from daq.store import mark_moved
 from daq.store.marks import load_marks
 from rigs.errors import FileError, UseError
@@ -34,6 +35,7 @@ class Person:
         self._case, self.said = case, list[str]()
         self._at = np.degrees(case.before[0]) + 5.0
         self._sent, self._first = 0, first
+        self.rests_first: np.ndarray | None = None
 
     def say(self, line: str) -> None:
         self.said.append(line)
@@ -47,7 +49,10 @@ class Person:
             goal, self._first = self._first, None
         lifted = self._at + 10.0  # a proposal may be the posture of the touch before
         way = lifted + np.linspace(0, 1, 20)[:, None] * (goal - lifted)
-        rows = [*way, *[goal] * round((REST_S + 0.5) / EVERY_S)]
+        rest = round((REST_S + 0.5) / EVERY_S)
+        rows = [*way, *[goal] * rest]
+        if self.rests_first is not None:
+            rows, self.rests_first = [*[self.rests_first] * rest, *rows], None
         self._at = goal
         begin, self._sent = self._sent, self._sent + len(rows)
         samples = [[int(1e9 * EVERY_S * (begin + k)), *row] for k, row in enumerate(rows)]
@@ -85,6 +90,19 @@ def test_nothing_moved_is_said_only_after_enough_touches(tmp_path: Path) -> None
     check = follow_touches(person, check, person.say)
     assert check.result.named is not None and check.result.named.what == "nothing"
     assert len(check.touches) >= 4
+    answers = [line for line in person.said if "touch " in line and "agree" in line]
+    assert all("to conclude that nothing moved" in line for line in answers[:3])
+    assert sum("Next: touch" in line for line in person.said) == len(check.touches), "each touch is proposed"
+
+
+def test_the_posture_at_the_start_is_no_touch(tmp_path: Path) -> None:
+    case = moved_cell(tmp_path, "zero 2", seed=4)
+    check = GuidedCheck.of_runs([load_run(tmp_path / "runs" / "before")])
+    person = Person(case)
+    person.rests_first = np.degrees(case.before[3])
+    check = follow_touches(person, check, person.say)
+    assert check.result.named is not None and check.result.named.what == "zero"
+    assert all(np.abs(q - case.before[3]).max() > 1e-9 for _, q in check.touches)
 
 
 def test_the_command_follows_the_daemon_and_history_marks_the_day(
@@ -139,7 +157,7 @@ def test_an_answer_is_stored_with_new_runs_only_if_asked(tmp_path: Path) -> None
 def test_references_are_enough_touches_or_circles_of_both_directions_and_no_check(tmp_path: Path) -> None:
     case = moved_cell(tmp_path, "nothing")
     runs = tmp_path / "runs"
-    write_touches(tmp_path, "few", case.sockets[: FEWEST - 1], case.before[: FEWEST - 1])
+    write_touches(tmp_path, "few", case.sockets[: FEWEST_OF_REFERENCE - 1], case.before[: FEWEST_OF_REFERENCE - 1])
     checked = write_touches(tmp_path, "checked", case.sockets, case.before + 1e-4)
     check = GuidedCheck.of_runs([load_run(runs / "before")]).with_touch(case.before[0])
     mark_moved(checked, mark_of(check.result, ["before"]))

@@ -72,6 +72,20 @@ def test_a_rest_elsewhere_is_no_touch_and_is_said_once(rig: Rig) -> None:
     assert guide.count == 1
 
 
+@pytest.mark.parametrize("stop", [0, 6])
+def test_a_stop_elsewhere_before_the_first_touch_of_a_socket_is_dropped(rig: Rig, stop: int) -> None:
+    """A robot that stood elsewhere at the start was taken as the first touch, and all real touches were rejected."""
+    planned = planned_touches(rig)
+    assert planned.came_from is not None
+    away = planned.q[8 - stop] + np.radians([20.0, -20, 20, 0, 0, 0, 0])
+    q, came = (np.insert(rows, stop, away + k * 0.1, axis=0) for k, rows in enumerate((planned.q, planned.came_from)))
+    guide = touching(rig)
+    seen = fed(guide, guided(q, came))
+    assert seen.count("elsewhere") == 1 and seen.count("seated") == 12
+    np.testing.assert_allclose(guide.table.q, planned.q, atol=1e-9)
+    assert guide.table.socket.tolist() == planned.socket.tolist()
+
+
 def test_the_same_posture_again_is_no_second_touch(rig: Rig) -> None:
     planned = planned_touches(rig)
     assert planned.came_from is not None
