@@ -32,7 +32,6 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from daq.protocol.conversation import Fault, Sample, SampleBlock
@@ -315,18 +314,22 @@ def _decoded(data: bytes, columns: Sequence[str] | None) -> pa.Table | str:
         return f"{rows} rows of {width} columns exceed the limits of a chunk"
     # Text is read as indices of distinct texts, which gives its total size.
     text = [field.name for field in schema if pa.types.is_string(field.type) or pa.types.is_binary(field.type)]
-    source = pa.BufferReader(data)
-    file = pq.ParquetFile(source, metadata=file.metadata, pre_buffer=False, read_dictionary=text)
+    if text:
+        source = pa.BufferReader(data)
+        file = pq.ParquetFile(source, metadata=file.metadata, pre_buffer=False, read_dictionary=text)
     table = file.read(columns, use_threads=False)
-    if sum(_text_bytes(table.column(name)) for name in text if name in table.column_names) > _MOST_DECODED:
-        return "the text exceeds the limit of a chunk"
-    table = table.cast(pa.schema([schema.field(name) for name in table.column_names], schema.metadata))
+    if text:
+        if sum(_text_bytes(table.column(name)) for name in text if name in table.column_names) > _MOST_DECODED:
+            return "the text exceeds the limit of a chunk"
+        table = table.cast(pa.schema([schema.field(name) for name in table.column_names], schema.metadata))
     table.validate(full=True)
     return table
 
 
 def _text_bytes(column: pa.ChunkedArray) -> int:
     """Return the number of bytes in a text column that was read as indices."""
+    import pyarrow.compute as pc  # noqa: PLC0415 - wraps 286 functions, and few runs have text
+
     lengths = [pc.binary_length(part.dictionary).take(part.indices) for part in column.chunks]
     return sum(pc.sum(part_lengths).as_py() or 0 for part_lengths in lengths)
 

@@ -232,6 +232,17 @@ class Background:
         """
         return np.tensordot(self.columns.K, self.covariance, axes=2)
 
+    @cached_property
+    def weighted_spent(self) -> Array:
+        """Energy of each band (b,), weighted by the noise, that the uncertainty of the coefficients hides, excluding
+        fitted terms.
+        """
+        if len(self.columns.count) > 1:
+            return self.columns.weighted_spent(self.weight, self.covariance)
+        # The trace of X'WX A is that of I - M⁻¹, which needs only the variances.
+        free = self.variance > 0
+        return np.array([np.sum(1 - self.variances[free] / self.variance[free])])
+
     def posterior(self, terms: FittedTerms) -> CoefficientPosterior:
         """Return the posterior of all coefficients together with the fitted terms, T (N, q)."""
         return CoefficientPosterior(self, terms)
@@ -360,9 +371,8 @@ class CoefficientPosterior:
     @cached_property
     def weighted_spent(self) -> Array:
         """Energy of each band (b,), weighted by the noise, that the uncertainty of all coefficients hides."""
-        background, columns = self.background, self.background.columns
-        spent: Array = columns.weighted_spent(background.weight, background.covariance)
-        return spent + np.bincount(columns.band, background.weight * self._of_terms)
+        background = self.background
+        return background.weighted_spent + np.bincount(background.columns.band, background.weight * self._of_terms)
 
     @cached_property
     def _of_terms(self) -> Array:

@@ -290,13 +290,15 @@ class Columns:
     def _uneven_gram(self, band: int, weights: BandWeights) -> Array:
         """Return the weighted products (p, p) of the columns of a band with unequal weights.
 
-        The result is cached, because a search for the noise strength scales all weights of a band equally.
+        Computed from the entries with a reduced weight, mostly a third. The result is cached, because a search for the
+        noise strength scales all weights of a band equally.
         """
         shape = weights.shape[self.rows[band]]
 
         def compute() -> Array:
-            part = np.sqrt(shape)[:, None] * self.parts[band]
-            return np.asarray(part.T @ part, dtype=float)
+            reduced = np.flatnonzero(shape != 1)
+            part = np.sqrt(1 - shape[reduced])[:, None] * self.parts[band][reduced]
+            return np.asarray(self.K[band] - part.T @ part, dtype=float)
 
         gram = recent(self._uneven, (band, shape.tobytes()), compute, _UNEVEN)
         return np.asarray(weights.scale[band] * gram, dtype=float)

@@ -127,7 +127,7 @@ class Selection(SelectionSteps):
         def likelihood(curves: JointCurves, strength: Array) -> tuple[float, Array, Array]:
             background = self.backgrounds.of(replace(state, curves=curves, strength=strength))
             posterior, prior = background.posterior(terms), background.variance[of_curves]
-            by_strength = noise.by_strength(posterior)  # first: the variances are then those of its covariance
+            by_strength = noise.by_strength(posterior)  # first, because its covariance, if computed, has the variances
             shown = (posterior.mean - background.mean)[of_curves] ** 2 + posterior.variance[of_curves]
             ratio = np.divide(shown, prior, out=np.ones_like(prior), where=prior > 0)
             return background.evidence(terms), 0.5 * (ratio - 1), by_strength

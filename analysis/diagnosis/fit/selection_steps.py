@@ -78,9 +78,10 @@ class SelectionSteps(StateEvidence):
                 state = replace(state, refused=state.refused | twice)
                 return self.forward_step(state, posterior, try_free_forms=try_free_forms)
             # The level remaining after each name may decide: with the right name the arm is quieter.
+            # The present state is renewed too, because a new estimate of the noise alone would look like a gain.
             renewed = self.renewed if len(with_each) > 1 else (lambda added: added)
             rise, changed = self.likeliest([renewed(added) for added in with_each.values()])
-            rise -= self.evidence(state)
+            rise -= self.evidence(renewed(state))
             if gain[best[0]] < _MUCH and rise <= 0:
                 for k in best:
                     state = self.refusing(state, self.columns.forms[k].effect)

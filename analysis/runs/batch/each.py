@@ -6,7 +6,6 @@ under the same paths and have the same versions of numerical packages, so the re
 
 from __future__ import annotations
 
-import asyncio
 import logging
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -87,6 +86,8 @@ def on_cluster(work: Callable[[Item], Value], items: Sequence[Item], address: st
 
 
 def _connected(address: str) -> Any:
+    import asyncio  # noqa: PLC0415 - takes 10 ms, and only a cluster needs it
+
     try:
         from distributed import Client  # noqa: PLC0415 - an extra
     except ModuleNotFoundError:

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.dated_runs import dated_run
+from tests.trials.rows.__main__ import RUN_WRITER
 
 _PRINT = """
 import json, sys
@@ -85,6 +86,12 @@ def test_analyse_imports_what_evaluates_a_run(words: list[str], run: Path) -> No
     rings = {module.split(".")[1] for module in modules if module.startswith("analysis.")}
     assert not rings & {"diagnosis", "correction", "apps"}
     assert "analysis.procedures.simulate" not in modules
+
+
+def test_figures_of_a_run_without_text_need_no_event_loop_and_no_functions_of_pyarrow(tmp_path: Path) -> None:
+    writer = [sys.executable, str(RUN_WRITER), str(tmp_path), "10000"]
+    recorded = subprocess.run(writer, capture_output=True, text=True, check=True).stdout.strip()
+    assert not {"asyncio", "pyarrow.compute"} & set(imported_by("analyse", "--json", recorded))
 
 
 def test_figures_for_a_script_import_nothing_that_draws(run: Path) -> None:

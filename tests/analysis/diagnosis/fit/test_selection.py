@@ -57,6 +57,18 @@ def test_nothing_is_added_to_a_series_of_waves(monkeypatch: pytest.MonkeyPatch) 
     assert len(selection.select(two).refined.effects) == 2, "two are a series now, of which one more says nothing"
 
 
+def test_a_new_estimate_of_the_noise_is_not_a_gain_of_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    selection = Selection(holding(healthy(), white(healthy(), 11)), healthy_columns())
+    begun = selection.initial_state()
+    too_noisy = replace(begun, strength=np.full_like(begun.strength, 9.0))
+    assert selection.evidence(selection.renewed(too_noisy)) > selection.evidence(too_noisy) + 100
+    names = [form.name for form in selection.columns.forms]
+    tried = iter([[0, next(k for k, name in enumerate(names) if name != names[0])], []])
+    monkeypatch.setattr(Selection, "_worth_trying", lambda *_: next(tried))  # private: nothing is worth trying here
+    posterior = selection.posterior(too_noisy)
+    assert selection.forward_step(too_noisy, posterior, try_free_forms=False) == (None, None)
+
+
 def test_faults_whose_shapes_are_local_optima_are_fitted_again() -> None:
     """Two in a row, of which the first moves to the end when it is fitted again."""
     truths = [ReversalSpike(axis=axis, amplitude_deg=0.3, decay_s=0.18, slow=0.05, rise=0.03) for axis in (2, 3)]
