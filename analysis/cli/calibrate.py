@@ -104,8 +104,8 @@ def versions(
         done = roll_back(rig_file, back_to, dt.datetime.now(dt.UTC))
         say(f"{rig_file} now contains {back_to}; the previous file is kept as {done.kept}")
         if done.differing:
-            which = f"not only the calibration: {', '.join(done.differing)} also come from {back_to}"
-            say(f"{which}; to compare: {done.kept.name}", err=True, mark="note: ")
+            which = f"this also changed other keys of the rig file: {', '.join(done.differing)}"
+            say(f"{which}; compare with {done.kept.name}", err=True, mark="note: ")
         say("next: repeat the correction of targets and programs: rig correct", err=True)
         return
     versions_here = versions_in(rig_file, folder or rig_file.parent)

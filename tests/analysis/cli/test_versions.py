@@ -63,7 +63,7 @@ def test_what_else_differs_is_said(robot: tuple[Path, Path]) -> None:
     march.write_text(text.replace("description: Elbow arm", "description: Another set-up"), encoding="utf-8")
     done = ran("versions", now, "--back-to", march)
     assert done.returncode == 0
-    assert "beside the calibration description are those of" in " ".join(done.stderr.split())
+    assert "this also changed other keys of the rig file: description" in " ".join(done.stderr.split())
 
 
 def test_another_robot_is_refused(robot: tuple[Path, Path], tmp_path: Path) -> None:
