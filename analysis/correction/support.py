@@ -28,8 +28,10 @@ _HOW: dict[Use, str] = {
 
 @dataclass(frozen=True)
 class Support:
-    """Use of an effect for a correction. `value` and `u`: size and standard uncertainty in the unit of the effect, u
-    NaN if unknown. `reason`: explanation.
+    """Whether and why an effect is used for a correction.
+
+    `value` and `u`: size and standard uncertainty in the unit of the effect; u is NaN if unknown. `reason`:
+    explanation.
     """
 
     effect: Effect
@@ -83,8 +85,9 @@ def _support(effect: Effect, u: float, *, from_calibration: bool = False) -> Sup
 
 
 CERTAIN_U = 2.0
-"""Number of standard uncertainties from which an effect counts as certain. The gain of a smaller effect is not
-shown, and the act may do harm.
+"""Number of standard uncertainties above which an effect counts as certain.
+
+For a smaller effect no gain is proven, and a correction may do harm.
 """
 ANYWAY = "written although rig advises against a correction by this model"
 """Mark in every file written against the verdict."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from analysis.cli import completion
 from analysis.cli.commands import app, command
-from analysis.cli.console import progress_of, say, say_json
-from analysis.cli.options import AsJson
+from analysis.cli.console import progress_of, say, say_json, say_written
+from analysis.cli.options import AsJson, Language
 from rigs.errors import FileError, UseError
 from rigs.text import as_argument, numbers_in
 
@@ -72,7 +72,7 @@ def pair(
             "default: none.",
         ),
     ] = None,
-    lang: Annotated[Literal["en", "de", "ko"], typer.Option(help="Language of the text.")] = "en",
+    lang: Language = "en",
     as_json: AsJson = False,
 ) -> None:
     """Calibrate two arms by each other: a ball on the flange of one, a socket on the flange of the other.
@@ -138,8 +138,7 @@ def fit_two_arms(
         written = [page]
     elif directory:
         written = pair_report.write(fit, result, (first_text, second_text), table, directory, lang)
-    for path in written:
-        say(f"wrote {path}", err=True)
+    say_written(written)
     for model in models:
         corrections = model.with_name(f"corrections-{model.stem}")
         say(f"next: rig correct {as_argument(model)} -o {as_argument(corrections)}", err=True)

@@ -38,9 +38,7 @@ _ASSUMED_UM = {
     "the ball, from run to run": 1e3 * BALL_MM.rms,
     "a target, from stop to stop": 1e3 * TARGET_MM.rms,
 }
-"""Assumed noise of planned runs, rms in µm of a run, from the ranges of real cells
-(`analysis.runs.noise.cell_noise`).
-"""
+"""Assumed noise of planned runs, rms in µm of a run, from the ranges of `analysis.runs.noise.cell_noise`."""
 ASSUMED_JOINT_DEG = JOINT_DEG.rms
 """Assumed scatter of each joint between planned runs, from the range of real cells."""
 
@@ -56,9 +54,7 @@ def assumed_um(tests: Sequence[TestName]) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class SeparatingTest:
-    """Further test, separation in sigmas of the two closest rivals in combination with the existing tests, and
-    reason.
-    """
+    """Further test, separation in sigmas of the two closest rivals if combined with the existing tests, and reason."""
 
     test: str
     sigma: float
@@ -75,8 +71,10 @@ within 2 % of the reach.
 _NUDGE_DEG = 0.02
 """Joint rotation for comparing responses; only ratios matter."""
 _OWN_SHARE = 0.02
-"""Share of an effect's response outside any set-up, below which the set-up is reported as the reason. Smaller shares
-are within the linearisation error of curved responses."""
+"""Share of the response of an effect that no set-up absorbs, below which the set-up is reported as the reason.
+
+Smaller shares are within the error of the linear approximation.
+"""
 _NOTHING = 1e-3
 """Sigmas below which a response counts as zero: well below any detection, and above rounding errors."""
 

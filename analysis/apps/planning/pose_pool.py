@@ -11,13 +11,16 @@ from analysis.robot.kinematics.arm import Arm, Array, Mask, forward
 
 _MARGIN_RAD = np.radians(5.0)
 _HALF_TURN = np.pi
-"""Limit of every joint, whatever its range: cables and hoses."""
+"""Limit of every joint regardless of its range, because of cables and hoses."""
 _SIGHT_CLEARANCE_MM = 120.0
 """Distance between arm and line of sight."""
 _AT_TOOL = 0.9
-"""Share of the line of sight, from the tracker on, to be free of the arm, which carries the target at the end."""
+"""Share of the line of sight that must be free of the arm, measured from the tracker.
+
+The arm carries the target, so the end of the line is never free.
+"""
 _FACING = float(np.cos(np.radians(30.0)))
-"""A corner cube in a ball is visible within 30° of its axis."""
+"""Largest viewing angle: a corner cube in a ball is visible within 30° of its axis."""
 _STEP_RAD = np.radians(5.0)
 _DRAWS = 40
 
@@ -57,7 +60,8 @@ def joint_ranges(arm: Arm) -> tuple[Array, Array]:
 def axes_in_turn(arm: Arm, count: int, sight: Sight | None, rng: np.random.Generator) -> Array:
     """Return joint angles (n, axes) rad of a plan that moves one axis at a time down, up and back through its range.
 
-    The other axes stay at one posture, chosen for the largest collision-free and visible ranges. At most `count` poses.
+    The other axes remain in one posture, chosen for the largest collision-free and visible ranges. The plan has at most
+    `count` poses.
     """
     postures = drawn_poses(arm, _POSTURES, sight, rng)
     if not len(postures):
