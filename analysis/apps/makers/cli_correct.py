@@ -117,7 +117,7 @@ def correct(
 ) -> None:
     """Write joint zeros, link constants, corrected targets and programs, each only if the effects support it."""
     from analysis.apps.makers.controller_entries import scale_of
-    from analysis.apps.makers.correct_rig import correct_rig
+    from analysis.apps.makers.correct_rig import correct_rig, target_errors
     from analysis.apps.makers.corrected_program import Programs, doubts_of, frames_of, start_of
     from analysis.apps.makers.report import correction_report
     from analysis.cli.console import progress_of
@@ -159,17 +159,16 @@ def correct(
     if any(program.names and not program.held for program in corrections.programs):
         say("next: compare each program with the original line by line; rig did not send anything to a robot", err=True)
         say("      first run the program at reduced speed, hand on the stop, and watch each target", err=True)
-    end_with_errors(_errors(corrections, in_vain), ", all in corrections.yaml")
+    errors = target_errors(*corrections.path) if corrections.path else []
+    end_with_errors([*errors, *_not_written(corrections, in_vain)], ", all in corrections.yaml")
 
 
-def _errors(corrections: Corrections, in_vain: Mapping[Path, str]) -> list[FileError]:
-    """Return the targets, paths and programs that were not written. in_vain: files with the reason."""
-    from analysis.apps.makers.correct_rig import target_errors
+def _not_written(corrections: Corrections, in_vain: Mapping[Path, str]) -> list[FileError]:
+    """Return an error for each path and program that was not written. in_vain: files with the reason."""
     from rigs.errors import FileError
 
-    errors = target_errors(*corrections.path) if corrections.path else []
     remedy = "keep the targets unchanged, or measure there; --anyway writes them"
-    errors += [
+    errors = [
         FileError(str(file), f"{why}, so no corrected targets were written", remedy) for file, why in in_vain.items()
     ]
     problem, remedy = "is not written: some places are uncorrected", "correct them, or remove --all-or-nothing"
