@@ -60,10 +60,13 @@ def plain_values(value: Any) -> Any:
 
 def listed(numbers: list[int]) -> str:
     """Format numbers as `3, 7 and 9`, limited to eight."""
-    shown = [str(number) for number in numbers[:8]]
-    if len(numbers) > 8:
-        return ", ".join(shown) + f" and {len(numbers) - 8} more"
-    return enumerated(shown)
+    return enumerated([str(number) for number in numbers]) if len(numbers) <= 8 else first_of(numbers, 8)
+
+
+def first_of(items: Sequence[object], most: int, separator: str = ", ") -> str:
+    """Join the first items, and add the number of the others: `3, 7, 9 and 4 more`."""
+    rest = f" and {len(items) - most} more" if len(items) > most else ""
+    return separator.join(map(str, items[:most])) + rest
 
 
 def enumerated(words: Sequence[str], last: str = "and") -> str:

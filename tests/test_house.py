@@ -17,7 +17,8 @@ MOST = {
     # of odds, and docstrings with paragraphs.
     # 150 of badges with the accuracy, tables named in messages, files after Ctrl-C, checks of parameters, approaches.
     # 200 of deviations that may be scatter, repeats that differ, and bounded least squares.
-    "core lines": 68_680,
+    # 900 less: planning of tests and poses, corrected constants and the report of a movement are apps.
+    "core lines": 67_800,
     # 7000 lines more than in November: 2400 of the machine on which a program is followed (decision 0032), 1950 of acts
     # and how a report says them (0035), 540 of a session that acts, 430 of clock and cell without waiting, 360 of
     # conventions; 900 of the calibrated arm for others, versions of calibrations, and entry points; 690 of long circles
@@ -41,11 +42,11 @@ MOST = {
     "private functions used once, per mille": 151,  # a fifth are values: readers of statements; 2 of postures and pairs
     "isinstance of a table": 19,  # most are of circles: laps, plays and the paper's tests; one of copied poses
     "files that name one test kind": 8,  # the tables, rig files and emulated cells; the paper's: two or three each
-    "names that say nothing": 151,  # 46 in what moved, whose JSON and mark have the field "what"
+    "names that say nothing": 145,  # 46 in what moved, whose JSON and mark have the field "what"
     "circles of modules": 0,
     "files that name one maker": 7,  # outside its own; 18 before a maker owned itself; ros_kinematics reads ur's alone
     # 94 slow imports inside of functions, 79 asserts on what a reader has checked; 1 unpickles from our own process
-    "suppressions": 241,
+    "suppressions": 238,
     "lines of the longest file": 600,
 }
 """The largest value of each number of `scripts/dev house`. Lower it where it fell; raise it with a reason beside it."""

@@ -8,10 +8,9 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import completion
 from analysis.cli.commands import app, command
-from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, Jobs, RunsBelow, Scheduler
+from analysis.cli.console import say, say_json, say_written
+from analysis.cli.options import AsJson, Jobs, RunsBelow, Scheduler, rig_option
 from rigs.errors import UseError
 
 
@@ -20,12 +19,7 @@ def analyse(
     runs: RunsBelow,
     rig_file: Annotated[
         str | None,
-        typer.Option(
-            "--rig",
-            "--arm",
-            autocompletion=completion.rig_files,
-            help="Rig file, or an arm of the library, of tables in the place of runs; default: none.",
-        ),
+        rig_option("Rig file, or an arm of the library, of tables in the place of runs; default: none."),
     ] = None,
     as_json: AsJson = False,
     as_lines: Annotated[
@@ -74,8 +68,7 @@ def analyse(
 
         with progress_of("drawing the pictures"):
             pictures = list(save_all_pictures(results, plot))
-        for picture in pictures:
-            say(f"wrote {picture}", err=True)
+        say_written(pictures)
     if as_json:
         from analysis.report.run_object import as_object
 

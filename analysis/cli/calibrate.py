@@ -12,7 +12,7 @@ import typer
 
 from analysis.cli import completion
 from analysis.cli.commands import app, command
-from analysis.cli.console import say, say_json
+from analysis.cli.console import say, say_json, say_written
 from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow, RunsElsewhere, location
 from rigs.text import as_argument
 
@@ -70,8 +70,7 @@ def calibrate(
         say_json(diagnosis.to_dict())
     else:
         PlainConsole().print(as_screen(with_commands_here(diagnosis, output, to="calibrated.yaml")))
-    for path in write_model(diagnosis, text, output) if output else ():
-        say(f"wrote {path}", err=True)
+    say_written(write_model(diagnosis, text, output) if output else ())
     if output:
         say_correct(diagnosis, output)
 

@@ -11,7 +11,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -25,6 +25,12 @@ from rigs.text import plain
 def say(line: object, *, err: bool = False, mark: str = "") -> None:
     """Print a line. mark: text of the program before the line, which may contain colours."""
     typer.echo(mark + plain(str(line)), err=err)
+
+
+def say_written(paths: Iterable[object]) -> None:
+    """Report the written files on standard error."""
+    for path in paths:
+        say(f"wrote {path}", err=True)
 
 
 def say_error(error: RigError) -> None:

@@ -13,7 +13,7 @@ import typer
 
 from analysis.cli import completion
 from analysis.cli.commands import app, command
-from analysis.cli.console import say, say_json
+from analysis.cli.console import say, say_json, say_written
 from analysis.cli.options import AsJson, ModelRig, ReadingJobs, RobotRunsBelow, RunsElsewhere, Scheduler, location
 from rigs.errors import RigError, UseError
 from rigs.text import as_argument
@@ -200,8 +200,7 @@ def _write(
         from analysis.report.diagnosis_report import write
 
         written = write(diagnosis, text, output)
-    for path in written:
-        say(f"wrote {path}", err=True)
+    say_written(written)
     if written[-1].suffix == ".yaml":
         model = written[-1]
         runs = _as_arguments(*([run.run.path for run in runs] for runs in by_use))

@@ -7,10 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import say
-from analysis.cli.options import direction_option, operator_or_user
+from analysis.cli.options import Operator, direction_option, operator_or_user, rig_option
 from analysis.cli.several import for_each
 from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import SOCKET, JointSource
@@ -26,12 +25,7 @@ def import_(
     ],
     rig_file: Annotated[
         str,
-        typer.Option(
-            "--rig",
-            "--arm",
-            autocompletion=completion.rig_files,
-            help="Rig file, or the name of a shipped rig or of an arm in the library.",
-        ),
+        rig_option("Rig file, or the name of a shipped rig or of an arm in the library."),
     ],
     output: Annotated[
         Path,
@@ -45,7 +39,7 @@ def import_(
     direction: Annotated[
         Direction | None, direction_option("Direction of yaw and roll; default: the column direction of the table")
     ] = None,
-    operator: Annotated[str, typer.Option(help="Name of the operator; default: the user.")] = "",
+    operator: Operator = "",
     placement: Annotated[str, typer.Option(help="Label of the place of instrument or ball; default: none.")] = "",
     joints: Annotated[
         JointSource, typer.Option(help="Joint angles to use: columns qN_deg, or qN_commanded_deg.")

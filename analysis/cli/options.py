@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -115,14 +115,16 @@ RigArgument = Annotated[
     str,
     typer.Argument(metavar="RIG", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig."),
 ]
+
+
+def rig_option(meaning: str) -> Any:
+    """Return the option --rig, or --arm, with the meaning for a command."""
+    return typer.Option("--rig", "--arm", autocompletion=completion.rig_files, help=meaning)
+
+
 ModelRig = Annotated[
     str | None,
-    typer.Option(
-        "--rig",
-        "--arm",
-        autocompletion=completion.rig_files,
-        help="Rig file of the model, or an arm of the library; default: that of the first run.",
-    ),
+    rig_option("Rig file of the model, or an arm of the library; default: that of the first run."),
 ]
 Anyway = Annotated[
     bool,
@@ -130,4 +132,6 @@ Anyway = Annotated[
         "--anyway", help="Write the files although the diagnosis advises against a correction; the files mention this."
     ),
 ]
+Language = Annotated[Literal["en", "de", "ko"], typer.Option("--lang", help="Language of the text.")]
+Operator = Annotated[str, typer.Option("--operator", help="Name of the operator; default: the user.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]

@@ -13,7 +13,7 @@ import typer
 from analysis.cli import completion
 from analysis.cli.commands import CommandGroup, app, command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, direction_option, operator_or_user
+from analysis.cli.options import AsJson, Operator, direction_option, operator_or_user
 from rigs.errors import RigError
 from rigs.schema.vocabulary import Direction, TestName
 from rigs.text import as_argument
@@ -43,7 +43,7 @@ def start(
     direction: Annotated[
         Direction | None, direction_option("Direction of the circle, required for yaw and roll; default: none")
     ] = None,
-    operator: Annotated[str, typer.Option(help="Name of the operator; default: the user.")] = "",
+    operator: Operator = "",
     placement: Annotated[str, typer.Option(help="Label of the place of instrument or ball; default: none.")] = "",
     corrected: Annotated[
         Literal["targets", "entries"] | None,

@@ -8,10 +8,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import say
-from analysis.cli.options import Jobs, RobotRunsBelow, Scheduler
+from analysis.cli.options import Jobs, RobotRunsBelow, Scheduler, rig_option
 from rigs.text import as_argument
 
 
@@ -24,12 +23,7 @@ def report(
     ],
     rig_file: Annotated[
         str | None,
-        typer.Option(
-            "--rig",
-            "--arm",
-            autocompletion=completion.rig_files,
-            help="Rig file with the model and the limits, or an arm of the library; default: that of the first run.",
-        ),
+        rig_option("Rig file with the model and the limits, or an arm of the library; default: that of the first run."),
     ] = None,
     lang: Annotated[Literal["en", "de", "ko"], typer.Option(help="Language of the fixed texts.")] = "en",
     customer: Annotated[str, typer.Option(help="Customer, shown at the head of the page; default: none.")] = "",

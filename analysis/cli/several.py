@@ -19,6 +19,9 @@ from rigs.errors import FileError, RigError, UseError
 if TYPE_CHECKING:
     from analysis import Measured, Result
 
+_MOST_LISTED = 20
+"""Maximum number of errors of one file on the screen."""
+
 
 def for_each(paths: Iterable[Path], work: Callable[[Path], None]) -> None:
     """Do the work for each distinct path.
@@ -46,6 +49,17 @@ def end_with(code: int) -> None:
 def worst(errors: Iterable[RigError]) -> int:
     """Return the highest exit code of errors; 0 for an empty list."""
     return max((error.exit_code for error in errors), default=0)
+
+
+def end_with_errors(errors: Sequence[RigError], rest: str) -> None:
+    """Print the first errors, and end the command with the highest exit code. rest: words after the number of the
+    other errors.
+    """
+    for error in errors[:_MOST_LISTED]:
+        say_error(error)
+    if len(errors) > _MOST_LISTED:
+        say(f"      and {len(errors) - _MOST_LISTED} more{rest}", err=True)
+    end_with(worst(errors))
 
 
 def over_runs(

@@ -29,7 +29,7 @@ from analysis.robot.kinematics.arm import Arm, arm_of, forward, without_setup
 from analysis.runs.table_layout import SOCKET
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.text import as_argument
+from rigs.text import as_argument, first_of
 
 _JUDGED = 200
 """Number of evenly selected rows used to compare interpretations; more rows add little."""
@@ -260,8 +260,7 @@ def _without_spots(raw: RawTable, groups: Groups) -> Groups:
 
 
 def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
-    further = f" and {len(raw.numeric) - _NAMED} more" if len(raw.numeric) > _NAMED else ""
-    has = f"the numeric columns are {', '.join(raw.numeric[:_NAMED])}{further}"
+    has = f"the numeric columns are {first_of(raw.numeric, _NAMED)}"
     if not groups.joints:
         if groups.near:
             nears = f"{len(groups.near)} columns of joints ({groups.near[0]} … {groups.near[-1]})"

@@ -366,7 +366,8 @@ def _with_outlier(
         entries = np.flatnonzero(row == number)
         outlier = np.eye(len(row))[:, entries]
         both = Shift(np.concatenate([shift.columns, outlier], axis=1), shift.offset)
-        scale = np.concatenate([cause.scale * level, np.full(len(entries), _OUTLIER_UNITS * _scatter(predictions))])
+        scatter = sum(p.weight * p.scatter for p in predictions)
+        scale = np.concatenate([cause.scale * level, np.full(len(entries), _OUTLIER_UNITS * scatter)])
         log = _estimate(
             predictions, both, scale, _OUTLIER_LEVELS[:, None] ** (np.arange(len(scale)) >= len(cause.scale))
         )
@@ -379,10 +380,6 @@ def _with_outlier(
 _OUTLIER_UNITS = 10.0
 """Typical size of an outlier in units of the scatter."""
 _OUTLIER_LEVELS = np.array([0.5, 3.0, 30.0])
-
-
-def _scatter(predictions: Sequence[Prediction]) -> float:
-    return sum(p.weight * p.scatter for p in predictions)
 
 
 def _fits(

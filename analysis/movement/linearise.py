@@ -198,20 +198,17 @@ def _linear(run: ObservedRun, place: Workplace, terms: int, first_row: int) -> L
     by_joint = (zeros[:, :, None] * shapes).reshape(len(base), -1)
     arm_columns = np.concatenate([columns, by_joint], axis=1)
     own = np.zeros((len(base), terms))
-    width_mm = _PLACE_MM if facts_of(run.table.test).of_places else _BALL_MM
-    steps = np.full(facts_of(run.table.test).setup_terms, width_mm)
+    facts = facts_of(run.table.test)
+    width_mm, first_channel = (_PLACE_MM, 0) if facts.of_places else (_BALL_MM, 3)
+    steps = np.full(facts.setup_terms, width_mm)
     own[:, place.names[run.setup]] = _slopes(
         lambda change: _with_arm(run, arm, moved_setup(setup, run.table, change)), base, steps
     )
     return LinearReadings(
         run.values.ravel() - base + columns @ place.constants[: columns.shape[1]], arm_columns, own,
-        np.repeat(angles_of(run), width, axis=0), np.tile(np.arange(width), len(run.rows)) + _channel(run),
+        np.repeat(angles_of(run), width, axis=0), np.tile(np.arange(width), len(run.rows)) + first_channel,
         np.repeat(first_row + np.arange(len(run.rows)), width), np.full(len(base), scatter_mm(run)),
     )  # fmt: skip
-
-
-def _channel(run: ObservedRun) -> int:
-    return 0 if facts_of(run.table.test).of_places else 3
 
 
 def scatter_mm(run: ObservedRun) -> float:

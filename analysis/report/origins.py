@@ -8,7 +8,7 @@ from rigs.calibration import CalibratedModel
 from rigs.effect_names import name_in_words
 from rigs.effects import Effect
 from rigs.schema.effect import name_of
-from rigs.text import counted
+from rigs.text import counted, first_of
 
 _MOST_NAMED = 5
 
@@ -20,16 +20,16 @@ def begins_with(effects: Sequence[Effect]) -> str:
         origin = (
             "written by hand"
             if effect.found is None
-            else f"found on {effect.found.date} in {_listed(effect.found.runs)}"
+            else f"found on {effect.found.date} in {first_of(effect.found.runs, _MOST_NAMED)}"
         )
         origins.setdefault(origin, []).append(name_in_words(name_of(effect)))
-    listed = "; ".join(f"{origin}: {_listed(names)}" for origin, names in origins.items())
+    listed = "; ".join(f"{origin}: {first_of(names, _MOST_NAMED)}" for origin, names in origins.items())
     return f"{counted(len(effects), 'effect')}, {listed}"
 
 
 def in_calibration(model: CalibratedModel) -> list[str]:
     """Return the terms of a calibrated model, the accuracy on the runs, and the covered joint ranges."""
-    runs = _listed([run.name for run in model.runs])
+    runs = first_of([run.name for run in model.runs], _MOST_NAMED)
     accuracy = f"error in its runs {model.before_um:.0f} µm rms, with the calibration {model.calibrated_um:.0f} µm"
     if model.held_out_um is not None:
         accuracy += f" ({model.held_out_um:.0f} µm in readings not used to fit it)"
@@ -54,8 +54,3 @@ def simulated_runs(simulated: int, runs: int) -> str:
         which = f"{simulated} of {runs} runs {'was' if simulated == 1 else 'were'}"
         whose = f"{'It does' if simulated == 1 else 'They do'} not show a real robot."
     return f"{which} simulated or recorded in an emulated cell. {whose}"
-
-
-def _listed(names: Sequence[str]) -> str:
-    unlisted = len(names) - _MOST_NAMED
-    return ", ".join(names[:_MOST_NAMED]) + (f" and {unlisted} more" if unlisted > 0 else "")

@@ -123,20 +123,25 @@ def init(
         modbus_units=tuple(modbus_unit or (1,)),
     )
     if as_json:
-        from analysis.apps.commission.gauge_questions import ports_of, reports_of
-        from analysis.apps.commission.robot_questions import robot_at
-        from daq.apps.commission.port_search import ports_here
-
-        robots = [robot_at(robot, keys["feedback"]).to_dict()] if robot else []
-        with progress_of("looking at the ports") as doing:
-            ports = [report.to_dict() for report in reports_of(ports_of(options), options, doing)]
-        say_json({"ports_here": ports_here(), "ports": ports, "robots": robots})
+        _say_devices(options)
         return
     _make(options)
     check([str(rig_file)])
     say("next:")
     for line in pair_steps(rig_file) if measured_by == "arm" else next_steps(rig_file):
         say(f"  {line}")
+
+
+def _say_devices(options: Options) -> None:
+    """Print the ports, the gauges and the robot as JSON."""
+    from analysis.apps.commission.gauge_questions import ports_of, reports_of
+    from analysis.apps.commission.robot_questions import robot_at
+    from daq.apps.commission.port_search import ports_here
+
+    robots = [robot_at(options.robot, options.keys["feedback"]).to_dict()] if options.robot else []
+    with progress_of("looking at the ports") as doing:
+        ports = [report.to_dict() for report in reports_of(ports_of(options), options, doing)]
+    say_json({"ports_here": ports_here(), "ports": ports, "robots": robots})
 
 
 def _make(options: Options) -> None:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from analysis.cli import completion
 from analysis.cli.commands import app, command, taking_all
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow, location, operator_or_user
+from analysis.cli.options import AsJson, Language, ModelRig, RobotRunsBelow, location, operator_or_user
 from rigs.errors import FileError, UseError
 from rigs.text import as_argument
 
@@ -51,7 +51,7 @@ def moved(
     mark: Annotated[
         bool, typer.Option("--mark", help="Store the answer with the new runs, so that rig history shows the day.")
     ] = False,
-    lang: Annotated[Literal["en", "de", "ko"], typer.Option(help="Language of the text.")] = "en",
+    lang: Language = "en",
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE.html", help="Page to write; default: none.")
     ] = None,

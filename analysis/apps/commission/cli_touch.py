@@ -9,7 +9,7 @@ import typer
 
 from analysis.cli.commands import command
 from analysis.cli.console import say
-from analysis.cli.options import operator_or_user
+from analysis.cli.options import Operator, operator_or_user
 from analysis.cli.record import RigName, record
 
 
@@ -20,7 +20,7 @@ def touch(
     touches: Annotated[
         int | None, typer.Option(min=6, max=2000, help="Touches of all sockets; default: the number in the rig file.")
     ] = None,
-    operator: Annotated[str, typer.Option(help="Name of the operator; default: the user.")] = "",
+    operator: Operator = "",
     placement: Annotated[str, typer.Option(help="Label of the place of the sockets; default: none.")] = "",
     rig: RigName = None,
 ) -> None:

@@ -7,7 +7,7 @@ export-urdf` writes the calibrated arm of a rig for other programs as URDF, xacr
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -17,6 +17,10 @@ from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument
 from rigs.schema.vocabulary import Build
 from rigs.text import plain_lines
+
+if TYPE_CHECKING:
+    from analysis.robot.kinematics.arm import Arm
+    from rigs.rig import Rig
 
 
 @command(app, "rig arms ur10e -o arm.yaml")
@@ -201,25 +205,11 @@ def export_urdf(
     rig, _ = load(rig_file)
     model = model_of(rig)
     arm, carried = geometric_arm(model), geometric_share(model).words
-    if reader == "ur-driver":
-        from analysis.apps.interchange.driver_kinematics import ur_driver_text
-
-        text = ur_driver_text(arm, rig_file, calibration_hash, [carried])
-    elif reader == "mjcf":
+    if reader == "mjcf":
         friction = _friction(friction_of, nm_per_a) if friction_of and nm_per_a else {}
         text, carried = simulated_arm(rig, arm, rig_file, carried, friction)
-    elif reader == "urdf":
-        from analysis.apps.interchange.urdf_text import urdf_text
-
-        text = urdf_text(rig.robot, arm, rig_file, [carried])
-    elif reader == "xacro":
-        from analysis.apps.interchange.urdf_text import xacro_text
-
-        text = xacro_text(rig.robot, arm, rig_file, [carried])
     else:
-        from analysis.apps.interchange.driver_kinematics import driver_kinematics
-
-        text = driver_kinematics(rig.robot, arm, reader, rig_file, [carried])
+        text = _description(rig, arm, reader, rig_file, calibration_hash, carried)
     write_section(text, output)
     say(carried, err=True)
     if rig.robot.rail and reader in ("ur-driver", "franka", "xarm"):
@@ -231,6 +221,21 @@ def export_urdf(
         if calibration_hash is None:
             problem = "the driver will report a calibration mismatch"
             say(f"{problem}; set the robot's hash with --hash", err=True, mark="note: ")
+
+
+def _description(rig: Rig, arm: Arm, reader: Reader, rig_file: str, calibration_hash: str | None, carried: str) -> str:
+    """Return the geometry of an arm in the notation of a reader other than MuJoCo. carried: remark on its errors."""
+    if reader == "ur-driver":
+        from analysis.apps.interchange.driver_kinematics import ur_driver_text
+
+        return ur_driver_text(arm, rig_file, calibration_hash, [carried])
+    if reader in ("urdf", "xacro"):
+        from analysis.apps.interchange.urdf_text import urdf_text, xacro_text
+
+        return (urdf_text if reader == "urdf" else xacro_text)(rig.robot, arm, rig_file, [carried])
+    from analysis.apps.interchange.driver_kinematics import driver_kinematics
+
+    return driver_kinematics(rig.robot, arm, reader, rig_file, [carried])
 
 
 def _friction(run: Path, nm_per_a: str) -> dict[int, float]:

@@ -20,7 +20,7 @@ from rigs.errors import UseError
 from rigs.rig import Rig
 from rigs.schema.effect import AT_AXIS, is_play, size_field
 from rigs.schema.scene import Stage
-from rigs.text import numbers_in
+from rigs.text import first_of, numbers_in
 
 _MOST_LISTED = 4
 """Largest number of effects listed in a line; a longer list is replaced by its number."""
@@ -99,8 +99,7 @@ class GeometricShare:
         if not self.left_out:
             return f"All of the model is geometry and is in this file: {moved}."
         names = list(dict.fromkeys(plain(self.rig, effect) for effect in self.left_out))
-        ending = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
-        listed = "; ".join(names[:_MOST_LISTED]) + ending
+        listed = first_of(names, _MOST_LISTED, "; ")
         return f"Only the geometry is in this file: {moved}; {self.left_um:.1f} µm rms of it are ignored ({listed})."
 
 

@@ -23,6 +23,7 @@ from rigs.errors import CellError, FileError
 from rigs.files import read_text
 from rigs.schema.robot import Pose, Rail
 from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES
+from rigs.text import first_of
 
 if TYPE_CHECKING:
     from pytransform3d.urdf import Joint as LibraryJoint
@@ -329,14 +330,14 @@ def _ends(urdf: Urdf, base: str | None, tip: str | None, above: dict[str, UrdfJo
     names = list(urdf.masses)
     for name in (base, tip):
         if name is not None and name not in names:
-            raise FileError(where, f"has no link {name}", f"its links are {listed(names)}")
+            raise FileError(where, f"has no link {name}", f"its links are {first_of(names, _LISTED)}")
     start = base or "base"
     if start not in names:
         if not names:
             raise FileError(where, "has no links", "give the URDF of an arm, after expanding xacro macros")
         roots = [name for name in names if name not in above]
         if len(roots) != 1:
-            problem = f"has {len(roots)} links without a parent" + (f": {listed(roots)}" if roots else "")
+            problem = f"has {len(roots)} links without a parent" + (f": {first_of(roots, _LISTED)}" if roots else "")
             raise FileError(where, problem, "choose the base link of the arm with --base")
         start = roots[0]
     if tip or "tool0" in names:
@@ -347,7 +348,7 @@ def _ends(urdf: Urdf, base: str | None, tip: str | None, above: dict[str, UrdfJo
     if not moved:
         raise FileError(where, "has no moving joint", f"give the URDF of an arm of {FEWEST_AXES} to {MOST_AXES} axes")
     if len(moved) > 1:
-        raise FileError(where, f"has {len(moved)} ends: {listed(moved)}", "choose one with --tip")
+        raise FileError(where, f"has {len(moved)} ends: {first_of(moved, _LISTED)}", "choose one with --tip")
     return start, moved[0]
 
 
@@ -385,11 +386,6 @@ def _T_base_parting(chain: Chain) -> Array:  # noqa: N802 - a frame's name
     for joint in chain.up:
         T = T @ np.linalg.inv(joint.T_parent_child)
     return T
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return the first few names, and the number of remaining names."""
-    return ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
 
 
 _EXACT_RAD, _SLIGHT_RAD = 1e-6, 0.02
@@ -440,10 +436,10 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
         )
     within = {joint.name for joint in chain.down}
     if others := [joint.name for joint in urdf.joints if joint.moves and joint.name not in within]:
-        doubts.append(f"further moving joints are ignored, with the masses on them: {listed(others)}")
+        doubts.append(f"further moving joints are ignored, with the masses on them: {first_of(others, _LISTED)}")
     if endless := [joint.name for joint in chain.turning if joint.type == "continuous"]:
         limits = "limits_deg are set to a turn in each direction; correct them if the controller's limits differ"
-        doubts.append(f"joints without limits: {listed(endless)}; {limits}")
+        doubts.append(f"joints without limits: {first_of(endless, _LISTED)}; {limits}")
     return UrdfArm(section, chain.base, chain.tip, tuple(doubts))
 
 

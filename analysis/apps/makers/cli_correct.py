@@ -11,13 +11,17 @@ import typer
 from analysis.apps.makers import suffixes_in_words
 from analysis.cli import completion
 from analysis.cli.commands import app, command
-from analysis.cli.console import say, say_error, say_json
+from analysis.cli.console import say, say_json, say_written
 from analysis.cli.options import Anyway, AsJson, maker_option
-from analysis.cli.several import end_with, worst
+from analysis.cli.several import end_with_errors
 from rigs.schema.vocabulary import DrivenTest, MakerName, maker_of
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from analysis.apps.makers.correct_rig import Corrections
+    from rigs.errors import FileError
     from rigs.rig import Rig
 
 _FoundRig = Annotated[
@@ -87,9 +91,6 @@ _Start = Annotated[
     ),
 ]
 
-_MOST_LISTED = 20
-"""Maximum number of uncorrected targets on the screen; corrections.yaml lists all."""
-
 
 @command(app, "rig correct found/cell.yaml -o corrections")
 def correct(
@@ -115,7 +116,6 @@ def correct(
     as_json: AsJson = False,
 ) -> None:
     """Write joint zeros, link constants, corrected targets and programs, each only if the effects support it."""
-
     from analysis.apps.makers.controller_entries import scale_of
     from analysis.apps.makers.correct_rig import correct_rig, target_errors
     from analysis.apps.makers.corrected_program import Programs, doubts_of, frames_of, start_of
@@ -123,7 +123,7 @@ def correct(
     from analysis.cli.console import progress_of
     from analysis.correction.support import require_usable_model
     from analysis.report.plain_console import PlainConsole
-    from rigs.errors import FileError, UseError
+    from rigs.errors import UseError
     from rigs.load import load, named_by
 
     if (tools or frames) and not programs:
@@ -147,8 +147,7 @@ def correct(
         PlainConsole().print(correction_report.as_table(corrections))
     for doubt in doubts_of(stated, corrections.programs):
         say(f"doubt: {doubt}", err=True)
-    for file in written:
-        say(f"wrote {file}", err=True)
+    say_written(written)
     corrected = next((file for file in written if path and file.name == f"corrected-{path.name}"), None)
     if anyway or not (in_vain or correction_report.why_not(corrections)):
         settled = bool(path or programs or correction_report.why_not(corrections))
@@ -164,17 +163,19 @@ def correct(
             err=True,
         )
     errors = target_errors(*corrections.path) if corrections.path else []
+    end_with_errors([*errors, *_not_written(corrections, in_vain)], ", all in corrections.yaml")
+
+
+def _not_written(corrections: Corrections, in_vain: Mapping[Path, str]) -> list[FileError]:
+    """Return an error for each path and program that was not written. in_vain: files with the reason."""
+    from rigs.errors import FileError
+
     remedy = "keep the targets unchanged, or measure there; --anyway writes them"
-    errors += [
+    errors = [
         FileError(str(file), f"{why}, so no corrected targets were written", remedy) for file, why in in_vain.items()
     ]
     problem, remedy = "is not written: some places are uncorrected", "correct them, or remove --all-or-nothing"
-    errors += [FileError(str(program.path), problem, remedy) for program in corrections.programs if program.held]
-    for error in errors[:_MOST_LISTED]:
-        say_error(error)
-    if len(errors) > _MOST_LISTED:
-        say(f"      and {len(errors) - _MOST_LISTED} more, all in corrections.yaml", err=True)
-    end_with(worst(errors))
+    return errors + [FileError(str(program.path), problem, remedy) for program in corrections.programs if program.held]
 
 
 def _say_next(

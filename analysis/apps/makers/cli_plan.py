@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from analysis.cli.commands import app, command
-from analysis.cli.console import say, say_json
+from analysis.cli.console import say, say_json, say_written
 from analysis.cli.options import AsJson, RigArgument, maker_option
 from rigs.errors import FileError, UseError
 from rigs.schema.vocabulary import MakerName, TestName
@@ -156,8 +156,7 @@ def _propose(
         say_json(proposal_report.as_object(proposal, written))
     else:
         _print(proposal_report.as_table(proposal))
-    for path in written:
-        say(f"wrote {path}", err=True)
+    say_written(written)
     if written:
         maker, *further = rig.makers
         others = f"  # or {', '.join(further)}" if further else ""
@@ -203,8 +202,7 @@ def _plan_poses(
         return
     for line in planned.lines():
         say(line)
-    for path in written:
-        say(f"wrote {path}", err=True)
+    say_written(written)
     if written:
         say(
             "next: run the program at reduced speed, measure a row at each pose in order, and import the rows:",

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import completion
 from analysis.cli.commands import app, command
-from analysis.cli.console import say, say_error, say_json
-from analysis.cli.options import AsJson, maker_option
+from analysis.cli.console import say, say_json, say_written
+from analysis.cli.options import AsJson, Language, maker_option, rig_option
 from rigs.errors import UseError
 from rigs.schema.vocabulary import MakerName
 from rigs.text import as_argument, numbers_in
 
 if TYPE_CHECKING:
     from analysis.robot.kinematics.arm import Array
+    from rigs.rig import Rig
 
-_MOST_LISTED = 20
-"""Maximum number of targets without a posture listed on the screen; the JSON lists all."""
 _LEAST_PART_MM = 2.0
 """Lower bound of the longest side of a part. Chosen: 2 m, given in metres."""
 
@@ -36,12 +34,8 @@ def postures(
     ],
     rig_file: Annotated[
         str,
-        typer.Option(
-            "--rig",
-            "--arm",
-            autocompletion=completion.rig_files,
-            help="Calibrated rig file; or a rig file or an arm of the library that was not measured, with typical "
-            "errors.",
+        rig_option(
+            "Calibrated rig file; or a rig file or an arm of the library that was not measured, with typical errors."
         ),
     ],
     part: Annotated[
@@ -63,7 +57,7 @@ def postures(
     maker: Annotated[
         MakerName | None, maker_option("With -o: maker of the controller whose program is written", "none")
     ] = None,
-    lang: Annotated[Literal["en", "de", "ko"], typer.Option(help="Language of the text.")] = "en",
+    lang: Language = "en",
     output: Annotated[
         Path | None,
         typer.Option(
@@ -79,7 +73,7 @@ def postures(
     from analysis.apps.postures.posture_report import as_screen
     from analysis.apps.postures.result import choose_postures
     from analysis.cli.console import progress_of
-    from analysis.cli.several import end_with, worst
+    from analysis.cli.several import end_with_errors
     from analysis.report.plain_console import PlainConsole
     from rigs.load import load, named_by
 
@@ -87,11 +81,7 @@ def postures(
         raise UseError("--for", "needs a directory to write to", "add -o DIR")
     size = _size_of(part)
     rig, _ = load(rig_file)
-    if maker and not rig.takes_programs:
-        problem = "programs are written for arms of six axes without a rail"
-        raise UseError("--for", problem, "leave it out and use postures.csv")
-    if size is not None and rig.robot.rail is not None:
-        raise UseError("--part", "the map of places does not support an arm on a rail", "leave it out")
+    _check_arm(rig, maker, size)
     with named_by(rig_file, rig), progress_of("comparing postures"):
         read, poses, current = read_targets(targets, rig)
         chosen = choose_postures(rig, poses, current, change=change, part_mm=size)
@@ -107,8 +97,7 @@ def postures(
         say_json(content | {"targets": of_lines, "files": [str(path) for path in written]})
     else:
         PlainConsole().print(as_screen(chosen, labels_of(read), lang))
-    for path in written:
-        say(f"wrote {path}", err=True)
+    say_written(written)
     if written and chosen.knowledge == "calibrated":
         table = as_argument(written[0])
         say(
@@ -117,11 +106,16 @@ def postures(
         )
     elif chosen.knowledge == "typical" and not chosen.verdict:
         say(f"next: rig plan {as_argument(rig_file)} --poses 40 -o poses  # measure this arm", err=True)
-    for error in errors[:_MOST_LISTED]:
-        say_error(error)
-    if len(errors) > _MOST_LISTED:
-        say(f"      and {len(errors) - _MOST_LISTED} more targets without a posture", err=True)
-    end_with(worst(errors))
+    end_with_errors(errors, " targets without a posture")
+
+
+def _check_arm(rig: Rig, maker: MakerName | None, size: Array | None) -> None:
+    """Raise UseError for programs or a map of places that this arm does not support."""
+    if maker and not rig.takes_programs:
+        problem = "programs are written for arms of six axes without a rail"
+        raise UseError("--for", problem, "leave it out and use postures.csv")
+    if size is not None and rig.robot.rail is not None:
+        raise UseError("--part", "the map of places does not support an arm on a rail", "leave it out")
 
 
 def _size_of(part: str | None) -> Array | None:

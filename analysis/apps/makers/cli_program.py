@@ -17,6 +17,7 @@ from rigs.schema.vocabulary import CIRCLES, MakerName, ProgramTest
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
+    from analysis.apps.makers.programs.motion_plan import Demand, MotionPlan
     from rigs.rig import Rig
 
 
@@ -69,7 +70,7 @@ def program(
 ) -> None:
     """Write the robot programs of a test, after a check of limits, singularities and turns; the robot is not moved."""
     from analysis.apps.makers.programs.compensated import table_of
-    from analysis.apps.makers.programs.motion_plan import demand_lines, demand_of
+    from analysis.apps.makers.programs.motion_plan import demand_of
     from analysis.apps.makers.programs.planned import LONGEST_ARC_DEG, plans_of
     from analysis.apps.makers.target_path import compensated_plans
     from analysis.apps.makers.writing import feedback_note, programs_of, write_programs
@@ -98,10 +99,8 @@ def program(
     if targets:
         files[f"{test}-path.csv"] = table_of(nominal)
     paths = write_programs(maker, files, directory)
-    names = [rig.robot.axis_words(axis) for axis in range(1, len(rig.robot.axes) + 1)]
     for plan, demand in zip(plans, demands, strict=True):
-        for line in demand_lines(plan, demand, names):
-            say(f"{plan.name}: {line}", err=True)
+        _say_demand(rig, plan, demand)
     for missing in missing_gauges(rig, test):
         say(f"the rig file {missing.problem}, so this test is not possible yet; {missing.remedy}", err=True)
     if rig.gauges.recorded:
@@ -114,7 +113,7 @@ def _of_iso9283(rig: Rig, rig_file: str, maker: MakerName, directory: Path, dwel
     """Write the programs, print the demand on the arm, and print the commands for importing the tracker data."""
     import numpy as np
 
-    from analysis.apps.makers.programs.motion_plan import demand_lines, demand_of, seconds_of
+    from analysis.apps.makers.programs.motion_plan import demand_of, seconds_of
     from analysis.apps.makers.programs.planned import PERCENTS, cube_plan, path_plan
     from analysis.apps.makers.writing import programs_of, write_programs
     from analysis.cli.console import progress_of
@@ -132,11 +131,9 @@ def _of_iso9283(rig: Rig, rig_file: str, maker: MakerName, directory: Path, dwel
     stated = f"{{centre_mm: [{x:.6g}, {y:.6g}, {z:.6g}], side_mm: {cube.side_mm:g}, posture_deg: [{posture}]}}"
     keep = "; to use it for every run, write it into the rig file" if cube.found else ""
     say(f"tests.iso9283: {stated}{keep}", err=True)
-    names = [rig.robot.axis_words(axis) for axis in range(1, len(rig.robot.axes) + 1)]
     for plan, demand in zip(plans, demands, strict=True):
         say(f"{plan.name}: {seconds_of(plan) / 60:.0f} min", err=True)
-        for line in demand_lines(plan, demand, names):
-            say(f"{plan.name}: {line}", err=True)
+        _say_demand(rig, plan, demand)
     for written in paths:
         say(written)
     say(
@@ -145,6 +142,14 @@ def _of_iso9283(rig: Rig, rig_file: str, maker: MakerName, directory: Path, dwel
     )
     say(f"  rig import STOPS.csv --rig {as_argument(rig_file)} --test pose -o runs/cube", err=True)
     say(f"  rig import PATH.csv --rig {as_argument(rig_file)} --test path -o runs/path-{PERCENTS[0]}", err=True)
+
+
+def _say_demand(rig: Rig, plan: MotionPlan, demand: Demand) -> None:
+    from analysis.apps.makers.programs.motion_plan import demand_lines
+
+    names = [rig.robot.axis_words(axis) for axis in range(1, len(rig.robot.axes) + 1)]
+    for line in demand_lines(plan, demand, names):
+        say(f"{plan.name}: {line}", err=True)
 
 
 def _numbers(text: str) -> tuple[int, ...]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import progress_of, say, say_json
-from analysis.cli.options import AsJson
+from analysis.cli.options import AsJson, Language
 from rigs.errors import FileError, UseError
 from rigs.text import as_argument, numbers_in
 
@@ -73,7 +73,7 @@ def pair(
             "default: none.",
         ),
     ] = None,
-    lang: Annotated[Literal["en", "de", "ko"], typer.Option(help="Language of the text.")] = "en",
+    lang: Language = "en",
     as_json: AsJson = False,
 ) -> None:
     """Calibrate two arms by each other: a ball on the flange of one, a socket on the flange of the other.

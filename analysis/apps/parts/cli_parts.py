@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli.commands import app, command
-from analysis.cli.console import say
+from analysis.cli.console import say, say_written
 from analysis.cli.options import RigArgument
 from rigs.yaml_text import flow
 
@@ -69,8 +69,7 @@ def parts(
     paths = write_all_new(directory, {name: holding(content) for name, content in files.items()})
     for remark in remarks:
         say(remark, err=True, mark="note: ")
-    for path in paths:
-        say(f"wrote {path}", err=True)
+    say_written(paths)
     say("next: print the parts, and measure over both balls of the bar as described in parts.md", err=True)
 
 

@@ -38,9 +38,7 @@ _ASSUMED_UM = {
     "the ball, from run to run": 1e3 * BALL_MM.rms,
     "a target, from stop to stop": 1e3 * TARGET_MM.rms,
 }
-"""Assumed noise of planned runs, rms in µm of a run, from the ranges of real cells
-(`analysis.runs.noise.cell_noise`).
-"""
+"""Assumed noise of planned runs, rms in µm of a run, from the ranges of `analysis.runs.noise.cell_noise`."""
 ASSUMED_JOINT_DEG = JOINT_DEG.rms
 """Assumed scatter of each joint between planned runs, from the range of real cells."""
 

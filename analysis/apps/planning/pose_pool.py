@@ -11,7 +11,7 @@ from analysis.robot.kinematics.arm import Arm, Array, Mask, forward
 
 _MARGIN_RAD = np.radians(5.0)
 _HALF_TURN = np.pi
-"""Limit of every joint, whatever its range: cables and hoses."""
+"""Limit of every joint regardless of its range, because of cables and hoses."""
 _SIGHT_CLEARANCE_MM = 120.0
 """Distance between arm and line of sight."""
 _AT_TOOL = 0.9

@@ -12,7 +12,7 @@ import typer
 
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, RigArgument, maker_option, operator_or_user
+from analysis.cli.options import AsJson, Operator, RigArgument, maker_option, operator_or_user
 from rigs.schema.vocabulary import MakerName
 from rigs.text import plain
 
@@ -56,7 +56,7 @@ def session(
     wait_min: Annotated[
         float, typer.Option(min=0.1, max=1440, help="Minutes to wait for the robot to start a program.")
     ] = _WAIT_MIN,
-    operator: Annotated[str, typer.Option(help="Name of the operator; default: the user.")] = "",
+    operator: Operator = "",
     emulated: Annotated[
         bool,
         typer.Option(

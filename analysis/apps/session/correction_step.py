@@ -10,6 +10,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from analysis.apps.makers.plays import ahead_of_plays
 from analysis.apps.makers.programs.compensated import compensated, targets_of
 from analysis.apps.makers.programs.motion_plan import Arc
 from analysis.apps.makers.report import controller_report, correction_report
-from analysis.apps.session.session_plan import FIXED, SessionProgram, named_as, programs_for, stage_rig
+from analysis.apps.session.session_plan import FIXED, SessionProgram, programs_by_step, programs_for, stage_rig
 from analysis.apps.session.session_state import MAIN, ProgramStep, Session, SessionCorrection, Stage, Way
 from analysis.correction.corrected_targets import corrected_angles
 from analysis.correction.deviation import Expected, Work
@@ -206,15 +207,7 @@ def corrected_programs(
 
     Raises FileError if a target cannot be corrected.
     """
-    programs: dict[str, SessionProgram] = {}
-    for stage in stages:
-        stage_steps = [step for step in steps if step.stage == stage.name]
-        for test in dict.fromkeys(step.test for step in stage_steps):
-            new = {program.direction: program for program in _of_test(rig, model, stage, test)}
-            for step in stage_steps:
-                if step.test == test and step.program not in programs:
-                    programs[step.program] = named_as(new[step.direction], f"{step.program}{FIXED}")
-    return programs
+    return programs_by_step(stages, steps, partial(_of_test, rig, model), FIXED)
 
 
 def _of_test(rig: Rig, model: Rig, stage: Stage, test: DrivenTest) -> list[SessionProgram]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import get_args
 
@@ -281,21 +282,27 @@ def programs_for(rig: Rig, stage: Stage, test: DrivenTest, arc_deg: float = LONG
     return programs
 
 
-def named_as(program: SessionProgram, name: str) -> SessionProgram:
-    """Rename a program and the plan, which determines the file name."""
-    return replace(program, name=name, plan=replace(program.plan, name=name))
-
-
 def programs_of_steps(rig: Rig, stages: Sequence[Stage], steps: Sequence[ProgramStep]) -> dict[str, SessionProgram]:
     """Return the nominal programs of steps, by name."""
+    return programs_by_step(stages, steps, partial(programs_for, rig))
+
+
+def programs_by_step(
+    stages: Sequence[Stage],
+    steps: Sequence[ProgramStep],
+    programs_of_test: Callable[[Stage, DrivenTest], list[SessionProgram]],
+    suffix: str = "",
+) -> dict[str, SessionProgram]:
+    """Return the programs of some steps, by the name in the step. suffix: added to the names of the programs."""
     programs: dict[str, SessionProgram] = {}
     for stage in stages:
         stage_steps = [step for step in steps if step.stage == stage.name]
         for test in dict.fromkeys(step.test for step in stage_steps):
-            by_way = {program.direction: program for program in programs_for(rig, stage, test)}
+            by_way = {program.direction: program for program in programs_of_test(stage, test)}
             for step in stage_steps:
                 if step.test == test and step.program not in programs:
-                    programs[step.program] = named_as(by_way[step.direction], step.program)
+                    name, program = f"{step.program}{suffix}", by_way[step.direction]
+                    programs[step.program] = replace(program, name=name, plan=replace(program.plan, name=name))
     return programs
 
 

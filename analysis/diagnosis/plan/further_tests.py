@@ -53,9 +53,7 @@ _APART_MM = 100.0
 
 @dataclass(frozen=True)
 class FurtherTest:
-    """Further test. `choices`: rigs set up for it, each with a description; the first that the arm can drive is
-    used.
-    """
+    """Further test. `choices`: rigs set up for it, each with a description; the first that can be driven is used."""
 
     tests: tuple[TestName, ...]
     why: str
@@ -132,9 +130,7 @@ def with_circle(rig: Rig, circle: Circle, **changed: Any) -> Rig:
 
 
 def places(rig: Rig, circle: Circle) -> list[tuple[str, tuple[float, ...]]]:
-    """Return displaced circle centres, each with a description: towards axis 1 and away from it, along it down and
-    up.
-    """
+    """Return displaced circle centres, each with a description: towards axis 1 and away, along it down and up."""
     T, centre = transform(rig.robot.base), np.array(circle.centre_mm)
     up, out = T[:3, 2], centre - T[:3, 3]
     out = out - (out @ up) * up

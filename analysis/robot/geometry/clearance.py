@@ -12,19 +12,23 @@ from analysis.robot.kinematics.arm import Arm, Array, Mask, forward, link_frames
 from analysis.robot.kinematics.newton import conditioning
 
 _FLOOR_MM = 100.0
-"""Height above the base's mounting plane kept by every joint from the elbow on."""
+"""Smallest height of the elbow and all later joints above the mounting plane of the base."""
 _COLUMN_MM = 250.0
-"""Distance from axis 1 kept by wrist and tool below and at shoulder height."""
+"""Smallest distance of wrist and tool from axis 1, below and at shoulder height."""
 _LEAST_CONDITIONING = 0.01
 
 
 def is_clear(arm: Arm, q: Array) -> Mask:
-    """Return a mask (n,) of joint angles q (n, 6) rad free of the floor, the column and singularities."""
+    """Return a mask (n,) of joint angles q (n, 6) rad at a distance from the floor, from axis 1 and from
+    singularities.
+    """
     return np.asarray(is_collision_free(arm, q) & (conditioning(arm, q) > _LEAST_CONDITIONING))
 
 
 def is_collision_free(arm: Arm, q: Array) -> Mask:
-    """Return a mask (n,) of joint angles q (n, axes) rad free of the floor and the column."""
+    """Return a mask (n,) of joint angles q (n, axes) rad at which the arm keeps its distance from the floor and from
+    axis 1.
+    """
     points = chain_points(arm, q)
     outer, last = points[:, 2:], points[:, 4:]  # from the elbow on, and from the wrist on
     off_column = (np.hypot(last[..., 0], last[..., 1]) > _COLUMN_MM) | (last[..., 2] > points[:, 1:2, 2] + _COLUMN_MM)
