@@ -328,7 +328,7 @@ def _decoded(data: bytes, columns: Sequence[str] | None) -> pa.Table | str:
 
 def _text_bytes(column: pa.ChunkedArray) -> int:
     """Return the number of bytes in a text column that was read as indices."""
-    import pyarrow.compute as pc  # noqa: PLC0415 - wraps 286 functions, and few runs have text
+    import pyarrow.compute as pc  # noqa: PLC0415 - wraps 286 functions; only tables and faults have text
 
     lengths = [pc.binary_length(part.dictionary).take(part.indices) for part in column.chunks]
     return sum(pc.sum(part_lengths).as_py() or 0 for part_lengths in lengths)
