@@ -88,22 +88,11 @@ def _movement(runs: Sequence[Measured], where: int, row: int, step: MovementStep
     assert found.what in ("base", "instrument", "socket", "target", "tool", "zero")  # noqa: S101 - by find_step
     u_mm, u_deg = (None, found.u) if found.what == "zero" else (found.u, None)
     return Movement(
-        from_=from_,
-        to=to,
-        what=found.what,
-        odds=min(found.posterior / max(1 - found.posterior, 1e-12), 1e12),
-        axis=found.cause.axis,
-        name=found.name,
-        translation_mm=found.translation_mm,
-        rotation_deg=found.rotation_deg,
-        size_deg=found.size_deg,
-        u_mm=u_mm,
-        u_deg=u_deg,
-        u_rotation_deg=found.u_rotation_deg,
-        run=names[where],
-        row=None if row == 0 else int(rows[row]),
-        of_tracker=facts_of(piece.table.test).of_tracker,
-    )
+        from_=from_, to=to, what=found.what, odds=min(found.posterior / max(1 - found.posterior, 1e-12), 1e12),
+        axis=found.cause.axis, name=found.name, translation_mm=found.translation_mm, rotation_deg=found.rotation_deg,
+        size_deg=found.size_deg, u_mm=u_mm, u_deg=u_deg, u_rotation_deg=found.u_rotation_deg, run=names[where],
+        row=None if row == 0 else int(rows[row]), of_tracker=facts_of(piece.table.test).of_tracker,
+    )  # fmt: skip
 
 
 def _shortened(table: Any, keep: Mask) -> Any:
