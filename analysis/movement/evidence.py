@@ -314,7 +314,7 @@ def _estimate(predictions: Sequence[Prediction], shift: Shift, scale: Array, lev
     """Return the estimate of a cause; `levels` (l,) or (l, m) multiply the typical sizes (m,)."""
     logs, excess = _base_logs(predictions, shift.offset)
     if not len(scale):
-        return Estimate(_log_sum(logs), np.empty(0), np.empty((0, 0)), np.ones(1))
+        return Estimate(float(np.logaddexp.reduce(logs)), np.empty(0), np.empty((0, 0)), np.ones(1))
     sizes = scale * (levels[:, None] if levels.ndim == 1 else levels)
     all_logs, means, covs = [], [], []
     for p, e, log in zip(predictions, excess, logs, strict=True):
@@ -328,17 +328,13 @@ def _estimate(predictions: Sequence[Prediction], shift: Shift, scale: Array, lev
         means.append(sizes * solved)
         covs.append(np.linalg.inv(inner) * sizes[:, :, None] * sizes[:, None])
     flat = np.concatenate(all_logs)
-    total = _log_sum(flat)
+    total = float(np.logaddexp.reduce(flat))
     share = np.exp(flat - total)
     mean_of, cov_of = np.concatenate(means), np.concatenate(covs)
     mean = share @ mean_of
     off = mean_of - mean
     cov = np.einsum("l,lij->ij", share, cov_of + off[:, :, None] * off[:, None])
     return Estimate(total, mean, cov, share.reshape(len(predictions), -1).sum(axis=0))
-
-
-def _log_sum(logs: Array) -> float:
-    return float(np.logaddexp.reduce(logs))
 
 
 def _estimate_other(predictions: Sequence[Prediction]) -> Estimate:
@@ -349,7 +345,7 @@ def _estimate_other(predictions: Sequence[Prediction]) -> Estimate:
         turned = (vectors.T @ p.excess) ** 2
         total = values + (OTHER_LEVELS[:, None] * p.scatter) ** 2
         logs.append(np.log(p.weight) - 0.5 * (np.log(total) + turned / total).sum(axis=1) - np.log(len(OTHER_LEVELS)))
-    return Estimate(_log_sum(np.concatenate(logs)), np.empty(0), np.empty((0, 0)), np.ones(1))
+    return Estimate(float(np.logaddexp.reduce(np.concatenate(logs))), np.empty(0), np.empty((0, 0)), np.ones(1))
 
 
 def _with_outlier(
@@ -360,20 +356,19 @@ def _with_outlier(
     The level of the size is that of the estimate for the cause alone.
     """
     level = float(LEVELS[int(np.argmax(alone.level))])
-    numbers = np.unique(row)
+    numbers, scatter = np.unique(row), sum(p.weight * p.scatter for p in predictions)
     logs = []
     for number in numbers.tolist():
         entries = np.flatnonzero(row == number)
         outlier = np.eye(len(row))[:, entries]
         both = Shift(np.concatenate([shift.columns, outlier], axis=1), shift.offset)
-        scatter = sum(p.weight * p.scatter for p in predictions)
         scale = np.concatenate([cause.scale * level, np.full(len(entries), _OUTLIER_UNITS * scatter)])
         log = _estimate(
             predictions, both, scale, _OUTLIER_LEVELS[:, None] ** (np.arange(len(scale)) >= len(cause.scale))
         )
         logs.append(log.log_evidence)
     of_level = np.log(len(LEVELS)) if len(cause.scale) else 0.0
-    total = _log_sum(np.array(logs)) - np.log(len(numbers)) - of_level
+    total = float(np.logaddexp.reduce(np.array(logs))) - np.log(len(numbers)) - of_level
     return total, int(numbers[int(np.argmax(logs))])
 
 
@@ -383,10 +378,7 @@ _OUTLIER_LEVELS = np.array([0.5, 3.0, 30.0])
 
 
 def _fits(
-    predictions: Sequence[Prediction],
-    columns: Mapping[Cause, Shift],
-    estimates: Mapping[Cause, Estimate],
-    cause: Cause,
+    predictions: Sequence[Prediction], columns: Mapping[Cause, Shift], estimates: Mapping[Cause, Estimate], cause: Cause
 ) -> bool:
     """Return whether the chi-square of a cause is below the 99.9 % bound."""
     from scipy.special import chdtri  # noqa: PLC0415 - slow to import

@@ -163,7 +163,7 @@ class ReferenceComparison:
         """
         cause, probability = next(iter(self.posterior.probability.items()))
         if cause == NOTHING:
-            if self.count < FEWEST_TO_CLEAR:
+            if not self.can_clear:
                 return None
             probability += sum(self.posterior.probability[unseen] for unseen in self.unseen)
         return cause if probability >= NAMED else None
@@ -172,6 +172,11 @@ class ReferenceComparison:
     def count(self) -> int:
         """Number of new readings."""
         return sum(len(run.rows) for run in self.runs)
+
+    @property
+    def can_clear(self) -> bool:
+        """True if the new readings are enough to state that nothing moved."""
+        return self.count >= FEWEST_TO_CLEAR
 
     @property
     def distance_mm(self) -> float:

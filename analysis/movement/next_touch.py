@@ -9,7 +9,7 @@ prefers a touch that settles the question. The draws are the same for all postur
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,7 +22,9 @@ from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 
 _REMAINING = 1e-3
-"""Probability below which a cause is ignored."""
+"""Share of the probability of a movement below which a cause of some size is ignored."""
+_SAME_RAD = 0.02
+"""Distance below which two postures are the same."""
 _DRAWS = 16
 """Number of drawn readings of each cause and size, and of their mirror images. Chosen: twice as many choose the same
 posture in nearly all cases.
@@ -36,7 +38,6 @@ class ReferencePosture:
     setup: str
     row: int
     angles: Array
-    gain: float
 
     @property
     def socket(self) -> str:
@@ -75,18 +76,12 @@ def candidates_of(reference: Reference) -> Candidates:
     ])  # fmt: skip
     readings = every.rows(of_places)
     postures = tuple(
-        ReferencePosture(run.setup, int(run.table.rows[row]), angles, 0.0)
+        ReferencePosture(run.setup, int(run.table.rows[np.abs(run.table.q - angles).max(axis=1).argmin()]), angles)
         for run in runs
-        for row, angles in zip(_table_rows(run), run.path.q[run.samples], strict=True)
+        for angles in run.path.q[run.samples]
     )
     shifts = {cause: shift_of(runs, reference.place, cause).columns for cause in reference.causes} if runs else {}
     return Candidates(runs, readings, shifts, postures)
-
-
-def _table_rows(run: ObservedRun) -> list[int]:
-    """Return the table rows of the readings of a run, matched by joint angles."""
-    apart = np.abs(run.path.q[run.samples][:, None] - run.table.q[None]).max(axis=2)
-    return [int(row) for row in apart.argmin(axis=1)]
 
 
 def next_posture(
@@ -96,16 +91,17 @@ def next_posture(
     count = len(candidates.postures)
     if not count:
         return None
-    probability = _remaining(reference, compared)
+    probability = compared.posterior.probability if compared else prior_of([NOTHING, *reference.causes, OTHER])
+    floor = _REMAINING * (1 - probability.get(NOTHING, 0.0))
+    causes = [NOTHING, *(cause for cause, value in probability.items() if cause != NOTHING and value > floor)]
     joint, day, known = _joined(candidates, compared)
     prediction = likeliest(reference.conditioned.predict(joint, day))
-    floor = _REMAINING * (1 - probability.get(NOTHING, 0.0))
     outcomes: list[tuple[float, int, Array, Array]] = []
-    for number, (cause, value) in enumerate(sorted(probability.items(), key=lambda item: item[0] != NOTHING)):
+    for number, cause in enumerate(causes):
         spread = _spread(cause, candidates, compared, joint, prediction.scatter)
         for level, share in zip(*_levels(cause, compared), strict=True):
-            if value * share > floor:
-                outcomes.append((value * share, number, *_predicted(prediction, level**2 * spread, known, count)))
+            if (weight := probability.get(cause, 0.0) * share) > floor:
+                outcomes.append((weight, number, *_predicted(prediction, level**2 * spread, known, count)))
     weights, numbers = (np.array(column) for column in list(zip(*outcomes, strict=True))[:2])
     means, covs = (np.stack(column, axis=1) for column in list(zip(*outcomes, strict=True))[2:])
     gains = np.array([_usefulness(weights, numbers, mean, cov) for mean, cov in zip(means, covs, strict=True)])
@@ -113,17 +109,7 @@ def next_posture(
         seen = np.concatenate([run.path.q[run.samples] for run in compared.runs])
         angles = np.array([posture.angles for posture in candidates.postures])
         gains[np.abs(angles[:, None] - seen[None]).max(axis=2).min(axis=1) < _SAME_RAD] *= 0.5
-    best = int(np.argmax(gains))
-    return replace(candidates.postures[best], gain=float(gains[best]))
-
-
-_SAME_RAD = 0.02
-
-
-def _remaining(reference: Reference, compared: ReferenceComparison | None) -> dict[Cause, float]:
-    every = compared.posterior.probability if compared else prior_of([NOTHING, *reference.causes, OTHER])
-    kept = {cause: value for cause, value in every.items() if value > _REMAINING}
-    return kept if len(kept) > 1 else dict(every)
+    return candidates.postures[int(np.argmax(gains))]
 
 
 def _joined(candidates: Candidates, compared: ReferenceComparison | None) -> tuple[LinearReadings, Array, int]:

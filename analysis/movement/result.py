@@ -11,14 +11,7 @@ from analysis.diagnosis.evidence.observation import ObservedRun, socket_of
 from analysis.diagnosis.evidence.setups import FRAME
 from analysis.movement.causes import NOTHING, OTHER, Cause, What
 from analysis.movement.evidence import Estimate
-from analysis.movement.inference import (
-    FEWEST_TO_CLEAR,
-    MOST_MM,
-    NAMED,
-    Reference,
-    ReferenceComparison,
-    compare,
-)
+from analysis.movement.inference import MOST_MM, NAMED, Reference, ReferenceComparison, compare
 from analysis.movement.linearise import angles_of, tool_places, with_cause
 from analysis.movement.next_touch import Candidates, Lever, ReferencePosture, candidates_of, hidden_causes, next_posture
 from analysis.procedures.facts import facts_of
@@ -105,7 +98,7 @@ class MovementResult:
             ],
             "next": step and {
                 "setup": step.setup, "socket": step.socket or None, "row": step.row,
-                "joints_deg": np.round(np.degrees(step.angles), 4).tolist(),
+                "joints_deg": np.round(np.degrees(step.angles), 4).tolist()
             },
             "hidden": [
                 {"what": lever.cause.what, "axis": lever.cause.axis, "name": short_name(lever.cause) or None,
@@ -189,8 +182,8 @@ def _next(
 ) -> ReferencePosture | None:
     """Return the next posture; None if only causes remain that no posture shows."""
     invisible = {lever.cause for lever in hidden}
-    is_enough = compared is not None and compared.count >= FEWEST_TO_CLEAR
-    if is_enough and rivals and all(rival.cause in invisible or rival.cause == NOTHING for rival in rivals):
+    is_hopeless = bool(rivals) and all(rival.cause in invisible or rival.cause == NOTHING for rival in rivals)
+    if is_hopeless and compared is not None and compared.can_clear:
         return None
     return next_posture(reference, candidates, compared)
 

@@ -26,9 +26,7 @@ circle = typer.Typer(
 )
 app.add_typer(circle, name="circle")
 ball = typer.Typer(
-    cls=CommandGroup,
-    no_args_is_help=True,
-    help="Fit the ball position of the hemisphere test to recorded robot poses.",
+    cls=CommandGroup, no_args_is_help=True, help="Fit the ball position of the hemisphere test to recorded robot poses."
 )
 app.add_typer(ball, name="ball")
 

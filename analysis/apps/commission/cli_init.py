@@ -41,8 +41,7 @@ def init(
     port: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="PORT",
-            help="Serial port or tcp://host:port of a gauge; repeatable; default: interactive.",
+            metavar="PORT", help="Serial port or tcp://host:port of a gauge; repeatable; default: interactive."
         ),
     ] = None,
     g1: Annotated[

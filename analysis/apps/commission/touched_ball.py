@@ -359,7 +359,7 @@ class Touching:
         self._names: list[str] = []
         self._q: list[Array] = []
         self._came: list[Array] = []
-        self._first_mm: Array | None = None
+        self._first_mm = np.zeros(3)
         self._elsewhere: tuple[Array, Array, Array] | None = None
         self._sides: _Sides | None = None
         self._standstill = Standstill()
@@ -403,16 +403,13 @@ class Touching:
         ball, came = forward(self._arm, np.radians(q)[None])[0, :3, 3], self._sides.from_deg.copy()
         if self.number == 1:
             self._first_mm, self._elsewhere = ball, None
-        elif not self._is_in_socket(ball) and not self._replaces_first(ball, q):
+        elif np.linalg.norm(ball - self._first_mm) > _SAME_MM and not self._replaces_first(ball, q):
             self._elsewhere = ball, q, came
             return "elsewhere"
         self._names.append(self.socket)
         self._q.append(q)
         self._came.append(came)
         return "seated"
-
-    def _is_in_socket(self, ball: Array) -> bool:
-        return self._first_mm is None or bool(np.linalg.norm(ball - self._first_mm) <= _SAME_MM)
 
     def _replaces_first(self, ball: Array, q: Array) -> bool:
         """Replace the only touch of this socket if the last standstill and this one agree on a different place.

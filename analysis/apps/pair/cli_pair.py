@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from rigs.schema.robot import Pose
 
 _BASE_NUMBERS = (3, 6)
-_TABLES = (".csv", ".tsv", ".txt", ".xlsx", ".dat")
 
 
 @command(app, "rig pair left.yaml right.yaml touches.csv -o calibrated")
@@ -82,11 +81,8 @@ def pair(
     calibration of each arm and the transform between their bases. Rows without
     joints of the second arm are touches of sockets that are fixed in the cell.
     """
-    if table is None and Path(second_file).suffix.lower() in _TABLES:
-        problem = f"{second_file} is a table in place of the second rig file"
-        raise UseError("rig pair", problem, "give both rig files first: rig pair FIRST SECOND TABLE")
     if (plan is None) == (table is None):
-        raise UseError("rig pair", "needs either a table of touches or --plan N", "see rig pair --help")
+        raise UseError("rig pair", "needs both rig files, then a table of touches or --plan N", "see rig pair --help")
     for option, value in (("--base", base), ("--simulate", simulate)):
         if value is not None and plan is None:
             raise UseError(option, "is allowed only with --plan", "add --plan N")

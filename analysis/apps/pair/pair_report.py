@@ -138,12 +138,7 @@ def as_plan(planned: PlannedTouches) -> RenderableType:
 
 
 def write(
-    fit: FittedPair,
-    result: PairResult,
-    texts: tuple[str, str],
-    table: Path,
-    directory: Path,
-    language: Language = "en",
+    fit: FittedPair, result: PairResult, texts: tuple[str, str], table: Path, directory: Path, language: Language = "en"
 ) -> list[Path]:
     """Write both calibrated rig files, the result as JSON and the page; return their paths, the rig files last.
 

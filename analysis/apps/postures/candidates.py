@@ -61,13 +61,9 @@ class Candidates:
     def of(self, rows: Mask | Integers) -> Candidates:
         """Return the postures of a mask (m,) or of indices (k,)."""
         return Candidates(
-            self.q[rows],
-            self.target[rows],
-            self.solution[rows],
-            self.branch[rows],
-            self.conditioning[rows],
+            self.q[rows], self.target[rows], self.solution[rows], self.branch[rows], self.conditioning[rows],
             self.reasons,
-        )
+        )  # fmt: skip
 
     def groups(self) -> Iterator[tuple[int, slice]]:
         """Yield each target with postures, and their rows."""

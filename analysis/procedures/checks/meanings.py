@@ -143,7 +143,7 @@ def _far_off(table: Table, rig: Rig, left_mm: float) -> Iterator[Finding]:
 
 
 def _strength(left_mm: float, extent_mm: float) -> Strength:
-    """Return how certainly a residual shows a different arm; extent_mm: of the positions, rms."""
+    """Return the strength of a residual as evidence for a different arm; extent_mm: of the positions, rms."""
     return "decisive" if left_mm > max(RIGHT_MM, UNRELATED_SHARE * extent_mm) else "likely"
 
 
