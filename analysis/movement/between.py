@@ -44,7 +44,7 @@ def without_moved(rig: Rig, runs: Sequence[Measured]) -> tuple[list[Measured], l
             doubts.append(f"{movement.to} and later runs were fitted as a separate placement, after the movement")
             pending.append(numbers[after:])
             for k in numbers[after:]:
-                kept[k] = _with_placement(kept[k], runs[k].run.manifest.placement, movement.to)
+                kept[k] = _with_placement(runs[k], movement.to)
         for k, mask in zip(numbers, masks, strict=True):
             if not mask.all():
                 name = runs[k].run.manifest.name
@@ -86,11 +86,10 @@ def _of_group(rig: Rig, runs: Sequence[Measured]) -> tuple[Movement | None, list
     return movement, masks, None
 
 
-def _with_placement(run: Measured, label: str, name: str) -> Measured:
-    """Return a run at the part of a labelled placement that begins with the run of a given name."""
-    placement = f"{label} from {name}".lstrip()
-    manifest = run.run.manifest.model_copy(update={"placement": placement})
-    return replace(run, run=replace(run.run, manifest=manifest))
+def _with_placement(run: Measured, first: str) -> Measured:
+    """Return a run at the part of the labelled placement that begins with the run `first`."""
+    placement = f"{run.run.manifest.placement} from {first}".lstrip()
+    return replace(run, run=replace(run.run, manifest=run.run.manifest.model_copy(update={"placement": placement})))
 
 
 def _movement(runs: Sequence[Measured], where: int, row: int, step: MovementStep, piece: ObservedRun) -> Movement:

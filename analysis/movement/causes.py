@@ -58,9 +58,7 @@ class Cause:
 
 
 def look_alike(axis: int | None, axes: int) -> Literal["base", "tool"] | None:
-    """Return the part whose rotation about an axis changes every reading as the zero of that axis does: of the first
-    axis the base, of the last one the tool. None for the others.
-    """
+    """Return the part whose rotation about an axis changes every reading as the zero of that axis does, or None."""
     return "base" if axis == 1 else "tool" if axis == axes else None
 
 

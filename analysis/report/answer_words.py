@@ -427,9 +427,11 @@ class AnswerWords:
 
     def with_rivals(self, named: Named) -> str:
         """Return an effect and the rivals that cannot be dismissed, likeliest first, joined by "or"."""
-        causes: list[Named | Rival] = [named, *likely_rivals(named)]
-        causes.sort(key=lambda cause: -cause.posterior)
-        return self.texts("or").join(self.noun(cause.effect) for cause in causes)
+        return self.texts("or").join(self.noun(cause.effect) for cause in self.likeliest_first(named))
+
+    def likeliest_first(self, named: Named) -> list[Named | Rival]:
+        """Return an effect and the rivals that cannot be dismissed, the likeliest first."""
+        return sorted([named, *likely_rivals(named)], key=lambda cause: -cause.posterior)
 
     def _share(self, named: Named) -> list[str]:
         part = part_of(self.diagnosis, named)

@@ -48,10 +48,8 @@ def size_of(cause: CauseOdds, texts: Texts = _ENGLISH) -> str:
 
 def movement_sentence(movement: Movement, texts: Texts) -> str:
     """Return a movement found among the runs of a diagnosis as a sentence."""
-    which: str = "base_tracker" if movement.what == "base" and movement.of_tracker else movement.what
-    alike = look_alike(movement.axis, movement.axes)
-    which += f"_or_{alike}" if alike else ""
-    thing = texts(f"moved_{which}", axis=movement.axis or "", name=movement.name).rstrip()
+    kind = _kind(movement, movement.axes, of_tracker=movement.of_tracker)
+    thing = texts(f"moved_{kind}", axis=movement.axis or "", name=movement.name).rstrip()
     size = ""
     if movement.size_deg is not None and movement.u_deg is not None:
         size = _angle(movement.size_deg, movement.u_deg)
@@ -139,10 +137,14 @@ def act_after(movements: Sequence[Movement], texts: Texts) -> str:
 
 
 def _act(moved: Cause | Movement, name: str, texts: Texts, axes: int, *, of_tracker: bool) -> str:
-    which: str = "base_tracker" if moved.what == "base" and of_tracker else moved.what
+    return texts(f"check_act_{_kind(moved, axes, of_tracker=of_tracker)}", axis=moved.axis or "", name=name)
+
+
+def _kind(moved: Cause | Movement, axes: int, *, of_tracker: bool) -> str:
+    """Return the key of a cause in the texts, with the part that looks the same."""
     alike = look_alike(moved.axis, axes)
-    which += f"_or_{alike}" if alike else ""
-    return texts(f"check_act_{which}", axis=moved.axis or "", name=name)
+    is_either = moved.what == "base" and of_tracker
+    return f"{moved.what}{'_tracker' * is_either}{f'_or_{alike}' if alike else ''}"
 
 
 def next_words(posture: ReferencePosture, texts: Texts = _ENGLISH) -> str:

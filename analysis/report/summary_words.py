@@ -9,15 +9,7 @@ from functools import partial
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.acts import Act, Doubt
-from analysis.diagnosis.judge.result import (
-    CERTAIN_ODDS,
-    LARGE_SHARE,
-    BudgetPart,
-    Diagnosis,
-    Named,
-    Rival,
-    likely_rivals,
-)
+from analysis.diagnosis.judge.result import CERTAIN_ODDS, LARGE_SHARE, BudgetPart, Diagnosis, Named, likely_rivals
 from analysis.report.act_words import ActWords, command, without_idle_mounts
 from analysis.report.answer_words import (
     HARMLESS,
@@ -186,11 +178,14 @@ class _SummaryWords:
         return self.texts("probable_member", part=name, member=self.answer.noun(member.effect), odds=sure(member.odds))
 
     def _effect(self, named: Named, part: BudgetPart | None) -> str:
-        """Return an effect with size and certainty, a remark if the size is usual, and the likely rivals; only the
-        possible causes with their odds if the effect is not likely by itself.
+        """Return an effect with size and certainty, a remark if the size is usual, and the likely rivals.
+
+        If the effect is not likely by itself, return only the causes with their odds.
         """
-        if named.posterior < _LIKELY and (likely := likely_rivals(named)):
-            return self._one_of(named, likely)
+        if named.posterior < _LIKELY and likely_rivals(named):
+            causes = self.answer.likeliest_first(named)[: _MOST_RIVALS + 1]
+            odds = [f"{self.answer.noun(cause.effect)} ({sure(cause.posterior)})" for cause in causes]
+            return self.texts("one_of", causes=self.texts("or").join(odds))
         is_certain = named.posterior >= CERTAIN_ODDS
         certainty = self.texts("certain") if is_certain else self.texts("likely", odds=sure(named.posterior))
         certainty = "" if is_certain and named.twins else certainty  # of the group, not of its first member
@@ -201,17 +196,6 @@ class _SummaryWords:
         unnamed = [self.texts("and_more", count=len(rivals) - _MOST_RIVALS)] if len(rivals) > _MOST_RIVALS else []
         others = ", ".join([self.texts("or").join(rivals[:_MOST_RIVALS]), *unnamed])
         return self.texts("otherwise", first=first, others=others) if rivals else first
-
-    def _one_of(self, named: Named, rivals: Sequence[Rival]) -> str:
-        """Return the possible causes of a part with their odds, likeliest first; none of them is the answer."""
-        odds: dict[str, float] = {}
-        for effect, posterior in [(named.effect, named.posterior), *((one.effect, one.posterior) for one in rivals)]:
-            noun = self.answer.noun(effect)
-            odds[noun] = odds.get(noun, 0.0) + posterior
-        likeliest = sorted(odds, key=lambda noun: -odds[noun])
-        shown = [f"{noun} ({sure(odds[noun])})" for noun in likeliest[: _MOST_RIVALS + 1]]
-        unnamed = [self.texts("and_more", count=len(odds) - len(shown))] if len(odds) > len(shown) else []
-        return self.texts("one_of", causes=", ".join([self.texts("or").join(shown), *unnamed]))
 
     def unknowns(self, act: Act | None) -> list[str]:
         """Return the limits of the evidence as sentences, except those in the headline."""

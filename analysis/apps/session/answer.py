@@ -228,9 +228,8 @@ class ControllerModel:
 def path_error(runs: Sequence[Path], driven: ControllerModel, noise_um: float) -> Deviation | None:
     """Return the deviation of the tool from the commanded circle, after fitting the set-ups; None if there are no runs.
 
-    noise_um: rms scatter of a single run, 0 if it was not measured. The joint angles reported by a corrected controller
-    do not reveal the commanded place. The commanded joints are therefore recovered from the circle angle. Raises
-    FileError.
+    noise_um: rms scatter of a run, 0 if not measured. The joint angles of a corrected controller do not reveal the
+    commanded place. The commanded joints are therefore recovered from the circle angle. Raises FileError.
     """
     from analysis.diagnosis.judge.compare_runs import compare  # noqa: PLC0415 - slow to import
 

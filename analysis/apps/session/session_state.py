@@ -143,8 +143,7 @@ class Answer(Part):
     runs: number of runs used. judges: number of runs that judged at the other place. joined: number of runs used that
     had judged an earlier answer. condition, standing: as in `rig diagnose`. headline, accuracy, next_step: sentences of
     the answer. next_test: test that would separate rivals or name a group. runs_to_decide: number of runs of each kind
-    needed to decide. found: directory of the result files. noise_um: rms scatter of a single run, 0 if it was not
-    measured.
+    needed to decide. found: directory of the result files. noise_um: rms scatter of a run, 0 if not measured.
     """
 
     runs: Count

@@ -44,10 +44,8 @@ _RARE = 3.0
 
 @dataclass(frozen=True)
 class JudgedPlace:
-    """Validation runs of the actions, runs for fitting set-ups of the same placement, the models, and the gap there.
-
-    predicted_um: error of the model at poses used, each predicted by the others; None if unknown.
-    """
+    """Validation runs of the actions, runs for fitting set-ups of the same placement, the models, the gap there, and
+    the error at poses used, each predicted by the others."""
 
     place: JudgedOn
     used: FittedRuns

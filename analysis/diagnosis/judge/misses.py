@@ -140,9 +140,7 @@ class Widening:
 
     @property
     def unexplained_um(self) -> float:
-        """The constant contribution as an rms distance in µm; 0 if unknown, or if too few places determine it: the
-        excess then is an upper limit, which widens u and proves no unknown cause.
-        """
+        """The constant contribution as an rms distance in µm; 0 if too few places show more than an upper limit."""
         return 1e3 * math.sqrt(3) * (self.unexplained_mm or 0.0) * (self.neighbourhoods >= _FEWEST_GROUPS)
 
 

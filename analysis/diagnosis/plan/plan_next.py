@@ -47,13 +47,11 @@ def plan_next(
     named = list(diagnosis.effects)
     tests = naming_tests(further, fit.result, diagnosis.budget, named, judged_runs) if asks else []
     runs = validation.elsewhere or validation.judges or validation.sound
-    gaps = validation.gaps
-    place = JudgedPlace(
-        diagnosis.accuracy.place, validation.fitted, runs, validation.stages, gaps.judged, gaps.predicted_um
-    )
+    place, gaps = diagnosis.accuracy.place, validation.gaps
+    judged = JudgedPlace(place, validation.fitted, runs, validation.stages, gaps.judged, gaps.predicted_um)
     stated = (CHECK_STATED,) if diagnosis.contradictions else ()
     before = (*stated, *(_before(evidence.uses.used) if findings.early else ()))
-    acts = acts_of(diagnosis, place, tests, before)
+    acts = acts_of(diagnosis, judged, tests, before)
     return replace(diagnosis, next_test=next_test, doubts=(*diagnosis.doubts, *why_none), acts=acts)
 
 
