@@ -13,6 +13,7 @@ from analysis.diagnosis.fit.responses import limits_um
 from analysis.diagnosis.fit.search import early_readings
 from analysis.diagnosis.judge.budget import Budget, EffectChange, GapMeasure, effect_changes
 from analysis.diagnosis.judge.doubts import doubts_of_limits
+from analysis.diagnosis.judge.named_swing import doubts_of_phases, named_vibration
 from analysis.diagnosis.judge.remains import Unexplained
 from analysis.diagnosis.judge.residuals import bands_above_noise, curves_of, maps_of, places
 from analysis.diagnosis.judge.result import (
@@ -45,7 +46,6 @@ from analysis.diagnosis.judge.verdict import (
     without_cancelling,
     without_useless,
 )
-from analysis.diagnosis.judge.vibration import doubts_of_phases, named_vibration
 from rigs.effects import swing as vibration_at
 from rigs.schema.effect import name_of
 

@@ -288,13 +288,13 @@ def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
 
 
 def without_cancelling(named: Sequence[Named], before_um: float) -> list[Named]:
-    """Return the named effects, with those that cancel others no longer confirmed: an effect shown by one direction
-    that increases the gap of `before_um` by itself. Its odds are at most those of the other explanation, in which it
-    and what it cancels are absent.
+    """Return the named effects, with errors of instruments that cancel errors of the arm no longer confirmed: shown by
+    one direction, such an effect increases the gap of `before_um` by itself. The other explanation, in which both are
+    absent, is at least as likely. Constants of the arm cancel each other in every arm.
     """
     return [
         replace(_with_odds_to_the(1.0, name, 0.5), doubt="cancels")
-        if name.stands and name.directions < 2 and name.alone_um > before_um
+        if name.stands and name.effect.STAGE in OUTSIDE_ARM and name.directions < 2 and name.alone_um > before_um
         else name
         for name in named
     ]
@@ -506,13 +506,13 @@ def within_unexplained(named: Sequence[Named], unexplained_um: float, noise_um: 
     """
     weight = noise_um**2 / max(noise_um**2 + unexplained_um**2, 1e-12)
 
-    def beside(name: Named) -> Named:
+    def weakened(name: Named) -> Named:
         most = name.worth_um**2 / (name.worth_um**2 + unexplained_um**2)
         doubt = "unexplained" if name.stands else name.doubt
         return replace(_with_odds_to_the(weight, name, most), doubt=doubt)
 
     return [
-        beside(name) if name.worth_um < (_MUCH_MORE if name.directions < 2 else _MORE) * unexplained_um else name
+        weakened(name) if name.worth_um < (_MUCH_MORE if name.directions < 2 else _MORE) * unexplained_um else name
         for name in named
     ]
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from tests.support.dated_runs import dated_run
-from tests.trials.rows.__main__ import RUN_WRITER
 
+RUN_WRITER = Path(__file__).parents[2] / "support" / "synthetic_run.py"
 _PRINT = """
 import json, sys
 before = set(sys.modules)

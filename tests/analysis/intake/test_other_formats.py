@@ -47,7 +47,7 @@ def test_what_is_no_table_is_called_what_it_is(data: bytes, told: str) -> None:
 
 def test_the_yaml_of_ur_calibration_is_no_calibration_conf(tmp_path: Path) -> None:
     (tmp_path / "robot.yaml").write_text("kinematics:\n  shoulder:\n    x: 0\n")
-    with pytest.raises(FileError, match=r"ur_calibration of ROS.*calibration\.conf"):
+    with pytest.raises(FileError, match=r"ROS package ur_calibration.*calibration\.conf"):
         read_calibration(tmp_path / "robot.yaml")
 
 

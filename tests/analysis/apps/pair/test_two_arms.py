@@ -266,7 +266,7 @@ def test_from_init_to_both_calibrations_and_the_base(tmp_path: Path) -> None:
     assert {one["what"] for one in found["not_testable"]} >= {"zero and d of axis 6", "zero and d of axis 7"}
     assert json.loads((tmp_path / "calibrated/pair.json").read_text()) == found
     page = (tmp_path / "calibrated/pair.html").read_text(encoding="utf-8")
-    assert f"{found['base']['xyz_mm'][0]:.3f}" in page and "predicted from the others" in page
+    assert f"{found['base']['xyz_mm'][0]:.3f}" in page and "Predictions of each touch from the others" in page
     right, _ = load(tmp_path / "calibrated/right.yaml")
     assert right.robot.base.xyz_mm == pytest.approx(found["base"]["xyz_mm"], abs=1e-5)
     meets = []
@@ -291,7 +291,9 @@ def test_a_plan_and_drawn_touches_lead_to_a_calibration(tmp_path: Path) -> None:
     drawn = [float(x) for x in made.stderr.split(" at ")[1].split(" mm")[0].split(",")]
     done = ran("pair", *arms, "t.csv", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "not testable" in done.stdout and "predicted from the others" in " ".join(done.stdout.split())
+    assert "not testable" in done.stdout and "Predictions of each touch from the others" in " ".join(
+        done.stdout.split()
+    )
     found = json.loads(ran("pair", *arms, "t.csv", "--json", cwd=tmp_path).stdout)
     assert np.abs(np.array(found["base"]["xyz_mm"]) - drawn).max() < 3.5 * max(found["base"]["u_xyz_mm"])
 
@@ -321,7 +323,7 @@ def test_a_table_of_two_arms_is_no_table_of_a_fixed_socket(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("words", "code", "problem"),
     [
-        (("ur10e", "kuka-lbr-iiwa-14"), 2, "either a table of touches or --plan"),
+        (("ur10e", "kuka-lbr-iiwa-14"), 2, "a table of touches or --plan"),
         (("ur10e", "kuka-lbr-iiwa-14", "t.csv", "--base", "1,2,3"), 2, "--base: is allowed only with --plan"),
         (("ur10e", "kuka-lbr-iiwa-14", "--plan", "20"), 3, "base at the same place as the first arm"),
         (("ur10e", "kuka-lbr-iiwa-14", "--plan", "20", "--base", "1,2"), 2, "'1,2' is not a pose"),

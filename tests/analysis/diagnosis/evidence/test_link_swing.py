@@ -11,8 +11,8 @@ from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.link_swing import FoundVibration, find_vibration
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.responses import linearise
+from analysis.diagnosis.judge.named_swing import doubts_of_phases, named_vibration
 from analysis.diagnosis.judge.result import Named
-from analysis.diagnosis.judge.vibration import doubts_of_phases, named_vibration
 from analysis.runs.loading import Measured
 from analysis.runs.tables import CircleTable
 from rigs.effects import swing as vibration_at

@@ -94,7 +94,7 @@ def test_the_correction_is_offered_as_the_arm_can_take_it_and_named_once() -> No
     five = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"axes": RIG.robot.axes[:5]})})
     of_five = ActWords(diagnosis(acts=(load_act, repair), rig=five))
     assert of_five.next.startswith(
-        "Move the robot to corrected targets. To write them: rig correct so.yaml -o D --path TARGETS.csv"
+        "Write corrected targets with “rig correct so.yaml -o D --path TARGETS.csv” and move the robot to them."
     )
     assert not any(word in of_five.next for word in ("program", "--for", "values"))
     approach = Act("approach", "history", effect=Backlash(axis=1, width_deg=0.1))
@@ -349,7 +349,9 @@ def test_no_correction_hides_an_angle_that_the_arm_may_not_have_reached() -> Non
     removed = Act("none", "sound", removes_um=90.0, removes_u_um=1.0, remains_um=10.0)
     calibrated = SimpleNamespace(effects=[named.effect for named in found.effects])
     stages = SimpleNamespace(calibrated=calibrated)
-    judged = cast("JudgedPlace", SimpleNamespace(place="used", stages=stages, removed=lambda _: removed))
+    judged = cast(
+        "JudgedPlace", SimpleNamespace(place="used", stages=stages, predicted_um=None, removed=lambda _: removed)
+    )
     assert [act.kind for act in _corrections(found, judged)] == ["load"] and _corrections(doubted, judged) == []
     (usual,) = _corrections(replace(found, only_commanded=True), judged)
     assert "commanded" in [objection.doubt for objection in usual.against], "the doubt is told in the step"

@@ -27,8 +27,8 @@ def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list
     if not moves.is_material(limits):
         return []
     odds = 1 / (1 + float(np.exp(-min(swing.gain, 50.0))))
-    vibration = Named(swing.effect, swing.sd, odds, (), gap_um, swing.effect.remedy(), moves.whole_um, None)
-    return [replace(vibration, posterior=odds / 2, doubt="one_speed") if swing.may_follow_angle else vibration]
+    named = Named(swing.effect, swing.sd, odds, (), gap_um, swing.effect.remedy(), moves.whole_um, None)
+    return [replace(named, posterior=odds / 2, doubt="one_speed") if swing.may_follow_angle else named]
 
 
 def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple[str, ...]:
@@ -38,7 +38,7 @@ def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple
     size = size_field(left.effect)
     return tuple(
         f"after the fitted vibration is removed, the runs still contain a {left.effect.plain('')} of "
-        f"{left.amplitude_mm:.4f} ± {left.sd[size]:.4f} mm: a fit with one phase and one frequency for all runs does "
+        f"{left.amplitude_mm:.4f} ± {left.sd[size]:.4f} mm: a fit with one phase and one frequency for all runs "
         "cannot represent the scatter between runs"
         for name in vibrations
         if left.gain >= np.log(ODDS) and left.amplitude_mm > CERTAIN_SIGMA * name.sd[size]
