@@ -23,7 +23,9 @@ from analysis.robot.geometry.pose_setup import PoseSetUp, fit_setup, position_er
 from analysis.robot.kinematics.arm import Arm, Array, Integers, arm_of, forward, without_setup
 from analysis.runs.noise.readings import rms
 from analysis.runs.tables import Table
+from rigs.arms import arm_names, load_arm
 from rigs.rig import Rig
+from rigs.schema.robot import Robot
 
 _ZEROS_DEG = (90.0, -90.0, 180.0)
 """Other zeros used in practice: a quarter or half a turn away."""
@@ -83,6 +85,8 @@ UNRELATED_SHARE = 0.1
 """Smallest residual, as a share of the extent of the positions, of a table that belongs to a different arm. A zero
 wrong by 5° moves places by 0.09 of the lever, which is more than any arm in use.
 """
+_OTHER_MM = 2.0
+"""Smallest residual from which other arms are tried. Source: nominal constants left 0.3 to 1.5 mm of arms in use."""
 CLEARLY = 4.0
 """Factor by which an alternative must fit better. Fitting all constants of a real arm (UR10) gave a factor of 2.6,
 whereas a meaning has no free parameter.
@@ -101,7 +105,8 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         return
     best, as_labelled, as_good = checks_of(table.test).judged_joints(table, rig)
     if best is None:
-        yield from _far_off(table, rig, as_labelled)
+        other = next(_of_another_arm(table, rig), None) if as_labelled > _OTHER_MM else None
+        yield from [other] if other else _far_off(table, rig, as_labelled)
         return
     if as_labelled < _NOTHING_MM:
         return
@@ -117,6 +122,31 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     if rig.robot.rail and best.meaning.columns == ("q1_deg",) and not as_good and best.meaning.offset.any():
         remedy += "; or correct robot.rail.direction: a rail with a different direction or sign looks the same"
     yield Finding(JOINTS, "decisive", best.meaning.columns, words, fact, remedy, misfit)
+
+
+def _of_another_arm(table: Table, rig: Rig) -> Iterator[Finding]:
+    """Yield a finding if an arm of the library fits poses or touches clearly better than the arm of the rig file."""
+    if not facts_of(table.test).of_places:
+        return
+
+    def misfit_mm(robot: Robot) -> float:
+        arm = arm_of(robot.model_copy(update={"tool": rig.robot.tool}))
+        if facts_of(table.test).of_tracker:
+            rows = np.flatnonzero((table.readings != 0).any(axis=1))[:_JUDGED]
+            return left_mm(without_setup(arm), table.q[rows], table.readings[rows], _STEPS)
+        path = checks_of(table.test).off_path(table, rig, forward(arm, table.q))
+        return np.inf if path is None else path.off_mm
+
+    robots = {name: load_arm(name).robot for name in arm_names()}
+    fits = {name: misfit_mm(robot) for name, robot in robots.items() if len(robot.axes) == len(rig.robot.axes)}
+    name, as_labelled = min(fits, key=lambda arm: fits[arm], default=""), misfit_mm(rig.robot)
+    if name and as_labelled > max(_OTHER_MM, CLEARLY * fits[name]):
+        fact = (
+            f"the table fits {name} of the arm library with an error of {_length(fits[name])}, and the arm of the rig "
+            f"file with {_length(as_labelled)}"
+        )
+        remedy = f"compare with the name plate, and give --arm {name} or a rig file of that arm"
+        yield Finding(JOINTS, "decisive", (), f"the arm {name}", fact, remedy)
 
 
 def _far_off(table: Table, rig: Rig, left_mm: float) -> Iterator[Finding]:

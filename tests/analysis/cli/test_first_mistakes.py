@@ -12,7 +12,9 @@ from analysis.api import load_run, read_table
 from analysis.procedures.checks.check_runs import doubts_of
 from analysis.procedures.checks.meanings import joint_findings
 from analysis.report.diagnosis_report import require_empty
+from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.csv_tables import columns_of
+from analysis.runs.tables import PoseTable, Table
 from rigs.arms import load_arm
 from rigs.errors import FileError, UseError
 from rigs.load import load
@@ -87,6 +89,21 @@ def test_a_table_of_another_arm_gets_no_verdict(tmp_path: Path, command: str, he
     assert done.returncode == 3 and not (tmp_path / "c.yaml").exists() and not done.stdout
     last = done.stderr.splitlines()[-1]
     assert last.startswith("error: t") and "check that the rig file belongs to this arm" in last
+
+
+@pytest.mark.parametrize("test", ["touch", "pose"])
+def test_a_table_of_a_sibling_names_the_arm_that_it_fits(folder: Path, test: str) -> None:
+    """Offsets of 4 and 10 mm were two faults of a UR10e that was called a UR10, to enter at the controller."""
+    own = load(folder / "cell.yaml")[0]
+    given = own.model_copy(update={"robot": load_arm("ur10").robot})
+    table: Table = read_table(folder / "t.csv", folder / "cell.yaml", "touch").table
+    if test == "pose":
+        rng = np.random.default_rng(3)
+        q = rng.uniform(-2.0, 2.0, (30, 6))
+        table = PoseTable(q, forward(arm_of(own.robot), q)[:, :3, 3] + rng.normal(0, 0.1, (30, 3)), None)
+    (finding,) = joint_findings(table, given)
+    assert (finding.strength, finding.meant) == ("decisive", "the arm ur10e") and "--arm ur10e" in finding.remedy
+    assert not list(joint_findings(table, own))
 
 
 def test_an_arm_with_a_wrong_zero_is_still_diagnosed(folder: Path) -> None:
