@@ -21,7 +21,9 @@ from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import TestName
 
-_GIVE_TEST = "choose the test: --test, or test= in Python"
+_GIVE_TEST = "choose the test: rig import --test, or test= in Python"
+_FEW_MISSING = 2
+"""Largest number of missing columns that are named. Chosen: with more, the table is of a different kind."""
 
 
 def read_any_table(source: Path, *, rig_file: str | Path, test: TestName | None, **label: Any) -> Measured:
@@ -65,4 +67,9 @@ def test_of(source: Path, rig: Rig) -> TestName:
     groups = groups_of(raw, [axis.name for axis in rig.robot.axes])
     if groups.joints and groups.seen:
         return MAPPED
+    nearest = min(layouts, key=lambda test: len(layouts[test] - names))
+    missing = sorted(layouts[nearest] - names)
+    if len(missing) <= _FEW_MISSING:
+        problem = f"lacks {' and '.join(missing)} of a {nearest} table"
+        raise FileError(where, problem, "add the column, or run rig import --help for other tables")
     raise FileError(where, f"has columns that match none of the tests: {', '.join(raw.names[:20])}", _GIVE_TEST)

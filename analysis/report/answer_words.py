@@ -287,14 +287,15 @@ class AnswerWords:
         """
         if self.diagnosis.condition in ("named", "ambiguous"):
             return self.unexplained_too
-        if usual_or_fault := self._usual_or_faults():
+        if usual_or_fault := self.usual_or_faults:
             return usual_or_fault
         # Effects already in the rig file, since "nothing found" then means nothing further.
         nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
         already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
         return " ".join(filter(None, [self.condition_sentence, self.unexplained_too, self.follows, already_held]))
 
-    def _usual_or_faults(self) -> str:
+    @property
+    def usual_or_faults(self) -> str:
         """Return a sentence on effects of usual size that may be faults; empty if more runs would decide."""
         diagnosis = self.diagnosis
         open_ones = [named for named in diagnosis.effects if fault_rivals(named)]
@@ -324,6 +325,8 @@ class AnswerWords:
             which = self._undecided()
         if which == "outside_library" and diagnosis.remainder.at_new_places:
             which = "outside_library_there"
+        if which in ("nothing_unusual", "uncalibrated") and diagnosis.movements:
+            which = "nothing_else"
         unusual = [", ".join([self.short_name(part), self.times_usual(part)]) for part in unusual_groups(diagnosis)]
         larger = self.texts("finding_unusual_group", parts=self._listed(unusual)) if unusual else ""
         return f"{self.texts(f'finding_{which}', **values)} {larger}".rstrip()
@@ -375,7 +378,11 @@ class AnswerWords:
             f"{self.noun(rival.effect)} ({sure(rival.posterior)})" for rival in fault_rivals(named)
         )
         return self.texts(
-            "finding_usual_or_fault", usual=self.noun(named.effect), odds=sure(named.posterior), faults=faults
+            "finding_usual_or_fault",
+            um=micrometres(named.worth_um),
+            usual=self.noun(named.effect),
+            odds=sure(named.posterior),
+            faults=faults,
         )
 
     def _faults(self) -> tuple[list[str], list[str]]:

@@ -146,7 +146,10 @@ class _SummaryWords:
         names_open = any(named.doubt == "commanded" for named in self.diagnosis.effects)
         if self.diagnosis.condition in ("out_of_range", "outside_library") or names_open:
             return self.answer.condition_sentence
-        if leading := self._leading():
+        leading = self._leading()
+        if (undecided := self.answer.usual_or_faults) and not any(is_fault for _, is_fault in leading):
+            return undecided
+        if leading:
             (first, is_fault), *others = leading
             if not is_fault and (faults := [phrase for phrase, of_fault in others if of_fault]):
                 others = others[1:]
@@ -202,7 +205,8 @@ class _SummaryWords:
         diagnosis, texts = self.diagnosis, self.texts
         sentences = [self._cause] if diagnosis.contradictions else []
         sentences.append(self.answer.visits)
-        if diagnosis.condition in _UNDECIDED and (sentence := self.answer.condition_sentence) != self._cause:
+        is_open = diagnosis.condition in _UNDECIDED and not self.answer.usual_or_faults
+        if is_open and (sentence := self.answer.condition_sentence) != self._cause:
             sentences.append(sentence)
         sentences.append(self.answer.follows)
         if act and (against := ActWords(diagnosis, texts).against(self._beyond_basis(act))):

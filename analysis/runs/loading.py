@@ -132,7 +132,7 @@ last digit.
 
 def refuse_copied_rows(runs: Sequence[Measured]) -> None:
     """Raise FileError if most poses of a run also occur in an earlier one, in any order of the rows and any turn of the
-    joints (n, axes) rad."""
+    joints (n, axes) rad, or if many rows of a run are copies: a copy shows no repeatability."""
     seen: list[tuple[str, set[bytes]]] = []
     for run in runs:
         if not isinstance(run.table, PoseTable):
@@ -140,6 +140,9 @@ def refuse_copied_rows(runs: Sequence[Measured]) -> None:
         q = run.table.q
         rows = {row.tobytes() for row in np.hstack([np.cos(q), np.sin(q), run.table.xyz_mm]).round(6) + 0.0}
         name = run.run.manifest.name
+        if len(q) - len(rows) > _COPIED * len(rows):
+            problem = f"contains {len(q) - len(rows)} of its {len(q)} rows twice, to the last digit"
+            raise FileError(name, problem, "give each pose once; visit a target again to show its repeatability")
         for first, earlier in seen:
             if len(rows & earlier) > _COPIED * len(rows):
                 raise FileError(name, f"contains the poses of {first} in another order", "give each pose once")

@@ -125,7 +125,10 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 
 
 def _of_another_arm(table: Table, rig: Rig) -> Iterator[Finding]:
-    """Yield a finding if an arm of the library fits poses or touches clearly better than the arm of the rig file."""
+    """Yield a finding if an arm of the library fits poses or touches clearly better than the stated arm.
+
+    The stated arm must be an arm of the library too: a rig file with another length may contain a mistake.
+    """
     if not facts_of(table.test).of_places:
         return
 
@@ -138,15 +141,22 @@ def _of_another_arm(table: Table, rig: Rig) -> Iterator[Finding]:
         return np.inf if path is None else path.off_mm
 
     robots = {name: load_arm(name).robot for name in arm_names()}
+    stated = next((name for name, robot in robots.items() if _links(robot) == _links(rig.robot)), None)
+    if stated is None:
+        return
     fits = {name: misfit_mm(robot) for name, robot in robots.items() if len(robot.axes) == len(rig.robot.axes)}
     name, as_labelled = min(fits, key=lambda arm: fits[arm], default=""), misfit_mm(rig.robot)
     if name and as_labelled > max(_OTHER_MM, CLEARLY * fits[name]):
         fact = (
-            f"the table fits {name} of the arm library with an error of {_length(fits[name])}, and the arm of the rig "
-            f"file with {_length(as_labelled)}"
+            f"the table fits {name} of the arm library with an error of {_length(fits[name])}, and {stated} with "
+            f"{_length(as_labelled)}"
         )
         remedy = f"compare with the name plate, and give --arm {name} or a rig file of that arm"
         yield Finding(JOINTS, "decisive", (), f"the arm {name}", fact, remedy)
+
+
+def _links(robot: Robot) -> list[tuple[float, ...]]:
+    return [(axis.a_mm, axis.d_mm, axis.alpha_deg, axis.beta_deg) for axis in robot.axes]
 
 
 def _far_off(table: Table, rig: Rig, left_mm: float) -> Iterator[Finding]:

@@ -153,3 +153,29 @@ def test_an_output_that_cannot_be_created_is_refused_before_anything_is_computed
 def test_what_is_no_path_of_a_run_is_refused_in_python() -> None:
     with pytest.raises(UseError, match="must be a path, but has the type NoneType"):
         load_run(None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("lost", "test"), [("q4_deg", "pose"), ("socket", "touch")])
+def test_a_table_that_lacks_one_column_names_the_column(tmp_path: Path, lost: str, test: str) -> None:
+    """The remedy was an option that rig diagnose does not have."""
+    places = ["x_mm", "y_mm", "z_mm"] if test == "pose" else ["socket", "spot_x_mm"]
+    names = [name for name in [*_JOINTS, *places] if name != lost]
+    (tmp_path / "t.csv").write_text(",".join(names) + "\n" + ",".join("1" for _ in names) + "\n", encoding="utf-8")
+    done = ran("diagnose", tmp_path / "t.csv", "--arm", "ur5")
+    assert done.returncode != 0 and f"lacks {lost} of a {test} table" in done.stderr
+
+
+def test_rows_that_occur_twice_show_no_repeatability(tmp_path: Path) -> None:
+    """An export that contained each row twice had a scatter of 0.2 µm."""
+    rng = np.random.default_rng(5)
+    q = rng.uniform(-2.0, 2.0, (20, 6))
+    xyz = forward(arm_of(load_arm("ur5").robot), q)[:, :3, 3] + rng.normal(0, 0.5, (20, 3))
+    rows = [
+        ",".join(f"{value:.4f}" for value in (*np.degrees(angles), *place))
+        for angles, place in zip(q, xyz, strict=True)
+    ]
+    (tmp_path / "t.csv").write_text(
+        "\n".join([",".join([*_JOINTS, "x_mm,y_mm,z_mm"]), *rows, *rows]) + "\n", encoding="utf-8"
+    )
+    done = ran("diagnose", tmp_path / "t.csv", "--arm", "ur5")
+    assert done.returncode != 0 and "contains 20 of its 40 rows twice" in done.stderr
