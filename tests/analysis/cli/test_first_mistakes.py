@@ -169,7 +169,9 @@ def test_rows_that_occur_twice_show_no_repeatability(tmp_path: Path) -> None:
     """An export that contained each row twice had a scatter of 0.2 µm."""
     rng = np.random.default_rng(5)
     q = rng.uniform(-2.0, 2.0, (20, 6))
-    xyz = forward(arm_of(load_arm("ur5").robot), q)[:, :3, 3] + rng.normal(0, 0.5, (20, 3))
+    tracked = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])  # in the frame of a tracker
+    xyz = (forward(arm_of(load_arm("ur5").robot), q) @ [10.0, 20.0, 80.0, 1.0])[:, :3] @ tracked + [900.0, -700.0, 50.0]
+    xyz += rng.normal(0, 0.1, xyz.shape)
     rows = [
         ",".join(f"{value:.4f}" for value in (*np.degrees(angles), *place))
         for angles, place in zip(q, xyz, strict=True)
