@@ -15,6 +15,7 @@ from typing import Any
 from analysis.diagnosis.evidence.contradiction import Contradiction
 from analysis.diagnosis.fit.refine import size_limits
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
+from analysis.diagnosis.judge.acts import IMITATED
 from analysis.diagnosis.judge.result import (
     CERTAIN_ODDS,
     LARGE_SHARE,
@@ -323,6 +324,10 @@ class AnswerWords:
             which, values = "scatter", {"um": _length(scatter_um)}
         if which == "undecided" and diagnosis.runs_to_decide is None:
             which = self._undecided()
+        if which == "undecided" and (imitated := [named for named in diagnosis.effects if named.doubt in IMITATED]):
+            most = max(imitated, key=lambda named: named.worth_um)
+            which, name = "not_confirmed", self.noun(most.effect)
+            values |= {"name": f"{name[:1].upper()}{name[1:]}", "why": self.texts(f"doubt_{most.doubt}")}
         if which == "outside_library" and diagnosis.remainder.at_new_places:
             which = "outside_library_there"
         if which in ("nothing_unusual", "uncalibrated") and diagnosis.movements:

@@ -8,7 +8,7 @@ from functools import partial
 
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
-from analysis.diagnosis.judge.acts import Act, Doubt
+from analysis.diagnosis.judge.acts import IMITATED, Act, Doubt
 from analysis.diagnosis.judge.result import CERTAIN_ODDS, LARGE_SHARE, BudgetPart, Diagnosis, Named, likely_rivals
 from analysis.report.act_words import ActWords, command, without_idle_mounts
 from analysis.report.answer_words import (
@@ -40,7 +40,7 @@ _LEAST_SHARE = 0.01
 _TENTH_PERCENT = 0.001
 _LIKELY = 0.5
 """Odds below which the likeliest member of a part is not named in the headline: another member is likelier."""
-_IMITATED: tuple[Doubt, ...] = ("unexplained", "commanded", "small", "one_speed", "cancels")
+_IMITATED: tuple[Doubt, ...] = (*IMITATED, "small")
 """Doubts meaning that an effect may only imitate a different cause."""
 _UNDECIDED = ("out_of_range", "outside_library", "undecided", "not_testable_here")
 """Conditions under which no cause and no act is certain."""

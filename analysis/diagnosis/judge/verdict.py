@@ -20,6 +20,7 @@ from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import DRIVEN_WAVES, least_fault, spurious_wave_series
 from analysis.diagnosis.judge.acts import Doubt, JudgedOn
 from analysis.diagnosis.judge.budget import EffectChange, GapMeasure, sizes_by_setup
+from analysis.diagnosis.judge.friction import may_be_friction
 from analysis.diagnosis.judge.residuals import bands_above_noise
 from analysis.diagnosis.judge.result import (
     CERTAIN_ODDS,
@@ -333,6 +334,8 @@ def _judge_effect(
         sizes.shares() if doubt is None and by_posture else (), change.u_um, change.times_usual,
         twins=tuple(twin.effect for twin in twins), shown=shown, directions=sizes.directions() + (gain is not None),
     )  # fmt: skip
+    if sizes.directions() < 2 and may_be_friction(result, k):
+        named = replace(_with_odds_to_the(1.0, named, 0.5), doubt=doubt or "friction")
     return replace(named, doubt="contradicted") if named.contradicted else named
 
 
@@ -488,7 +491,8 @@ def _is_testable(result: SearchResult, *, early: bool) -> bool:
 def is_undecided(named: Sequence[Named]) -> bool:
     """Return whether more runs may find a fault: an effect of the size of a fault is not certain yet."""
     return needs_runs(named) or any(
-        name.doubt in ("unexplained", "commanded", "one_speed", "cancels") or fault_rivals(name) for name in named
+        name.doubt in ("unexplained", "commanded", "one_speed", "cancels", "friction") or fault_rivals(name)
+        for name in named
     )
 
 

@@ -82,3 +82,11 @@ def test_a_rival_of_size_zero_does_not_stop_the_plan(tmp_path: Path) -> None:
     found = found_in(draw_single(44011).cell, tmp_path)
     assert any(size_of(rival.effect) == 0 for named in found.effects for rival in named.rivals)
     assert found.acts[0].kind == "measure" and found.acts[0].test is not None
+
+
+def test_friction_of_the_ball_joint_confirms_no_play(tmp_path: Path) -> None:
+    """Stick-slip of 30 µm in the ball joint was a certain play of axis 6, which only the yaw circles show."""
+    found = found_in(draw_cell(45014, CAUSES), tmp_path)
+    (play,) = [named for named in found.effects if name_of(named.effect) == "backlash 6"]
+    assert play.doubt == "friction" and play.posterior <= 0.5
+    assert "Play of axis 6 is not confirmed: friction in the ball joint" in " ".join(summarise(found).unknowns)
