@@ -87,7 +87,7 @@ _MOST_NEAR = 3
 
 
 def the_same(name: str, names: Collection[str]) -> str | None:
-    """Return the known name that equals `name`, or the only one that differs just in case or punctuation; else None."""
+    """Return the known name equal to `name`, ignoring case and punctuation if only one name matches; otherwise None."""
     if name in names:
         return name
     alike = [candidate for candidate in names if _letters(candidate) == _letters(name)]

@@ -175,7 +175,7 @@ class ReferenceComparison:
 
     @property
     def can_clear(self) -> bool:
-        """True if the new readings are enough to state that nothing moved."""
+        """True if there are enough new readings to conclude that nothing moved."""
         return self.count >= FEWEST_TO_CLEAR
 
     @property

@@ -144,7 +144,7 @@ class AnswerWords:
 
     @property
     def headline(self) -> str:
-        """The answer in a few sentences: first everything that limits the conclusions, then the findings."""
+        """The answer in a few sentences: the preconditions, then the findings."""
         limits = self.contradictions if self.diagnosis.condition == "out_of_range" else self.preconditions
         return " ".join(filter(None, (*limits, self.findings)))
 
@@ -167,7 +167,7 @@ class AnswerWords:
 
     @property
     def preconditions(self) -> list[str]:
-        """Sentences on everything that limits the conclusions, to be shown first.
+        """Sentences that limit all conclusions and therefore come first.
 
         They describe contradicted constants, movements, commanded angles, and deviations that may be scatter.
         """

@@ -82,7 +82,7 @@ def _turns_beyond(angle: Array, limits: Array) -> Integers:
 
 
 def beyond_limits(table: Table, rig: Rig) -> tuple[str, ...]:
-    """Return a phrase on the rows in which a joint was counted too far."""
+    """Return a message for each joint with angles outside the limits of the rig file."""
     limits, doubts = arm_of(rig.robot).limits, []
     for axis, ((low, high), angle) in enumerate(zip(limits, table.q.T, strict=False), start=1):
         outside = (angle < low - _SLACK_RAD) | (angle > high + _SLACK_RAD)

@@ -77,8 +77,9 @@ class Case:
         return self.touch([self.sockets[row] for row in rows], self.q[rows])
 
     def touch_planned(self, count: int) -> tuple[list[str], np.ndarray]:
-        """Return touches after the change in postures that the plan chooses one by one, until a cause is named or
-        `count` is reached.
+        """Return touches made after the change, at most `count`, until a cause is named.
+
+        The plan chooses each posture from the touches before it.
         """
         candidates, compared = candidates_of(self.reference), None
         sockets: list[str] = []

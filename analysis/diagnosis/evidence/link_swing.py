@@ -105,9 +105,9 @@ def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> 
     scatter: dict[str, list[float]] = {}
     for group, fit in zip(groups, fits, strict=True):
         scatter.setdefault(group.setup, []).append(group.scatter_of(frequency_hz, fit.waves))
-    whole = _with_the_common_part(groups, f, frequency_hz, amplitude, sd)
-    may_follow_angle = whole[1] > amplitude and _have_one_speed(deviations)
-    frequency_hz, amplitude, sd = whole
+    of_deviations = amplitude
+    frequency_hz, amplitude, sd = _with_the_common_part(groups, f, frequency_hz, amplitude, sd)
+    may_follow_angle = amplitude > of_deviations and _have_one_speed(deviations)
     sds, amplitude = {"amplitude_mm": sd, "frequency_hz": 0.125 / seconds}, min(amplitude, 1.0)
     scatter_um = {setup: 1e3 * float(np.sqrt(np.mean(squares))) for setup, squares in scatter.items()}
     return FoundVibration(vibration_at(frequency_hz, amplitude), amplitude, sds, gain, scatter_um, may_follow_angle)

@@ -1,4 +1,4 @@
-"""Friction in the ball joint of the link as another explanation of a play."""
+"""Friction in the ball joint of the link as an alternative to the backlash of an axis."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _ALONE = 0.9
 
 
 def may_be_friction(result: SearchResult, k: int) -> bool:
-    """Return whether friction in the ball joint may look like the named effect `k`, a play of an axis.
+    """Return whether friction in the ball joint may have the same effect on the readings as the named effect `k`.
 
-    The axis turns one way in each circle, and other readings hardly show the play: play and friction are both a
-    difference between cw and acw. Such cells with stick-slip of 20 to 50 µm had a certain play of axis 6.
+    Backlash of an axis that turns one way in each circle, and hardly affects other readings, is a constant difference
+    between cw and acw, as friction is. Simulated friction of 20 to 50 µm was reported as certain backlash of axis 6.
     """
     effect, energy = result.effects[k], result.contributions[k] ** 2
     axis = int(getattr(effect, "axis", 0)) - 1

@@ -294,7 +294,7 @@ def without_cancelling(named: Sequence[Named], before_um: float) -> list[Named]:
     absent, is at least as likely. Constants of the arm cancel each other in every arm.
     """
     return [
-        replace(_with_odds_to_the(1.0, name, 0.5), doubt="cancels")
+        replace(_with_odds_at_most(0.5, name), doubt="cancels")
         if name.stands and name.effect.STAGE in OUTSIDE_ARM and name.directions < 2 and name.alone_um > before_um
         else name
         for name in named
@@ -335,7 +335,7 @@ def _judge_effect(
         twins=tuple(twin.effect for twin in twins), shown=shown, directions=sizes.directions() + (gain is not None),
     )  # fmt: skip
     if sizes.directions() < 2 and may_be_friction(result, k):
-        named = replace(_with_odds_to_the(1.0, named, 0.5), doubt=doubt or "friction")
+        named = replace(_with_odds_at_most(0.5, named), doubt=doubt or "friction")
     return replace(named, doubt="contradicted") if named.contradicted else named
 
 
@@ -513,7 +513,7 @@ def within_unexplained(named: Sequence[Named], unexplained_um: float, noise_um: 
     def weakened(name: Named) -> Named:
         most = name.worth_um**2 / (name.worth_um**2 + unexplained_um**2)
         doubt = "unexplained" if name.stands else name.doubt
-        return replace(_with_odds_to_the(weight, name, most), doubt=doubt)
+        return replace(_with_odds_at_most(most, _with_odds_to_the(weight, name)), doubt=doubt)
 
     return [
         weakened(name) if name.worth_um < (_MUCH_MORE if name.directions < 2 else _MORE) * unexplained_um else name
@@ -532,18 +532,23 @@ def within_commanded(named: Sequence[Named]) -> list[Named]:
     ]
 
 
-def _with_odds_to_the(power: float, name: Named, most: float) -> Named:
+def _with_odds_to_the(power: float, name: Named) -> Named:
     """Return a named effect with the odds of the effect, of each rival and of any other cause raised to a power and
-    normalised: the likelihood of readings with a larger variance, by the inverse of the power. The odds of effect and
-    rivals together are at most `most`.
+    normalised: the likelihood of readings with a larger variance, by the inverse of the power.
     """
     odds = np.array([name.posterior, *(rival.posterior for rival in name.rivals)])
     other = max(1.0 - float(odds.sum()), float(np.finfo(float).eps))
     raised = np.append(odds, other) ** power
-    shares = raised[:-1] / raised.sum()
-    first, *rest = (shares * min(1.0, most / shares.sum())).tolist()
+    first, *rest = (raised[:-1] / raised.sum()).tolist()
     rivals = tuple(replace(rival, posterior=share) for rival, share in zip(name.rivals, rest, strict=True))
     return replace(name, posterior=first, rivals=rivals)
+
+
+def _with_odds_at_most(most: float, name: Named) -> Named:
+    """Return a named effect whose odds, together with those of the rivals, are at most `most`."""
+    factor = most / max(most, name.posterior + sum(rival.posterior for rival in name.rivals))
+    rivals = tuple(replace(rival, posterior=factor * rival.posterior) for rival in name.rivals)
+    return replace(name, posterior=factor * name.posterior, rivals=rivals)
 
 
 def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:

@@ -12,9 +12,8 @@ from analysis.runs.tabular import for_json
 Strength = Literal["impossible", "decisive", "likely"]
 """Certainty of a finding.
 
-impossible: no robot produces such data with this label; import refuses them. decisive: the
-labelled meaning does not fit, but a different one or none does; figures are reported with a doubt, and no fault is
-derived from them. likely: a doubt.
+impossible: no robot produces such data with this label; import refuses them. decisive: the labelled meaning does not
+fit; figures are reported with a doubt, and no fault is derived from them. likely: a doubt.
 """
 
 

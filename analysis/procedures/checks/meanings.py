@@ -105,7 +105,7 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         return
     best, as_labelled, as_good = checks_of(table.test).judged_joints(table, rig)
     if best is None:
-        other = next(_of_another_arm(table, rig), None) if as_labelled > _OTHER_MM else None
+        other = _another_arm(table, rig) if as_labelled > _OTHER_MM else None
         yield from [other] if other else _far_off(table, rig, as_labelled)
         return
     if as_labelled < _NOTHING_MM:
@@ -124,18 +124,18 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     yield Finding(JOINTS, "decisive", best.meaning.columns, words, fact, remedy, misfit)
 
 
-def _of_another_arm(table: Table, rig: Rig) -> Iterator[Finding]:
-    """Yield a finding if an arm of the library fits poses or touches clearly better than the stated arm.
+def _another_arm(table: Table, rig: Rig) -> Finding | None:
+    """Return a finding if an arm of the library fits poses or touches clearly better than the stated arm.
 
     The stated arm must be an arm of the library too: a rig file with another length may contain a mistake.
     """
     if not facts_of(table.test).of_places:
-        return
+        return None
 
     def misfit_mm(robot: Robot) -> float:
         arm = arm_of(robot.model_copy(update={"tool": rig.robot.tool}))
         if facts_of(table.test).of_tracker:
-            rows = np.flatnonzero((table.readings != 0).any(axis=1))[:_JUDGED]
+            rows = (table.readings != 0).any(axis=1)
             return left_mm(without_setup(arm), table.q[rows], table.readings[rows], _STEPS)
         path = checks_of(table.test).off_path(table, rig, forward(arm, table.q))
         return np.inf if path is None else path.off_mm
@@ -143,16 +143,17 @@ def _of_another_arm(table: Table, rig: Rig) -> Iterator[Finding]:
     robots = {name: load_arm(name).robot for name in arm_names()}
     stated = next((name for name, robot in robots.items() if _links(robot) == _links(rig.robot)), None)
     if stated is None:
-        return
+        return None
     fits = {name: misfit_mm(robot) for name, robot in robots.items() if len(robot.axes) == len(rig.robot.axes)}
-    name, as_labelled = min(fits, key=lambda arm: fits[arm], default=""), misfit_mm(rig.robot)
-    if name and as_labelled > max(_OTHER_MM, CLEARLY * fits[name]):
-        fact = (
-            f"the table fits {name} of the arm library with an error of {_length(fits[name])}, and {stated} with "
-            f"{_length(as_labelled)}"
-        )
-        remedy = f"compare with the name plate, and give --arm {name} or a rig file of that arm"
-        yield Finding(JOINTS, "decisive", (), f"the arm {name}", fact, remedy)
+    name = min(fits, key=lambda arm: fits[arm])
+    if fits[stated] <= max(_OTHER_MM, CLEARLY * fits[name]):
+        return None
+    fact = (
+        f"the table fits {name} of the arm library with an error of {_length(fits[name])}, and {stated} with "
+        f"{_length(fits[stated])}"
+    )
+    remedy = f"compare with the name plate, and give --arm {name} or a rig file of that arm"
+    return Finding(JOINTS, "decisive", (), f"the arm {name}", fact, remedy)
 
 
 def _links(robot: Robot) -> list[tuple[float, ...]]:

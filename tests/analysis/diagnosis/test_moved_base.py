@@ -1,4 +1,4 @@
-"""Movements between runs of one placement, of an arm whose kinematics are not those of the product."""
+"""Movements of the base between runs with the same placement, simulated with independent kinematics."""
 
 from __future__ import annotations
 

@@ -114,7 +114,7 @@ def _carried_out(world: World, actions: tuple[Action, ...]) -> World:
 
 
 def _require_order(state: RecorderState, world: World) -> None:
-    """Check that each run is in a valid state, and that new samples go to one run only."""
+    """Check that every run on the disk is known to the recorder, and that only one run receives new samples."""
     leaving = {close.run for close in state.leaving}
     beginning = {state.phase.run} if isinstance(state.phase, Beginning) else set()
     assert world.asked == leaving | beginning, "each run that the disk makes is known"

@@ -53,7 +53,7 @@ def _expected(tests: tuple[TestName, ...], runs: int = 3) -> ExpectedPosterior:
 
 @cache
 def _beside_a_hemisphere() -> list[PossibleTest]:
-    """What can be driven besides by an arm that has no circle."""
+    """Return the further tests possible for an arm whose rig file has a hemisphere but no circle."""
     return possible_tests(NO_CIRCLE, ("radial",), *planned_blocks(NO_CIRCLE, ("radial",), 3))[0]
 
 

@@ -37,7 +37,7 @@ def test_a_few_micrometres_in_a_single_set_up_confirm_no_fault(tmp_path: Path, s
 
 
 def test_a_play_within_two_of_its_uncertainties_is_no_fault(tmp_path: Path) -> None:
-    """A spring that stiffens looks like a play of axis 2 held by gravity, 0.138 ± 0.096°, certain by its shape."""
+    """A stiffening gear is fitted as backlash of axis 2 with odds above 95 %, but with a size of 0.138 ± 0.096°."""
     found = found_in(draw_cell(42024, CAUSES), tmp_path)
     names = {name_of(named.effect): named for named in found.effects}
     assert names["backlash 2"].posterior >= CERTAIN_ODDS and not names["backlash 2"].stands
