@@ -113,7 +113,7 @@ def _say_map(table_map: TableMap) -> None:
 def _answer_of(question: Question) -> Callable[[str], TableReading]:
     def read(text: str) -> TableReading:
         if not text.isdigit() or not 1 <= int(text) <= len(question.readings):
-            raise UseError(question.key, f"{text!r} is not a number of the list", f"give 1 to {len(question.readings)}")
+            raise UseError(question.key, f"{text!r} is not a number in the list", f"give 1 to {len(question.readings)}")
         return question.readings[int(text) - 1]
 
     return read

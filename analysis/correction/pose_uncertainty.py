@@ -321,7 +321,7 @@ def why_unknown(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
 def where_known(uncertainty: PoseUncertainty, q: Array, u_mm: Array) -> Array:
     """Return standard uncertainties (n,) mm at joint angles q (n, 6) rad, NaN if not supported by the runs.
 
-    At a placement with postures outside the runs, real arms were missed by two to four u (docs/evidence/world.md).
+    For postures outside the range of the runs, errors of real arms were two to four u (docs/evidence/world.md).
     """
     inside = covered(uncertainty, q)
     return u_mm if inside is None else np.where(inside, u_mm, np.nan)

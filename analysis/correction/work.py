@@ -35,7 +35,7 @@ from rigs.rig import Rig
 FEWEST_TAUGHT, _SPREAD = 12, 60
 """Smallest number of postures for teaching frame and tool and for judging a correction, and the number used otherwise.
 
-Chosen: the nine constants of frame and tool absorb a quarter of the 36 coordinates of the smallest number.
+Chosen: with 12 postures, the nine constants of frame and tool use a quarter of the 36 coordinates.
 """
 _AROUND_RAD = np.radians(30.0)
 """Range around the work area if the runs' joint angles are unknown. Chosen: a usual range."""

@@ -100,7 +100,7 @@ def sure_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
 def unusual_groups(diagnosis: Diagnosis) -> list[BudgetPart]:
     """Return the groups of small errors that are larger than usual although no single cause is certain.
 
-    The list is empty unless the condition is harmless: a fault or an open cause already explains the error.
+    The list is empty unless the condition is harmless; otherwise a fault or an open cause explains the error.
     """
     groups = [part for part in diagnosis.budget if part.rank == "unusual" and part.index is None]
     return groups if diagnosis.condition in HARMLESS else []

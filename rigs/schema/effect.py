@@ -183,10 +183,10 @@ BY_TARGETS = Compensation("targets only")
 
 @dataclass(frozen=True)
 class SeatNotation:
-    """Notation of a seat.
+    """Text notation of the location of an effect, such as an axis or a gauge.
 
-    pattern: expression with a group per parameter. example: a seat in this notation. every: meaning of omitted
-    parameters.
+    pattern: regular expression with a group per parameter. example: a location in this notation. every: meaning of
+    omitted parameters.
     """
 
     pattern: str
@@ -351,7 +351,7 @@ def at_each_gauge(cls: type[_E], scope: Scope) -> list[list[_E]]:
 
 
 def scaled(effect: _E, share: float, **values: float) -> _E:
-    """Return an effect with a share of the size, and with other changed values."""
+    """Return a copy of an effect with the size multiplied by `share`, and other fields set to `values`."""
     name = size_field(effect)
     return effect.model_copy(update={name: share * getattr(effect, name), **values})
 

@@ -70,7 +70,9 @@ def moved(
     if live:
         for option, is_given in (("--new", bool(new)), ("--plan", plan), ("--mark", mark)):
             if is_given:
-                raise UseError(option, "is not used with --live, which takes and saves the touches", "leave it out")
+                raise UseError(
+                    option, "has no effect with --live, because --live takes and saves the touches", "leave it out"
+                )
         found, title = _check_live(runs, rig_file, save, is_quiet=as_json)
     elif save:
         raise UseError("--save", "is the run of the touches that --live takes", "add --live, or leave it out")

@@ -142,7 +142,7 @@ def fault_sizes(level: float) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class Form(Candidate):
-    """A possible appearance of an effect: a candidate with the indices of its `columns`."""
+    """One shape in which an effect may occur: a candidate with the indices of its `columns`."""
 
     columns: tuple[int, ...]
 

@@ -352,7 +352,7 @@ class Linearisation:
         """Return the contribution of `effects`, in place of the reference effects, to the entries (N,) mm of each
         block.
 
-        The set-ups are given, or by default have each ball displaced like the tool.
+        By default, the set-ups assume that each ball is displaced in the same way as the tool.
         """
         scenes = self._scenes(effects)
         return self._responses(effects, scenes, setups or self.setups_moved_by(self._moves_with_tool(scenes)))

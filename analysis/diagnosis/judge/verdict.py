@@ -148,7 +148,7 @@ _SAME_SIGMA = 0.5
 """Change of the readings in standard deviations of the noise up to which an effect and a rival are twins. Chosen: at
 1.0, both would be confused in a third of all repeats."""
 _NEGLIGIBLE = 1e-4
-"""Odds of rivals that are not listed."""
+"""Odds at or below which a rival is not listed."""
 _NO_WORSE = 0.97
 """Ratio below which a gap counts as smaller: 3 % of an rms is more than a refitted set-up gains by chance."""
 _FAR, _WORSE, _LEAST_GAIN = 1.5, 1.1, 0.3

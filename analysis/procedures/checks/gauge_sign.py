@@ -269,8 +269,8 @@ _DECISIVE = 12.0
 drift and waves are not white noise.
 """
 _FITS, _FITS_WELL = 4.0, 6.0
-"""Minimum ratios of the residual energies with backlash. Below the first, two meanings are equivalent. Below the
-second, which leaves two fifths of the readings, the alternative does not fit well either and only causes a doubt.
+"""Minimum ratios of the residual energies with backlash. Below the first, both labellings fit equally well. Below the
+second, the better one leaves two fifths of the readings unexplained, so the finding is only a doubt.
 """
 _RESOLVED_MM = 0.003
 """Lower limit of the rms residual with backlash as labelled: the resolution of gauges of 1 µm."""

@@ -97,7 +97,7 @@ def conditioned(points: Array) -> bool:
 
 
 def outlying_targets(points: Array) -> NDArray[np.bool_]:
-    """Return a mask (t,) of the targets left out by this rule; points (t, o, 3) mm of o readings, NaN if missing."""
+    """Return a mask (t,) of outliers of a robust sphere; points (t, o, 3) mm: o readings per target, NaN if missing."""
     # Robust sphere: soft_l1 by reweighting.
     read = points[np.isfinite(points).all(axis=-1)]
     x = np.append(np.zeros(3), np.median(np.linalg.norm(read, axis=1)))

@@ -103,7 +103,7 @@ _TENTHS = 1000
 
 @dataclass(frozen=True)
 class BudgetRow:
-    """A part of the error.
+    """A row of the error budget on the page.
 
     beside: size, doubt, and sizes of cancelling parts. share: in percent. width: of the bar, in percent of the column.
     rank: class, possibly empty. rank_words: class as text. times: multiple of the usual size.

@@ -118,7 +118,7 @@ def test_a_person_at_a_terminal_is_asked(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(import_map, "has_person", lambda: True)
     done = ran("import", *foreign.written(tmp_path), "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "a")
     assert done.returncode == 0, done.stderr
-    assert "1  x_dif … z_dif is target - measured" in done.stderr and "is not a number of the list" in done.stderr
+    assert "1  x_dif … z_dif is target - measured" in done.stderr and "is not a number in the list" in done.stderr
     table = load_run(tmp_path / "a").table
     assert isinstance(table, PoseTable) and foreign.truth
     target = foreign.truth.xyz_mm.round(1)

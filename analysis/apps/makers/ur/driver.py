@@ -69,7 +69,7 @@ def run(text: str, _: str, machine: Machine) -> None:
             break
         calls.append(_call(tokens))
         if tokens.take("end") != "\n":
-            raise ProgramError("a statement must end with its line")
+            raise ProgramError("unexpected text after the statement; write one statement per line")
     tokens.take("name")
     _blank(tokens)
     if tokens.take("name") != name:
