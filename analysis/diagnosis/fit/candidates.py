@@ -19,7 +19,7 @@ from analysis.diagnosis.evidence.setups import constants_apart
 from analysis.diagnosis.fit.departures import initial_play_columns
 from analysis.diagnosis.fit.joint_curves import CurveColumns, JointCurves, curve_columns
 from analysis.diagnosis.fit.responses import Linearisation, Response
-from analysis.robot.kinematics.arm import Array, rail_mm
+from analysis.robot.kinematics.arm import Array, Mask, rail_mm
 from analysis.runs.table_format import format_of
 from rigs.effects import VOCABULARY, Effect, one_sided
 from rigs.schema.effect import Scope, healthy, is_play, name_of, phases, scaled
@@ -132,6 +132,48 @@ _SIZE_RATIO = 1.85
 """Ratio of consecutive fault sizes, giving the sizes 6, 11, 20, 37 and 68 in a healthy arm. Chosen: the evidence is
 an average over sizes and smooth in their logarithm.
 """
+
+
+def is_constant(effect: Effect) -> bool:
+    """Return whether an effect is an error of geometry or zeros."""
+    return effect.part == "constants"
+
+
+@dataclass(frozen=True)
+class Level:
+    """Level of the small errors of an arm, 1 in a typical healthy arm: of geometry and zeros (`constants`), and of all
+    others.
+
+    An arm with perfect gears may still be built from inaccurate links. With a single level, the quiet gears of such an
+    arm made many lengths of 0.1 mm improbable, and one certain, wrong length of 0.9 mm replaced them.
+
+    `constants` is None if constants have separate widths (`Columns.constants_apart`) or are not known separately.
+    """
+
+    others: float = 1.0
+    constants: float | None = None
+
+    def of(self, effect: Effect) -> float:
+        """Return the level of an effect."""
+        return self.of_constants if is_constant(effect) else self.others
+
+    @property
+    def of_constants(self) -> float:
+        """Level of geometry and zeros."""
+        return self.others if self.constants is None else self.constants
+
+    @property
+    def values(self) -> Array:
+        """Both levels (2,), or the only one (1,)."""
+        return np.array([self.others] if self.constants is None else [self.others, self.constants])
+
+    def at_least(self, least: float) -> Level:
+        """Return the level with a lower bound."""
+        return Level(*np.maximum(self.values, least).tolist())
+
+
+HEALTHY = Level()
+"""Level of a typical healthy arm."""
 
 
 def fault_sizes(level: float) -> Array:
@@ -333,14 +375,21 @@ class Columns:
         by_band = (self._products[response][1] for response in responses)
         return np.concatenate([np.tensordot(weights.scale, products, axes=1) for products in by_band])
 
-    def variance(self, level: float, curves: JointCurves | None = None, discrepancy: float = 0.0) -> Array:
-        """Return the prior variance (p,) of the coefficients in an arm with `level` times the healthy size of every
-        effect.
+    @cached_property
+    def are_constants(self) -> Mask:
+        """Mask (p,) of the columns of geometry and zeros."""
+        of_forms = [is_constant(form.effect) for form in self.forms for _ in form.columns]
+        return np.array(of_forms + [False] * (self.X.shape[1] - len(of_forms)), dtype=bool)
+
+    def variance(self, level: Level, curves: JointCurves | None = None, discrepancy: float = 0.0) -> Array:
+        """Return the prior variance (p,) of the coefficients in an arm with `level` times the healthy size of the
+        effects.
 
         Waves of joints have the variance of the `curves`, if given. `discrepancy`: amplitude of causes outside the
         library.
         """
-        variance: Array = level**2 * self.healthy + self.fixed
+        levels = np.where(self.are_constants, level.of_constants, level.others)
+        variance: Array = levels**2 * self.healthy + self.fixed
         if curves is not None:
             variance[self.curves.columns] = self.curves.variance(curves)
         variance[self.discrepancy] = discrepancy**2
@@ -358,7 +407,7 @@ class Columns:
             functions=functions.shape[1],
         )
 
-    def usual_variance(self, level: float) -> Array:
+    def usual_variance(self, level: Level) -> Array:
         """Return the largest usual variance (p,), in healthy sizes squared, of the coefficients at a level.
 
         It equals that of a healthy arm for constants with separate widths, and is unlimited for all others. A width
@@ -366,14 +415,15 @@ class Columns:
         """
         usual = np.full(len(self.healthy), np.inf)
         constants = self.curves.of_constants
-        usual[constants] = level**2 * self.healthy[constants]
+        usual[constants] = level.others**2 * self.healthy[constants]
         return usual
 
-    def mean(self, level: float) -> Array:
-        """Return the prior mean (p,) of the coefficients in an arm with `level` times the healthy size of all
-        effects.
+    def mean(self, level: Level) -> Array:
+        """Return the prior mean (p,) of the coefficients in an arm with `level` times the healthy size of the effects.
+
+        Only effects of known sign have a mean; constants have none.
         """
-        return np.asarray(level * self.healthy_mean, dtype=float)
+        return np.asarray(level.others * self.healthy_mean, dtype=float)
 
 
 def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Columns:
