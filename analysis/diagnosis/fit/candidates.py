@@ -19,10 +19,10 @@ from analysis.diagnosis.evidence.setups import constants_apart
 from analysis.diagnosis.fit.departures import initial_play_columns
 from analysis.diagnosis.fit.joint_curves import CurveColumns, JointCurves, curve_columns
 from analysis.diagnosis.fit.responses import Linearisation, Response
-from analysis.robot.kinematics.arm import Array, Mask, rail_mm
+from analysis.robot.kinematics.arm import Array, rail_mm
 from analysis.runs.table_format import format_of
 from rigs.effects import VOCABULARY, Effect, one_sided
-from rigs.schema.effect import Scope, healthy, is_play, name_of, phases, scaled
+from rigs.schema.effect import PartKind, Scope, healthy, is_play, name_of, phases, scaled
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Candidates: possible names of a diagnosis, each with columns in the readings. The response to an effect is
@@ -134,42 +134,52 @@ an average over sizes and smooth in their logarithm.
 """
 
 
-def is_constant(effect: Effect) -> bool:
-    """Return whether an effect is an error of geometry or zeros."""
-    return effect.part == "constants"
+LEVELED_APART: tuple[PartKind, ...] = ("constants", "gravity")
+"""Parts of the error of an arm with a level of their own: the accuracy of links and zeros, and the stiffness, say
+nothing about the quality of gears.
+"""
 
 
 @dataclass(frozen=True)
 class Level:
-    """Level of the small errors of an arm, 1 in a typical healthy arm: of geometry and zeros (`constants`), and of all
-    others.
+    """Level of the small errors of an arm, 1 in a typical healthy arm: of the parts LEVELED_APART (`apart`), and of all
+    `others`. `apart` is empty if all have the same level.
 
-    An arm with perfect gears may still be built from inaccurate links. With a single level, the quiet gears of such an
-    arm made many lengths of 0.1 mm improbable, and one certain, wrong length of 0.9 mm replaced them.
-
-    `constants` is None if constants have separate widths (`Columns.constants_apart`) or are not known separately.
+    An arm with perfect gears may still have inaccurate links. With a single level, the quiet gears of such an arm made
+    many lengths of 0.1 mm improbable, and one certain, wrong length of 0.9 mm replaced them.
     """
 
     others: float = 1.0
-    constants: float | None = None
+    apart: tuple[float, ...] = ()
 
-    def of(self, effect: Effect) -> float:
-        """Return the level of an effect."""
-        return self.of_constants if is_constant(effect) else self.others
-
-    @property
-    def of_constants(self) -> float:
-        """Level of geometry and zeros."""
-        return self.others if self.constants is None else self.constants
+    @classmethod
+    def of_values(cls, values: Array) -> Level:
+        """Return the level with given `values`."""
+        others, *apart = values.tolist()
+        return cls(others, tuple(apart))
 
     @property
     def values(self) -> Array:
-        """Both levels (2,), or the only one (1,)."""
-        return np.array([self.others] if self.constants is None else [self.others, self.constants])
+        """The levels of others and of the parts apart (1 + n,)."""
+        return np.array([self.others, *self.apart])
+
+    def of(self, effect: Effect) -> float:
+        """Return the level of an effect."""
+        return float(self.values[level_index(effect)]) if self.apart else self.others
+
+    def by_part(self) -> dict[str, float]:
+        """Return the level of each part apart, and of `others`."""
+        apart = self.apart or (self.others,) * len(LEVELED_APART)
+        return {"others": self.others, **dict(zip(LEVELED_APART, apart, strict=True))}
 
     def at_least(self, least: float) -> Level:
         """Return the level with a lower bound."""
-        return Level(*np.maximum(self.values, least).tolist())
+        return Level.of_values(np.maximum(self.values, least))
+
+
+def level_index(effect: Effect) -> int:
+    """Return the index of an effect's level among those of a `Level` with parts apart."""
+    return 1 + LEVELED_APART.index(effect.part) if effect.part in LEVELED_APART else 0
 
 
 HEALTHY = Level()
@@ -376,10 +386,14 @@ class Columns:
         return np.concatenate([np.tensordot(weights.scale, products, axes=1) for products in by_band])
 
     @cached_property
-    def are_constants(self) -> Mask:
-        """Mask (p,) of the columns of geometry and zeros."""
-        of_forms = [is_constant(form.effect) for form in self.forms for _ in form.columns]
-        return np.array(of_forms + [False] * (self.X.shape[1] - len(of_forms)), dtype=bool)
+    def level_indices(self) -> NDArray[np.int64]:
+        """Index (p,) of the level of each column."""
+        of_forms = [level_index(form.effect) for form in self.forms for _ in form.columns]
+        return np.array(of_forms + [0] * (self.X.shape[1] - len(of_forms)), dtype=np.int64)
+
+    def levels(self, level: Level) -> Array:
+        """Return the level (p,) of each column."""
+        return level.values[self.level_indices] if level.apart else np.full(len(self.healthy), level.others)
 
     def variance(self, level: Level, curves: JointCurves | None = None, discrepancy: float = 0.0) -> Array:
         """Return the prior variance (p,) of the coefficients in an arm with `level` times the healthy size of the
@@ -388,8 +402,7 @@ class Columns:
         Waves of joints have the variance of the `curves`, if given. `discrepancy`: amplitude of causes outside the
         library.
         """
-        levels = np.where(self.are_constants, level.of_constants, level.others)
-        variance: Array = levels**2 * self.healthy + self.fixed
+        variance: Array = self.levels(level) ** 2 * self.healthy + self.fixed
         if curves is not None:
             variance[self.curves.columns] = self.curves.variance(curves)
         variance[self.discrepancy] = discrepancy**2
@@ -419,11 +432,8 @@ class Columns:
         return usual
 
     def mean(self, level: Level) -> Array:
-        """Return the prior mean (p,) of the coefficients in an arm with `level` times the healthy size of the effects.
-
-        Only effects of known sign have a mean; constants have none.
-        """
-        return np.asarray(level.others * self.healthy_mean, dtype=float)
+        """Return the prior mean (p,) of the coefficients in an arm with `level` times the healthy sizes."""
+        return np.asarray(self.levels(level) * self.healthy_mean, dtype=float)
 
 
 def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Columns:

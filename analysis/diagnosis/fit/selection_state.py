@@ -19,7 +19,7 @@ from analysis.diagnosis.fit.candidates import (
     Columns,
     Form,
     Level,
-    is_constant,
+    level_index,
     order_of,
     remaining_column_shares,
 )
@@ -290,24 +290,25 @@ class Hyperparameters:
         A named effect with any number of forms counts only once, because a gear shows only a few orders; a fault has
         little weight. Expected but unobserved effects do not count.
         """
-        of_constants, leveled = self.columns.are_constants, self.columns.healthy > 0
+        level, columns, effects = state.level, self.columns, state.effects
+        leveled = columns.healthy > 0
         if state.curves is not None:
-            leveled[self.columns.curves.columns] = False  # curves have separate widths
-        if state.level.constants is None:
-            return Level(self._level_of(state, posterior, leveled, state.effects))
-        effects: tuple[list[Effect], list[Effect]] = ([], [])
-        for effect in state.effects:
-            effects[is_constant(effect)].append(effect)
-        others = self._level_of(state, posterior, leveled & ~of_constants, effects[False])
-        return Level(others, self._level_of(state, posterior, leveled & of_constants, effects[True]))
+            leveled[columns.curves.columns] = False  # curves have separate widths
+        if not level.apart:
+            return Level(self._level_of(level.others, posterior, leveled, effects, state.level_cap))
+        of_columns, of_effects = columns.level_indices, [level_index(effect) for effect in effects]
+        values = []
+        for k, now in enumerate(level.values.tolist()):
+            named = [effect for effect, of_effect in zip(effects, of_effects, strict=True) if of_effect == k]
+            values.append(self._level_of(now, posterior, leveled & (of_columns == k), named, state.level_cap))
+        return Level.of_values(np.array(values))
 
     def _level_of(
-        self, state: SelectionState, posterior: CoefficientPosterior, leveled: Mask, effects: Sequence[Effect]
+        self, now: float, posterior: CoefficientPosterior, leveled: Mask, effects: Sequence[Effect], most: float
     ) -> float:
-        """Return the level of some columns (p,), and of the named effects that share it."""
+        """Return the level, `now` and at `most`, of some columns (p,) and of the named effects that share it."""
         columns, background = self.columns, posterior.background
         cols = np.flatnonzero(leveled & (background.variance > 0))
-        now = state.level.of_constants if columns.are_constants[cols].all() else state.level.others
         freedom = np.clip(1 - posterior.variance[cols] / background.variance[cols], 0.0, 1.0)
         names, count = columns.name_of_column[cols], len(columns.among)
         # Contribution of the prior means to the coefficients; readings show the rest.
@@ -323,7 +324,7 @@ class Hyperparameters:
         weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(seen, 1e-3) / now**2)
         likely = -seen.sum() * np.log(_LEVELS) - float(weight @ squares) / (2 * _LEVELS**2)
         likely -= _against(_LEVELS)
-        return float(min(_LEVELS[np.argmax(likely)], state.level_cap))
+        return float(min(_LEVELS[np.argmax(likely)], most))
 
     def robust(self, posterior: CoefficientPosterior) -> Array:
         """Return the weights (N,) of the entries: those of Student's distribution at targets, and 1 elsewhere."""
@@ -408,7 +409,7 @@ class Hyperparameters:
             while state.level.values[k] / _QUIETER >= _QUIETEST and not state.free_forms:
                 levels = state.level.values
                 levels[k] /= _QUIETER
-                tried = replace(state, level=Level(*levels.tolist()))
+                tried = replace(state, level=Level.of_values(levels))
                 if (gained := evidence(tried) - _against(levels).sum() - whole) <= 0:
                     break
                 state, whole = tried, whole + gained

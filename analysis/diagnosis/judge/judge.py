@@ -173,7 +173,7 @@ def _verdict(answer: _Answer, evidence: Evidence, fit: Fit, validation: Validati
         repeated=all(block.measured for block in linear.blocks),
         shows_noise=all(block.measured or shows_noise(block) for block in linear.blocks),
         level=result.state.level.others,
-        level_of_constants=result.state.level.of_constants,
+        levels=result.state.level.by_part(),
         curves=curves_of(linear.blocks, *drawn),
         maps=maps_of(linear.blocks, *drawn),
         given=fit.is_given,

@@ -412,7 +412,7 @@ class Verdict:
     not_testable: tuple[str, ...]
     repeated: bool
     level: float
-    level_of_constants: float
+    levels: dict[str, float]
     curves: tuple[Curve, ...]
     maps: tuple[Map, ...]
     given: bool = False
@@ -477,8 +477,8 @@ class Diagnosis(Verdict, Tabular):
     not_testable: effects that are invisible in these runs at any size.
     repeated: True if the noise is estimated from repeated runs.
     shows_noise: True if the noise is estimated from repeats or residuals; otherwise it is assumed.
-    level: size of the usual small errors of this arm, 1 in a typical healthy arm. level_of_constants: the same of
-    geometry and zeros.
+    level: size of the usual small errors of this arm, 1 in a typical healthy arm. levels: the same of geometry and
+    zeros (`constants`), of deflection under load (`gravity`), and of all others.
     curves, maps: residuals over the circle angle and at the targets.
     given: True if the effects were given by the user, as in `calibrate`.
     next_test: shortest test that would distinguish the remaining possibilities.
@@ -562,7 +562,7 @@ class Diagnosis(Verdict, Tabular):
                 "repeats_measured": self.repeated,
                 "only_commanded": self.only_commanded,
                 "level": self.level,
-                "level_of_constants": self.level_of_constants,
+                "levels": self.levels,
                 "doubts": self.doubts,
                 "seconds": self.seconds,
             }
