@@ -398,16 +398,15 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
         return measurement.why != "revisit" or is_largest or (_is_more_than_scatter(diagnosis) and not is_confirmed)
     if measurement.why in ("unexplained", "follows"):
         return not any(act.kind == "load" for act in acts)
-    if measurement.why == "one_lap":
-        return not any(act.why == "fault" and act.gain_um > measurement.remains_um for act in acts)
-    if measurement.why == "few_runs":
-        return not any(act.kind == "load" and act.place != "used" for act in acts)
-    if measurement.why == "elsewhere":
-        undecided = diagnosis.condition in ("ambiguous", "undecided") and not _are_of_places(diagnosis)
-        return undecided and any(act.kind == "load" for act in acts)
-    if measurement.why == "rivals":
-        return diagnosis.condition == "undecided" or (bool(acts) and acts[0].parts == measurement.parts)
-    return measurement.why == "group" and not acts
+    undecided = diagnosis.condition in ("ambiguous", "undecided") and not _are_of_places(diagnosis)
+    first: dict[Reason, bool] = {
+        "one_lap": not any(act.why == "fault" and act.gain_um > measurement.remains_um for act in acts),
+        "few_runs": not any(act.kind == "load" and act.place != "used" for act in acts),
+        "elsewhere": undecided and any(act.kind == "load" for act in acts),
+        "rivals": diagnosis.condition == "undecided" or (bool(acts) and acts[0].parts == measurement.parts),
+        "group": not acts,
+    }
+    return first.get(measurement.why, False)
 
 
 def _reason(diagnosis: Diagnosis, part: BudgetPart) -> Reason:

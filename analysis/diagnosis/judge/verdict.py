@@ -277,9 +277,9 @@ def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
     certain named effects are confirmed: the others cancel each other or usual errors.
     """
     if train.calibrated_um >= train.before_um:
-        return [replace(name, doubt="no_better") if name.stands else name for name in named]
+        return [_doubted(name, "no_better") if name.stands else name for name in named]
     named = [
-        replace(name, doubt="no_better") if name.stands and name.gap_without_um < _NO_WORSE * train.after_um else name
+        _doubted(name, "no_better") if name.stands and name.gap_without_um < _NO_WORSE * train.after_um else name
         for name in named
     ]
     if train.after_um < train.before_um:
@@ -293,7 +293,7 @@ def without_cancelling(named: Sequence[Named], before_um: float) -> list[Named]:
     absent, is at least as likely. Constants of the arm cancel each other in every arm.
     """
     return [
-        replace(_with_odds_at_most(0.5, name), doubt="cancels")
+        _doubted(name, "cancels")
         if name.stands and name.effect.STAGE in OUTSIDE_ARM and name.directions < 2 and name.alone_um > before_um
         else name
         for name in named
@@ -330,10 +330,9 @@ def _judge_effect(
         sizes.shares() if doubt is None and by_posture else (), change.u_um, change.times_usual,
         twins=tuple(twin.effect for twin in twins), shown=shown, directions=sizes.directions() + (gain is not None),
     )  # fmt: skip
-    if sizes.directions() < 2 and may_be_friction(result, k):
-        named = replace(_with_odds_at_most(0.5, named), doubt=doubt or "friction")
-    if is_no_gear(result, k):
-        named = replace(_with_odds_at_most(0.5, named), doubt=doubt or "no_gear")
+    may_be_other = is_no_gear(result, k) or (sizes.directions() < 2 and may_be_friction(result, k))
+    if may_be_other or doubt == "small":
+        named = _doubted(named, doubt or ("no_gear" if is_no_gear(result, k) else "friction"))
     return replace(named, doubt="contradicted") if named.contradicted else named
 
 
@@ -537,6 +536,11 @@ def _with_odds_to_the(power: float, name: Named) -> Named:
     first, *rest = (raised[:-1] / raised.sum()).tolist()
     rivals = tuple(replace(rival, posterior=share) for rival, share in zip(name.rivals, rest, strict=True))
     return replace(name, posterior=first, rivals=rivals)
+
+
+def _doubted(name: Named, doubt: Doubt) -> Named:
+    """Return a named effect that is not confirmed: a cause outside its rivals is at least as likely."""
+    return replace(_with_odds_at_most(0.5, name), doubt=doubt)
 
 
 def _with_odds_at_most(most: float, name: Named) -> Named:
