@@ -209,7 +209,7 @@ class Selection(SelectionSteps):
                             return changed, None
                         changed = self.settled(*beginnings(changed))
                 changed = changed or self.backward_step(state, posterior, below=_SURE_EVIDENCE)
-                changed = changed or self.without_free_form(state)
+                changed = changed or self.without_free_form(state) or self.step_from_noise(state)
                 if changed is None:
                     break
                 before, state = state, self.renewed(changed)
