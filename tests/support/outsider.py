@@ -19,7 +19,7 @@ from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.observation import ObservedRun, observe_run
 from analysis.diagnosis.evidence.setups import fit_run_setups, moved_setup
 from analysis.diagnosis.fit.background import CoefficientPosterior, background_of
-from analysis.diagnosis.fit.candidates import Candidate, Columns, forms_of, healthy_shares
+from analysis.diagnosis.fit.candidates import HEALTHY, Candidate, Columns, forms_of, healthy_shares
 from analysis.diagnosis.fit.refine import Refined, UnknownParameter, refine, size_limits
 from analysis.diagnosis.fit.responses import Linearisation, linearise
 from analysis.procedures.prediction import nominal_setup, path_of, predict
@@ -192,7 +192,7 @@ def stated(one: Case) -> Stated:
         blocks = [replace(b, sd_mm=np.full(len(b.sd_mm), NOISE_MM)) for b in blocks_of([one.run], setups, known)]
         linear = linearise(blocks, setups, known)
         columns = _columns(linear)
-        background = background_of(columns, np.ones(len(linear.y)), columns.variance(1.0))
+        background = background_of(columns, np.ones(len(linear.y)), columns.variance(HEALTHY))
         found = refine(linear, background, effects)
         posterior = background.posterior(found.fitted_terms)
         effects = known = found.effects

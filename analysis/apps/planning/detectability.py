@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Candidate
+from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Candidate, Level
 from analysis.diagnosis.plan.expected import (
     DETECTABLE,
     SEPARABLE,
@@ -199,7 +199,13 @@ def judged(expected: ExpectedPosterior) -> Judgement:
     """Return the judgement of an expected posterior."""
     chosen, detectabilities = detectabilities_of(expected)
     seen = [k for k, detectability in enumerate(detectabilities) if not detectability.hidden]
-    sizes = [max(expected.least, detectabilities[k].limit / healthy_size(detectabilities[k].effect)) for k in seen]
+    sizes = [
+        max(
+            expected.least(detectabilities[k].effect),
+            detectabilities[k].limit / healthy_size(detectabilities[k].effect),
+        )
+        for k in seen
+    ]
     closest: dict[tuple[str, str], ClosePair] = {}
     for i, j in expected.close_pairs([chosen[k] for k in seen], np.array(sizes)):
         bare = ClosePair((chosen[seen[i]], chosen[seen[j]]), (sizes[i], sizes[j]), 0.0)
@@ -279,8 +285,8 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0)
     eccentricity_mm if given. Raises FileError if the arm cannot drive a test.
     """
     blocks, setups = planned_blocks(rig, tests, runs)
-    judgement = judged(expected_posterior(blocks, setups, level))
-    possible, impossible = possible_tests(rig, tests, blocks, setups, level, runs=runs)
+    judgement = judged(expected_posterior(blocks, setups, Level(level)))
+    possible, impossible = possible_tests(rig, tests, blocks, setups, Level(level), runs=runs)
     further, gains = _further_tests(possible, judgement)
     # groups of names connected by pairs
     groups: list[list[str]] = []

@@ -17,7 +17,7 @@ import numpy as np
 from analysis.apps.planning.pose_pool import Sight, axes_in_turn, drawn_poses, in_order_of_ways, joint_ranges
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.observation import observe_run
-from analysis.diagnosis.fit.candidates import Columns, candidates_for, columns_for
+from analysis.diagnosis.fit.candidates import Columns, Level, candidates_for, columns_for
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.plan.expected import without_bands
 from analysis.procedures.prediction import nominal_setup
@@ -187,7 +187,7 @@ def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis:
 def pool_of(rig: Rig, q: Array) -> Pool:
     """Return the prior of poses q (n, 6) rad of a rig's arm measured by a tracker. Raises FileError."""
     columns, sd_mm = pose_columns(rig, q)
-    variance = columns.variance(_LEVEL)
+    variance = columns.variance(Level(_LEVEL))
     of_set_ups = columns.X[:, columns.set_ups]
     variance[columns.set_ups] = _SET_UP_SIGMA**2 / np.mean(of_set_ups**2, axis=0)
     root = columns.X * np.sqrt(variance)

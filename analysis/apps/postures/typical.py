@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.apps.planning.pose_plan import pose_columns
+from analysis.diagnosis.fit.candidates import Level
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import VOCABULARY, Effect
 from rigs.rig import Rig
@@ -22,7 +23,7 @@ def typical_displacements(rig: Rig, q: Array) -> Array:
     Each is one standard deviation of a typical effect. Backlash is omitted, because it depends on the approach.
     """
     columns, sd_mm = pose_columns(rig.model_copy(update={"effects": ()}).with_calibration(None, None), q)
-    variance = columns.variance(_LEVEL)
+    variance = columns.variance(Level(_LEVEL))
     variance[columns.fixed > 0] = 0.0  # set-ups and scatter
     scaled = columns.X * np.sqrt(variance) * sd_mm.reshape(-1, 1)
     return np.ascontiguousarray(scaled.reshape(len(q), 3, -1).transpose(2, 0, 1))

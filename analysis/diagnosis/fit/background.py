@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from analysis.diagnosis.fit.candidates import LARGEST_FAULT, BandWeights, Columns, Form, fault_sizes
+from analysis.diagnosis.fit.candidates import LARGEST_FAULT, BandWeights, Columns, Form, Level, fault_sizes
 from analysis.diagnosis.fit.responses import Response
 from analysis.robot.kinematics.arm import Array, Integers
 
@@ -393,13 +393,13 @@ class CoefficientPosterior:
         forms = self.background.columns.set_ups.start
         return self.background.columns.X[:, :forms] @ self.mean[:forms]
 
-    def gains(self, forms: Sequence[Form], level: float) -> Gains:
+    def gains(self, forms: Sequence[Form], level: Level) -> Gains:
         """Return the gains of forms in an arm whose other forms have a level."""
         gains = Gains(*np.full((2, len(forms)), -np.inf), *np.zeros((2, len(forms))))
-        width = np.array([len(form.columns) for form in forms])
+        alike = np.array([(len(form.columns), level.of(form.effect)) for form in forms]).reshape(-1, 2)
         usual_variance = self.background.columns.usual_variance(level)
-        for q in np.unique(width).tolist():
-            members = np.flatnonzero(width == q)
+        for width, of_these in np.unique(alike, axis=0).tolist():
+            q, members = int(width), np.flatnonzero((alike == (width, of_these)).all(axis=1))
             cols = np.array([forms[k].columns for k in members.tolist()])
             is_free = (self.background.variance[cols] > 0).all(axis=1)
             members, cols = members[is_free], cols[is_free]
@@ -411,8 +411,8 @@ class CoefficientPosterior:
             usual = np.minimum(self.background.variance[cols], usual_variance[cols]).mean(axis=1)[:, None]
             share = cavity_evidence(values, (eta_along - values * mean_along) ** 2, usual)
             share += np.sum(eta_along * mean_along - 0.5 * values * mean_along**2, axis=1)
-            gains.fault[members] = fault_evidence(values, eta_along**2, level) - share
-            gains.healthy[members] = cavity_evidence(values, eta_along**2, level**2 / q) - share
+            gains.fault[members] = fault_evidence(values, eta_along**2, of_these) - share
+            gains.healthy[members] = cavity_evidence(values, eta_along**2, of_these**2 / q) - share
             gains.sigma[members] = np.sqrt(values.max(axis=1))
             shown = np.divide(eta_along, values, out=np.zeros_like(values), where=values > 0)
             gains.size[members] = np.linalg.norm(shown, axis=1)

@@ -22,7 +22,7 @@ from analysis.diagnosis.fit.responses import Linearisation, Response
 from analysis.robot.kinematics.arm import Array, rail_mm
 from analysis.runs.table_format import format_of
 from rigs.effects import VOCABULARY, Effect, one_sided
-from rigs.schema.effect import Scope, healthy, is_play, name_of, phases, scaled
+from rigs.schema.effect import PartKind, Scope, healthy, is_play, name_of, phases, scaled
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Candidates: possible names of a diagnosis, each with columns in the readings. The response to an effect is
@@ -132,6 +132,58 @@ _SIZE_RATIO = 1.85
 """Ratio of consecutive fault sizes, giving the sizes 6, 11, 20, 37 and 68 in a healthy arm. Chosen: the evidence is
 an average over sizes and smooth in their logarithm.
 """
+
+
+LEVELED_APART: tuple[PartKind, ...] = ("constants", "gravity")
+"""Parts of the error of an arm with a level of their own: the accuracy of links and zeros, and the stiffness, say
+nothing about the quality of gears.
+"""
+
+
+@dataclass(frozen=True)
+class Level:
+    """Level of the small errors of an arm, 1 in a typical healthy arm: of the parts LEVELED_APART (`apart`), and of all
+    `others`. `apart` is empty if all have the same level.
+
+    An arm with perfect gears may still have inaccurate links. With a single level, the quiet gears of such an arm made
+    many lengths of 0.1 mm improbable, and one certain, wrong length of 0.9 mm replaced them.
+    """
+
+    others: float = 1.0
+    apart: tuple[float, ...] = ()
+
+    @classmethod
+    def of_values(cls, values: Array) -> Level:
+        """Return the level with given `values`."""
+        others, *apart = values.tolist()
+        return cls(others, tuple(apart))
+
+    @property
+    def values(self) -> Array:
+        """The levels of others and of the parts apart (1 + n,)."""
+        return np.array([self.others, *self.apart])
+
+    def of(self, effect: Effect) -> float:
+        """Return the level of an effect."""
+        return float(self.values[level_index(effect)]) if self.apart else self.others
+
+    def by_part(self) -> dict[str, float]:
+        """Return the level of each part apart, and of `others`."""
+        apart = self.apart or (self.others,) * len(LEVELED_APART)
+        return {"others": self.others, **dict(zip(LEVELED_APART, apart, strict=True))}
+
+    def at_least(self, least: float) -> Level:
+        """Return the level with a lower bound."""
+        return Level.of_values(np.maximum(self.values, least))
+
+
+def level_index(effect: Effect) -> int:
+    """Return the index of an effect's level among those of a `Level` with parts apart."""
+    return 1 + LEVELED_APART.index(effect.part) if effect.part in LEVELED_APART else 0
+
+
+HEALTHY = Level()
+"""Level of a typical healthy arm."""
 
 
 def fault_sizes(level: float) -> Array:
@@ -333,14 +385,24 @@ class Columns:
         by_band = (self._products[response][1] for response in responses)
         return np.concatenate([np.tensordot(weights.scale, products, axes=1) for products in by_band])
 
-    def variance(self, level: float, curves: JointCurves | None = None, discrepancy: float = 0.0) -> Array:
-        """Return the prior variance (p,) of the coefficients in an arm with `level` times the healthy size of every
-        effect.
+    @cached_property
+    def level_indices(self) -> NDArray[np.int64]:
+        """Index (p,) of the level of each column."""
+        of_forms = [level_index(form.effect) for form in self.forms for _ in form.columns]
+        return np.array(of_forms + [0] * (self.X.shape[1] - len(of_forms)), dtype=np.int64)
+
+    def levels(self, level: Level) -> Array:
+        """Return the level (p,) of each column."""
+        return level.values[self.level_indices] if level.apart else np.full(len(self.healthy), level.others)
+
+    def variance(self, level: Level, curves: JointCurves | None = None, discrepancy: float = 0.0) -> Array:
+        """Return the prior variance (p,) of the coefficients in an arm with `level` times the healthy size of the
+        effects.
 
         Waves of joints have the variance of the `curves`, if given. `discrepancy`: amplitude of causes outside the
         library.
         """
-        variance: Array = level**2 * self.healthy + self.fixed
+        variance: Array = self.levels(level) ** 2 * self.healthy + self.fixed
         if curves is not None:
             variance[self.curves.columns] = self.curves.variance(curves)
         variance[self.discrepancy] = discrepancy**2
@@ -358,7 +420,7 @@ class Columns:
             functions=functions.shape[1],
         )
 
-    def usual_variance(self, level: float) -> Array:
+    def usual_variance(self, level: Level) -> Array:
         """Return the largest usual variance (p,), in healthy sizes squared, of the coefficients at a level.
 
         It equals that of a healthy arm for constants with separate widths, and is unlimited for all others. A width
@@ -366,14 +428,12 @@ class Columns:
         """
         usual = np.full(len(self.healthy), np.inf)
         constants = self.curves.of_constants
-        usual[constants] = level**2 * self.healthy[constants]
+        usual[constants] = level.others**2 * self.healthy[constants]
         return usual
 
-    def mean(self, level: float) -> Array:
-        """Return the prior mean (p,) of the coefficients in an arm with `level` times the healthy size of all
-        effects.
-        """
-        return np.asarray(level * self.healthy_mean, dtype=float)
+    def mean(self, level: Level) -> Array:
+        """Return the prior mean (p,) of the coefficients in an arm with `level` times the healthy sizes."""
+        return np.asarray(self.levels(level) * self.healthy_mean, dtype=float)
 
 
 def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Columns:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Columns, fault_sizes, order_of
+from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Columns, Level, fault_sizes, order_of
 from analysis.diagnosis.fit.joint_curves import is_of_curve
 from analysis.diagnosis.fit.responses import Linearisation
 from analysis.diagnosis.fit.selection_state import DRIVEN_WAVES
@@ -93,30 +93,34 @@ class EffectPrices:
             return float(self.log_choices[nearest])
         return float(np.log(self.columns.among.get(name_of(effect), 1)))
 
-    def price(self, effect: Effect, level: float) -> float:
+    def price(self, effect: Effect, level: Level) -> float:
         """Return the log prior probability of an effect with its size and form, relative to the wide prior used in
         the fit.
         """
-        size, healthy = size_of(effect), -np.inf
+        size, of_it, healthy = size_of(effect), level.of(effect), -np.inf
         if not self.is_of_curve(effect):
-            healthy = -HEALTHY_PRICE - 0.5 * (size / level) ** 2 - np.log(level)
-        odds = float(self._size_odds(size, level, healthy))
+            healthy = -HEALTHY_PRICE - 0.5 * (size / of_it) ** 2 - np.log(of_it)
+        odds = float(self._size_odds(size, of_it, healthy))
         return odds - self.choice_cost(effect) - self.stated_penalty(effect)
 
-    def usual_gain(self, effect: Effect, level: float) -> float:
+    def usual_gain(self, effect: Effect, level: Level) -> float:
         """Return the log odds that offset the penalty of an effect, because the effect may be one of usual size."""
         return float(self.usual_gains([effect], np.array([size_of(effect)]), level)[0])
 
-    def usual_gains(self, effects: Sequence[Effect], size: Array, level: float) -> Array:
+    def usual_gains(self, effects: Sequence[Effect], size: Array, level: Level) -> Array:
         """Return the log odds (n,) that offset the penalties of effects with given sizes (n,), in healthy sizes.
 
         Every arm has a usual amount of every effect. It is therefore no evidence against an effect that a search
         ignores it below a given gain, or that the arm shows little of most other effects.
         """
         build = self.linear.blocks[0].model.rig.robot.design
-        usual = np.array([max(level, effect.usual_times(build)) for effect in effects])
-        price = self._size_odds(size, level, -HEALTHY_PRICE - 0.5 * (size / level) ** 2 - np.log(level))
-        gains = self._size_odds(size, level, -0.5 * (size / usual) ** 2 - np.log(usual)) - price
+        levels = np.array([level.of(effect) for effect in effects])
+        usual = np.maximum(levels, [effect.usual_times(build) for effect in effects])
+        healthy = -HEALTHY_PRICE - 0.5 * (size / levels) ** 2 - np.log(levels)
+        as_usual, gains = -0.5 * (size / usual) ** 2 - np.log(usual), np.zeros(len(effects))
+        for of_these in np.unique(levels).tolist():
+            k = levels == of_these
+            gains[k] = self._size_odds(size[k], of_these, as_usual[k]) - self._size_odds(size[k], of_these, healthy[k])
         return np.where([self.is_of_curve(effect) for effect in effects], 0.0, gains)
 
     def _size_odds(self, size: Array | float, level: float, healthy: Array | float) -> Array:

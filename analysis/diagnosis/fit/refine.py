@@ -39,6 +39,8 @@ recomputed. Chosen: at 2 % the uncertainty of a backlash of 0.1° was 28 % too l
 
 _AT_LIMIT = 1e-6
 """Relative distance to a limit within which a size counts as being at the limit, because of rounding."""
+_NEAR_LIMIT = 0.01
+"""Standard uncertainties between a value and a limit below which the value is the limit. Chosen: below all figures."""
 _WHOLE = 0.5
 """Share of integer orders of gears: numbers of teeth, and turns of a stage with an integer ratio. Chosen: a wave of
 non-integer order loses at most half of the odds.
@@ -285,6 +287,8 @@ class _Problem:
                 break
         tangents = (*self.fitted.tangents, *slopes)
         covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
+        x = _at_limits(x, limits, np.sqrt(np.diag(covariance)[-len(x) :]) if len(x) else x)
+        now = self._with(now, x)
         to_limit = step_within(limits - x, H, fall - (x - self.expected) / self.spread**2)[1]
         return Refined(
             tuple(now), self.unknowns, x, covariance, to_limit, self.linear.residual(now), tangents, self.departures,
@@ -360,6 +364,15 @@ def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[UnknownPara
         changed.append(effect.model_copy(update={unknown.field: at + steps[k]}))
     columns = linear.columns([effect, *changed])
     return (columns[:, 1:] - columns[:, :1]) / steps
+
+
+def _at_limits(x: Array, limits: Array, sd: Array) -> Array:
+    """Return values (q,) with those that ended close to a limit (2, q), compared with their uncertainty (q,), moved to
+    it. Where a fit stops before a limit depends on rounding, and so on the order of the readings.
+    """
+    for limit in limits:
+        x = np.where(np.abs(x - limit) < _NEAR_LIMIT * sd, limit, x)
+    return x
 
 
 def size_limits(effect: Effect, *, unlimited: bool = False) -> tuple[float, float]:

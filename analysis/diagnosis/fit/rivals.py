@@ -122,9 +122,9 @@ def cautious_odds(selection: Selection, state: SelectionState, place: int, *, fa
     absorbs may be usual in the same arm, and with usual constants a rival may explain as much.
     """
     odds = rival_odds(selection, state, place, faults_only=faults_only)
-    if state.level >= _CAUTIOUS:
+    if state.level.values.min() >= _CAUTIOUS:
         return odds
-    usual = rival_odds(selection, replace(state, level=_CAUTIOUS), place, faults_only=faults_only)
+    usual = rival_odds(selection, replace(state, level=state.level.at_least(_CAUTIOUS)), place, faults_only=faults_only)
     likely: dict[str, tuple[SelectionState, float]] = {}
     for tried, share in (*odds.rivals, *usual.rivals):
         name = name_of(tried.effects[-1])

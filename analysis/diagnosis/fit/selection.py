@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from analysis.diagnosis.fit.candidates import LEVELED_APART, Level
 from analysis.diagnosis.fit.effort import Effort
 from analysis.diagnosis.fit.joint_curves import JointCurves
 from analysis.diagnosis.fit.refine import no_effects, refine
@@ -68,7 +69,8 @@ class Selection(SelectionSteps):
             if self._of_tracker and len(previous.strength) == len(strength) and len(previous.robust) == len(robust):
                 strength, robust = previous.strength, previous.robust
         none, first = replace(no_effects(self.linear), effects=tuple(effects)), curves if self._of_tracker else None
-        bare = SelectionState(none, (-1,) * len(effects), 1.0, strength, robust, curves=first)
+        level = Level() if self.columns.constants_apart else Level(apart=(1.0,) * len(LEVELED_APART))
+        bare = SelectionState(none, (-1,) * len(effects), level, strength, robust, curves=first)
         state = replace(bare, refined=refine(self.linear, self.backgrounds.of(bare), effects))
         if first is not None:
             # Alternate between the likeliest curves and noise, and the weights of outliers. With weights computed
@@ -207,7 +209,7 @@ class Selection(SelectionSteps):
                             return changed, None
                         changed = self.settled(*beginnings(changed))
                 changed = changed or self.backward_step(state, posterior, below=_SURE_EVIDENCE)
-                changed = changed or self.without_free_form(state)
+                changed = changed or self.without_free_form(state) or self.step_from_noise(state)
                 if changed is None:
                     break
                 before, state = state, self.renewed(changed)

@@ -18,6 +18,8 @@ from analysis.diagnosis.fit.candidates import (
     WEIGHT_DIGITS,
     Columns,
     Form,
+    Level,
+    level_index,
     order_of,
     remaining_column_shares,
 )
@@ -75,7 +77,7 @@ class SelectionState:
 
     refined: Refined
     origins: tuple[int, ...]
-    level: float
+    level: Level
     strength: Array
     robust: Array
     refused: frozenset[int] = frozenset()
@@ -99,7 +101,7 @@ class SelectionState:
 
         A search recomputes all other terms with them, and compares them with rivals. The verdict decides about faults.
         """
-        return tuple(effect for effect in effects if abs(size_of(effect)) > FAULT * min(self.level, 1.0))
+        return tuple(effect for effect in effects if abs(size_of(effect)) > FAULT * min(self.level.of(effect), 1.0))
 
 
 def combined_effect(effects: Sequence[Effect], size: Array) -> Effect:
@@ -257,9 +259,9 @@ direction. Chosen.
 """
 
 
-def _against_level(level: Array | float) -> Any:
-    """Return the cost of a level by the prior in log evidence, in the shape of the levels."""
-    return np.log(level) ** 2 / (2 * _LEVEL_SPREAD**2)
+def _against(levels: Array) -> Array:
+    """Return the cost of each level by the prior, in log evidence."""
+    return np.asarray(np.log(levels) ** 2 / (2 * _LEVEL_SPREAD**2))
 
 
 @dataclass(frozen=True)
@@ -281,34 +283,48 @@ class Hyperparameters:
         price[self.columns.band[self.linear.of_distances]] = np.inf
         return price
 
-    def level(self, state: SelectionState, posterior: CoefficientPosterior) -> float:
+    def level(self, state: SelectionState, posterior: CoefficientPosterior) -> Level:
         """Return the level of the background: the ratio of the mean square of the coefficients of each effect to the
         expectation in an arm at level 1.
 
         A named effect with any number of forms counts only once, because a gear shows only a few orders; a fault has
         little weight. Expected but unobserved effects do not count.
         """
-        columns, background = self.columns, posterior.background
-        leveled = (columns.healthy > 0) & (background.variance > 0)
+        level, columns, effects = state.level, self.columns, state.effects
+        leveled = columns.healthy > 0
         if state.curves is not None:
             leveled[columns.curves.columns] = False  # curves have separate widths
-        cols = np.flatnonzero(leveled)
+        if not level.apart:
+            return Level(self._level_of(level.others, posterior, leveled, effects, state.level_cap))
+        of_columns, of_effects = columns.level_indices, [level_index(effect) for effect in effects]
+        values = []
+        for k, now in enumerate(level.values.tolist()):
+            named = [effect for effect, of_effect in zip(effects, of_effects, strict=True) if of_effect == k]
+            values.append(self._level_of(now, posterior, leveled & (of_columns == k), named, state.level_cap))
+        return Level.of_values(np.array(values))
+
+    def _level_of(
+        self, now: float, posterior: CoefficientPosterior, leveled: Mask, effects: Sequence[Effect], most: float
+    ) -> float:
+        """Return the level, `now` and at `most`, of some columns (p,) and of the named effects that share it."""
+        columns, background = self.columns, posterior.background
+        cols = np.flatnonzero(leveled & (background.variance > 0))
         freedom = np.clip(1 - posterior.variance[cols] / background.variance[cols], 0.0, 1.0)
         names, count = columns.name_of_column[cols], len(columns.among)
         # Contribution of the prior means to the coefficients; readings show the rest.
         unseen = posterior.covariance_times(background.pull)
         shown = (posterior.mean - unseen)[cols]
-        expected = columns.healthy[cols] * freedom + ((background.mean - unseen)[cols] / state.level) ** 2
+        expected = columns.healthy[cols] * freedom + ((background.mean - unseen)[cols] / now) ** 2
         squares = np.asarray(np.bincount(names, shown**2, count), dtype=float)
         seen = np.asarray(np.bincount(names, expected, count), dtype=float)
         for k, name in enumerate(columns.among):
-            if sizes := [size_of(effect) for effect in state.effects if name_of(effect) == name]:
+            if sizes := [size_of(effect) for effect in effects if name_of(effect) == name]:
                 squares[k] += np.sum(np.square(sizes))
                 seen[k] = 1.0
-        weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(seen, 1e-3) / state.level**2)
+        weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(seen, 1e-3) / now**2)
         likely = -seen.sum() * np.log(_LEVELS) - float(weight @ squares) / (2 * _LEVELS**2)
-        likely -= _against_level(_LEVELS)
-        return float(min(_LEVELS[np.argmax(likely)], state.level_cap))
+        likely -= _against(_LEVELS)
+        return float(min(_LEVELS[np.argmax(likely)], most))
 
     def robust(self, posterior: CoefficientPosterior) -> Array:
         """Return the weights (N,) of the entries: those of Student's distribution at targets, and 1 elsewhere."""
@@ -372,12 +388,12 @@ class Hyperparameters:
                 state = tried
                 break
         for _ in range(_LEVEL_ROUNDS):
-            level = self.level(state, posterior)
-            if abs(np.log(level / state.level)) < _SAME_LEVEL:
+            level, now = self.level(state, posterior), state.level
+            if np.abs(np.log(level.values / now.values)).max() < _SAME_LEVEL:
                 break
             tried = replace(state, level=level)
             # Effects not yet named look like an arm with a higher level.
-            if level > max(state.level, 1.0) and evidence(tried) <= evidence(state):
+            if (level.values > now.at_least(1.0).values).any() and evidence(tried) <= evidence(state):
                 break
             state, posterior = tried, posterior_of(tried)
         return self._at_quieter_level(state, evidence)
@@ -388,12 +404,15 @@ class Hyperparameters:
         Estimates from the posterior converge ever more slowly to a quiet level. At 2.5 times too high a level, wrong
         named effects were confirmed against a right effect that gained 100 more in log evidence at the right level.
         """
-        whole = evidence(state) - _against_level(state.level)
-        while state.level / _QUIETER >= _QUIETEST and not state.free_forms:
-            tried = replace(state, level=state.level / _QUIETER)
-            if (gained := evidence(tried) - _against_level(tried.level) - whole) <= 0:
-                break
-            state, whole = tried, whole + gained
+        whole = evidence(state) - _against(state.level.values).sum()
+        for k in range(state.level.values.size):
+            while state.level.values[k] / _QUIETER >= _QUIETEST and not state.free_forms:
+                levels = state.level.values
+                levels[k] /= _QUIETER
+                tried = replace(state, level=Level.of_values(levels))
+                if (gained := evidence(tried) - _against(levels).sum() - whole) <= 0:
+                    break
+                state, whole = tried, whole + gained
         return state
 
     def _energy(self, state: SelectionState, posterior: CoefficientPosterior) -> Array:

@@ -91,7 +91,8 @@ class StateEvidence:
         """
         gains = posterior.gains(self.columns.forms, state.level)
         curves, pieces = self.prices.waves_of_curves
-        is_usual = gains.size < FAULT * max(state.level, 1.0)  # of healthy arms or of arms of this level
+        levels = np.array([state.level.of(form.effect) for form in self.columns.forms])
+        is_usual = gains.size < FAULT * np.maximum(levels, 1.0)  # of healthy arms or of arms of this level
         gains.fault[curves & (pieces | is_usual)] = gains.healthy[curves] = -np.inf
         fault = gains.fault - self.prices.thresholds + self.prices.fault_price - self.prices.log_choices
         healthy = gains.healthy - self.prices.thresholds - HEALTHY_PRICE - self.prices.log_choices
@@ -108,14 +109,15 @@ class StateEvidence:
         values = np.array([max(1 / variance - refined.unknowns[row].spread ** -2, 0.0) * unit**2])
         seen = np.array([((refined.values[row] + posterior.term_means[row]) / variance * unit) ** 2])
         # The variance that an arm of this state has in the form nearest to the effect.
-        forms, usual = self.columns.forms, state.level**2
+        forms, level = self.columns.forms, state.level.of(effect)
+        usual = level**2
         if (nearest := self.prices.nearest_form(effect)) is not None:
             usual *= self.columns.likelihoods[nearest]
             if state.curves is not None and self.prices.is_of_curve(effect):
-                usual = self.columns.variance(1.0, state.curves)[list(forms[nearest].columns)].sum()
+                usual = self.columns.variance(state.level, state.curves)[list(forms[nearest].columns)].sum()
         share = cavity_evidence(values, seen, float(usual))
-        fault = fault_evidence(values, seen, state.level) - share + self.prices.fault_price
-        healthy = cavity_evidence(values, seen, state.level**2) - share - HEALTHY_PRICE
+        fault = fault_evidence(values, seen, level) - share + self.prices.fault_price
+        healthy = cavity_evidence(values, seen, level**2) - share - HEALTHY_PRICE
         gain = float(fault if self.prices.is_of_curve(effect) else max(fault, healthy))
         return gain - self.prices.choice_cost(effect)
 

@@ -371,9 +371,13 @@ def _may_repeat(diagnosis: Diagnosis, scatter: tuple[int, ...]) -> bool:
     visited twice."""
     if _is_more_than_scatter(diagnosis):
         return True
-    of_places = all(facts_of(tested.test).of_places for tested in diagnosis.train.tests)
     large = any(diagnosis.budget[k].share > LEAST_SHARE for k in scatter)
-    return of_places and large and not diagnosis.repeated
+    return _are_of_places(diagnosis) and large and not diagnosis.repeated
+
+
+def _are_of_places(diagnosis: Diagnosis) -> bool:
+    """Return whether the arm was at rest at each reading: poses and touches, whose places predict each other."""
+    return all(facts_of(tested.test).of_places for tested in diagnosis.train.tests)
 
 
 def _is_more_than_scatter(diagnosis: Diagnosis) -> bool:
@@ -385,8 +389,8 @@ def _is_more_than_scatter(diagnosis: Diagnosis) -> bool:
 def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) -> bool:
     """Return whether a measurement precedes all actions that reduce the error.
 
-    This is the case if correction is not allowed, if the runs are too few, or if the repair is undecided because of
-    rivals of the largest part.
+    This is the case if correction is not allowed, if the runs are too few, if the repair is undecided because of
+    rivals of the largest part, or if circles leave the causes undecided and no other place has judged the correction.
     """
     if measurement.why in ("commanded", "visits_differ", "revisit"):
         is_largest = measurement.parts[:1] == (0,)
@@ -394,13 +398,15 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
         return measurement.why != "revisit" or is_largest or (_is_more_than_scatter(diagnosis) and not is_confirmed)
     if measurement.why in ("unexplained", "follows"):
         return not any(act.kind == "load" for act in acts)
-    if measurement.why == "one_lap":
-        return not any(act.why == "fault" and act.gain_um > measurement.remains_um for act in acts)
-    if measurement.why == "few_runs":
-        return not any(act.kind == "load" and act.place != "used" for act in acts)
-    if measurement.why == "rivals":
-        return diagnosis.condition == "undecided" or (bool(acts) and acts[0].parts == measurement.parts)
-    return measurement.why == "group" and not acts
+    undecided = diagnosis.condition in ("ambiguous", "undecided") and not _are_of_places(diagnosis)
+    first: dict[Reason, bool] = {
+        "one_lap": not any(act.why == "fault" and act.gain_um > measurement.remains_um for act in acts),
+        "few_runs": not any(act.kind == "load" and act.place != "used" for act in acts),
+        "elsewhere": undecided and any(act.kind == "load" for act in acts),
+        "rivals": diagnosis.condition == "undecided" or (bool(acts) and acts[0].parts == measurement.parts),
+        "group": not acts,
+    }
+    return first.get(measurement.why, False)
 
 
 def _reason(diagnosis: Diagnosis, part: BudgetPart) -> Reason:

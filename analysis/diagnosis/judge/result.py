@@ -412,6 +412,7 @@ class Verdict:
     not_testable: tuple[str, ...]
     repeated: bool
     level: float
+    levels: dict[str, float]
     curves: tuple[Curve, ...]
     maps: tuple[Map, ...]
     given: bool = False
@@ -476,7 +477,8 @@ class Diagnosis(Verdict, Tabular):
     not_testable: effects that are invisible in these runs at any size.
     repeated: True if the noise is estimated from repeated runs.
     shows_noise: True if the noise is estimated from repeats or residuals; otherwise it is assumed.
-    level: size of the usual small errors of this arm, 1 in a typical healthy arm.
+    level: size of the usual small errors of this arm, 1 in a typical healthy arm. levels: the same of geometry and
+    zeros (`constants`), of deflection under load (`gravity`), and of all others.
     curves, maps: residuals over the circle angle and at the targets.
     given: True if the effects were given by the user, as in `calibrate`.
     next_test: shortest test that would distinguish the remaining possibilities.
@@ -560,6 +562,7 @@ class Diagnosis(Verdict, Tabular):
                 "repeats_measured": self.repeated,
                 "only_commanded": self.only_commanded,
                 "level": self.level,
+                "levels": self.levels,
                 "doubts": self.doubts,
                 "seconds": self.seconds,
             }

@@ -12,15 +12,14 @@ import numpy as np
 
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.evidence.setups import FRAME, FittedRuns
-from analysis.diagnosis.fit.candidates import order_of
 from analysis.diagnosis.fit.free_forms import best_free_form, free_forms_of
 from analysis.diagnosis.fit.out_of_range import OutOfRange
 from analysis.diagnosis.fit.responses import LEAST_MATERIAL_UM, plain_rms_by_block, rms_by_block
 from analysis.diagnosis.fit.search import SearchResult
-from analysis.diagnosis.fit.selection_state import DRIVEN_WAVES, least_fault, spurious_wave_series
-from analysis.diagnosis.judge.acts import Doubt, JudgedOn
+from analysis.diagnosis.fit.selection_state import least_fault, spurious_wave_series
+from analysis.diagnosis.judge.acts import IMITATED, Doubt, JudgedOn
 from analysis.diagnosis.judge.budget import EffectChange, GapMeasure, sizes_by_setup
-from analysis.diagnosis.judge.friction import may_be_friction
+from analysis.diagnosis.judge.imitations import is_no_gear, may_be_friction, shows_waves
 from analysis.diagnosis.judge.residuals import bands_above_noise
 from analysis.diagnosis.judge.result import (
     CERTAIN_ODDS,
@@ -46,7 +45,7 @@ from rigs.calibration import ModelAssessment
 from rigs.effect_names import name_in_words
 from rigs.errors import RigError
 from rigs.rig import Rig
-from rigs.schema.effect import is_wave, label_of, name_of, size_field, size_of
+from rigs.schema.effect import label_of, name_of, size_field, size_of
 from rigs.schema.limits import Limit, Limits, Standing
 from rigs.schema.scene import OUTSIDE_ARM
 from rigs.schema.vocabulary import TestName
@@ -278,9 +277,9 @@ def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
     certain named effects are confirmed: the others cancel each other or usual errors.
     """
     if train.calibrated_um >= train.before_um:
-        return [replace(name, doubt="no_better") if name.stands else name for name in named]
+        return [_doubted(name, "no_better") if name.stands else name for name in named]
     named = [
-        replace(name, doubt="no_better") if name.stands and name.gap_without_um < _NO_WORSE * train.after_um else name
+        _doubted(name, "no_better") if name.stands and name.gap_without_um < _NO_WORSE * train.after_um else name
         for name in named
     ]
     if train.after_um < train.before_um:
@@ -294,7 +293,7 @@ def without_cancelling(named: Sequence[Named], before_um: float) -> list[Named]:
     absent, is at least as likely. Constants of the arm cancel each other in every arm.
     """
     return [
-        replace(_with_odds_at_most(0.5, name), doubt="cancels")
+        _doubted(name, "cancels")
         if name.stands and name.effect.STAGE in OUTSIDE_ARM and name.directions < 2 and name.alone_um > before_um
         else name
         for name in named
@@ -306,10 +305,7 @@ def _judge_effect(
 ) -> Named:
     """Return an effect with its contribution, and the reason for not confirming it, if any."""
     effect, own_odds = result.effects[k], result.rival_odds[k]
-    axis = int(getattr(effect, "axis", 1))
-    # A wave over fewer than two driven periods does not identify a gear: the cause was not shown.
-    turned = max(float(np.ptp(block.table.q[:, axis - 1])) for block in result.linear.blocks) / (2 * np.pi)
-    shown = not is_wave(effect) or effect.STAGE != "joint" or order_of(effect) * turned >= DRIVEN_WAVES
+    axis, shown = int(getattr(effect, "axis", 1)), shows_waves(result, k)
     model = f"use the calibrated model, which includes the angle error of axis {axis} over its angle"
     sizes = sizes_by_setup(result, k, result.scatter_limits_um)
     ratio = sizes.birge_ratio()
@@ -334,8 +330,9 @@ def _judge_effect(
         sizes.shares() if doubt is None and by_posture else (), change.u_um, change.times_usual,
         twins=tuple(twin.effect for twin in twins), shown=shown, directions=sizes.directions() + (gain is not None),
     )  # fmt: skip
-    if sizes.directions() < 2 and may_be_friction(result, k):
-        named = replace(_with_odds_at_most(0.5, named), doubt=doubt or "friction")
+    may_be_other = is_no_gear(result, k) or (sizes.directions() < 2 and may_be_friction(result, k))
+    if may_be_other or doubt == "small":
+        named = _doubted(named, doubt or ("no_gear" if is_no_gear(result, k) else "friction"))
     return replace(named, doubt="contradicted") if named.contradicted else named
 
 
@@ -490,10 +487,7 @@ def _is_testable(result: SearchResult, *, early: bool) -> bool:
 
 def is_undecided(named: Sequence[Named]) -> bool:
     """Return whether more runs may find a fault: an effect of the size of a fault is not certain yet."""
-    return needs_runs(named) or any(
-        name.doubt in ("unexplained", "commanded", "one_speed", "cancels", "friction") or fault_rivals(name)
-        for name in named
-    )
+    return needs_runs(named) or any(name.doubt in IMITATED or fault_rivals(name) for name in named)
 
 
 def needs_runs(named: Sequence[Named]) -> bool:
@@ -542,6 +536,11 @@ def _with_odds_to_the(power: float, name: Named) -> Named:
     first, *rest = (raised[:-1] / raised.sum()).tolist()
     rivals = tuple(replace(rival, posterior=share) for rival, share in zip(name.rivals, rest, strict=True))
     return replace(name, posterior=first, rivals=rivals)
+
+
+def _doubted(name: Named, doubt: Doubt) -> Named:
+    """Return a named effect that is not confirmed: a cause outside its rivals is at least as likely."""
+    return replace(_with_odds_at_most(0.5, name), doubt=doubt)
 
 
 def _with_odds_at_most(most: float, name: Named) -> Named:

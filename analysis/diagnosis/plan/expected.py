@@ -14,10 +14,12 @@ from analysis.diagnosis.evidence.observation import by_socket, observe_run
 from analysis.diagnosis.evidence.setups import fit_setups
 from analysis.diagnosis.fit.background import Background, background_of
 from analysis.diagnosis.fit.candidates import (
+    HEALTHY,
     LARGEST_FAULT,
     Candidate,
     Columns,
     Form,
+    Level,
     candidates_for,
     columns_for,
     fault_sizes,
@@ -245,17 +247,16 @@ class ExpectedPosterior:
     """
 
     linear: Linearisation
-    level: float = 1.0
+    level: Level = HEALTHY
 
     @cached_property
     def candidates(self) -> tuple[Candidate, ...]:
         """Effects visible in the runs."""
         return tuple(candidates_for(self.linear))
 
-    @cached_property
-    def least(self) -> float:
-        """Smallest fault, in healthy sizes."""
-        return float(fault_sizes(self.level)[0])
+    def least(self, effect: Effect) -> float:
+        """Return the smallest size of an effect that is a fault, in healthy sizes."""
+        return float(fault_sizes(self.level.of(effect))[0])
 
     @cached_property
     def _columns(self) -> Columns:
@@ -280,7 +281,7 @@ class ExpectedPosterior:
         shaped = bool(effect.FREE or effect.STRETCHED) and not is_wave(effect)
         if not shaped or not is_detectable(sd):
             return sd
-        size = size or float(np.clip(DETECTABLE * sd, self.least, LARGEST_FAULT))
+        size = size or float(np.clip(DETECTABLE * sd, self.least(effect), LARGEST_FAULT))
         shapes = {free.field: free.expected for free in effect.free(self.linear.payload_kg)}
         fault = scaled(healthy(effect), size, **shapes)
         refined = refine(self.linear.simulated_with((fault,)), self._background_with_effects((fault,)), [fault])
@@ -333,6 +334,8 @@ class ExpectedPosterior:
         return background_of(self._columns, np.ones(len(self.linear.y)), variance)
 
 
-def expected_posterior(blocks: Sequence[Block], setups: Mapping[str, SetUp], level: float = 1.0) -> ExpectedPosterior:
+def expected_posterior(
+    blocks: Sequence[Block], setups: Mapping[str, SetUp], level: Level = HEALTHY
+) -> ExpectedPosterior:
     """Return the posterior expected from blocks of runs with N entries each."""
     return ExpectedPosterior(linearise(without_bands(blocks), setups), level)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from analysis.diagnosis.evidence.blocks import Block, SharedBlock
+from analysis.diagnosis.fit.candidates import HEALTHY, Level
 from analysis.diagnosis.fit.responses import extend_linearisation
 from analysis.diagnosis.plan.expected import (
     ExpectedPosterior,
@@ -206,7 +207,7 @@ def possible_tests(
     tests: Sequence[TestName],
     blocks: Sequence[Block],
     setups: Mapping[str, SetUp],
-    level: float = 1.0,
+    level: Level = HEALTHY,
     runs: int = 3,
     noise_share: float = 1.0,
 ) -> tuple[list[PossibleTest], list[tuple[str, str]]]:

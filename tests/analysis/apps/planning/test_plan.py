@@ -19,7 +19,7 @@ from analysis.cli import app
 from analysis.diagnosis.evidence.observation import observe_run, rms
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.background import background_of
-from analysis.diagnosis.fit.candidates import columns_for
+from analysis.diagnosis.fit.candidates import HEALTHY, columns_for
 from analysis.diagnosis.fit.refine import refine
 from analysis.diagnosis.plan.expected import SEPARABLE, ExpectedPosterior, expected_posterior, planned_blocks
 from analysis.diagnosis.plan.further_tests import PossibleTest, further_tests, possible_tests, sigma_between
@@ -152,7 +152,7 @@ def test_more_runs_make_sizes_surer_but_never_by_more_than_the_root_of_runs() ->
 def test_a_size_is_as_sure_as_a_fit_of_readings_with_the_fault_in_them_states(fault: Effect) -> None:
     expected = _expected(CIRCLE)
     columns = columns_for(expected.linear, expected.candidates)
-    variance = columns.variance(1.0)
+    variance = columns.variance(HEALTHY)
     for form in columns.forms:
         if form.name == name_of(fault):
             variance[list(form.columns)] = 0.0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.fit.background import CoefficientPosterior, FittedTerms, background_of
-from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Form, fault_sizes
+from analysis.diagnosis.fit.candidates import HEALTHY, LARGEST_FAULT, Form, fault_sizes
 from analysis.diagnosis.fit.responses import Response
 from rigs.effects import Backlash, JointOffset, TransmissionError
 from tests.support.diagnosis_cells import Array, columns_of
@@ -119,7 +119,7 @@ def test_the_energy_that_uncertain_coefficients_hide_is_that_of_the_joint_normal
 def test_a_cavitys_gain_is_a_difference_of_log_evidence(k: int) -> None:
     """Of a form of several sizes over its healthy share, everything else as it is."""
     cols = list(FORMS[k].columns)
-    gains = _posterior().gains(FORMS, 1.0)
+    gains = _posterior().gains(FORMS, HEALTHY)
 
     def evidence(each: float, expected: float = 0.0) -> float:
         variance = VARIANCE.copy()
@@ -139,7 +139,7 @@ def test_the_evidence_is_the_density_of_the_readings() -> None:
 
 
 def test_a_form_that_is_named_already_gains_nothing() -> None:
-    gains = _posterior().gains(FORMS, 1.0)
+    gains = _posterior().gains(FORMS, HEALTHY)
     assert gains.fault[1] == gains.healthy[1] == -np.inf and gains.sigma[1] == gains.size[1] == 0
 
 
@@ -150,14 +150,14 @@ def test_the_size_that_readings_show_is_that_without_a_prior(k: int) -> None:
     variance[cols] = 0.0
     weighted = np.linalg.solve(_with_known(variance), X[:, cols])
     shown = np.linalg.solve(weighted.T @ X[:, cols], weighted.T @ (AWAY + X[:, cols] @ EXPECTED[cols]))
-    assert _posterior().gains(FORMS, 1.0).size[k] == pytest.approx(np.linalg.norm(shown), rel=1e-6)
+    assert _posterior().gains(FORMS, HEALTHY).size[k] == pytest.approx(np.linalg.norm(shown), rel=1e-6)
 
 
 def test_sigma_is_what_the_readings_say_without_a_healthy_prior() -> None:
     variance = VARIANCE.copy()
     variance[0] = 0.0
     wanted = np.sqrt(X[:, 0] @ np.linalg.solve(_with_known(variance), X[:, 0]))
-    assert _posterior().gains(FORMS, 1.0).sigma[0] == pytest.approx(wanted, rel=1e-6)
+    assert _posterior().gains(FORMS, HEALTHY).sigma[0] == pytest.approx(wanted, rel=1e-6)
 
 
 def test_a_size_that_cannot_be_negative_is_no_fault_the_wrong_way() -> None:
@@ -167,7 +167,7 @@ def test_a_size_that_cannot_be_negative_is_no_fault_the_wrong_way() -> None:
         posterior = background.posterior(
             FittedTerms(sign * 10 * X[:, 0], (), np.empty((0, 0)), np.empty(0), np.empty(0))
         )
-        assert np.isfinite(posterior.gains((play,), 1.0).fault[0]) == is_seen
+        assert np.isfinite(posterior.gains((play,), HEALTHY).fault[0]) == is_seen
 
 
 def test_the_cavity_of_columns_beside_all_else_is_that_of_the_dense_covariance() -> None:

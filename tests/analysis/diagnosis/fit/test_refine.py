@@ -9,7 +9,7 @@ import pytest
 
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.fit.background import background_of
-from analysis.diagnosis.fit.candidates import Candidate, columns_for
+from analysis.diagnosis.fit.candidates import HEALTHY, Candidate, columns_for
 from analysis.diagnosis.fit.refine import no_effects, refine
 from analysis.diagnosis.fit.responses import Linearisation, linearise
 from rigs.effects import (
@@ -152,10 +152,10 @@ def test_a_large_lag_is_right_beside_the_lags_of_a_healthy_arm() -> None:
     every = [ServoLag(axis=axis, lag_s=5e-4) for axis in (2, 3, 4, 5, 6)]
     candidates = [Candidate(name_of(one), (one,)) for one in (*every, TimeLag(lag_s=1e-3))]
     columns = columns_for(linear, candidates)
-    weight, variance = np.ones(len(linear.y)), columns.variance(1.0)
+    weight, variance = np.ones(len(linear.y)), columns.variance(HEALTHY)
     found = [
         refine(linear, background_of(columns, weight, variance, mean), [ServoLag(axis=1, lag_s=0.015)])
-        for mean in (columns.mean(1.0), np.zeros(len(variance)))
+        for mean in (columns.mean(HEALTHY), np.zeros(len(variance)))
     ]
     off_s = [abs(float(getattr(one.effects[0], "lag_s", 0.0)) - truth.lag_s) for one in found]
     assert off_s[0] < 2 * found[0].sd(0)["lag_s"] and off_s[0] < off_s[1] / 4, off_s

@@ -8,7 +8,7 @@ import numpy as np
 
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.setups import fit_run_setups, with_effects
-from analysis.diagnosis.fit.candidates import candidates_for, columns_for
+from analysis.diagnosis.fit.candidates import Level, candidates_for, columns_for
 from analysis.diagnosis.fit.responses import Linearisation, linearise
 from analysis.diagnosis.fit.search import search
 from analysis.diagnosis.fit.selection import Selection
@@ -51,7 +51,7 @@ def _beside(*known: Effect, moved_mm: float = 0.0) -> Selection:
 
 def _with(*effects: Effect, level: float = 1.0) -> SelectionState:
     empty = Selection(healthy(), healthy_columns()).initial_state()
-    return replace(empty, level=level, refined=replace(empty.refined, effects=effects))
+    return replace(empty, level=Level(level), refined=replace(empty.refined, effects=effects))
 
 
 def test_columns_hold_for_faults_that_hardly_changed() -> None:

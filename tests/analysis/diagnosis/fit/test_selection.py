@@ -11,7 +11,7 @@ from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit import selection_state
 from analysis.diagnosis.fit.background import CoefficientPosterior
-from analysis.diagnosis.fit.candidates import candidates_for, columns_for
+from analysis.diagnosis.fit.candidates import Level, candidates_for, columns_for
 from analysis.diagnosis.fit.responses import linearise, rms_by_block
 from analysis.diagnosis.fit.rivals import RivalOdds, compare_with_rivals, rival_odds
 from analysis.diagnosis.fit.selection import Selection
@@ -33,7 +33,7 @@ def _found(state: SelectionState) -> dict[str, Effect]:
 def test_nothing_is_found_in_noise() -> None:
     _, state = _searched(white(healthy(), 11))
     assert state.effects == () and state.free_forms == ()
-    assert state.level < 0.1, "an arm without effects is far below a healthy one"
+    assert state.level.values.max() < 0.1, "an arm without effects is far below a healthy one"
 
 
 def test_a_fault_is_found_in_its_form_and_has_no_rival() -> None:
@@ -148,7 +148,7 @@ def test_what_healthy_arms_show_is_fitted_in_its_shape() -> None:
 def test_a_fault_is_more_than_healthy_arms_and_arms_like_this_one_show(level: float, is_fault: bool) -> None:
     selection = Selection(holding(healthy(), white(healthy(), 15)), healthy_columns())
     small, large = JointOffset(axis=2, offset_deg=0.04), JointOffset(axis=3, offset_deg=0.16)
-    state = replace(selection.initial_state((small, large)), level=level)
+    state = replace(selection.initial_state((small, large)), level=Level(level))
     refined = replace(state.refined, effects=(small, large))
     state = replace(state, refined=refined)
     assert (state.may_be_fault(0), state.may_be_fault(1)) == (is_fault, True)
@@ -202,7 +202,7 @@ def test_only_what_is_a_fault_in_a_quiet_arm_alone_has_no_rivals_below_the_limit
     """What is larger than any healthy arm shows is always said; the rest has only faults as rivals."""
     zero, linear, compared = JointOffset(axis=3, offset_deg=offset_deg), healthy(), list[str]()
     selection = Selection(holding(linear, shown_by(linear, [zero]) + white(linear, 18)), healthy_columns())
-    state = replace(selection.initial_state((zero,)), level=level)
+    state = replace(selection.initial_state((zero,)), level=Level(level))
 
     def odds(_: Selection, of: SelectionState, place: int, *, faults_only: bool) -> RivalOdds:
         compared.extend([] if faults_only else [name_of(of.effects[place])])
@@ -225,18 +225,18 @@ def test_every_name_is_compared_with_its_rivals_after_the_last_swap(monkeypatch:
     swaps: list[SelectionState] = []
 
     def likelier(_: Selection, state: SelectionState) -> SelectionState:
-        swaps.append(replace(state, level=state.level / 2))
+        swaps.append(replace(state, level=Level(state.level.others / 2)))
         return swaps[-1]
 
     # private: rivals that are likelier after every swap cannot be made of readings
     monkeypatch.setattr("analysis.diagnosis.fit.rivals.without_needless_names", lambda _, state, limits: state)
     monkeypatch.setattr(
         "analysis.diagnosis.fit.rivals.cautious_odds",
-        lambda selection, state, place, **_: RivalOdds(0.1, ((state, 0.9),), state.level),
+        lambda selection, state, place, **_: RivalOdds(0.1, ((state, 0.9),), state.level.others),
     )
     monkeypatch.setattr(SelectionState, "may_be_fault", lambda *_: True)
     monkeypatch.setattr(Selection, "select", likelier)
-    monkeypatch.setattr(Selection, "evidence_of_names", lambda _, state: -state.level)
+    monkeypatch.setattr(Selection, "evidence_of_names", lambda _, state: -state.level.others)
     last, rivalries = compare_with_rivals(selection, first, np.zeros(len(healthy().blocks)))
     assert last is swaps[-1] and len(swaps) > 1
-    assert [one.healthy_odds for one in rivalries] == [last.level] * 2
+    assert [one.healthy_odds for one in rivalries] == [last.level.others] * 2

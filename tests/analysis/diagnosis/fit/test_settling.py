@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from analysis.diagnosis.fit.candidates import Level
 from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.fit.selection_state import SelectionState, beginnings, settled
 from tests.support.diagnosis_cells import healthy, healthy_columns
@@ -23,11 +24,13 @@ def _fits(state: SelectionState, gain: Callable[[int], float], least: float = -n
     fits: list[SelectionState] = []
 
     def fitted(one: SelectionState) -> SelectionState:
-        fits.append(replace(one, level=one.level + gain(len(fits))))
+        fits.append(replace(one, level=Level(one.level.others + gain(len(fits)))))
         return fits[-1]
 
-    best = settled(beginnings(replace(state, level=0.0)), fitted, lambda one: one, lambda one: one.level, least)
-    return len(fits), best.level
+    best = settled(
+        beginnings(replace(state, level=Level(0.0))), fitted, lambda one: one, lambda one: one.level.others, least
+    )
+    return len(fits), best.level.others
 
 
 def test_a_state_is_fitted_until_it_gains_little() -> None:
