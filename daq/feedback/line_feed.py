@@ -47,7 +47,9 @@ class _LineFeedDialect:
     """Lines with the configured fields."""
 
     def __init__(self, feedback: LineFeed) -> None:
-        calls = f", and that the program connects to {feedback.port}" if feedback.listens else ""
+        is_asked = tcp_address(feedback.port) and not feedback.listens
+        others = "; for RTDE of a Universal Robots arm write interface: ur_rtde" if is_asked else ""
+        calls = f", and that the program connects to {feedback.port}" if feedback.listens else others
         self.check = f"check that the program on the controller is running{calls}"
         self._last_clock_s = -math.inf
         self._may_be_late = udp_address(feedback.port) is not None
