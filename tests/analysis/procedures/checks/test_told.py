@@ -45,6 +45,15 @@ def test_a_coupling_that_is_missing_is_told_at_import_and_with_every_figure(tmp_
             judge([measured])
 
 
+@pytest.mark.parametrize("command", ["diagnose", "calibrate"])
+def test_a_run_that_is_refused_has_its_reason_once(tmp_path: Path, command: str) -> None:
+    run = tmp_path / "run"
+    assert ran("import", uncoupled(tmp_path / "t.csv"), "--rig", "ur10", "--test", "pose", "-o", run).returncode == 0
+    done = ran(command, run)
+    assert done.returncode == 3 and done.stderr.count("only with J3 + J2") == 1
+    assert done.stderr.splitlines()[-1].startswith("error: run: these poses fit only")
+
+
 def test_rig_check_says_what_was_checked_and_found(tmp_path: Path) -> None:
     run = tmp_path / "run"
     assert ran("import", uncoupled(tmp_path / "t.csv"), "--rig", "ur10", "--test", "pose", "-o", run).returncode == 0
