@@ -18,6 +18,7 @@ from analysis.report.act_words import acts_in_words
 from analysis.report.answer_words import AnswerWords, shown_parts
 from analysis.report.diagnosis_words import (
     closed,
+    held_out_rows,
     micrometres,
     other_parameters,
     percent,
@@ -176,8 +177,8 @@ def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
             share = closed(gap)
             percents = [f"{100 * share:.1f} %" if math.isfinite(share) else ""] if effects else []
             table.add_row(f"{texts(f'runs_{place}')}{how}", *map(_number, cells), *percents)
-    assumed = [] if diagnosis.shows_noise else [Text(texts("noise_assumed"), style="dim")]
-    return [table, *assumed]
+    remarks = [held_out_rows(diagnosis, texts), "" if diagnosis.shows_noise else texts("noise_assumed")]
+    return [table, *(Text(remark, style="dim") for remark in remarks if remark)]
 
 
 def _number(value: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import pyarrow as pa
@@ -341,6 +341,7 @@ class Gap:
     calibrated_um: rms with the calibrated model, which contains everything that the runs used determine.
     tests: residual of each kind of test.
     keeps_setup: True if these runs have the set-up of a run used; otherwise a separate set-up is fitted to them.
+    rows: table rows, from 1, by run, if rig itself held out a part of the runs used.
     """
 
     runs: tuple[str, ...]
@@ -350,6 +351,7 @@ class Gap:
     calibrated_um: float
     tests: tuple[TestGap, ...] = ()
     keeps_setup: bool = True
+    rows: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
     @property
     def u_um(self) -> float:
@@ -375,6 +377,7 @@ class Gap:
             "set_up": "kept" if self.keeps_setup else "fitted",
             "tests": {tested.test: tested.to_dict() for tested in self.tests},
             "runs": self.runs,
+            **({"rows": dict(self.rows)} if self.rows else {}),
         }
 
 
