@@ -321,7 +321,7 @@ class AnswerWords:
             repeated = nearly if places else "model_complete"
             which = repeated if diagnosis.repeated and len(diagnosis.runs) > 1 else "model_sufficient"
         if diagnosis.unexplained and (scatter_um := diagnosis.unexplained.scatter_um):
-            which, values = "scatter", {"um": _length(scatter_um)}
+            which, values = "scatter", {"um": _length(math.sqrt(3) * scatter_um)}  # of a place, like every error
         if which == "undecided" and diagnosis.runs_to_decide is None:
             which = self._undecided()
         if which == "undecided" and (imitated := [named for named in diagnosis.effects if named.doubt in IMITATED]):

@@ -15,7 +15,7 @@ from analysis.diagnosis.judge.acts import Doubt
 from analysis.diagnosis.judge.residuals import ResidualPlace
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.report.act_words import acts_in_words
-from analysis.report.answer_words import AnswerWords, shown_parts
+from analysis.report.answer_words import AnswerWords, measures_places, shown_parts
 from analysis.report.diagnosis_words import (
     closed,
     held_out_rows,
@@ -177,7 +177,11 @@ def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
             share = closed(gap)
             percents = [f"{100 * share:.1f} %" if math.isfinite(share) else ""] if effects else []
             table.add_row(f"{texts(f'runs_{place}')}{how}", *map(_number, cells), *percents)
-    remarks = [held_out_rows(diagnosis, texts), "" if diagnosis.shows_noise else texts("noise_assumed")]
+    remarks = [
+        held_out_rows(diagnosis, texts),
+        "" if diagnosis.shows_noise else texts("noise_assumed"),
+        texts("about_scatter") if measures_places(diagnosis) else "",
+    ]
     return [table, *(Text(remark, style="dim") for remark in remarks if remark)]
 
 
