@@ -105,8 +105,8 @@ def read_table(
     """
     from analysis.intake.any_table import read_any_table  # noqa: PLC0415 - what it needs is slow to import
 
-    for name, text in (("operator", operator), ("placement", placement)):
-        _require(name, text, "a text", fits=isinstance(text, str))
+    _require("operator", operator, "a text", fits=isinstance(operator, str))
+    _require("placement", placement, "a text", fits=isinstance(placement, str))
     _require("joints", joints, " or ".join(get_args(JointSource)), fits=joints in get_args(JointSource))
     return read_any_table(
         _path(path, "path"),
@@ -182,8 +182,8 @@ def simulate(
     model, text = load(_path(rig, "rig"))
     if effects is not None:
         model = (load_hidden(effects) if isinstance(effects, str | Path) else _hidden(effects)).apply_to(model)
-    fits = seed is None or (isinstance(seed, Integral) and seed >= 0)
-    _require("seed", seed, "a whole number from 0, or None", fits=fits)
+    is_seed = seed is None or (isinstance(seed, Integral) and seed >= 0)
+    _require("seed", seed, "a whole number from 0, or None", fits=is_seed)
     with named_by(rig, model):
         return simulated_run(model, text, _test(test), _direction(direction), seed)
 
@@ -338,8 +338,8 @@ def diagnose(
 
     Source: docs/diagnosis.md.
     """
-    fits = tolerance_um is None or (isinstance(tolerance_um, Real) and tolerance_um > 0)
-    _require("tolerance_um", tolerance_um, "a number above 0, or None", fits=fits)
+    is_tolerance = tolerance_um is None or (isinstance(tolerance_um, Real) and tolerance_um > 0)
+    _require("tolerance_um", tolerance_um, "a number above 0, or None", fits=is_tolerance)
     return _diagnosed(runs, rig, hold_out, unseen, progress, tolerance_um, None)
 
 
@@ -388,17 +388,17 @@ def _diagnosed(
     return with_movements(diagnosis, movements, doubts)
 
 
-def _require(name: str, value: object, wanted: str, *, fits: bool) -> None:
+def _require(name: str, value: object, expected: str, *, fits: bool) -> None:
     """Raise UseError for an argument that does not fit."""
     if not fits:
-        raise UseError(name, f"must be {wanted}, but is {shorten(repr(value), 60)}", f"give {wanted}")
+        raise UseError(name, f"must be {expected}, but is {shorten(repr(value), 60)}", f"give {expected}")
 
 
 def _hidden(effects: Effect | Sequence[Effect]) -> Hidden:
     """Return the given errors of a robot. Raises UseError for anything except effects."""
     several = tuple(effects) if isinstance(effects, Sequence) else (effects,)
-    fits = all(isinstance(one, Effect) for one in several)
-    _require("effects", effects, "objects of rigs.effects, or the path of a file of effects", fits=fits)
+    are_effects = all(isinstance(effect, Effect) for effect in several)
+    _require("effects", effects, "objects of rigs.effects, or the path of a file of effects", fits=are_effects)
     return Hidden(effects=several)
 
 

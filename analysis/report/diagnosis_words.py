@@ -139,8 +139,8 @@ def closed(gap: Gap) -> float:
 def held_out_rows(diagnosis: Diagnosis, texts: Texts) -> str:
     """Return a sentence about the table rows that rig itself held out; empty if whole runs or none were held out."""
     rows = diagnosis.held_out.rows if diagnosis.held_out else {}
-    counts = ", ".join(f"{name} {len(of_run)}" for name, of_run in rows.items())
-    return texts("rows_held_out", counts=counts) if rows else ""
+    counts = ", ".join(f"{name} {len(numbers)}" for name, numbers in rows.items())
+    return texts("validation_rows", counts=counts, keys="gap.held_out.rows") if rows else ""
 
 
 _FOUND = 0.02

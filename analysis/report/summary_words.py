@@ -139,8 +139,8 @@ class _SummaryWords:
 
         The cause is omitted if the readings contradict a stated constant, because the constant must be checked first.
         """
-        worth = self.texts("fault_within_limits") if self._is_within_limits else ""
-        causes = [self._cause, *filter(None, [worth, self.answer.unexplained_too])]
+        remark = self.texts("fault_within_limits") if self._is_within_limits else ""
+        causes = [self._cause, *filter(None, [remark, self.answer.unexplained_too])]
         return [*self.answer.preconditions, *([] if self.diagnosis.contradictions else causes)]
 
     @property
@@ -231,7 +231,7 @@ class _SummaryWords:
         )
 
     def step(self, act: Act) -> str:
-        """Return the next step. Repairs and corrections of an arm within its limits are not necessary."""
+        """Return the next step, marked as unnecessary if it only improves an arm within its limits."""
         step = step_of(act, self.diagnosis, self.texts)
         is_optional = self._is_within_limits and act.kind in ("load", "approach", *_REPAIRS)
         return self.texts("optional_step", step=step) if is_optional else step
@@ -270,22 +270,19 @@ class _SummaryWords:
             after = error_size(diagnosis.train.after_um, diagnosis.train.left_u_um)
             now = error_size(accuracy.now_um, diagnosis.train.u_um)
             return replace(change, now=now, after=after, basis=texts("basis_out_of_range"))
-        basis = " ".join(filter(None, [texts(f"basis_{place}"), self._each_alone]))
+        basis = " ".join(filter(None, [texts(f"basis_{place}"), self._each_by_itself]))
         return replace(change, now=now, after=error_size(after_um, gap.left_u_um), basis=basis)
 
     @property
-    def _each_alone(self) -> str:
-        """The errors after the correction alone and after the repairs alone, and the order for both; empty unless both
-        are recommended.
-        """
+    def _each_by_itself(self) -> str:
+        """The errors after only the correction and only the repairs, and the order; empty unless both exist."""
         acts = [act for act in self.diagnosis.acts if act.removes and act.place == self.diagnosis.accuracy.place]
         corrections, repairs = ([act for act in acts if act.kind in kinds] for kinds in (("load",), _REPAIRS))
-        if not (corrections and repairs):
+        if not corrections or not repairs:
             return ""
-        last = repairs[-1]
-        repaired_um = last.remains_um if last.with_before_um is None else last.with_before_um
-        left_um = {"corrected": corrections[0].remains_um, "repaired": repaired_um}
-        return self.texts("each_alone", **{name: micrometres(um) for name, um in left_um.items()})
+        after_all_um = repairs[-1].with_before_um  # None for a single repair
+        repaired = micrometres(repairs[-1].remains_um if after_all_um is None else after_all_um)
+        return self.texts("each_by_itself", corrected=micrometres(corrections[0].remains_um), repaired=repaired)
 
     @property
     def causes(self) -> list[BarSegment]:

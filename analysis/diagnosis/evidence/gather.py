@@ -68,13 +68,11 @@ def gather(rig: Rig, uses: Uses, tolerance_um: float | None, progress: Callable[
 
 def _rows_by_run(parts: Sequence[ObservedRun], runs: Sequence[Measured]) -> dict[str, tuple[int, ...]]:
     """Return the table rows, from 1, of parts of runs, by the name of the run."""
-    rows = {
-        run.run.manifest.name: sorted(
-            row for part in parts if part.table is run.table for row in (part.rows + 1).tolist()
-        )
-        for run in runs
-    }
-    return {name: tuple(of_run) for name, of_run in rows.items() if of_run}
+    rows: dict[str, list[int]] = {}
+    for run in runs:
+        for part in (part for part in parts if part.table is run.table):
+            rows.setdefault(run.run.manifest.name, []).extend((part.rows + 1).tolist())
+    return {name: tuple(sorted(numbers)) for name, numbers in rows.items()}
 
 
 def _require_enough_readings(runs: Sequence[ObservedRun]) -> None:

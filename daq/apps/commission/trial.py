@@ -93,7 +93,7 @@ class Trial:
 
 
 def describe_silence(port: str, trial: Trial) -> str:
-    """Return what a silent device does: a host may accept the connection and send no data."""
+    """Describe a silent device. A host may accept the connection and send no data."""
     is_lost = any(fault.kind == FaultKind.DISCONNECTED for fault in faults_of(trial.items))
     return ACCEPTED if tcp_address(port) and not trial.error and not is_lost else "nothing arrived"
 

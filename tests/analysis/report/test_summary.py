@@ -94,7 +94,7 @@ def test_the_error_after_repair_and_correction_says_what_each_gives_alone(langua
     load = replace(LOAD, place="held_out", removes_um=4.0, removes_u_um=0.5, remains_um=2.3)
     first = replace(REMASTER, place="held_out", removes_um=3.0, removes_u_um=0.5, remains_um=3.4)
     second = replace(first, with_before_um=2.8)
-    alone = texts("each_alone", corrected="2.3 µm", repaired="2.8 µm")
+    alone = texts("each_by_itself", corrected="2.3 µm", repaired="2.8 µm")
     assert summarise(diagnosis(acts=(load, first, second)), texts).error.basis.endswith(alone)
     assert "3.4" in summarise(diagnosis(acts=(load, first)), texts).error.basis
     plain = texts("basis_held_out")
