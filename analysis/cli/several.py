@@ -113,13 +113,7 @@ def evaluated(
 
     with_rows: keep the rows of each run. Figures and remarks by themselves take some 0.2 MB per run.
     """
-    from analysis.procedures.results import (
-        borrowers,
-        evaluated_again,
-        figures_again,
-        figures_alone,
-        read_and_evaluated,
-    )
+    from analysis.procedures.results import borrowers, evaluated_again, figures_again, figures_alone, read_and_evaluated
 
     first: list[Result] = []
     work = read_and_evaluated if with_rows else figures_alone

@@ -29,15 +29,7 @@ from analysis.diagnosis.judge.result import (
     likely_rivals,
 )
 from analysis.procedures.shared.quantity import quantity_of
-from analysis.report.diagnosis_words import (
-    LEAST_ODDS,
-    micrometres,
-    percent,
-    plain,
-    size,
-    size_in_words,
-    sure,
-)
+from analysis.report.diagnosis_words import LEAST_ODDS, micrometres, percent, plain, size, size_in_words, sure
 from analysis.report.movement_words import movement_sentence
 from analysis.report.texts import Texts, texts_of
 from rigs.effect_names import name_in_words

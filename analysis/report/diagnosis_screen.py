@@ -60,12 +60,7 @@ def places_table(where: Sequence[ResidualPlace]) -> list[RenderableType]:
     return [table, *(Text(note, style="dim") for note in notes)]
 
 
-_COLOUR: dict[Tone, str] = {
-    "pass": "bold green",
-    "watch": "bold yellow",
-    "fail": "bold red",
-    "unjudged": "bold yellow",
-}
+_COLOUR: dict[Tone, str] = {"pass": "bold green", "watch": "bold yellow", "fail": "bold red", "unjudged": "bold yellow"}
 _MOST_GROUPS = 6
 _MOST_NAMES = 40
 """Largest number of undetectable effects listed by name; further ones are only counted."""

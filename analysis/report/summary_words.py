@@ -21,14 +21,7 @@ from analysis.report.answer_words import (
     unusual_groups,
 )
 from analysis.report.diagnosis_words import error_size, has_measured_noise, micrometres, size, sure
-from analysis.report.summary import (
-    WITHOUT_FAULT,
-    BarSegment,
-    ErrorChange,
-    Summary,
-    Tone,
-    with_driven_error,
-)
+from analysis.report.summary import WITHOUT_FAULT, BarSegment, ErrorChange, Summary, Tone, with_driven_error
 from analysis.report.texts import Texts, texts_of
 
 _MOST_CAUSES = 3

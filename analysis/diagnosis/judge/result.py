@@ -340,7 +340,7 @@ class Gap:
     calibrated_um: rms with the calibrated model, which contains everything that the runs used determine.
     tests: residual of each kind of test.
     keeps_setup: True if these runs have the set-up of a run used; otherwise a separate set-up is fitted to them.
-    rows: table rows, from 1, by run, if rig held out a part of the runs used.
+    rows: table rows, from 1, by run, if rig excluded a part of the runs from the fit.
     """
 
     runs: tuple[str, ...]
