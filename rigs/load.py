@@ -7,6 +7,7 @@ hash in the rig file is therefore compared with the arm: name, axes, and the bou
 from __future__ import annotations
 
 import hashlib
+import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -207,6 +208,9 @@ _calibrations: dict[str, CalibratedModel] = {}
 
 def _text(path: Path) -> str:
     try:
+        if path.is_file() and zipfile.is_zipfile(path):
+            remedy = "give the rig file; rig import reads tables"
+            raise FileError(str(path), "is a workbook or an archive, not a rig file", remedy)
         return read_text(path, _MAX_BYTES)
     except OSError as error:
         raise _unreadable(path, error) from None
@@ -264,9 +268,10 @@ def _refuse_other_texts(text: str, where: str) -> None:
         raise FileError(where, "is empty, not a rig file", "create a rig file with rig init cell.yaml")
     for separator in _SEPARATORS:
         columns = lines[0].count(separator)
-        if columns > 1 and ":" not in lines[0] and all(line.count(separator) == columns for line in lines[:_LOOKED_AT]):
+        is_even = all(line.count(separator) == columns for line in lines[:_LOOKED_AT])
+        if columns and is_even and len(lines) > 1 and ":" not in lines[0]:
             names = [name.strip() for name in lines[0].split(separator)]
-            shown = f"{', '.join(names[:3])} …"
+            shown = ", ".join(names) if columns < 3 else f"{', '.join(names[:3])} …"
             remedy = f"import the table as a run: rig import {as_argument(where)} --rig RIG --test TEST -o RUN"
             raise FileError(where, f"is a table of {columns + 1} columns ({shown}), not a rig file", remedy)
 

@@ -25,8 +25,9 @@ _BRIEF = 60
 Place = tuple[int | str, ...]
 _PLAIN = {
     "missing": "missing; add it",
+    "interface": "is missing the key `interface`; add it; rig interfaces lists the values",
+    "effect": "is missing the key `effect`; add it",
     "model_type": "must be a mapping of keys to values",
-    "union_tag_not_found": "is missing the key `interface` or `effect`; add the key",
     "model_attributes_type": "must be a mapping of keys to values",
     "name": "may contain only a–z, 0–9, - and _, and begins with a letter or digit",
 }
@@ -152,6 +153,8 @@ def _message(detail: ErrorDetails, place: Place, model: type[BaseModel]) -> str:
         return f"has {detail['ctx']['actual_length']} entries, but needs at least {detail['ctx']['min_length']}"
     if kind == "string_pattern_mismatch" and place == ("name",):
         kind = "name"
+    if kind == "union_tag_not_found":
+        kind = detail["ctx"]["discriminator"].strip("'")
     message = _PLAIN.get(kind, detail["msg"]).removeprefix("Value error, ").removeprefix("Input ")
     if not isinstance(value, int | float | str):
         return message

@@ -12,6 +12,8 @@ from typing import TypeVar
 
 COMPLETED: deque[Path] = deque(maxlen=1000)
 """The last files and directories that this process put in place, for the message after Ctrl-C."""
+REPLACED: set[Path] = set()
+"""Pages, pictures and tables that existed when this process was about to write them, for the message about it."""
 _POLL_S = 0.5
 _End = TypeVar("_End")
 

@@ -9,7 +9,9 @@ functions.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from numbers import Integral, Real
 from pathlib import Path
+from textwrap import shorten
 from typing import cast, get_args
 
 from analysis.correction.calibrated_arm import ArmAngles as ArmAngles
@@ -103,6 +105,9 @@ def read_table(
     """
     from analysis.intake.any_table import read_any_table  # noqa: PLC0415 - what it needs is slow to import
 
+    _require("operator", operator, "a text", fits=isinstance(operator, str))
+    _require("placement", placement, "a text", fits=isinstance(placement, str))
+    _require("joints", joints, " or ".join(get_args(JointSource)), fits=joints in get_args(JointSource))
     return read_any_table(
         _path(path, "path"),
         rig_file=_path(rig, "rig"),
@@ -149,7 +154,7 @@ def simulate(
     direction: Direction | None = None,
     *,
     seed: int | None = 0,
-    effects: RigFile | Sequence[Effect] | None = None,
+    effects: RigFile | Effect | Sequence[Effect] | None = None,
 ) -> Measured:
     """Simulate a run of a test, with the robot program of the test and noisy gauge readings.
 
@@ -176,8 +181,9 @@ def simulate(
 
     model, text = load(_path(rig, "rig"))
     if effects is not None:
-        hidden = load_hidden(effects) if isinstance(effects, str | Path) else Hidden(effects=tuple(effects))
-        model = hidden.apply_to(model)
+        model = (load_hidden(effects) if isinstance(effects, str | Path) else _hidden(effects)).apply_to(model)
+    is_seed = seed is None or (isinstance(seed, Integral) and seed >= 0)
+    _require("seed", seed, "a whole number from 0, or None", fits=is_seed)
     with named_by(rig, model):
         return simulated_run(model, text, _test(test), _direction(direction), seed)
 
@@ -202,6 +208,7 @@ def evaluate(run: AnyRun, like: Result | None = None) -> Result:
 
     Source: docs/figures.md (definitions), docs/analysis.md (uncertainty); Y. T. Oh, Applied Sciences 9 (2019).
     """
+    _require("like", like, "a result of evaluate", fits=like is None or isinstance(like, Result))
     return results.result_of(_run(run), like.lap_noise if like else None)
 
 
@@ -331,6 +338,8 @@ def diagnose(
 
     Source: docs/diagnosis.md.
     """
+    is_tolerance = tolerance_um is None or (isinstance(tolerance_um, Real) and tolerance_um > 0)
+    _require("tolerance_um", tolerance_um, "a number above 0, or None", fits=is_tolerance)
     return _diagnosed(runs, rig, hold_out, unseen, progress, tolerance_um, None)
 
 
@@ -377,6 +386,20 @@ def _diagnosed(
     sound, movements, doubts = without_moved(model, used)
     diagnosis = diagnose_with(model, sound, held_out, elsewhere, progress or _silent, tolerance_um, given)
     return with_movements(diagnosis, movements, doubts)
+
+
+def _require(name: str, value: object, expected: str, *, fits: bool) -> None:
+    """Raise UseError for an argument that does not fit."""
+    if not fits:
+        raise UseError(name, f"must be {expected}, but is {shorten(repr(value), 60)}", f"give {expected}")
+
+
+def _hidden(effects: Effect | Sequence[Effect]) -> Hidden:
+    """Return the given errors of a robot. Raises UseError for anything except effects."""
+    several = tuple(effects) if isinstance(effects, Sequence) else (effects,)
+    are_effects = all(isinstance(effect, Effect) for effect in several)
+    _require("effects", effects, "objects of rigs.effects, or the path of a file of effects", fits=are_effects)
+    return Hidden(effects=several)
 
 
 def _path(path: str | Path, name: str) -> Path:

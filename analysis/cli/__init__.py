@@ -18,7 +18,7 @@ from analysis.cli.commands import app
 from analysis.cli.console import INTERRUPTED, say_error, say_interrupted
 from analysis.runs.batch.outcomes import is_numerical
 from rigs.errors import CellError, FileError, RigError, wrong_use
-from rigs.signals import COMPLETED, ignore_interrupts
+from rigs.signals import COMPLETED, REPLACED, ignore_interrupts
 from rigs.text import forget_width_of_0
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -47,6 +47,7 @@ def main() -> None:
     os.environ.update({name: os.environ.get(name, "1") for name in (*_THREADS, _NO_PLUGINS)})
     forget_width_of_0()
     COMPLETED.clear()
+    REPLACED.clear()
     gc.set_threshold(_GARBAGE)
     atexit.register(gc.freeze)  # collections at exit take a seventh of a small run, and the memory is returned anyway
     # numpy only warns when a figure becomes nan; such a figure is not a result.

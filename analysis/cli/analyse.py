@@ -18,15 +18,13 @@ from rigs.errors import UseError
 def analyse(
     runs: RunsBelow,
     rig_file: Annotated[
-        str | None,
-        rig_option("Rig file, or an arm of the library, of tables in the place of runs; default: none."),
+        str | None, rig_option("Rig file, or an arm of the library, of tables in the place of runs; default: none.")
     ] = None,
     as_json: AsJson = False,
     as_lines: Annotated[
         bool,
         typer.Option(
-            "--lines",
-            help="Print one line of JSON per run as soon as the run is evaluated; default: a table.",
+            "--lines", help="Print one line of JSON per run as soon as the run is evaluated; default: a table."
         ),
     ] = False,
     plot: Annotated[
@@ -36,8 +34,7 @@ def analyse(
         bool, typer.Option("--each", help="Show each run and the mean of repeated runs; default: the means.")
     ] = False,
     truth: Annotated[
-        Path | None,
-        typer.Option(help="File truth.json of an emulated cell, shown with the figures; default: none."),
+        Path | None, typer.Option(help="File truth.json of an emulated cell, shown with the figures; default: none.")
     ] = None,
     jobs: Jobs = 1,
     scheduler: Scheduler = None,

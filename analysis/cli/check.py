@@ -142,9 +142,7 @@ def example(
 
 
 @command(app, "rig interfaces")
-def interfaces(
-    as_json: AsJson = False,
-) -> None:
+def interfaces(as_json: AsJson = False) -> None:
     """List the gauge and robot interfaces with instruments, line settings, protocol source and open questions."""
     from dataclasses import asdict
 

@@ -13,12 +13,13 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import typer
 
 from rigs.errors import RigError
-from rigs.signals import COMPLETED
+from rigs.signals import COMPLETED, REPLACED
 from rigs.text import plain
 
 
@@ -27,10 +28,10 @@ def say(line: object, *, err: bool = False, mark: str = "") -> None:
     typer.echo(mark + plain(str(line)), err=err)
 
 
-def say_written(paths: Iterable[object]) -> None:
-    """Report the written files on standard error."""
+def say_written(paths: Iterable[Path]) -> None:
+    """Report the written files on standard error, and which of them replaced an earlier one."""
     for path in paths:
-        say(f"wrote {path}", err=True)
+        say(f"wrote {path}{', replacing the earlier file' * (path in REPLACED)}", err=True)
 
 
 def say_error(error: RigError) -> None:

@@ -20,13 +20,9 @@ from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 @command(app, "rig import laps.csv --rig cell.yaml --test yaw -o runs/lap-acw", name="import")
 def import_(
     tables: Annotated[
-        list[Path],
-        typer.Argument(metavar="TABLE…", help="CSV files, workbooks, or bags of ROS 2: docs/tables.md."),
+        list[Path], typer.Argument(metavar="TABLE…", help="CSV files, workbooks, or bags of ROS 2: docs/tables.md.")
     ],
-    rig_file: Annotated[
-        str,
-        rig_option("Rig file, or the name of a shipped rig or of an arm in the library."),
-    ],
+    rig_file: Annotated[str, rig_option("Rig file, or the name of a shipped rig or of an arm in the library.")],
     output: Annotated[
         Path,
         typer.Option(
@@ -45,8 +41,7 @@ def import_(
         JointSource, typer.Option(help="Joint angles to use: columns qN_deg, or qN_commanded_deg.")
     ] = "measured",
     map_file: Annotated[
-        Path | None,
-        typer.Option("--map", help="Map of the columns; default: proposed by rig if needed."),
+        Path | None, typer.Option("--map", help="Map of the columns; default: proposed by rig if needed.")
     ] = None,
     join: Annotated[
         str,

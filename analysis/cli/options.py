@@ -73,8 +73,7 @@ ReadingJobs = Annotated[
     int, typer.Option("--jobs", metavar="N", parser=_processes, help=f"Processes that read the runs; {_ON_EACH}")
 ]
 Scheduler = Annotated[
-    str | None,
-    typer.Option(metavar="ADDRESS", help="Dask scheduler with workers for this; default: this computer."),
+    str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler with workers for this; default: this computer.")
 ]
 
 
@@ -123,8 +122,7 @@ def rig_option(meaning: str) -> Any:
 
 
 ModelRig = Annotated[
-    str | None,
-    rig_option("Rig file of the model, or an arm of the library; default: that of the first run."),
+    str | None, rig_option("Rig file of the model, or an arm of the library; default: that of the first run.")
 ]
 Anyway = Annotated[
     bool,

@@ -29,9 +29,7 @@ should not have to wait longer.
 RigName = Annotated[
     str | None,
     typer.Option(
-        "--rig",
-        autocompletion=completion.daemons,
-        help="Name of the rig; default: the only daemon that runs.",
+        "--rig", autocompletion=completion.daemons, help="Name of the rig; default: the only daemon that runs."
     ),
 ]
 
@@ -110,10 +108,7 @@ def stop(rig: RigName = None) -> None:
 
 
 @command(app, "rig status")
-def status(
-    rig: RigName = None,
-    as_json: AsJson = False,
-) -> None:
+def status(rig: RigName = None, as_json: AsJson = False) -> None:
     """Show the current readings and recording of the daemon."""
 
     from daq.service.client import Client, find_socket

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from analysis.cli.commands import app, command
-from analysis.cli.console import say
+from analysis.cli.console import say_written
 from analysis.cli.options import Jobs, RobotRunsBelow, Scheduler, rig_option
 from rigs.text import as_argument
 
@@ -64,5 +64,5 @@ def report(
                 gathered = replace(gathered, found=with_commands_here(gathered.found, None, again))
             progress("drawing the pictures")
             written = write_page(gathered, output, lang, heading)
-        say(f"wrote {written}", err=True)
+        say_written([written])
     end_with(worst(errors))

@@ -156,17 +156,13 @@ def judged(path: Path) -> VerificationResult:
 @command(app, "rig relabel runs/lap-3 --direction cw")
 def relabel(
     paths: Runs,
-    test: Annotated[
-        DrivenTest | None,
-        typer.Option(help="Test that the robot drove; default: unchanged."),
-    ] = None,
+    test: Annotated[DrivenTest | None, typer.Option(help="Test that the robot drove; default: unchanged.")] = None,
     direction: Annotated[
         Direction | None, direction_option("Direction that the circle was driven in; default: unchanged")
     ] = None,
     operator: Annotated[str | None, typer.Option(help="Name of the operator; default: unchanged.")] = None,
     placement: Annotated[
-        str | None,
-        typer.Option(help="Label of the place of instrument or ball, '' for none; default: unchanged."),
+        str | None, typer.Option(help="Label of the place of instrument or ball, '' for none; default: unchanged.")
     ] = None,
 ) -> None:
     """Correct the labels of runs; the ledgers keep the old labels."""

@@ -113,13 +113,7 @@ def evaluated(
 
     with_rows: keep the rows of each run. Figures and remarks by themselves take some 0.2 MB per run.
     """
-    from analysis.procedures.results import (
-        borrowers,
-        evaluated_again,
-        figures_again,
-        figures_alone,
-        read_and_evaluated,
-    )
+    from analysis.procedures.results import borrowers, evaluated_again, figures_again, figures_alone, read_and_evaluated
 
     first: list[Result] = []
     work = read_and_evaluated if with_rows else figures_alone
@@ -204,19 +198,22 @@ def _run_of(table: Path, rig_file: str | None) -> Path:
 def load_runs(
     paths: Iterable[Path], *, jobs: int = 1, scheduler: str | None = None
 ) -> tuple[list[Measured], list[RigError]]:
-    """Return the readable runs and the errors of the others, and print remarks on the runs to standard error."""
+    """Return the readable runs and the errors of the others, and print remarks on the runs to standard error.
+
+    The caller reports the runs that it refuses or ignores, so that no remark appears twice.
+    """
     from analysis.runs.loading import load_measured
 
     runs: list[Measured] = []
     errors = over_runs(load_measured, list(paths), runs.append, doing="reading", jobs=jobs, scheduler=scheduler)
-    say_doubts(runs)
+    say_doubts(runs, with_refusals=False)
     return runs, errors
 
 
-def say_doubts(runs: Iterable[Measured]) -> None:
-    """Print remarks on each run to standard error before it is used."""
+def say_doubts(runs: Iterable[Measured], *, with_refusals: bool = True) -> None:
+    """Print remarks on each run to standard error before it is used; with_refusals: see `doubts_of`."""
     from analysis.procedures.checks.check_runs import doubts_of
 
     for run in runs:
-        for doubt in doubts_of(run):
+        for doubt in doubts_of(run, with_refusals=with_refusals):
             say(f"{run.title}, {run.run.manifest.name}: {doubt}", err=True)

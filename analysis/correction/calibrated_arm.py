@@ -12,13 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from analysis.correction.corrected_targets import reached_angles
-from analysis.correction.pose_uncertainty import (
-    PoseUncertainty,
-    covered,
-    pose_uncertainty,
-    position_u_mm,
-    where_known,
-)
+from analysis.correction.pose_uncertainty import PoseUncertainty, covered, pose_uncertainty, position_u_mm, where_known
 from analysis.correction.support import supports
 from analysis.correction.work import left_out_mm, tool_poses
 from analysis.robot.kinematics.arm import Array, Mask, arm_of

@@ -14,6 +14,7 @@ from analysis.diagnosis.judge.act_list import MOVED
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.movement.changes import MovementStep, find_step
 from analysis.movement.runs import observed
+from analysis.procedures.checks.check_runs import why_no_measurement
 from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Mask
 from analysis.runs.loading import Measured
@@ -31,7 +32,7 @@ def without_moved(rig: Rig, runs: Sequence[Measured]) -> tuple[list[Measured], l
     kept, movements, doubts = list(runs), list[Movement](), list[str]()
     groups: dict[tuple[str, str], list[int]] = {}
     for k, run in enumerate(runs):
-        if facts_of(run.table.test).of_places:
+        if facts_of(run.table.test).of_places and not why_no_measurement(run):  # the diagnosis ignores the others
             groups.setdefault((run.table.test, run.run.manifest.placement), []).append(k)
     dropped: set[int] = set()
     pending = list(groups.values())

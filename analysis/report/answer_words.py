@@ -29,15 +29,7 @@ from analysis.diagnosis.judge.result import (
     likely_rivals,
 )
 from analysis.procedures.shared.quantity import quantity_of
-from analysis.report.diagnosis_words import (
-    LEAST_ODDS,
-    micrometres,
-    percent,
-    plain,
-    size,
-    size_in_words,
-    sure,
-)
+from analysis.report.diagnosis_words import LEAST_ODDS, micrometres, percent, plain, size, size_in_words, sure
 from analysis.report.movement_words import movement_sentence
 from analysis.report.texts import Texts, texts_of
 from rigs.effect_names import name_in_words
@@ -321,7 +313,7 @@ class AnswerWords:
             repeated = nearly if places else "model_complete"
             which = repeated if diagnosis.repeated and len(diagnosis.runs) > 1 else "model_sufficient"
         if diagnosis.unexplained and (scatter_um := diagnosis.unexplained.scatter_um):
-            which, values = "scatter", {"um": _length(scatter_um)}
+            which, values = "scatter", {"um": _length(math.sqrt(3) * scatter_um)}  # of a place, like every error
         if which == "undecided" and diagnosis.runs_to_decide is None:
             which = self._undecided()
         if which == "undecided" and (imitated := [named for named in diagnosis.effects if named.doubt in IMITATED]):

@@ -106,9 +106,7 @@ def require_empty(directory: Path) -> None:
             raise FileError(str(directory), f"cannot be created: {above} {why}", "choose a different --output")
         if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
             raise FileError(
-                str(directory),
-                "exists already and is not empty",
-                "choose a different --output, or remove it first",
+                str(directory), "exists already and is not empty", "choose a different --output, or remove it first"
             )
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "choose a different --output") from None

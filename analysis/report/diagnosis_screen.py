@@ -15,9 +15,10 @@ from analysis.diagnosis.judge.acts import Doubt
 from analysis.diagnosis.judge.residuals import ResidualPlace
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.report.act_words import acts_in_words
-from analysis.report.answer_words import AnswerWords, shown_parts
+from analysis.report.answer_words import AnswerWords, measures_places, shown_parts
 from analysis.report.diagnosis_words import (
     closed,
+    held_out_rows,
     micrometres,
     other_parameters,
     percent,
@@ -59,12 +60,7 @@ def places_table(where: Sequence[ResidualPlace]) -> list[RenderableType]:
     return [table, *(Text(note, style="dim") for note in notes)]
 
 
-_COLOUR: dict[Tone, str] = {
-    "pass": "bold green",
-    "watch": "bold yellow",
-    "fail": "bold red",
-    "unjudged": "bold yellow",
-}
+_COLOUR: dict[Tone, str] = {"pass": "bold green", "watch": "bold yellow", "fail": "bold red", "unjudged": "bold yellow"}
 _MOST_GROUPS = 6
 _MOST_NAMES = 40
 """Largest number of undetectable effects listed by name; further ones are only counted."""
@@ -176,8 +172,12 @@ def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
             share = closed(gap)
             percents = [f"{100 * share:.1f} %" if math.isfinite(share) else ""] if effects else []
             table.add_row(f"{texts(f'runs_{place}')}{how}", *map(_number, cells), *percents)
-    assumed = [] if diagnosis.shows_noise else [Text(texts("noise_assumed"), style="dim")]
-    return [table, *assumed]
+    remarks = [
+        held_out_rows(diagnosis, texts),
+        "" if diagnosis.shows_noise else texts("noise_assumed"),
+        texts("about_scatter") if measures_places(diagnosis) else "",
+    ]
+    return [table, *(Text(remark, style="dim") for remark in remarks if remark)]
 
 
 def _number(value: float) -> str:

@@ -136,6 +136,13 @@ def closed(gap: Gap) -> float:
     return 1 - (gap.calibrated_um / gap.before_um) ** 2 if gap.before_um > 0 else math.nan
 
 
+def held_out_rows(diagnosis: Diagnosis, texts: Texts) -> str:
+    """Return a sentence about the table rows that rig itself held out; empty if whole runs or none were held out."""
+    rows = diagnosis.held_out.rows if diagnosis.held_out else {}
+    counts = ", ".join(f"{name} {len(numbers)}" for name, numbers in rows.items())
+    return texts("validation_rows", counts=counts, keys="gap.held_out.rows") if rows else ""
+
+
 _FOUND = 0.02
 """Share from which a quantity counts as an explanation of the residual. The fit is tuned on the validation places,
 and the shares are slightly optimistic.

@@ -20,15 +20,8 @@ from analysis.report.answer_words import (
     part_of,
     unusual_groups,
 )
-from analysis.report.diagnosis_words import error_size, has_measured_noise, size, sure
-from analysis.report.summary import (
-    WITHOUT_FAULT,
-    BarSegment,
-    ErrorChange,
-    Summary,
-    Tone,
-    with_driven_error,
-)
+from analysis.report.diagnosis_words import error_size, has_measured_noise, micrometres, size, sure
+from analysis.report.summary import WITHOUT_FAULT, BarSegment, ErrorChange, Summary, Tone, with_driven_error
 from analysis.report.texts import Texts, texts_of
 
 _MOST_CAUSES = 3
@@ -42,6 +35,8 @@ _LIKELY = 0.5
 """Odds below which the likeliest member of a part is not named in the headline: another member is likelier."""
 _IMITATED: tuple[Doubt, ...] = (*IMITATED, "small")
 """Doubts meaning that an effect may only imitate a different cause."""
+_REPAIRS = ("repair", "remaster", "enter", "mount")
+"""Kinds of acts that change the arm or its set-up, so that a correction from the same runs no longer fits."""
 _UNDECIDED = ("out_of_range", "outside_library", "undecided", "not_testable_here")
 """Conditions under which no cause and no act is certain."""
 
@@ -70,7 +65,7 @@ def summarise(
         unknowns=tuple(words.unknowns(act)),
         error=words.error,
         causes=tuple(words.causes),
-        next=step_of(act, words.diagnosis, words.texts) if act else "",
+        next=words.step(act) if act else "",
         command=command(act) if act else "",
     )
     return with_driven_error(summary, *driven, words.texts) if driven else summary
@@ -108,10 +103,18 @@ class _SummaryWords:
             is_hidden = diagnosis.unexplained is not None and diagnosis.unexplained.scatter_um is not None
             is_larger = any(part.share > LEAST_SHARE for part in unusual_groups(diagnosis))
             keys.append("undecided" if is_hidden else "unusual_group" if is_larger else diagnosis.condition)
-        if keys[0] in WITHOUT_FAULT and diagnosis.accuracy.standing in ("watch", "fail"):
-            # Without a fault the badge alone would look like a pass.
+        # Without a fault the badge alone would look like a pass, and with a fault like a fail.
+        is_shown = keys[0] in WITHOUT_FAULT and diagnosis.accuracy.standing in ("watch", "fail")
+        if is_shown or self._is_within_limits:
             keys.append(f"limits_{diagnosis.accuracy.standing}{'_uncorrected' * has_model(diagnosis)}")
         return keys
+
+    @property
+    def _is_within_limits(self) -> bool:
+        """Whether faults are the main finding although the error is within the limits."""
+        diagnosis = self.diagnosis
+        is_main = not (diagnosis.contradictions or diagnosis.movements)
+        return is_main and diagnosis.condition in ("named", "ambiguous") and diagnosis.accuracy.standing == "pass"
 
     @property
     def tone(self) -> Tone:
@@ -129,7 +132,8 @@ class _SummaryWords:
 
         The cause is omitted if the readings contradict a stated constant, because the constant must be checked first.
         """
-        causes = [self._cause, *filter(None, [self.answer.unexplained_too])]
+        remark = self.texts("fault_within_limits") if self._is_within_limits else ""
+        causes = [self._cause, *filter(None, [remark, self.answer.unexplained_too])]
         return [*self.answer.preconditions, *([] if self.diagnosis.contradictions else causes)]
 
     @property
@@ -219,6 +223,12 @@ class _SummaryWords:
             act, against=tuple(objection for objection in act.against if objection.why != "not_judged_elsewhere")
         )
 
+    def step(self, act: Act) -> str:
+        """Return the next step, marked as unnecessary if it only improves an arm within its limits."""
+        step = step_of(act, self.diagnosis, self.texts)
+        is_optional = self._is_within_limits and act.kind in ("load", "approach", *_REPAIRS)
+        return self.texts("optional_step", step=step) if is_optional else step
+
     @property
     def error(self) -> ErrorChange:
         """The error now and after repair and correction, both on the runs used to validate the model.
@@ -253,7 +263,19 @@ class _SummaryWords:
             after = error_size(diagnosis.train.after_um, diagnosis.train.left_u_um)
             now = error_size(accuracy.now_um, diagnosis.train.u_um)
             return replace(change, now=now, after=after, basis=texts("basis_out_of_range"))
-        return replace(change, now=now, after=error_size(after_um, gap.left_u_um), basis=texts(f"basis_{place}"))
+        basis = " ".join(filter(None, [texts(f"basis_{place}"), self._each_by_itself]))
+        return replace(change, now=now, after=error_size(after_um, gap.left_u_um), basis=basis)
+
+    @property
+    def _each_by_itself(self) -> str:
+        """The errors after only the correction and only the repairs, and the order; empty unless both exist."""
+        acts = [act for act in self.diagnosis.acts if act.removes and act.place == self.diagnosis.accuracy.place]
+        corrections, repairs = ([act for act in acts if act.kind in kinds] for kinds in (("load",), _REPAIRS))
+        if not corrections or not repairs:
+            return ""
+        after_all_um = repairs[-1].with_before_um  # None for a single repair
+        repaired = micrometres(repairs[-1].remains_um if after_all_um is None else after_all_um)
+        return self.texts("each_by_itself", corrected=micrometres(corrections[0].remains_um), repaired=repaired)
 
     @property
     def causes(self) -> list[BarSegment]:

@@ -23,7 +23,7 @@ from daq.store.run_directory import files_into, surely
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError
 from rigs.files import read_from
-from rigs.signals import COMPLETED
+from rigs.signals import COMPLETED, REPLACED
 from rigs.text import plain_lines
 
 if TYPE_CHECKING:
@@ -50,7 +50,10 @@ def refuse_existing(path: Path) -> None:
 
 
 def refuse_foreign(path: Path, option: str = "--output") -> None:
-    """Raise FileError if the path exists and is not a page, picture or table of figures made by rig."""
+    """Raise FileError if the path exists and is not a page, picture or table of figures made by rig.
+
+    Otherwise an existing file is noted in `REPLACED`.
+    """
     try:
         begin, size = read_from(path, 0, _ENDS)
         end = begin if size <= _ENDS else read_from(path, size - _ENDS, _ENDS)[0]
@@ -66,6 +69,7 @@ def refuse_foreign(path: Path, option: str = "--output") -> None:
     if size and not is_of_rig:
         problem = "already exists, and was not created by rig"
         raise FileError(str(path), problem, f"choose a different {option}, or remove it first")
+    REPLACED.add(path)
 
 
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")

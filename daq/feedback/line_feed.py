@@ -21,7 +21,7 @@ from daq.protocol.numerals import are_angles, number, plausible
 from daq.protocol.positions import DatagramLines, SteadyDevice
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.condition import CONDITION
-from rigs.schema.feedback import CLOCK_FIELDS, SIGNAL, LineFeed, columns_beside_joints
+from rigs.schema.feedback import ASKED_INSTEAD, CLOCK_FIELDS, SIGNAL, LineFeed, columns_beside_joints
 from rigs.schema.links import tcp_address, udp_address
 
 RATE_HZ = 100.0
@@ -48,7 +48,8 @@ class _LineFeedDialect:
 
     def __init__(self, feedback: LineFeed) -> None:
         calls = f", and that the program connects to {feedback.port}" if feedback.listens else ""
-        self.check = f"check that the program on the controller is running{calls}"
+        asked = ASKED_INSTEAD if tcp_address(feedback.port) and not feedback.listens else ""
+        self.check = f"check that the program on the controller is running{calls}{asked}"
         self._last_clock_s = -math.inf
         self._may_be_late = udp_address(feedback.port) is not None
         self.frames: Framer = (

@@ -16,15 +16,7 @@ from daq.protocol.framing import Message
 from daq.protocol.modbus import Wire, fits, pack, unpack
 from daq.protocol.numerals import refusal
 from daq.protocol.polled import Polled
-from daq.protocol.registers import (
-    Held,
-    RegisterDevice,
-    RegisterDialect,
-    Registers,
-    on_one_wire,
-    pack_verdict,
-    verdict,
-)
+from daq.protocol.registers import Held, RegisterDevice, RegisterDialect, Registers, on_one_wire, pack_verdict, verdict
 from rigs.schema.modbus import ModbusMap, Order
 from rigs.schema.probe import MM_PER_UNIT
 

@@ -21,10 +21,7 @@ _RETENTION = {
     "deleted": ("rig_retention_deleted_runs_total", "counter", "Runs deleted since the daemon started."),
     "deleted_bytes": ("rig_retention_deleted_bytes_total", "counter", "Bytes of the deleted runs."),
 }
-_AUTOMATIC = {
-    "started": "Runs started by the robot.",
-    "refused": "Runs requested by the robot that did not start.",
-}
+_AUTOMATIC = {"started": "Runs started by the robot.", "refused": "Runs requested by the robot that did not start."}
 _CLOCKS = {
     "offset_s": (
         "rig_clock_offset_seconds",
@@ -91,12 +88,7 @@ def _streams(streams: Mapping[str, Any], host: Mapping[str, int]) -> Iterator[Me
     )
     of_host = (FaultKind.CLOCK, FaultKind.STALLED)
     faults += tuple(({"stream": HOST, "kind": str(kind)}, host.get(kind, 0)) for kind in of_host)
-    yield Metric(
-        "rig_faults_total",
-        "counter",
-        "Faults since the daemon started, including `dropped` samples.",
-        faults,
-    )
+    yield Metric("rig_faults_total", "counter", "Faults since the daemon started, including `dropped` samples.", faults)
     ages = tuple(
         ({"stream": name, "column": column}, age_s)
         for name, stream in streams.items()

@@ -321,13 +321,7 @@ _QUEUE = 1 << 20
 
 
 def open_link(
-    name: str,
-    port: str,
-    line: Line,
-    *,
-    dead_s: float = DEAD_S,
-    listens: bool = False,
-    modem: ModemLines | None = None,
+    name: str, port: str, line: Line, *, dead_s: float = DEAD_S, listens: bool = False, modem: ModemLines | None = None
 ) -> Link:
     """Open a port of the rig file for the stream `name`.
 

@@ -6,17 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import (
-    AT_AXIS,
-    Compensation,
-    Departures,
-    Effect,
-    FreeShape,
-    Scope,
-    StretchedShape,
-    shape,
-    size,
-)
+from rigs.schema.effect import AT_AXIS, Compensation, Departures, Effect, FreeShape, Scope, StretchedShape, shape, size
 from rigs.schema.part import Axis
 from rigs.schema.scene import S
 

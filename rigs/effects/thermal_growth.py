@@ -66,8 +66,7 @@ class ThermalGrowth(Effect):
         """Return the deviations of a real arm: its parts grow faster, slower, more or less than the average."""
         keys = {"ppm": self.ppm, "time_constant_s": self.time_constant_s}
         return Departures(
-            beside=tuple((_PART_SHARE, _GrowthBeyond(axis=axis, **keys)) for axis in _PARTS),
-            alike=warming_parts(self),
+            beside=tuple((_PART_SHARE, _GrowthBeyond(axis=axis, **keys)) for axis in _PARTS), alike=warming_parts(self)
         )
 
 

@@ -183,6 +183,10 @@ class URRTDE(_Feedback):
     """Record the joint motor currents, which reveal the friction."""
 
 
+ASKED_INSTEAD = "; for RTDE of a Universal Robots arm write interface: ur_rtde"
+"""Advice if nothing arrives over TCP: the controller may send only on request."""
+
+
 class LineFeed(_Feedback):
     """Lines printed by a user program on the controller, with a sample per line, over TCP, UDP or a serial port."""
 

@@ -82,9 +82,7 @@ class MahrC1202(Probe):
     """Mahr Millimar C1202: up to three features, selected by `channel`. Two gauges may share it."""
 
     origin: ClassVar[Origin] = Origin(
-        instruments="Mahr Millimar C1202",
-        source="maker's manual p. 82",
-        standing="confirmed",
+        instruments="Mahr Millimar C1202", source="maker's manual p. 82", standing="confirmed"
     )
     shares: ClassVar[bool] = True
 

@@ -3,15 +3,7 @@
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Literal, get_args
 
-TestName = Literal[
-    "yaw",
-    "roll",
-    "radial",
-    "repeatability",
-    "pose",
-    "touch",
-    "path",
-]
+TestName = Literal["yaw", "roll", "radial", "repeatability", "pose", "touch", "path"]
 """Kinds of tests. Packages may offer others as entry points `rig.tests`."""
 _RIGS_OWN = "analysis.procedures."
 """Common prefix of the packages that contain rig's tests."""

@@ -301,6 +301,8 @@ def test_a_path_stands_for_its_run(laps: list[Measured], kept: Path) -> None:
         evaluate(laps[0]).figures["band_deg"].value, abs=1e-9
     )
     assert compare(kept).to_dict()["runs"]
+    with pytest.raises(RigError, match="like: must be a result of evaluate, but is <run"):
+        evaluate(kept, like=laps[0])  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -316,6 +318,11 @@ def test_a_path_stands_for_its_run(laps: list[Measured], kept: Path) -> None:
         (lambda: analysis.calibrated_arm(5), "rig: must be a path, but has the type int"),  # type: ignore[arg-type]
         (lambda: analysis.read_table("table.csv", 5), "rig: must be a path"),  # type: ignore[arg-type]
         (lambda: save_run(5, "run"), "run: must be a run"),  # type: ignore[arg-type]
+        (lambda: simulate("ur10e", "yaw", "cw", seed=-1), "seed: must be a whole number from 0, or None, but is -1"),
+        (lambda: simulate("ur10e", "yaw", "cw", effects=["x"]), "effects: must be objects of rigs.effects"),  # type: ignore[list-item]
+        (lambda: diagnose("run", tolerance_um=0), "tolerance_um: must be a number above 0, or None, but is 0"),
+        (lambda: analysis.read_table("a.csv", "ur5", joints="read"), "joints: must be measured or commanded"),  # type: ignore[arg-type]
+        (lambda: analysis.read_table("a.csv", "ur5", operator=None), "operator: must be a text"),  # type: ignore[arg-type]
     ],
 )
 def test_what_a_person_writes_wrongly_is_a_line(call: Callable[[], object], says: str) -> None:

@@ -4,6 +4,7 @@ import contextlib
 import datetime as dt
 import os
 import re
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -133,6 +134,24 @@ def test_a_misspelt_interface_hides_no_other_mistake_of_its_gauge() -> None:
         "effects[1].axis": "should be less than or equal to 7, not 9",
         "tests.circle.radius_mn": "did you mean radius_mm?",
     }
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "told"),
+    [
+        ("interface: line_feed\n", "timeout_s: 2\n", "feedback", "the key `interface`; add it; rig interfaces"),
+        ("effect: backlash, ", "", "effects[1]", "the key `effect`; add it"),
+    ],
+)
+def test_a_section_without_its_tag_names_the_key_of_this_section(old: str, new: str, place: str, told: str) -> None:
+    assert told in _problems(TEXT.replace(old, new, 1))[place][1]
+
+
+def test_a_workbook_is_no_rig_file(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "poses.xlsx", "w") as book:
+        book.writestr("xl/workbook.xml", "")
+    with pytest.raises(FileError, match=r"poses\.xlsx: is a workbook or an archive, not a rig file"):
+        load(tmp_path / "poses.xlsx")
 
 
 @pytest.mark.parametrize("tag", ["nothing_of_ours", "[1]", "{a: 1}", "1", "null"])

@@ -10,7 +10,7 @@ import typer
 
 from analysis.cli import completion
 from analysis.cli.commands import app, command, taking_all
-from analysis.cli.console import say, say_json
+from analysis.cli.console import say, say_json, say_written
 from analysis.cli.options import AsJson, Language, ModelRig, RobotRunsBelow, location, operator_or_user
 from rigs.errors import FileError, UseError
 from rigs.text import as_argument
@@ -84,7 +84,7 @@ def moved(
         PlainConsole().print(as_screen(found, lang))
     if output:
         write_page(found, output, title, lang)
-        say(f"wrote {output}", err=True)
+        say_written([output])
 
 
 def _read(paths: Sequence[Path], rig_file: str | None) -> list[Measured]:

@@ -148,10 +148,11 @@ def correct_program(
     located = [_located(arm, reader, frames, target) for target in targets]
     q, reasons = _joints_at(arm, parsed, located, scale, start)
     done = corrected(rig, supported, q, [NotCorrected(k, why, "") for k, why in reasons.items()])
-    moved_mm = np.linalg.norm(done.T[:, :3, 3] - forward(arm, q)[:, :3, 3], axis=1)
+    nominal = forward(arm, q)
+    moved_mm = np.linalg.norm(done.T[:, :3, 3] - nominal[:, :3, 3], axis=1)
     reasons |= {target.place: target.reason for target in done.left}
     reasons |= _implausible(arm, targets, q, done, moved_mm)
-    because, given_away_mm = _off_by_offset(arm, targets, located, done, moved_mm, reasons)
+    because, given_away_mm = _off_by_offset(arm, targets, located, done, nominal, reasons)
     kept = [k for k in range(len(targets)) if k not in reasons and targets[k].of is None]
     changes: list[list[tuple[Number, str]]] = [[] for _ in range(texts.own)]
     for k in kept:
@@ -254,14 +255,15 @@ def _off_by_offset(
     targets: Sequence[Target],
     located: Sequence[_Located],
     done: CorrectedTargets,
-    moved_mm: Array,
+    nominal: Array,
     reasons: dict[int, Reason],
 ) -> tuple[dict[int, tuple[Unknown, ...]], Array]:
     """Reject points at which moves with an offset would keep too large an error, and return the reasons and remaining
     errors.
 
-    An error is too large if it exceeds both the share `REMAINING_SHARE` of the correction and the uncertainty. The
-    reasons are given by point. The remaining errors (n,) in mm of the other points are NaN if no move has an offset.
+    nominal (n, 4, 4): poses before the correction. An error is too large if it exceeds both the share
+    `REMAINING_SHARE` of the correction and the uncertainty. It counts at the tip of the program's tool. The reasons are
+    given by point. The remaining errors (n,) in mm of the other points are NaN if no move has an offset.
     """
     because: dict[int, tuple[Unknown, ...]] = {}
     given_away_mm = np.full(len(targets), np.nan)
@@ -273,11 +275,11 @@ def _off_by_offset(
         else:
             X = _in_program(arm, located[target.of], done.T[target.of])
             stands = _in_world(arm, located[k], _with_offset(target, X))
-            off_mm = float(np.linalg.norm(stands[:3, 3] - done.T[k][:3, 3]))
+            tip = np.linalg.solve(arm.T_flange_tool, located[k].tool)[:, 3]
+            off_mm, moved_mm = np.linalg.norm((np.stack([stands, nominal[k]]) - done.T[k]) @ tip, axis=1).tolist()
             u_mm = min(done.u_mm[k], done.u_frame_mm[k])
-            bound_mm = np.fmax(
-                u_mm, REMAINING_SHARE * moved_mm[k]
-            )  # If there is no uncertainty, the share is the limit.
+            # If there is no uncertainty, the share is the limit.
+            bound_mm = np.fmax(u_mm, REMAINING_SHARE * moved_mm)
         if off_mm <= bound_mm:
             given_away_mm[target.of] = np.fmax(given_away_mm[target.of], off_mm)
         else:

@@ -9,7 +9,7 @@ import typer
 
 from analysis.cli import completion
 from analysis.cli.commands import app, command
-from analysis.cli.console import progress_of, say, say_json
+from analysis.cli.console import progress_of, say, say_json, say_written
 from analysis.cli.options import AsJson, Language
 from rigs.errors import FileError, UseError
 from rigs.text import as_argument, numbers_in
@@ -138,8 +138,7 @@ def fit_two_arms(
         written = [page]
     elif directory:
         written = pair_report.write(fit, result, (first_text, second_text), table, directory, lang)
-    for path in written:
-        say(f"wrote {path}", err=True)
+    say_written(written)
     for model in models if result.left_mm < result.before_mm else ():
         corrections = model.with_name(f"corrections-{model.stem}")
         say(f"next: rig correct {as_argument(model)} -o {as_argument(corrections)}", err=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.cli.commands import app, command
-from analysis.cli.console import CountedProgress, say, say_json
+from analysis.cli.console import CountedProgress, say, say_json, say_written
 from analysis.cli.options import AsJson, Jobs, Scheduler, location
 
 if TYPE_CHECKING:
@@ -96,10 +96,10 @@ def _write(plant: Fleet, output: Path | None, parquet: Path | None, workers: Wor
         from analysis.apps.plant.fleet_screen import write_figures
 
         write_figures(plant, parquet)
-        say(f"table: {parquet}", err=True)
+        say_written([parquet])
     if output:
         from analysis.apps.plant.fleet_page import write_pages
 
         for line in write_pages(plant, output, workers, progress):
             say(f"warning: {line}", err=True)
-        say(f"page: {output}", err=True)
+        say_written([output])

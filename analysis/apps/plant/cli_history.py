@@ -11,7 +11,7 @@ import typer
 
 from analysis.cli import completion
 from analysis.cli.commands import app, command
-from analysis.cli.console import CountedProgress, say, say_json
+from analysis.cli.console import CountedProgress, say, say_json, say_written
 from analysis.cli.options import AsJson, Jobs, Scheduler, location
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def history(
         from analysis.apps.plant.history_page import write_page
 
         write_page(history_found, output)
-        say(f"page: {output}", err=True)
+        say_written([output])
     from analysis.apps.plant import history_screen as screen
 
     if as_json:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from analysis.diagnosis.evidence.observation import ObservedRun
@@ -37,7 +37,7 @@ class Evidence:
 
     runs, judges, elsewhere: runs used in the fit, held out, and at an unseen place; readings (m, k) mm.
     tolerance_um: largest accepted rms error of the readings; None if the limits of the rig file decide.
-    doubts: doubts about the placements.
+    doubts: doubts about the placements. withheld: table rows, from 1, of each run that rig itself holds out.
     """
 
     rig: Rig
@@ -47,6 +47,7 @@ class Evidence:
     elsewhere: Sequence[ObservedRun]
     tolerance_um: float | None
     doubts: tuple[str, ...]
+    withheld: Mapping[str, tuple[int, ...]]
 
 
 def gather(rig: Rig, uses: Uses, tolerance_um: float | None, progress: Callable[[str], None]) -> Evidence:
@@ -57,10 +58,21 @@ def gather(rig: Rig, uses: Uses, tolerance_um: float | None, progress: Callable[
     """
     progress("reading the runs")
     (runs, judges, elsewhere), doubts = prepare_runs(rig, uses.used, uses.held_out, uses.unseen)
+    withheld: dict[str, tuple[int, ...]] = {}
     if not judges:
         runs, judges = without_a_fold(runs)
+        withheld = _rows_by_run(judges, uses.used)
     _require_enough_readings(runs)
-    return Evidence(rig, uses, runs, judges, elsewhere, tolerance_um, tuple(doubts))
+    return Evidence(rig, uses, runs, judges, elsewhere, tolerance_um, tuple(doubts), withheld)
+
+
+def _rows_by_run(parts: Sequence[ObservedRun], runs: Sequence[Measured]) -> dict[str, tuple[int, ...]]:
+    """Return the table rows, from 1, of parts of runs, by the name of the run."""
+    rows: dict[str, list[int]] = {}
+    for run in runs:
+        for part in (part for part in parts if part.table is run.table):
+            rows.setdefault(run.run.manifest.name, []).extend((part.rows + 1).tolist())
+    return {name: tuple(sorted(numbers)) for name, numbers in rows.items()}
 
 
 def _require_enough_readings(runs: Sequence[ObservedRun]) -> None:

@@ -148,9 +148,7 @@ def bands_above_noise(blocks: Sequence[Block], residual: Array) -> tuple[Residua
             if ratio <= max(_LEAST, 1 + _CLEAR * np.sqrt(2 / len(rows))):
                 continue  # chance explains it
             words = f"{np.sqrt(ratio):.1f} times the noise"
-            words = (
-                f"{orders[0]} to {orders[1]} waves per lap, {words}" if orders else f"the targets scatter by {words}"
-            )
+            words = f"{orders[0]} to {orders[1]} waves per lap, {words}" if orders else f"the targets differ by {words}"
             correlation = parity.get((table.test, part), 0.0)
             if abs(correlation) > 0.5:
                 words += (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import pyarrow as pa
@@ -97,9 +97,8 @@ class BudgetPart:
 
     @property
     def shown_together(self) -> tuple[BudgetPart, ...]:
-        """This part and the parts that considerably cancel it; empty if there are none.
-
-        Considerable: more than twice the standard uncertainty, and more than a twentieth of this part.
+        """This part and those that cancel more than twice their standard uncertainty and a twentieth of it; may be
+        empty.
         """
         large = [part for part in self.together[1:] if part.um > max(2 * part.u_um, self.together[0].um / 20)]
         return (self.together[0], *large) if large else ()
@@ -341,6 +340,7 @@ class Gap:
     calibrated_um: rms with the calibrated model, which contains everything that the runs used determine.
     tests: residual of each kind of test.
     keeps_setup: True if these runs have the set-up of a run used; otherwise a separate set-up is fitted to them.
+    rows: table rows, from 1, by run, if rig excluded a part of the runs from the fit.
     """
 
     runs: tuple[str, ...]
@@ -350,6 +350,7 @@ class Gap:
     calibrated_um: float
     tests: tuple[TestGap, ...] = ()
     keeps_setup: bool = True
+    rows: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
     @property
     def u_um(self) -> float:
@@ -375,6 +376,7 @@ class Gap:
             "set_up": "kept" if self.keeps_setup else "fitted",
             "tests": {tested.test: tested.to_dict() for tested in self.tests},
             "runs": self.runs,
+            **({"rows": dict(self.rows)} if self.rows else {}),
         }
 
 
@@ -581,10 +583,8 @@ def fault_rivals(named: Named) -> list[Rival]:
 
 
 def is_open(part: BudgetPart, named: Named) -> bool:
-    """Return whether the cause of a large share of the error is undecided.
-
-    This is the case if the effect is not a fault, or if usual errors may have the same result, and its odds are below
-    those of a certain effect.
+    """Return whether the cause of a large share of the error is undecided: the effect is not a fault, or usual errors
+    may have the same result, and its odds are below those of a certain effect.
     """
     return part.share > LARGE_SHARE and named.doubt in ("usual", "healthy_shows_it") and named.posterior < CERTAIN_ODDS
 

@@ -71,9 +71,15 @@ def _with_joints(runs: Runs) -> list[Measured]:
     return [run for run in runs if shows_joints(run.table.test)]
 
 
-def doubts_of(run: Measured) -> tuple[str, ...]:
-    """Return the doubts about a single run as text: those already known, then the findings against conventions."""
-    return tuple(dict.fromkeys((*run.doubts, *(finding.words for finding in findings_of([run])))))
+def doubts_of(run: Measured, *, with_refusals: bool = True) -> tuple[str, ...]:
+    """Return the doubts about a single run as text: those already known, then the findings against conventions.
+
+    with_refusals: include the findings for which a diagnosis refuses or ignores the run, which it reports itself.
+    """
+    findings = findings_of([run])
+    refusals = () if with_refusals else [finding.words for finding in findings if finding.strength != "likely"]
+    every = dict.fromkeys((*run.doubts, *(finding.words for finding in findings)))
+    return tuple(doubt for doubt in every if doubt not in refusals)
 
 
 def refuse_impossible(run: Measured, where: str) -> None:

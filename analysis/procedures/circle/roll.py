@@ -15,14 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.procedures.circle.evaluate import (
-    SINE,
-    AngleTest,
-    CircleResult,
-    Measure,
-    eccentricities,
-    error_of,
-)
+from analysis.procedures.circle.evaluate import SINE, AngleTest, CircleResult, Measure, eccentricities, error_of
 from analysis.procedures.shared.reduction import PHI
 from analysis.robot.kinematics.arm import Array
 
@@ -61,9 +54,6 @@ def range_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
     }
 
 
-MEASURES = (
-    SINE,
-    Measure(range_figures, frozenset({"range_deg"})),
-)
+MEASURES = (SINE, Measure(range_figures, frozenset({"range_deg"})))
 ANGLE = AngleTest(MEASURES, _notes)
 evaluate, plain_figures = ANGLE.evaluate, ANGLE.plain_figures

@@ -13,14 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.procedures.circle.evaluate import (
-    SINE,
-    AngleTest,
-    CircleResult,
-    Measure,
-    eccentricities,
-    sine_of,
-)
+from analysis.procedures.circle.evaluate import SINE, AngleTest, CircleResult, Measure, eccentricities, sine_of
 from analysis.robot.kinematics.arm import Array
 
 _APART_MM = 0.2
@@ -52,9 +45,6 @@ def _notes(result: CircleResult) -> tuple[str, ...]:
     )
 
 
-MEASURES = (
-    SINE,
-    Measure(eccentricity_figures),
-)
+MEASURES = (SINE, Measure(eccentricity_figures))
 ANGLE = AngleTest(MEASURES, _notes)
 evaluate, plain_figures = ANGLE.evaluate, ANGLE.plain_figures

@@ -24,9 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.procedures.checks.lost_poses import (
-    without_lost,
-)
+from analysis.procedures.checks.lost_poses import without_lost
 from analysis.procedures.shared.axis_curves import AxisCurve, axis_curves
 from analysis.procedures.shared.evaluate import Evaluation, Instruments, check_joints, check_numbers
 from analysis.procedures.shared.lap_curve import SEED
@@ -174,11 +172,7 @@ def _in_frame(arm: Arm, table: PoseTable, instrument: TrackerPose) -> tuple[Arra
 
 
 def _of_visits(
-    placed: Array,
-    twisted: Array | None,
-    group: NDArray[np.int64],
-    pose: Integers,
-    instrument: TrackerPose | None,
+    placed: Array, twisted: Array | None, group: NDArray[np.int64], pose: Integers, instrument: TrackerPose | None
 ) -> tuple[dict[str, Quantity], list[str], Scatter, Scatter | None]:
     """Return figures, notes, and the scatter of positions and rotations of repeated poses.
 

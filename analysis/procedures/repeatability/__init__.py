@@ -3,7 +3,5 @@
 from analysis.procedures.facts import Labels
 
 LABELS = Labels(
-    example=("bi_mm", 0.05, 0.10),
-    part="hemisphere",
-    further=("repeatability", "the same places from both sides"),
+    example=("bi_mm", 0.05, 0.10), part="hemisphere", further=("repeatability", "the same places from both sides")
 )

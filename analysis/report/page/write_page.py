@@ -29,9 +29,9 @@ from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.judge.acts import Act, is_done
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.report.act_words import ActWords, without_idle_mounts
-from analysis.report.answer_words import AnswerWords
+from analysis.report.answer_words import AnswerWords, measures_places
 from analysis.report.chart import Picture
-from analysis.report.diagnosis_words import micrometres, remains_lines, remains_rows
+from analysis.report.diagnosis_words import held_out_rows, micrometres, remains_lines, remains_rows
 from analysis.report.html_page import environment, is_pdf, write_html, write_pdf
 from analysis.report.live_chart import colours, live
 from analysis.report.model_charts import diagnosis_charts
@@ -206,6 +206,8 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         runs=runs,
         instruments=instruments_of(report.rig),
         diagnosis_words=diagnosis_words(report.found) if report.found else "",
+        rows_held_out=held_out_rows(report.found, texts) if report.found else "",
+        about_scatter=texts("about_scatter") if report.found and measures_places(report.found) else "",
         simulated_only=all(result.measured.is_simulated for result in report.results),
         version=version(),
         written=dt.datetime.now(dt.UTC),

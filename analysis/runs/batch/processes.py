@@ -90,11 +90,7 @@ def in_processes(
 
 
 def _keep_busy(
-    workers: list[_Worker],
-    work: Callable[[Item], Value],
-    items: Sequence[Item],
-    todo: list[int],
-    most: tuple[int, int],
+    workers: list[_Worker], work: Callable[[Item], Value], items: Sequence[Item], todo: list[int], most: tuple[int, int]
 ) -> None:
     """Give an item to each idle worker, and start workers.
 

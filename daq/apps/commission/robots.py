@@ -25,7 +25,7 @@ from daq.acquisition.stream_buffer import faults_of
 from daq.acquisition.streams import ROBOT, robot_stream
 from daq.apps.commission.attempts import OF_THE_INSTRUMENT, Probing, RobotReport, Sends, evidence_of
 from daq.apps.commission.cell_finding import condition_in, stopped_by
-from daq.apps.commission.trial import Trial, try_line
+from daq.apps.commission.trial import ACCEPTED, Trial, describe_silence, try_line
 from daq.protocol.conversation import Arrival, Fault, FaultKind
 from daq.protocol.framing import DelimitedLines, Message
 from daq.protocol.numerals import number
@@ -146,8 +146,8 @@ def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
                     reported=stopped or _own_report(tried.trial),
                 )
             trial = tried.trial
-            answers |= _accepts(tried)
-            quiet = "accepts the connection, but sends no data" if _accepts(tried) else "nothing arrived"
+            quiet = describe_silence(tried.feedback.port, trial)
+            answers |= quiet == ACCEPTED
             silence = "sends data in an unknown format" if trial.received else quiet
             why = trial.error.what if trial.error else _own_report(trial) or silence
             failed.append(f"{tried.feedback.interface} on {tried.feedback.port}: {why}")
@@ -228,12 +228,6 @@ def _own_report(trial: Trial) -> str:
     """Return the last report of the controller: a warning, a refusal, or a missing feature."""
     reports = [fault.detail for fault in faults_of(trial.items) if fault.kind in OF_THE_INSTRUMENT]
     return reports[-1] if reports else ""
-
-
-def _accepts(tried: _Tried) -> bool:
-    """Return whether the connection was accepted and stayed open."""
-    is_lost = any(fault.kind == FaultKind.DISCONNECTED for fault in faults_of(tried.trial.items))
-    return bool(tcp_address(tried.feedback.port)) and not tried.trial.error and not is_lost
 
 
 def _remedy(address: str, named: Feedback | None, *, answers: bool) -> str:

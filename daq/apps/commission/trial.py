@@ -23,7 +23,7 @@ from daq.wire.conversation_loop import run_conversation
 from daq.wire.links import Link, LinkLost
 from rigs.errors import CellError
 from rigs.schema.condition import CONDITION
-from rigs.schema.links import Line
+from rigs.schema.links import Line, tcp_address
 from rigs.signedness import unsigned_readings
 
 _LISTEN_S = 2.0
@@ -90,6 +90,15 @@ class Trial:
     def last_fault(self) -> str:
         """Text of the last fault; empty if there was none."""
         return next((item.detail for item in reversed(self.items) if isinstance(item, Fault)), "")
+
+
+def describe_silence(port: str, trial: Trial) -> str:
+    """Describe a silent device. A host may accept the connection and send no data."""
+    is_lost = any(fault.kind == FaultKind.DISCONNECTED for fault in faults_of(trial.items))
+    return ACCEPTED if tcp_address(port) and not trial.error and not is_lost else "nothing arrived"
+
+
+ACCEPTED = "accepts the connection, but sends no data"
 
 
 class _Counted:
@@ -194,7 +203,11 @@ def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> 
             observation,
             trial.last_fault or "check `interface` and the port: the connected device is of a different kind",
         )
-    return wrong(stream.name, f"{how}: nothing arrived", trial.last_fault or "check that it is on, and the cable")
+    return wrong(
+        stream.name,
+        f"{how}: {describe_silence(stream.port, trial)}",
+        trial.last_fault or "check that it is on, and the cable",
+    )
 
 
 def _of_readings(stream: Stream, trial: Trial, how: str) -> CellFinding:

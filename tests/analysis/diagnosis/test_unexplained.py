@@ -38,7 +38,9 @@ def test_plain_noise_is_scatter_and_not_an_unknown_cause(seed: int) -> None:
     found = _found(40, 0.25, seed=seed)
     assert found.condition == "nothing_unusual" and found.unexplained is not None
     assert found.unexplained.scatter_um == pytest.approx(250, rel=0.2)
-    assert AnswerWords(found).headline.startswith("The readings scatter by 0.2")
+    size_mm = np.sqrt(3) * found.unexplained.scatter_um / 1e3  # the distance of a place, like the error beside it
+    assert AnswerWords(found).headline.startswith(f"The measured places scatter by {size_mm:.2f} mm rms")
+    assert size_mm == pytest.approx(found.accuracy.now_um / 1e3, rel=0.1)
     assert "Measure some targets twice" in ActWords(found).next
     assert not any(part.kind == "unexplained" for part in found.budget)
     assert sum(part.share for part in found.budget) == pytest.approx(1)

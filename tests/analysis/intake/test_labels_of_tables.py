@@ -100,6 +100,7 @@ def test_an_uneven_header_is_named_and_two_publishers_are_not() -> None:
     [
         ("", "is empty"),
         ("q1_deg,q2_deg,x_mm\n1,2,3\n4,5,6\n", "is a table of 3 columns"),
+        ("J1;J2\n1,5;2\n", "is a table of 2 columns"),
         (TEXT.replace("-612.7", "-0.6127").replace("-571.55", "-0.57155").replace("180.7", "0.1807")
          .replace("174.15", "0.17415").replace("119.85", "0.11985").replace("116.55", "0.11655"), "metres"),
         (TEXT + "\ntests: {touch: {sockets: [A, B], distances: [{between: [A, B], distance_mm: 0.1}]}}", "metres"),

@@ -211,7 +211,10 @@ def test_what_changes_the_arm_is_done_instead_of_a_correction_and_not_after_it()
     load = Act("load", "correction", (0,), 9.0, 1.0, remains_um=1.0, remains_u_um=0.5)
     repair = Act("repair", "fault", (0,), 8.0, 1.0, remains_um=2.0, remains_u_um=0.5, effect=PLAY.effect)
     words = [ActWords(diagnosis(acts=acts)).sentence(repair) for acts in ((load, repair), (repair, load))]
-    assert ["instead of the correction" in sentence for sentence in words] == [True, False]
+    assert ["repeat the measurement, and correct the remaining error" in sentence for sentence in words] == [
+        True,
+        False,
+    ]
     assert "With corrected programs the error" in ActWords(diagnosis(acts=(load,))).next
 
 

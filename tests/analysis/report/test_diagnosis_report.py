@@ -22,9 +22,9 @@ from analysis.diagnosis.judge.staircase import ModelResidual, Staircase, Stairca
 from analysis.report.diagnosis_picture import picture
 from analysis.report.diagnosis_report import require_empty, write
 from analysis.report.diagnosis_screen import as_screen
-from analysis.report.diagnosis_words import closed, plain, size, stretch, sure
+from analysis.report.diagnosis_words import closed, held_out_rows, plain, size, stretch, sure
 from analysis.report.model_charts import diagnosis_charts, strands_of
-from analysis.report.texts import texts_of
+from analysis.report.texts import Language, texts_of
 from analysis.robot.model.predict import model_of
 from rigs.effects import VOCABULARY, LinkGeometry, TransmissionError
 from rigs.errors import FileError
@@ -326,3 +326,11 @@ def test_twins_are_one_name() -> None:
     twin = replace(PLAY, effect=LinkGeometry(axis=3, field="d", delta=0.7), sd={}, twins=twins)
     text = " ".join(_printed(diagnosis("named", effects=(twin,)), width=140).split())
     assert "offset d of axis 3 (U) in the rig file + offset d of axis 2 (W) in the rig file" in text
+
+
+@pytest.mark.parametrize("language", ["en", "de", "ko"])
+def test_rows_that_rig_held_out_are_counted_by_run(language: Language) -> None:
+    gap = Gap(("a", "b"), 6.3, 1.9, 1.9, 1.75, rows={"a": (3, 4), "b": (1,)})
+    words = held_out_rows(diagnosis(held_out=gap), texts_of(language))
+    assert "a 2, b 1" in words and "gap.held_out.rows" in words
+    assert held_out_rows(diagnosis(), texts_of(language)) == ""

@@ -67,6 +67,41 @@ def test_a_badge_without_a_fault_is_green_only_within_the_limits(language: Langu
     assert summarise(replace(found, condition="undecided", accuracy=judged), texts).badge == texts("badge_undecided")
 
 
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("condition", ["named", "ambiguous"])
+def test_a_fault_within_the_limits_says_that_the_accuracy_needs_no_repair(
+    condition: Condition, language: Language
+) -> None:
+    """FAULT FOUND of 9 µm stood beside "Accuracy: PASS", with a repair to do next."""
+    texts, found = texts_of(language), diagnosis(condition, acts=(REMASTER,))
+    step = summarise(found, texts).next
+    for standing in (None, "pass", "fail"):
+        summary = summarise(replace(found, accuracy=replace(found.accuracy, standing=standing)), texts)
+        within = standing == "pass"
+        assert summary.badge == ", ".join([texts(f"badge_{condition}"), *[texts("badge_limits_pass")] * within])
+        assert summary.headline.endswith(texts("fault_within_limits")) == within
+        assert summary.next == (texts("optional_step", step=step) if within else step)
+        assert (summary.standing, summary.tone) == (condition, "watch")
+    passed = replace(found.accuracy, standing="pass")
+    measured_first = summarise(diagnosis(condition, acts=(APART,), accuracy=passed), texts)
+    assert measured_first.next == summarise(diagnosis(condition, acts=(APART,)), texts).next
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_error_after_repair_and_correction_says_what_each_gives_alone(language: Language) -> None:
+    """Both together gave the figure, and the steps forbade to do both."""
+    texts = texts_of(language)
+    load = replace(LOAD, place="held_out", removes_um=4.0, removes_u_um=0.5, remains_um=2.3)
+    first = replace(REMASTER, place="held_out", removes_um=3.0, removes_u_um=0.5, remains_um=3.4)
+    second = replace(first, with_before_um=2.8)
+    alone = texts("each_by_itself", corrected="2.3 µm", repaired="2.8 µm")
+    assert summarise(diagnosis(acts=(load, first, second)), texts).error.basis.endswith(alone)
+    assert "3.4" in summarise(diagnosis(acts=(load, first)), texts).error.basis
+    plain = texts("basis_held_out")
+    for acts in ((load,), (first,), (load, replace(first, removes_u_um=9.0)), (load, replace(first, place="used"))):
+        assert summarise(diagnosis(acts=acts), texts).error.basis == plain
+
+
 def test_an_unusual_group_is_no_plain_pass() -> None:
     """The headline "nothing unusual" contradicted a budget with an unusual part."""
     part = BudgetPart("gravity", 80.0, 2.0, 0.8, times_usual=9.0, rank="unusual")

@@ -595,5 +595,8 @@ def test_line_feed_silence_once_per_timeout() -> None:
     script.wake()
     _fault(script, FaultKind.SILENT)
     script.wake()
-    _fault(script, FaultKind.SILENT)
+    _fault(script, FaultKind.SILENT, "for RTDE of a Universal Robots arm write interface: ur_rtde")
     assert script.now_ns == 4 * S and not script.step.hang_up
+    script = Script(daq.feedback.host(lines(port="/dev/ttyS0")))
+    script.wake()
+    assert "ur_rtde" not in _fault(script, FaultKind.SILENT).detail

@@ -112,6 +112,24 @@ def test_of_two_publishers_the_newest_stamp_wins_and_the_other_is_told(lap: Meas
         assert evaluate(run).figures[name].value == pytest.approx(figure.value, abs=0.01), name
 
 
+def test_a_header_with_an_uneven_clock_is_named_and_the_even_times_of_reception_are_used(lap: Measured) -> None:
+    """The header of each message had a stamp of up to 30 ms before or after; the doubt was a second publisher."""
+    rng = np.random.default_rng(3)
+    table = lap.table
+    assert isinstance(table, CircleTable)
+    stamps = [BEGIN_NS + round(at * MS) for at in (table.t_s * 1e3 + rng.uniform(-30, 30, len(table.t_s))).tolist()]
+    states: Messages = [
+        ("/joint_states", STATE, at, joint_state(JOINTS, q, stamp_ns=stamp))
+        for at, q, stamp in zip((table.t_s * 1e3).tolist(), table.q.tolist(), stamps, strict=True)
+    ]
+    gauges = [one for one in _messages(lap) if one[0] != "/joint_states"]
+    run, doubts = _imported(lap, bag(*sorted([*states, *gauges], key=lambda one: one[2])))
+    assert any(doubt.startswith("/joint_states: the clock of the header is uneven") for doubt in doubts)
+    assert not any("second publisher" in doubt for doubt in doubts)
+    for name, figure in evaluate(lap).figures.items():
+        assert evaluate(run).figures[name].value == pytest.approx(figure.value, abs=0.01), name
+
+
 def test_one_stamp_from_the_future_does_not_make_all_others_old(lap: Measured) -> None:
     sent = _messages(lap, stamped=True)
     place = next(k for k, one in enumerate(sent) if one[0] == "/joint_states" and one[2] > 5000)

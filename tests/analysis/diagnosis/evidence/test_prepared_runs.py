@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from analysis.diagnosis.evidence.gather import Uses, gather
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs
 from analysis.procedures.simulate import simulate
 from analysis.runs.loading import Measured
@@ -82,6 +83,20 @@ def test_poses_left_out_in_neighbourhoods_judge_each_name() -> None:
     found = found_in([poses(2, JointOffset(axis=3, offset_deg=0.2))])
     (one,) = [one for one in found.effects if one.stands]
     assert one.held_out_gain and one.held_out_gain > 0.8
+    withheld = found.to_dict()["gap"]["held_out"]["rows"]
+    assert list(withheld) == ["pose"] and 20 < len(withheld["pose"]) < 40
+    assert "rows" not in found.to_dict()["gap"]["train"]
+
+
+def test_the_rows_that_are_held_out_are_numbered_as_in_the_table_of_their_run() -> None:
+    """Of two runs of one set-up; with the fitted rows they make up each table."""
+    first, second = poses(2), measured(poses(3).table, "pose", "second")
+    evidence = gather(RIG, Uses([first, second]), None, lambda _: None)
+    assert set(evidence.withheld) == {"pose", "second"}
+    for run, fitted in zip((first, second), evidence.runs, strict=True):
+        withheld = evidence.withheld[run.run.manifest.name]
+        assert sorted([*withheld, *(fitted.rows + 1).tolist()]) == list(range(1, 151))
+    assert not gather(RIG, Uses([first], [second]), None, lambda _: None).withheld
 
 
 def test_a_placement_that_takes_up_all_its_readings_is_left_out() -> None:

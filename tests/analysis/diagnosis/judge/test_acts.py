@@ -89,7 +89,7 @@ def test_the_correction_is_offered_as_the_arm_can_take_it_and_named_once() -> No
     repair = Act("repair", "fault", removes_um=4.0, remains_um=2.0, effect=Backlash(axis=1, width_deg=0.1))
     of_six = ActWords(diagnosis(acts=(load_act, repair)))
     assert "(b) values for the controller, rig correct so.yaml -o D --for fanuc." in of_six.next
-    assert "instead of the correction" in of_six.sentence(repair)
+    assert "correct the remaining error with the new model" in of_six.sentence(repair)
     assert "the correction" not in of_six.sentence(repair, corrected=True)
     five = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"axes": RIG.robot.axes[:5]})})
     of_five = ActWords(diagnosis(acts=(load_act, repair), rig=five))

@@ -45,6 +45,28 @@ def test_a_coupling_that_is_missing_is_told_at_import_and_with_every_figure(tmp_
             judge([measured])
 
 
+@pytest.mark.parametrize("command", ["diagnose", "calibrate"])
+def test_a_run_that_is_refused_has_its_reason_once(tmp_path: Path, command: str) -> None:
+    run = tmp_path / "run"
+    assert ran("import", uncoupled(tmp_path / "t.csv"), "--rig", "ur10", "--test", "pose", "-o", run).returncode == 0
+    done = ran(command, run)
+    assert done.returncode == 3 and done.stderr.count("only with J3 + J2") == 1
+    assert done.stderr.splitlines()[-1].startswith(f"error: {run}: these poses fit only")
+
+
+def test_of_several_runs_the_one_that_does_not_fit_is_ignored_with_its_reason_once(tmp_path: Path) -> None:
+    """One table with a missing coupling stopped the diagnosis of all tables of its placement."""
+    with (tmp_path / "sound.csv").open("wb") as file:
+        write_csv(columns_of(table(60)), file)
+    runs = [tmp_path / "runs" / name for name in ("bad", "sound")]
+    for source, run in zip((uncoupled(tmp_path / "bad.csv"), tmp_path / "sound.csv"), runs, strict=True):
+        assert ran("import", source, "--rig", "ur10", "--test", "pose", "-o", run).returncode == 0
+    done = ran("diagnose", *runs)
+    said = " ".join((done.stdout + done.stderr).split())
+    assert done.returncode == 0 and said.count("only with J3 + J2") == 1
+    assert "bad is ignored: these poses fit only" in said and "error" not in done.stderr
+
+
 def test_rig_check_says_what_was_checked_and_found(tmp_path: Path) -> None:
     run = tmp_path / "run"
     assert ran("import", uncoupled(tmp_path / "t.csv"), "--rig", "ur10", "--test", "pose", "-o", run).returncode == 0

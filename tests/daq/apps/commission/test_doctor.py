@@ -429,3 +429,12 @@ def test_a_gauge_of_a_shared_line_that_gives_nothing_is_named() -> None:
     silent = Fault(FaultKind.SILENT, 5, "unit 2, input register 0: no answer within 0.1 s; check the cable")
     finding = trial.answers(stream, trial.Trial([*readings, silent], 2.0, 90, 170), lambda: None)
     assert finding.verdict is WRONG and "without g2_mm" in finding.what and finding.remedy.startswith("unit 2")
+
+
+def test_a_host_that_accepts_and_sends_nothing_is_told_apart_from_a_silent_line() -> None:
+    stream = _streams(yaml.safe_load(rig_text("tcp")))["g1"]
+    silent = Fault(FaultKind.SILENT, 5, "no answer within 0.1 s; check the cable")
+    lost = Fault(FaultKind.DISCONNECTED, 6, "the connection was lost")
+    accepted, gone = (trial.answers(stream, trial.Trial(items, 2.0), lambda: None) for items in ([silent], [lost]))
+    assert "tcp://" in accepted.what and "accepts the connection, but sends no data" in accepted.what
+    assert "nothing arrived" in gone.what and gone.remedy == "the connection was lost"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,7 +43,7 @@ from tests.analysis.apps.makers.corrected.test_safe_programs import (
     uncorrected,
     ur_files,
 )
-from tests.analysis.apps.makers.corrected.test_user_programs import NUMBER, UR, UR_TOOL, ur_pose
+from tests.analysis.apps.makers.corrected.test_user_programs import ABB, ABB_TOOL, NUMBER, UR, UR_TOOL, ur_pose
 from tests.worlds.arms.faulty_arm import flange_at, frame, hidden, joints_of
 from tests.worlds.interpreters.arms import rig_of
 
@@ -318,6 +319,27 @@ def test_what_an_offset_gives_away_is_reported(tmp_path: Path) -> None:
     reported = program_report.as_object(found)
     assert reported["used_with_offset"]["largest_given_away_mm"] == given_mm
     assert reported["targets"][0]["given_away_mm"] == round(given_mm, 6)
+
+
+def _pose_of_p(text: str) -> np.ndarray[Any, Any]:
+    ((at, turned),) = re.findall(r"robtarget p:=\[\[([^]]*)\],\[([^]]*)\]", text)
+    at_mm, wxyz = ([float(value) for value in re.findall(NUMBER, part)] for part in (at, turned))
+    return frame(np.array(at_mm), Rotation.from_quat(np.roll(wxyz, -1)))
+
+
+def test_what_an_offset_gives_away_is_at_the_tip_of_the_programs_tool(tmp_path: Path) -> None:
+    """The arm of the library has no tool. A rotation moves the tip of a long tool more than the flange."""
+    rig, filled = abb_files(ABB_ROWS["an approach"][0])
+    tool = frame((-60.0, 90.0, 220.0), Rotation.from_matrix(ABB_TOOL[:3, :3]))
+    place = _pose_of_p(filled["a.mod"]) @ np.linalg.inv(ABB_TOOL) @ tool
+    text = filled["a.mod"].replace("[5,0,90]", "[-60,90,220]")
+    text = re.sub(r"p:=\[\[[^]]*\]", "p:=[[" + ",".join(f"{mm:.6f}" for mm in place[:3, 3]) + "]", text)
+    found = corrected_files(rig, tmp_path, {"a.mod": text})
+    tips, up = [], frame((0.0, 0.0, 50.0), Rotation.identity())
+    for written, wrong in ((text, None), (found.files["a.mod"].decode(), hidden())):
+        q = joints_of(rig, up @ _pose_of_p(written) @ np.linalg.inv(tool), np.radians(ABB[1]))
+        tips.append((flange_at(rig, q, wrong) @ tool)[:3, 3])
+    assert found.given_away_mm == pytest.approx([np.linalg.norm(tips[1] - tips[0])], abs=2e-4)
 
 
 def test_a_tool_that_is_stated_twice_with_other_numbers_is_refused() -> None:
