@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from daq.apps.gauge_drivers.magnescale_lt import value_of, written
 from daq.gauges import Read
-from daq.gauges.magnescale_lt import value_of, written
 from daq.protocol.conversation import Device, FaultKind, Host
 from daq.protocol.framing import DelimitedLines
 from daq.protocol.polled import Polled

@@ -1,8 +1,9 @@
-"""Robot feedback interfaces, with a file for each. The file name is the `interface` in the rig file.
+"""Robot feedback by interface. A driver is a module of the app `daq/apps/robot_drivers`, named after the `interface` in
+the rig file, or a module of another package.
 
-Each file provides two functions. `host(feedback)` returns the listening conversation, with the values q1_deg … q6_deg,
-always all six in this order, followed by `rigs.schema.feedback.columns_beside_joints`: signal and condition of the
-robot. `device(feedback, read)` returns the controller side; `read(now_ns)` returns the same values.
+Each driver provides two functions. `host(feedback)` returns the listening conversation, with the values q1_deg …
+q6_deg, always all six in this order, followed by `rigs.schema.feedback.columns_beside_joints`: signal and condition of
+the robot. `device(feedback, read)` returns the controller side; `read(now_ns)` returns the same values.
 """
 
 from __future__ import annotations
@@ -18,13 +19,15 @@ from rigs.schema.condition import UNDISTURBED
 from rigs.schema.feedback import SIGNAL, Feedback, columns_beside_joints
 from rigs.schema.plugins import driver_of
 
+_DRIVERS = "daq.apps.robot_drivers"
+"""Package of the drivers that rig contains. They are imported by name, so a broken driver stops no other robot."""
 Read = Callable[[int], Sequence[float]]
 
 
 def load(feedback: Feedback) -> Any:
-    """Import the file of an interface. Raises CellError if a required package is not installed."""
+    """Import the driver of an interface. Raises CellError if a required package is not installed."""
     try:
-        return import_module(driver_of(feedback, __name__))
+        return import_module(driver_of(feedback, _DRIVERS))
     except ModuleNotFoundError as missing:
         package = (missing.name or "").partition(".")[0]
         problem = f"{feedback.interface} needs the Python package {package}, which is not installed"

@@ -13,8 +13,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+from daq.apps.gauge_drivers.modbus_map import dialect, registers_over_time
 from daq.gauges import Read
-from daq.gauges.modbus_map import dialect, registers_over_time
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
 from daq.protocol.modbus import Wire

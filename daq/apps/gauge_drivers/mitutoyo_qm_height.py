@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from daq.gauges import Read, mitutoyo_usb
+from daq.apps.gauge_drivers import mitutoyo_usb
+from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import DelimitedLines
 from daq.protocol.polled import Polled
