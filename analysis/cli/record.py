@@ -124,8 +124,8 @@ def status(
         say_json(state)
         return
 
-    from analysis.report.daemon_screen import screen
-    from analysis.report.plain_console import PlainConsole
+    from analysis.cli.daemon_screen import screen
+    from analysis.cli.plain_console import PlainConsole
 
     PlainConsole().print(screen(state))
 

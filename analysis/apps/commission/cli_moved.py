@@ -62,8 +62,8 @@ def moved(
     RUN… are reference runs of touches, poses or circles. A few new
     readings of the same sockets or targets are enough."""
     from analysis.apps.commission.movement_report import as_screen, write_page
-    from analysis.report.html_page import check_page_file
-    from analysis.report.plain_console import PlainConsole
+    from analysis.apps.report.html_page import check_page_file
+    from analysis.cli.plain_console import PlainConsole
 
     if output:
         check_page_file(output)

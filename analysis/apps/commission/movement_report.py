@@ -7,12 +7,12 @@ from pathlib import Path
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from analysis.apps.report.diagnosis_words import sure
+from analysis.apps.report.html_page import environment, write_html
+from analysis.apps.report.movement_words import headline, name_of, remarks, size_of, what_to_do
+from analysis.apps.report.texts import Language, Texts, texts_of
+from analysis.cli.plain_console import bare_table, right
 from analysis.movement.result import MovementResult
-from analysis.report.diagnosis_words import sure
-from analysis.report.html_page import environment, write_html
-from analysis.report.movement_words import headline, name_of, remarks, size_of, what_to_do
-from analysis.report.plain_console import bare_table, right
-from analysis.report.texts import Language, Texts, texts_of
 from rigs.schema.part import Vector
 
 _MOST_CAUSES = 8

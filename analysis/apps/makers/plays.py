@@ -9,7 +9,7 @@ import numpy as np
 
 from analysis.apps.makers.programs.compensated import reached, targets_of
 from analysis.apps.makers.programs.motion_plan import MotionPlan
-from analysis.correction.plays import known_plays
+from analysis.correction.support import known_plays
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.motion import Motion
 from analysis.robot.model.predict import Path, driven, model_of

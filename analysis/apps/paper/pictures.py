@@ -24,8 +24,8 @@ from analysis.api import CircleCurve, RadialCurve, RepeatabilityCurve, Result, e
 from analysis.apps.paper.published import NOMINAL_RADIUS_MM, datum_and_play, gears
 from analysis.apps.paper.rows import DIRECTIONS, PaperRow, eccentric, written
 from analysis.apps.paper.simulated_tests import SCATTER, joint_lap, repeats, typical_seed
+from analysis.apps.report.still_chart import Sheet
 from analysis.procedures.simulate import simulated_run
-from analysis.report.still_chart import Sheet
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import Effect
 from rigs.rig import Rig

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.apps.report.movement_words import act_after, movement_sentence
+from analysis.apps.report.texts import texts_of
 from analysis.diagnosis.evidence.movements import Movement
 from analysis.movement.between import without_moved
-from analysis.report.movement_words import act_after, movement_sentence
-from analysis.report.texts import texts_of
 from analysis.runs.loading import Measured
 from rigs.load import load
 from tests.support.pose_runs import pose_run

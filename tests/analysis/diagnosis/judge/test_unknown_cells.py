@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from analysis import diagnose, read_table
+from analysis.apps.report.summary_words import summarise
 from analysis.diagnosis.judge.result import CERTAIN_ODDS, Diagnosis
 from analysis.diagnosis.judge.verdict import within_unexplained
-from analysis.report.summary_words import summarise
 from rigs.schema.effect import name_of, size_of
 from tests.support.handmade_diagnosis import diagnosis
 from tests.support.nightly import cases
