@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -53,7 +53,7 @@ def versions(
         return
     versions_here = versions_in(rig_file, folder or rig_file.parent)
     if as_json:
-        say_json({"versions": [version_object(version) for version in versions_here]})
+        say_json({"versions": [version.to_dict() for version in versions_here]})
         return
     PlainConsole().print(versions_table(versions_here))
     if others := [version for version in versions_here if not version.in_use]:
@@ -80,22 +80,3 @@ def versions_table(versions: Sequence[Version]) -> RenderableType:
         use, path = "in use" if version.in_use else "", plain(str(version.path))
         table.add_row(use, f"{model.date}", path, f"{len(model.runs)}", *figures, verdict)
     return table
-
-
-def version_object(version: Version) -> dict[str, Any]:
-    """Return a calibration in plain types."""
-    from rigs.calibration import verdict_of
-
-    model = version.calibrated
-    return {
-        "path": str(version.path),
-        "sha256": version.sha256,
-        "in_use": version.in_use,
-        "date": str(model.date),
-        "version": model.version,
-        "runs": [run.name for run in model.runs],
-        "before_um": model.before_um,
-        "calibrated_um": model.calibrated_um,
-        "held_out_um": model.held_out_um,
-        "verdict": verdict_of(model),
-    }

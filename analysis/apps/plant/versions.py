@@ -11,9 +11,10 @@ import hashlib
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from analysis.runs.written_files import holding, write_all_new, write_all_over
-from rigs.calibration import CalibratedModel, CalibrationFile
+from rigs.calibration import CalibratedModel, CalibrationFile, verdict_of
 from rigs.edit import extended
 from rigs.errors import FileError, RigError
 from rigs.load import load
@@ -31,6 +32,22 @@ class Version:
     calibrated: CalibratedModel
     sha256: str
     in_use: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the calibration in plain types."""
+        model = self.calibrated
+        return {
+            "path": str(self.path),
+            "sha256": self.sha256,
+            "in_use": self.in_use,
+            "date": str(model.date),
+            "version": model.version,
+            "runs": [run.name for run in model.runs],
+            "before_um": model.before_um,
+            "calibrated_um": model.calibrated_um,
+            "held_out_um": model.held_out_um,
+            "verdict": verdict_of(model),
+        }
 
 
 def versions(rig_file: Path, folder: Path) -> list[Version]:

@@ -18,8 +18,7 @@ import numpy as np
 
 from analysis.apps.makers.controller_entries import ControllerEntries
 from analysis.apps.makers.correct_rig import correct_rig
-from analysis.apps.makers.plays import ahead_of_plays
-from analysis.apps.makers.programs.compensated import compensated, targets_of
+from analysis.apps.makers.programs.compensated import ahead_of_plays, compensated, targets_of
 from analysis.apps.makers.programs.motion_plan import Arc
 from analysis.apps.makers.report import controller_report, correction_report
 from analysis.apps.report.texts import texts_of

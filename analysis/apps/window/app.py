@@ -25,10 +25,9 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Redire
 from starlette.routing import Route
 
 from analysis.apps.commission.cell_reference import references_of
-from analysis.apps.commission.movement_report import columns, rows_of
+from analysis.apps.commission.movement_report import columns, headline, remarks, rows_of, what_to_do
 from analysis.apps.plant.history import label_of
 from analysis.apps.report.html_page import environment
-from analysis.apps.report.movement_words import headline, remarks, what_to_do
 from analysis.apps.report.texts import LANGUAGES, Language
 from analysis.apps.report.texts import texts_of as report_texts
 from analysis.apps.session.session_state import SessionDirectory

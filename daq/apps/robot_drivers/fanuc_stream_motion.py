@@ -69,11 +69,6 @@ def start_packet(version: int) -> bytes:
     return _REQUEST.pack(0 if version < 3 else 200, version)
 
 
-def status_type(version: int) -> int:
-    """Return the status type for a version."""
-    return 0 if version < 3 else 202 if version == 3 else 204
-
-
 def host(feedback: FANUCStreamMotion) -> Host:
     """Return the host side of the protocol, which reads the joint angles in degrees."""
     return Streamed(_StreamMotionClient(feedback), feedback.timeout_s)
@@ -176,7 +171,7 @@ class _StreamMotionController(SteadyDevice):
         robot = {SafetyState.EMERGENCY_STOP: _E_STOP, SafetyState.FAULT: _ERROR}.get(SafetyState(int(safety)), 0)
         state = _SYSRDY if motors else 0, robot, contact
         numbers = [*[0.0] * 9, *_nine(shown[:6]), *_nine(shown[8:])]
-        kind = status_type(self._version)
+        kind = 0 if self._version < 3 else 202 if self._version == 3 else 204
         head = (kind, self._version, self.sent % 2**32)
         if kind == 0:
             return _STATUS[kind].pack(*head, state[0], 0, 0, 0, 0, stamp_ms, *numbers)

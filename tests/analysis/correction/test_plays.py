@@ -9,8 +9,7 @@ import pytest
 import yaml
 
 from analysis.apps.makers.correct_rig import correct_rig
-from analysis.apps.makers.plays import ahead_of_plays
-from analysis.apps.makers.programs.compensated import targets_of
+from analysis.apps.makers.programs.compensated import ahead_of_plays, targets_of
 from analysis.apps.makers.programs.planned import plans_of
 from analysis.apps.makers.report.correction_report import write
 from analysis.correction.support import known_plays

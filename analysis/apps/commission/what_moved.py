@@ -1,66 +1,39 @@
-"""Result of a movement check: causes with odds, size, direction and effect on the work, and the next posture."""
+"""Movement between a reference and new readings: result, its conversion to plain types, and the next posture."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from analysis.diagnosis.evidence.observation import ObservedRun, socket_of
-from analysis.diagnosis.evidence.setups import FRAME
-from analysis.movement.causes import NOTHING, OTHER, Cause, What
-from analysis.movement.evidence import Estimate
-from analysis.movement.inference import MOST_MM, NAMED, Reference, ReferenceComparison, compare
-from analysis.movement.linearise import angles_of, tool_places, with_cause
-from analysis.movement.next_touch import Candidates, Lever, ReferencePosture, candidates_of, hidden_causes, next_posture
+from analysis.apps.commission.next_touch import (
+    Candidates,
+    Lever,
+    ReferencePosture,
+    candidates_of,
+    hidden_causes,
+    next_posture,
+)
+from analysis.diagnosis.evidence.observation import ObservedRun
+from analysis.movement.between import observed
+from analysis.movement.cause_odds import CauseOdds, causes_by_odds, short_name, vector_of
+from analysis.movement.causes import NOTHING
+from analysis.movement.inference import (
+    FEWEST_OF_REFERENCE,
+    MOST_MM,
+    NAMED,
+    Reference,
+    ReferenceComparison,
+    compare,
+    study,
+)
 from analysis.procedures.facts import facts_of
-from analysis.robot.geometry.pose_setup import frame
-from analysis.robot.kinematics.arm import Array, forward
+from analysis.runs.loading import Measured
 from rigs.errors import FileError
+from rigs.rig import Rig
 from rigs.schema.part import Vector
-
-_SHOWN = 1e-4
-"""Posterior probability from which a cause is listed."""
-
-
-@dataclass(frozen=True)
-class CauseOdds:
-    """A cause with posterior probability and size.
-
-    u: standard uncertainty of the length of the shift in mm, or of the zero in degrees. u_rotation_deg: of the
-    rotation. point_mm: displacement of a point in the middle of the work area. together: the members of a pair.
-    """
-
-    cause: Cause
-    posterior: float
-    translation_mm: Vector | None = None
-    rotation_deg: Vector | None = None
-    size_deg: float | None = None
-    u: float | None = None
-    u_rotation_deg: float | None = None
-    point_mm: Vector | None = None
-    together: tuple[CauseOdds, ...] = ()
-
-    @property
-    def what(self) -> What:
-        """The kind of cause."""
-        return self.cause.what
-
-    @property
-    def name(self) -> str:
-        """Return the name of the socket, target or instrument as entered by the user."""
-        return short_name(self.cause)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the cause in plain types for JSON."""
-        found: dict[str, Any] = {"what": self.what, "axis": self.cause.axis, "name": self.name or None}
-        for key in ("posterior", "translation_mm", "rotation_deg", "size_deg", "u", "u_rotation_deg", "point_mm"):
-            value = getattr(self, key)
-            found[key] = list(value) if isinstance(value, tuple) else value
-        if self.together:
-            found["together"] = [member.to_dict() for member in self.together]
-        return found
 
 
 @dataclass(frozen=True)
@@ -111,12 +84,6 @@ class MovementResult:
         }  # fmt: skip
 
 
-def short_name(cause: Cause) -> str:
-    """Return the name of a socket, target or instrument after removal of the test name."""
-    name = socket_of(cause.name) or cause.name
-    return name.partition(FRAME)[0]
-
-
 def what_moved(reference: Reference, new: list[ObservedRun], *, plan: bool = False) -> MovementResult:
     """Infer the movement between a reference and new runs of an arm, with touches split by socket.
 
@@ -146,7 +113,7 @@ def moved_of(
     reference: Reference, compared: ReferenceComparison | None, *, plan: bool = False, doubts: tuple[str, ...] = ()
 ) -> MovementResult:
     """Return the result of a comparison, or of a plan before the first reading."""
-    causes = [] if compared is None else _causes(reference, compared)
+    causes = [] if compared is None else causes_by_odds(reference, compared)
     named = causes[0] if compared is not None and compared.identified_cause is not None else None
     rivals = () if named else tuple(cause for cause in causes if cause.posterior > 1 - NAMED)
     candidates = candidates_of(reference)
@@ -158,7 +125,7 @@ def moved_of(
     return MovementResult(
         tuple(causes), named, rivals, step, hidden,
         compared.count if compared else 0, sum(len(run.rows) for run in reference.runs),
-        reference.scatter_mm, _vector(reference.place.centre_mm), wild,
+        reference.scatter_mm, vector_of(reference.place.centre_mm), wild,
         any(facts_of(run.table.test).of_tracker for run in reference.runs), _zero_bounds(compared), doubts,
     )  # fmt: skip
 
@@ -188,62 +155,38 @@ def _next(
     return next_posture(reference, candidates, compared)
 
 
-def _causes(reference: Reference, compared: ReferenceComparison) -> list[CauseOdds]:
-    found: list[CauseOdds] = []
-    for cause, probability in compared.posterior.probability.items():
-        if probability < _SHOWN and len(found) >= 1:
-            continue
-        found.append(_sized(reference, cause, probability, compared.posterior.estimates[cause]))
-    return found
+def study_runs(rig: Rig, runs: Sequence[Measured]) -> Reference:
+    """Return the reference of runs before a possible movement. rig: model of the arm.
+
+    Raises FileError if the runs have no joint angles, or too few readings.
+    """
+    before = observed(rig, runs)
+    where = ", ".join(run.run.manifest.name for run in runs)
+    if not before:
+        raise FileError(where, "has no joint angles", "give runs of touches, poses or circles")
+    count = sum(len(run.rows) for run in before)
+    if count < FEWEST_OF_REFERENCE:
+        problem = f"has only {count} readings, but a reference needs at least {FEWEST_OF_REFERENCE}"
+        raise FileError(where, problem, "touch more postures while the cell is in order, or give more runs")
+    return study(before)
 
 
-def _sized(reference: Reference, cause: Cause, probability: float, estimate: Estimate) -> CauseOdds:
-    if cause in (NOTHING, OTHER):
-        return CauseOdds(cause, probability)
-    if cause.members:
-        together: list[CauseOdds] = []
-        first = 0
-        for member in cause.members:
-            own = slice(first, first + len(member.scale))
-            first = own.stop
-            part = Estimate(0.0, estimate.mean[own], estimate.cov[own, own], estimate.level)
-            together.append(_sized(reference, member, probability, part))
-        return CauseOdds(cause, probability, together=tuple(together))
-    point = _vector(_at_point(reference, cause, estimate.mean))
-    if cause.what == "zero":
-        size, u = np.degrees(estimate.mean[0]), np.degrees(np.sqrt(estimate.cov[0, 0]))
-        return CauseOdds(cause, probability, size_deg=float(size), u=float(u), point_mm=point)
-    shift, turn = estimate.mean[:3], estimate.mean[3:]
-    return CauseOdds(
-        cause, probability, _vector(shift), _vector(np.degrees(turn)) if len(turn) else None, None,
-        _length_uncertainty(shift, estimate.cov[:3, :3]),
-        float(np.degrees(_length_uncertainty(turn, estimate.cov[3:, 3:]))) if len(turn) else None, point,
-    )  # fmt: skip
+def what_moved_in(
+    rig: Rig, reference: Sequence[Measured], new: Sequence[Measured], *, plan: bool = False
+) -> MovementResult:
+    """Infer the movement between reference runs and new runs.
+
+    If all new runs have a different placement name, it is treated as that of the reference. Raises FileError for a
+    reference without joint angles, or with too few readings.
+    """
+    before, after = study_runs(rig, reference), observed(rig, new)
+    places = {run.run.manifest.placement for run in reference}
+    others = {run.run.manifest.placement for run in new}
+    if len(places) == len(others) == 1 and places != others:
+        after = _renamed(after, others.pop(), places.pop())
+    return what_moved(before, after, plan=plan)
 
 
-def _length_uncertainty(vector: Array, cov: Array) -> float:
-    """Return the standard uncertainty of the length of a vector (3,)."""
-    direction = vector / max(float(np.linalg.norm(vector)), 1e-12)
-    return float(np.sqrt(direction @ cov @ direction))
-
-
-def _vector(values: Array) -> Vector:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
-
-
-def _at_point(reference: Reference, cause: Cause, change: Array) -> Array:
-    """Return the displacement (3,) mm of the ball or target in the posture nearest to the middle of the work area."""
-    place = reference.place
-    best: tuple[float, ObservedRun, int] | None = None
-    for run in reference.runs:
-        far = np.linalg.norm(tool_places(run, place.setups[run.setup]) - place.centre_mm, axis=1)
-        row = int(far.argmin())
-        if best is None or far[row] < best[0]:
-            best = float(far[row]), run, row
-    assert best is not None  # noqa: S101 - a reference has runs
-    _, run, row = best
-    q, target = angles_of(run)[row : row + 1], place.setups[run.setup].T_tool_target[:3, 3]
-    arms = run.model.arm, with_cause(run.model.arm, cause, place.centre_mm, change)
-    before, after = (forward(arm, q)[0] @ frame(np.eye(3), target) for arm in arms)
-    return np.asarray((after - before)[:3, 3])
+def _renamed(runs: Sequence[ObservedRun], old: str, new: str) -> list[ObservedRun]:
+    was, becomes = f" at {old}" if old else "", f" at {new}" if new else ""
+    return [replace(run, setup=run.table.test + becomes + run.setup.removeprefix(run.table.test + was)) for run in runs]
