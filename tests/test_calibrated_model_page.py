@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
+from analysis.apps.report.diagnosis_report import write_extended
 from analysis.correction.pose_uncertainty import CalibratedUncertainty
 from analysis.correction.work import tool_poses
-from analysis.report.diagnosis_report import write_extended
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import model_of
 from rigs.calibration import CalibratedModel, CovarianceParameter, Term, packed_factor

@@ -386,7 +386,7 @@ def test_every_access_to_a_private_name_gives_its_reason() -> None:
 
 def test_a_signed_number_never_shows_a_negative_zero() -> None:
     """The point of a movement was `+1.60, +0.19, -0.00 mm`: a format with a sign also has the option z of PEP 682."""
-    wire = {"daq/gauges/magnescale_lt.py", "daq/acquisition/capture_writer.py"}  # formats of other programs
+    wire = {"daq/apps/gauge_drivers/magnescale_lt.py", "daq/acquisition/capture_writer.py"}  # formats of other programs
     signed, bare = re.compile(r"\+z[\d.{}]*[fg%]?"), re.compile(r"\+0?[\d.{}]*[fg%]")
     specs = [
         (name_of(path), spec)

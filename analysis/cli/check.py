@@ -15,10 +15,16 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_error, say_json
 from analysis.cli.options import AsJson
 from rigs.errors import FileError, UseError
+from rigs.text import counted, first_of
 
 if TYPE_CHECKING:
     from analysis.runs.loading import Measured
+    from rigs.calibration import CalibratedModel
+    from rigs.effects import Effect
     from rigs.schema.robot import Robot
+
+_MOST_NAMED = 5
+"""Maximum number of effects or runs that a line names."""
 
 
 @command(app, "rig check cell.yaml")
@@ -82,7 +88,6 @@ def _check_rig(rig_file: str) -> None:
     import datetime as dt
 
     from analysis.cli.several import end_with, worst
-    from analysis.report.origins import begins_with, in_calibration
     from analysis.robot.geometry.driven_programs import feasible_tests
     from analysis.runs.noise.certificate import doubts_of
     from rigs.load import find, load
@@ -99,8 +104,8 @@ def _check_rig(rig_file: str) -> None:
     robot = "" if isinstance(rig.feedback, NoFeedback) else f"; robot by {rig.feedback.interface}"
     say(f"  {rig.robot.name}; {gauges or f'no gauges; measured by {places}'}{robot}")
     if rig.effects:
-        say(f"  the model already contains {begins_with(rig.effects)}")
-    for line in in_calibration(rig.calibrated) if rig.calibrated else ():
+        say(f"  the model already contains {initial_effects(rig.effects)}")
+    for line in calibration_lines(rig.calibrated) if rig.calibrated else ():
         say(f"  {line}")
     parts = [*(name for name, _ in rig.gauges), "ball", "link"]
     for line in (*_in_metres(rig.robot), *doubts_of(rig, parts, dt.datetime.now(dt.UTC).date()), *tests):
@@ -113,6 +118,38 @@ def _check_rig(rig_file: str) -> None:
     for error in errors:
         say_error(error)
     end_with(worst(errors))
+
+
+def initial_effects(effects: Sequence[Effect]) -> str:
+    """Return a sentence on the effects that a model contains initially: `2 effects, written by hand: …`."""
+    from rigs.effect_names import name_in_words
+    from rigs.schema.effect import name_of
+
+    origins: dict[str, list[str]] = {}
+    for effect in effects:
+        origin = (
+            "written by hand"
+            if effect.found is None
+            else f"found on {effect.found.date} in {first_of(effect.found.runs, _MOST_NAMED)}"
+        )
+        origins.setdefault(origin, []).append(name_in_words(name_of(effect)))
+    listed = "; ".join(f"{origin}: {first_of(names, _MOST_NAMED)}" for origin, names in origins.items())
+    return f"{counted(len(effects), 'effect')}, {listed}"
+
+
+def calibration_lines(model: CalibratedModel) -> list[str]:
+    """Return the terms of a calibrated model, the accuracy on the runs, and the covered joint ranges."""
+    runs = first_of([run.name for run in model.runs], _MOST_NAMED)
+    accuracy = f"error in its runs {model.before_um:.0f} µm rms, with the calibration {model.calibrated_um:.0f} µm"
+    if model.held_out_um is not None:
+        accuracy += f" ({model.held_out_um:.0f} µm in readings not used to fit it)"
+    if model.widened > 1:
+        accuracy += f"; the uncertainty was increased {model.widened:.2g} times, because these readings required it"
+    joints = ", ".join(f"{axis}: {low:z.0f}° to {high:z.0f}°" for axis, (low, high) in enumerate(model.joints_deg, 1))
+    return [
+        f"calibrated on {model.date} from {runs}: {len(model.terms)} terms; {accuracy}",
+        f"valid for these joint angles, axis by axis: {joints}; outside, typical errors are assumed",
+    ]
 
 
 def _in_metres(robot: Robot) -> Iterator[str]:
@@ -146,8 +183,8 @@ def interfaces(as_json: AsJson = False) -> None:
     """List the gauge and robot interfaces with instruments, line settings, protocol source and open questions."""
     from dataclasses import asdict
 
-    from analysis.report.listings import interfaces_table
-    from analysis.report.plain_console import PlainConsole
+    from analysis.cli.listings import interfaces_table
+    from analysis.cli.plain_console import PlainConsole
     from rigs.interfaces import list_interfaces
 
     drivers = list_interfaces()

@@ -102,14 +102,14 @@ _FILES = {
     "ball": "circle",
     "import": "import_",
     "logs": "doctor",
-    "versions": "calibrate",
 }
 """Module of a command if the names differ."""
 
 _APPS = {
     **dict.fromkeys(("arms", "export"), "interchange"),
     **dict.fromkeys(("circle", "doctor", "init", "moved"), "commission"),
-    **dict.fromkeys(("compare", "fleet", "history"), "plant"),
+    **dict.fromkeys(("compare", "fleet", "history", "versions"), "plant"),
+    **dict.fromkeys(("analyse", "calibrate", "diagnose", "report"), "report"),
     **dict.fromkeys(("correct", "plan", "postures", "program"), "makers"),
     **{name: name for name in ("emulate", "live", "pair", "paper", "parts", "session", "window")},
 }

@@ -83,7 +83,7 @@ def progress_of(doing: str = "reading the runs", *, is_still: bool = False) -> I
         return
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from analysis.report.plain_console import PlainConsole
+    from analysis.cli.plain_console import PlainConsole
 
     words = TextColumn("{task.description}", markup=False)
     # Redirection would also send output for files to the terminal.

@@ -119,8 +119,8 @@ def status(rig: RigName = None, as_json: AsJson = False) -> None:
         say_json(state)
         return
 
-    from analysis.report.daemon_screen import screen
-    from analysis.report.plain_console import PlainConsole
+    from analysis.cli.daemon_screen import screen
+    from analysis.cli.plain_console import PlainConsole
 
     PlainConsole().print(screen(state))
 

@@ -27,7 +27,7 @@ def runs(
     import time
 
     from analysis.cli.console import progress_of
-    from analysis.report.listings import run_row, runs_table
+    from analysis.cli.listings import run_row, runs_table
     from daq.store import survey
 
     denied: list[Path] = []
@@ -44,7 +44,7 @@ def runs(
         return
     if not rows:
         return
-    from analysis.report.plain_console import PlainConsole
+    from analysis.cli.plain_console import PlainConsole
 
     table = runs_table(rows)
     whole = PlainConsole(width=10_000).measure(table).maximum

@@ -151,11 +151,6 @@ def _with(model: Model, effect: Effect) -> Model:
     return replace(model, effects=(*model.effects, effect))
 
 
-def named_in(calibrated: CalibratedModel) -> Sequence[Effect]:
-    """Return the effects of a rig file covered by the calibration's covariance."""
-    return [term.effect for term in calibrated.terms if term.named]
-
-
 _TAUGHT = 200
 """Limit of postures for teaching a frame. Chosen: six parameters do not improve with more."""
 
@@ -239,7 +234,7 @@ def pose_uncertainty(rig: Rig, supported: Sequence[Support]) -> PoseUncertainty:
     """Return the uncertainty of a rig's model: of the calibration, and of effects outside the calibration."""
     if rig.calibrated is None:
         return EffectsUncertainty(rig, tuple(supported))
-    held_labels = {label_of(effect) for effect in named_in(rig.calibrated)}
+    held_labels = {label_of(term.effect) for term in rig.calibrated.terms if term.named}
     others = tuple(support for support in supported if label_of(support.effect) not in held_labels)
     return CalibratedUncertainty(rig, rig.calibrated, others)
 

@@ -16,7 +16,7 @@ from rigs.calibration import ground_of, verdict_of
 from rigs.effects import Effect, size_field
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.effect import Use
+from rigs.schema.effect import Use, is_play
 from rigs.text import as_argument
 
 _HOW: dict[Use, str] = {
@@ -91,6 +91,26 @@ For a smaller effect no gain is proven, and a correction may do harm.
 """
 ANYWAY = "written although rig advises against a correction by this model"
 """Mark in every file written against the verdict."""
+
+
+def known_plays(rig: Rig) -> tuple[Effect, ...]:
+    """Return the backlash effects of a rig file and the calibrated model that are known well enough for a program.
+
+    Certain backlash is corrected whether or not it is larger than usual. In a program the side of each link is known at
+    each target, as in the reversal compensation of machine tools (ISO 230-1), so the command leads by half the
+    backlash. If a joint reverses between two targets, the link crosses the backlash gradually on the way. This part of
+    the error remains.
+    """
+    unsure = {id(support.effect) for support in supports(rig) if support.value < CERTAIN_U * support.u}
+    plays = [
+        effect for effect in rig.effects if effect.STAGE == "joint" and is_play(effect) and id(effect) not in unsure
+    ]
+    plays += [
+        support.effect
+        for support in supports_of_usual_size(rig)
+        if support.effect.STAGE == "joint" and is_play(support.effect) and support.value >= CERTAIN_U * support.u
+    ]
+    return tuple(plays)
 
 
 def why_nothing(rig: Rig) -> str:

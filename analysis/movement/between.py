@@ -9,19 +9,32 @@ from typing import Any
 import numpy as np
 
 from analysis.diagnosis.evidence.movements import Movement
-from analysis.diagnosis.evidence.observation import ObservedRun
+from analysis.diagnosis.evidence.observation import ObservedRun, by_socket
+from analysis.diagnosis.evidence.placements import observe_runs
 from analysis.diagnosis.judge.act_list import MOVED
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.movement.changes import MovementStep, find_step
-from analysis.movement.runs import observed
-from analysis.procedures.checks.check_runs import why_no_measurement
-from analysis.procedures.facts import facts_of
+from analysis.procedures.checks.check_runs import findings_of, why_no_measurement
+from analysis.procedures.facts import facts_of, shows_joints
 from analysis.robot.kinematics.arm import Mask
 from analysis.runs.loading import Measured
+from rigs.errors import FileError
 from rigs.rig import Rig
 
 _FRAMES = ("base", "instrument", "socket", "target")
 """Causes that move a set-up but not the arm. The runs before and after then get separate set-ups."""
+
+
+def observed(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
+    """Return observations of the runs with joint angles, with the model of a rig and touches split by socket.
+
+    Raises FileError for a run of a different robot, and for a table that does not fit the arm.
+    """
+    for finding in findings_of(runs):
+        if finding.strength != "likely":
+            raise FileError(", ".join(finding.runs), finding.what, finding.remedy)
+    with_joints = [run for run in runs if shows_joints(run.table.test)]
+    return [part for run in observe_runs(rig, with_joints) for part in by_socket(run)]
 
 
 def without_moved(rig: Rig, runs: Sequence[Measured]) -> tuple[list[Measured], list[Movement], list[str]]:

@@ -14,11 +14,11 @@ import numpy as np
 
 from analysis.diagnosis.evidence.observation import ObservedRun, parts
 from analysis.diagnosis.evidence.setups import fit_setups
+from analysis.movement.cause_odds import CauseOdds, named_cause
 from analysis.movement.causes import LEVELS, Cause
 from analysis.movement.evidence import Conditioned, LinearReadings, condition
 from analysis.movement.inference import MOST_MM, compare, study
 from analysis.movement.linearise import causes_of, constants_count, linearise, selected, shift_of, workplace
-from analysis.movement.result import CauseOdds, moved_of
 from analysis.robot.kinematics.arm import Array, Integers
 
 _FEWEST = 3
@@ -63,7 +63,7 @@ def find_step(runs: Sequence[ObservedRun], order: Integers) -> MovementStep | No
     if sum(len(run.rows) for run in new) < _FEWEST:
         return None
     compared = compare(reference, new)
-    found = moved_of(reference, compared).named if compared.distance_mm <= MOST_MM else None
+    found = named_cause(reference, compared) if compared.distance_mm <= MOST_MM else None
     if found is None or found.what in ("nothing", "other", "pair"):
         return find_step(before, order[order < first])  # something else may have moved earlier
     moves_mm = np.abs(compared.shifts[found.cause].columns @ compared.posterior.estimates[found.cause].mean).max()

@@ -1,7 +1,7 @@
 """Sources of the robot position.
 
 These are interfaces of makers, OPC UA servers with the Robotics companion specification (OPC 40010-1), and ROS 2 joint
-states. `interface` is the name of a file in `daq/feedback/`.
+states. `interface` is the name of a file in `daq/apps/robot_drivers/`.
 """
 
 from __future__ import annotations

@@ -74,6 +74,6 @@ def extended(union: Any, group: Group, base: type[BaseModel]) -> Any:
     return Annotated[reduce(or_, (*classes, *of_others.values())), Field(discriminator=_KEY[group])]
 
 
-def driver_of(part: BaseModel, folder: str) -> str:
-    """Return the driver module of a gauge or robot: `driver` of the class, or the file in the folder of rig."""
-    return str(getattr(type(part), "driver", "") or f"{folder}.{part.interface}")  # type: ignore[attr-defined]
+def driver_of(part: BaseModel, package: str) -> str:
+    """Return the driver module of a gauge or robot: `driver` of the class, or the module in the package of rig."""
+    return str(getattr(type(part), "driver", "") or f"{package}.{part.interface}")  # type: ignore[attr-defined]

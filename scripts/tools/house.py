@@ -199,12 +199,15 @@ def _words_of(tree: ast.Module) -> Iterator[str]:
                 yield text
 
 
-def _that_run(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield the nodes of a tree, excluding those used only by a type checker."""
-    yield node
-    for below in ast.iter_child_nodes(node):
-        if not (isinstance(below, ast.If) and isinstance(below.test, ast.Name) and below.test.id == "TYPE_CHECKING"):
-            yield from _that_run(below)
+def _that_run(tree: ast.Module) -> Iterator[ast.AST]:
+    """Yield the nodes of a file, excluding those used only by a type checker."""
+    skipped = {
+        id(below)
+        for node in nodes_of(tree)
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+        for below in ast.walk(node)
+    }
+    return (node for node in nodes_of(tree) if id(node) not in skipped)
 
 
 def sizes() -> dict[str, tuple[int, int]]:

@@ -10,8 +10,8 @@ import pytest
 from pydantic import Field
 from typer.testing import CliRunner
 
-import daq.feedback
-import daq.gauges
+import daq.apps.gauge_drivers
+import daq.apps.robot_drivers
 from analysis.cli import app
 from rigs.interfaces import NO_DEFAULT, Interface, list_interfaces, models, name_of
 from rigs.schema.feedback import Feedback
@@ -23,12 +23,12 @@ from rigs.schema.probe import Probe
 def test_every_driver_is_listed_once() -> None:
     drivers = [
         f"{package.__name__}.{module.name}"
-        for package in (daq.gauges, daq.feedback)
+        for package in (daq.apps.gauge_drivers, daq.apps.robot_drivers)
         for module in pkgutil.iter_modules(package.__path__)
     ]
     named = [
         getattr(model, "driver", f"{package.__name__}.{name_of(model)}")
-        for package, part in ((daq.gauges, Gauge), (daq.feedback, Feedback))
+        for package, part in ((daq.apps.gauge_drivers, Gauge), (daq.apps.robot_drivers, Feedback))
         for model in models(part)
     ]
     assert sorted(named) == sorted([*drivers, "daq.apps.opc_ua.robotics"])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from analysis.apps.report.act_words import ActWords
 from analysis.procedures.prediction import path_of
-from analysis.report.act_words import ActWords
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import model_of, moved
 from rigs.effects import JointScale

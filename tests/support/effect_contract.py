@@ -11,6 +11,7 @@ import numpy as np
 
 from analysis.apps.makers.corrected_constants import joint_zeros, link_constants
 from analysis.apps.makers.report import plan_report
+from analysis.apps.report.diagnosis_words import plain, size
 from analysis.correction.support import supports
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.given import given_effects, parse_effects
@@ -23,7 +24,6 @@ from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.fit.search import fit_given
 from analysis.diagnosis.judge.result import Named
 from analysis.procedures.simulate import simulate
-from analysis.report.diagnosis_words import plain, size
 from analysis.robot.model.predict import model_of
 from analysis.runs.tables import CircleTable
 from rigs.edit import extended

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from analysis.api import read_table, save_run
+from analysis.apps.commission.next_touch import candidates_of, next_posture
 from analysis.diagnosis.evidence.observation import ObservedRun, by_socket, observe
 from analysis.movement.causes import Cause
 from analysis.movement.inference import Reference, compare, study
-from analysis.movement.next_touch import candidates_of, next_posture
 from analysis.robot.model.predict import Model, model_of
 from analysis.runs.tables import TouchTable
 from rigs.load import parse

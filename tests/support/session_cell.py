@@ -78,7 +78,7 @@ def _model_files() -> dict[str, bytes]:
         runs = [
             analysis.simulate(cell, "yaw", way, seed=k, effects=place / "hidden.yaml") for way in ways for k in (1, 2)
         ]
-        from analysis.report.diagnosis_report import write  # noqa: PLC0415
+        from analysis.apps.report.diagnosis_report import write  # noqa: PLC0415
 
         found = analysis.diagnose(runs)
         assert found.calibrated is not None

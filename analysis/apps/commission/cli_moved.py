@@ -17,7 +17,7 @@ from rigs.text import as_argument
 
 if TYPE_CHECKING:
     from analysis import Measured
-    from analysis.movement.result import MovementResult
+    from analysis.apps.commission.what_moved import MovementResult
 
 
 @command(app, "rig moved runs/before-* --new runs/after-*", cls=taking_all("--new"))
@@ -62,8 +62,8 @@ def moved(
     RUN… are reference runs of touches, poses or circles. A few new
     readings of the same sockets or targets are enough."""
     from analysis.apps.commission.movement_report import as_screen, write_page
-    from analysis.report.html_page import check_page_file
-    from analysis.report.plain_console import PlainConsole
+    from analysis.apps.report.html_page import check_page_file
+    from analysis.cli.plain_console import PlainConsole
 
     if output:
         check_page_file(output)
@@ -100,8 +100,8 @@ def _find_movement(
     runs: list[Path], new: list[Path], rig_file: str | None, *, plan: bool, mark: bool
 ) -> tuple[MovementResult, str]:
     """Return the result and the name of the rig."""
+    from analysis.apps.commission.what_moved import what_moved_in
     from analysis.cli.console import progress_of
-    from analysis.movement.runs import what_moved_in
     from rigs.load import load
 
     if not new and not plan:

@@ -14,14 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
+from analysis.apps.commission.movement_report import headline, what_to_do
 from analysis.apps.commission.record_touches import TONE, SampleSource, joint_samples
 from analysis.apps.commission.touched_ball import Standstill, is_same_posture
+from analysis.apps.commission.what_moved import MovementResult, moved_of, study_runs
 from analysis.diagnosis.evidence.observation import ObservedRun, by_socket, observe, socket_of, with_placement
 from analysis.movement.inference import MOST_MM, Reference, compare
 from analysis.movement.linearise import tool_places
-from analysis.movement.result import MovementResult, moved_of
-from analysis.movement.runs import study_runs
-from analysis.report.movement_words import headline, what_to_do
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.csv_tables import columns_of
 from analysis.runs.loading import Measured

@@ -1,20 +1,32 @@
-"""Result of a movement check on the screen and as a page."""
+"""Result of a movement check as sentences, on the screen, and as a page."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from analysis.movement.result import MovementResult
-from analysis.report.diagnosis_words import sure
-from analysis.report.html_page import environment, write_html
-from analysis.report.movement_words import headline, name_of, remarks, size_of, what_to_do
-from analysis.report.plain_console import bare_table, right
-from analysis.report.texts import Language, Texts, texts_of
+from analysis.apps.commission.next_touch import Lever, ReferencePosture
+from analysis.apps.commission.what_moved import MovementResult
+from analysis.apps.report.diagnosis_words import sure
+from analysis.apps.report.html_page import environment, write_html
+from analysis.apps.report.movement_words import act_of, name_of, size_of
+from analysis.apps.report.texts import Language, Texts, texts_of
+from analysis.cli.plain_console import bare_table, right
+from analysis.movement.cause_odds import short_name
+from analysis.movement.causes import NOTHING, look_alike
+from analysis.movement.inference import FEWEST_TO_CLEAR
 from rigs.schema.part import Vector
 
+_ENGLISH = texts_of("en")
+_MOST_ODDS = 1000
+"""Odds above which the text states only this bound."""
+
+_WIDE_DEG = 0.03
+"""Smallest possible error of a joint zero that is reported: half a millimetre at a metre."""
 _MOST_CAUSES = 8
 """Number of causes listed; the JSON contains all."""
 
@@ -71,3 +83,93 @@ def write_page(moved: MovementResult, path: Path, name: str, language: Language 
         standing="pass" if moved.named and moved.named.what == "nothing" else "watch",
     )  # fmt: skip
     write_html(html, path)
+
+
+def odds(probability: float, texts: Texts = _ENGLISH) -> str:
+    """Return a probability as odds."""
+    ratio = probability / max(1 - probability, 1e-12)
+    if ratio > _MOST_ODDS:
+        return texts("check_odds_bound", ratio=_MOST_ODDS)
+    return texts("check_odds", ratio=f"{ratio:.0f}")
+
+
+def headline(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
+    """Return the answer: the moved item, the size and direction of the movement, and the odds."""
+    if not moved.readings:
+        return texts("check_no_readings", count=moved.reference_readings)
+    named, of_tracker = moved.named, moved.of_tracker
+    readings = texts("check_reading" if moved.readings == 1 else "check_readings", count=moved.readings)
+    if named is None and [cause.cause for cause in moved.cannot_separate] == [NOTHING]:
+        return texts("check_unmoved_so_far", readings=readings, fewest=FEWEST_TO_CLEAR)
+    if named is None:
+        rivals = [
+            f"{name_of(cause.cause, texts, of_tracker=of_tracker)} ({100 * cause.posterior:.0f} %)"
+            for cause in moved.cannot_separate
+        ]
+        return texts("check_open", readings=readings, rivals=_listed(rivals, texts))
+    certain = odds(named.posterior, texts)
+    if named.what == "nothing":
+        return texts("check_unmoved", readings=readings, scatter=f"{moved.scatter_mm:.2f}", odds=certain)
+    if named.what == "other":
+        return texts("check_other", odds=certain)
+    thing = _capitalised(name_of(named.cause, texts, of_tracker=of_tracker))
+    key = "check_pair" if named.together else "check_by_size"
+    return texts(key, thing=thing, size=size_of(named, texts), odds=certain)
+
+
+def _capitalised(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
+
+def _listed(words: Sequence[str], texts: Texts) -> str:
+    return texts("or").join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
+
+
+def what_to_do(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
+    """Return the recommended action."""
+    named = moved.named
+    if named is not None:
+        causes = [member.cause for member in named.together] or [named.cause]
+        axes = len(moved.zero_bounds_deg)
+        acts = [act_of(cause, short_name(cause), texts, axes, of_tracker=moved.of_tracker) for cause in causes]
+        return " ".join(dict.fromkeys(acts))
+    if moved.next_posture is not None:
+        return next_words(moved.next_posture, texts)
+    if moved.hidden:
+        return " ".join([texts("check_inseparable"), *(hidden_words(lever, texts) for lever in moved.hidden)])
+    return texts("check_act_more")
+
+
+def next_words(posture: ReferencePosture, texts: Texts = _ENGLISH) -> str:
+    """Return the posture to touch next."""
+    angles = ", ".join(f"J{k} {np.degrees(angle):z.1f}" for k, angle in enumerate(posture.angles, start=1))
+    key = "check_next_touch" if posture.socket else "check_next_pose"
+    return texts(key, name=posture.socket, row=posture.row + 1, angles=angles)
+
+
+def hidden_words(lever: Lever, texts: Texts = _ENGLISH) -> str:
+    """Return the reason why a cause is not observable, and the remedy."""
+    is_zero = lever.cause.what == "zero"
+    typical = f"{np.degrees(lever.cause.scale[0]):.2f}°" if is_zero else texts("check_typical_size")
+    return texts(
+        "check_hidden", thing=_capitalised(name_of(lever.cause, texts)), typical=typical, moves=f"{lever.moves_mm:.2f}",
+        scatter=f"{lever.scatter_mm:.2f}",
+        remedy=texts("check_mount_ball" if is_zero else "check_add_postures", axis=lever.cause.axis),
+    )  # fmt: skip
+
+
+def remarks(moved: MovementResult, texts: Texts = _ENGLISH) -> list[str]:
+    """Return further remarks for the reader."""
+    lines = list(moved.doubts)
+    named = moved.named
+    if moved.wild_row is not None:
+        lines.append(texts("check_wild", row=moved.wild_row))
+    alike = named and look_alike(named.cause.axis, len(moved.zero_bounds_deg))
+    if named is not None and alike:
+        lines.append(texts(f"check_{alike}_alike", axis=named.cause.axis))
+    if named is not None and named.what == "nothing":
+        bounds = enumerate(moved.zero_bounds_deg, start=1)
+        wide = [texts("check_up_to", axis=k, size=f"{deg:.2f}") for k, deg in bounds if deg > _WIDE_DEG]
+        lines += [texts("check_not_excluded", zeros=", ".join(wide))] if wide else []
+        lines += [hidden_words(lever, texts) for lever in moved.hidden]
+    return lines

@@ -6,8 +6,9 @@ export-urdf` writes the calibrated arm of a rig for other programs as URDF, xacr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -19,7 +20,10 @@ from rigs.schema.vocabulary import Build
 from rigs.text import plain_lines
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from analysis.robot.kinematics.arm import Arm
+    from rigs.arms import LibraryArm
     from rigs.rig import Rig
 
 
@@ -50,8 +54,7 @@ def arms(
     as_json: AsJson = False,
 ) -> None:
     """List the arm library, or show one arm as the robot section of a rig file."""
-    from analysis.report.listings import arm_object, arm_section, arms_table
-    from analysis.report.plain_console import PlainConsole
+    from analysis.cli.plain_console import PlainConsole
     from rigs.arms import arm_names, load_arm
 
     if name is None:
@@ -100,6 +103,45 @@ def write_section(text: str, output: Path | None) -> None:
         return
     write_new(output, holding(text.encode()))
     say(f"wrote {output}", err=True)
+
+
+def arms_table(arms: Sequence[LibraryArm]) -> RenderableType:
+    """Return a row for each arm: name, model, repeatability, and availability of masses."""
+    from rich.console import Group
+    from rich.table import Column, Table
+    from rich.text import Text
+
+    from analysis.cli.plain_console import right
+
+    name, model = Column("name", no_wrap=True), Column("arm", overflow="fold")
+    table = Table(name, model, right("repeatability"), "masses", header_style="bold")
+    for arm in arms:
+        repeatability = f"{arm.repeatability_mm:g} mm" if arm.repeatability_mm else "unknown"
+        masses = "known" if arm.sources.masses else "unknown"
+        table.add_row(Text(arm.name, style="bold"), f"{arm.maker} {arm.model}", repeatability, masses)
+    return Group(table, Text(f"{len(arms)} arms; rig arms NAME shows the robot section and the sources of an arm"))
+
+
+def arm_object(arm: LibraryArm) -> dict[str, Any]:
+    """Return an arm as a JSON object."""
+    return {
+        "name": arm.name,
+        "maker": arm.maker,
+        "model": arm.model,
+        "note": arm.note,
+        "repeatability_mm": arm.repeatability_mm,
+        "sources": arm.sources.model_dump(),
+        "frames": arm.frames,
+        "robot": arm.robot.model_dump(mode="json"),
+    }
+
+
+def arm_section(arm: LibraryArm) -> str:
+    """Return the robot section of an arm, with the sources of the numbers as comments."""
+    repeatability = f", repeatability {arm.repeatability_mm:g} mm" if arm.repeatability_mm else ""
+    head = [f"{arm.maker} {arm.model}{repeatability}", *([arm.note] if arm.note else []), f"frames: {arm.frames}"]
+    head += [f"{key}: {words}" for key, words in arm.sources.model_dump(exclude_defaults=True).items()]
+    return "".join(f"# {line}\n" for line in head) + arm.text
 
 
 @command(app, "rig import-urdf arm.urdf -o arm.yaml", name="import-urdf")

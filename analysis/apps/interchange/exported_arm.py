@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from analysis.apps.interchange.mjcf_text import JointTraits, mjcf_text
-from analysis.correction.plays import known_plays
+from analysis.apps.report.diagnosis_words import plain
+from analysis.correction.support import known_plays
 from analysis.correction.work import apart_mm, rms_um, work_angles
-from analysis.report.diagnosis_words import plain
 from analysis.robot.kinematics.arm import Arm
 from analysis.robot.model.predict import Model, geometric_part, is_geometric
 from analysis.runs.robot_condition import Friction

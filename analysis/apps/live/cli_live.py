@@ -67,8 +67,8 @@ def live(
 
     socket = find_socket(rig)
     if not in_lines and not is_terminal():
-        from analysis.report.daemon_screen import screen
-        from analysis.report.plain_console import PlainConsole
+        from analysis.cli.daemon_screen import screen
+        from analysis.cli.plain_console import PlainConsole
 
         with Client(socket) as client:
             PlainConsole().print(screen(client.ask("status")))

@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import TextIO
 
 from analysis.apps.live.canvas import Canvas
-from analysis.report.plain_console import PlainConsole
+from analysis.cli.plain_console import PlainConsole
 
 _ENTER = "\x1b[?1049h\x1b[?25l\x1b[?7l"
 """Enter the alternate screen, hide the cursor and disable wrapping (xterm control sequences)."""

@@ -121,8 +121,8 @@ def correct(
     from analysis.apps.makers.corrected_program import Programs, doubts_of, frames_of, start_of
     from analysis.apps.makers.report import correction_report
     from analysis.cli.console import progress_of
+    from analysis.cli.plain_console import PlainConsole
     from analysis.correction.support import require_usable_model
-    from analysis.report.plain_console import PlainConsole
     from rigs.errors import UseError
     from rigs.load import load, named_by
 

@@ -167,7 +167,7 @@ def _propose(
 
 
 def _print(table: RenderableType) -> None:
-    from analysis.report.plain_console import PlainConsole
+    from analysis.cli.plain_console import PlainConsole
 
     # In fewer columns a size would be split across two lines, and half of it could be mistaken for a complete size.
     PlainConsole(width=max(_LEAST_COLUMNS, PlainConsole().width)).print(table)

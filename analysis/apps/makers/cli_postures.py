@@ -73,8 +73,8 @@ def postures(
     from analysis.apps.postures.posture_report import as_screen
     from analysis.apps.postures.result import choose_postures
     from analysis.cli.console import progress_of
+    from analysis.cli.plain_console import PlainConsole
     from analysis.cli.several import end_with_errors
-    from analysis.report.plain_console import PlainConsole
     from rigs.load import load, named_by
 
     if maker and not output:

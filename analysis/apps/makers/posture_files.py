@@ -15,7 +15,7 @@ from analysis.apps.makers.writing import encoded_programs, programs_of
 from analysis.apps.postures.posture_picture import picture
 from analysis.apps.postures.posture_report import POSTURE_COLUMNS, all_csv, chosen_csv
 from analysis.apps.postures.result import Postures
-from analysis.report.still_chart import as_png
+from analysis.apps.report.still_chart import as_png
 from analysis.robot.kinematics.arm import arm_of
 from analysis.runs.written_files import Writer, holding, write_all_new
 from rigs.errors import FileError

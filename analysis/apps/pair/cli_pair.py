@@ -16,7 +16,7 @@ from rigs.text import as_argument, numbers_in
 
 if TYPE_CHECKING:
     from analysis.apps.pair.plan_touches import PlannedTouches
-    from analysis.report.texts import Language
+    from analysis.apps.report.texts import Language
     from rigs.rig import Rig
     from rigs.schema.robot import Pose
 
@@ -112,9 +112,9 @@ def fit_two_arms(
     from analysis.apps.pair.fit_pair import fit_pair, pair_of
     from analysis.apps.pair.pair_table import read_pair_table
     from analysis.apps.pair.result import result_of
-    from analysis.report.diagnosis_report import refuse_existing_rig
-    from analysis.report.html_page import check_page_file, is_page
-    from analysis.report.plain_console import PlainConsole
+    from analysis.apps.report.diagnosis_report import refuse_existing_rig
+    from analysis.apps.report.html_page import check_page_file, is_page
+    from analysis.cli.plain_console import PlainConsole
 
     (first, first_text), (second, second_text) = _two_rigs(first_file, second_file)
     page = output if output and is_page(output) else None
@@ -157,7 +157,7 @@ def _plan(
 ) -> None:
     from analysis.apps.pair.pair_report import as_plan
     from analysis.apps.pair.plan_touches import plan_touches
-    from analysis.report.plain_console import PlainConsole
+    from analysis.cli.plain_console import PlainConsole
     from analysis.runs.written_files import holding, refuse_existing, write_all_new
 
     if seed is not None and output is None:

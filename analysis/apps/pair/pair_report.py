@@ -13,10 +13,10 @@ from analysis.apps.pair.calibrations import calibrations, placed_texts
 from analysis.apps.pair.fit_pair import FittedPair
 from analysis.apps.pair.plan_touches import PlannedTouches
 from analysis.apps.pair.result import PairResult
-from analysis.report.diagnosis_report import extended_files
-from analysis.report.html_page import environment, write_html
-from analysis.report.plain_console import bare_table, right
-from analysis.report.texts import Language, Texts, texts_of
+from analysis.apps.report.diagnosis_report import extended_files
+from analysis.apps.report.html_page import environment, write_html
+from analysis.apps.report.texts import Language, Texts, texts_of
+from analysis.cli.plain_console import bare_table, right
 from analysis.runs.written_files import holding, write_all_new
 from rigs.schema.part import Vector
 

@@ -31,7 +31,7 @@ def paper(
 
     from analysis.apps.paper.rows import as_object, as_table, rows_of
     from analysis.cli.console import progress_of
-    from analysis.report.plain_console import PlainConsole
+    from analysis.cli.plain_console import PlainConsole
     from rigs.load import load
 
     rig, text = load(rig_file)

@@ -10,7 +10,7 @@ are simulated and evaluated in the usual way.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -24,8 +24,8 @@ from analysis.api import CircleCurve, RadialCurve, RepeatabilityCurve, Result, e
 from analysis.apps.paper.published import NOMINAL_RADIUS_MM, datum_and_play, gears
 from analysis.apps.paper.rows import DIRECTIONS, PaperRow, eccentric, written
 from analysis.apps.paper.simulated_tests import SCATTER, joint_lap, repeats, typical_seed
+from analysis.apps.report.still_chart import Sheet
 from analysis.procedures.simulate import simulated_run
-from analysis.report.still_chart import Sheet
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import Effect
 from rigs.rig import Rig
@@ -190,20 +190,9 @@ def _fitted(figure: FigureBase, simulated: SimulatedFigures) -> None:
     axes.legend(loc="upper left", fontsize=8)
 
 
-def _yaw_error(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """Figure 6: orientation error in each direction."""
-    _errors(figure, [simulated.yaw[direction] for direction in DIRECTIONS])
-
-
-def _yaw_simulated(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """Figure 8: orientation error caused only by datum errors and backlash."""
-    _errors(figure, [simulated.yaw_datum_and_play[direction] for direction in DIRECTIONS])
-
-
-def _errors(figure: FigureBase, results: Sequence[Result]) -> None:
-    for axes, direction, result in zip(
-        _circle_panels(figure, 2, "orientation error / °"), DIRECTIONS, results, strict=True
-    ):
+def _errors(figure: FigureBase, results: Mapping[Direction, Result]) -> None:
+    for axes, direction in zip(_circle_panels(figure, 2, "orientation error / °"), DIRECTIONS, strict=True):
+        result = results[direction]
         error = _curve(result).error_deg
         axes.plot(_curve(result).phi_deg, error, color=_INK[direction], lw=1.2)
         axes.axhspan(error.min(), error.max(), color=_INK[direction], alpha=0.08, lw=0)
@@ -268,16 +257,6 @@ def _roll_mean(figure: FigureBase, simulated: SimulatedFigures) -> None:
     axes.plot(curves[0].phi_deg, mean_deg, color="black", lw=1.2)
     for at in (np.argmax(mean_deg), np.argmin(mean_deg)):
         axes.plot(curves[0].phi_deg[at], mean_deg[at], "o", color=_INK["acw"], ms=5)
-
-
-def _sphere(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """Figure 13: sphere with all errors."""
-    _radial(figure, simulated.sphere)
-
-
-def _sphere_gears(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """Figure 14: sphere with gear errors only."""
-    _radial(figure, simulated.sphere_gears)
 
 
 def _radial(figure: FigureBase, result: Result) -> None:
@@ -377,13 +356,23 @@ _FIGURES: dict[int, tuple[str, str, Callable[[FigureBase, SimulatedFigures], Non
     3: ("yaw-angle", "yaw angle and its least-squares sine", _raw, 5.0),
     4: ("eccentricity", "angle by an eccentricity of 14.142 mm", _eccentric, 3.0),
     5: ("least-squares-sine", "least-squares sine and residual", _fitted, 3.4),
-    6: ("yaw-error", "orientation error in yaw, all effects", _yaw_error, 5.4),
+    6: ("yaw-error", "orientation error in yaw, all effects", lambda figure, made: _errors(figure, made.yaw), 5.4),
     7: ("joint-angles", "joint angles on the circle", _joints, 6.0),
-    8: ("yaw-simulated", "orientation error in yaw, datum errors and plays", _yaw_simulated, 5.4),
+    8: (
+        "yaw-simulated",
+        "orientation error in yaw, datum errors and plays",
+        lambda figure, made: _errors(figure, made.yaw_datum_and_play),
+        5.4,
+    ),
     10: ("roll-error", "roll, all effects", _roll, 5.0),
     11: ("roll-simulated", "roll, mean of cw and acw", _roll_mean, 3.2),
-    13: ("sphere", "radial accuracy, all effects", _sphere, 4.4),
-    14: ("sphere-simulated", "radial accuracy, only gear errors", _sphere_gears, 4.4),
+    13: ("sphere", "radial accuracy, all effects", lambda figure, made: _radial(figure, made.sphere), 4.4),
+    14: (
+        "sphere-simulated",
+        "radial accuracy, only gear errors",
+        lambda figure, made: _radial(figure, made.sphere_gears),
+        4.4,
+    ),
     15: ("repeatability", "repeatability", _repeatability, 4.0),
 }
 """File name, title, drawing function, and height in inches without the table, by figure number."""

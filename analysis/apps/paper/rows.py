@@ -13,7 +13,7 @@ from rich.text import Text
 
 from analysis.apps.paper import published as paper
 from analysis.apps.paper.simulated_tests import FittedSphere, circle, repeats, sphere, step
-from analysis.report.plain_console import fold_long_words
+from analysis.cli.plain_console import fold_long_words
 from analysis.robot.geometry.circle import frame_of, reversals
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import arm_of

@@ -9,8 +9,8 @@ from rich.text import Text
 
 from analysis.apps.plant.arms_apart import ArmsApart
 from analysis.apps.plant.fitting_arm import FittingArm
-from analysis.report.diagnosis_words import micrometres
-from analysis.report.plain_console import right
+from analysis.apps.report.diagnosis_words import micrometres
+from analysis.cli.plain_console import right
 from rigs.text import plain
 
 _SHOWN = 5e-5

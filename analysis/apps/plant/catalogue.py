@@ -17,8 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from analysis.apps.plant import history_file
-from analysis.apps.plant.records import RunRecord, escaped
+from analysis.apps.plant.records import RunRecord
 from analysis.apps.plant.seen import Examined, RunOnDisk
+from daq.store.chunk import storable
 from rigs.errors import CellError, FileError
 
 VERSION = 1
@@ -195,7 +196,7 @@ def keep(path: Path, examined_runs: Iterable[tuple[RunOnDisk, Examined | None]])
             else:
                 record = examined.record
                 sha256 = hashlib.sha256(examined.rig_text.encode("utf-8", "surrogatepass")).hexdigest()
-                file.execute("insert or ignore into rigs values (?, ?)", (sha256, escaped(examined.rig_text)))
+                file.execute("insert or ignore into rigs values (?, ?)", (sha256, storable(examined.rig_text)))
                 signature = seen.signature if examined.is_evaluated else ""
                 label = (record.rig, signature, record.fingerprint, sha256)
                 file.execute(
@@ -204,7 +205,7 @@ def keep(path: Path, examined_runs: Iterable[tuple[RunOnDisk, Examined | None]])
                         os.fsencode(seen.run),
                         os.fsencode(Path(seen.run).parent),
                         *label,
-                        escaped(record.problem),
+                        storable(record.problem),
                         record.as_json,
                     ),
                 )

@@ -85,7 +85,7 @@ def compare(
     import analysis
     from analysis.apps.plant import comparison_report
     from analysis.cli.console import progress_of
-    from analysis.report.plain_console import PlainConsole
+    from analysis.cli.plain_console import PlainConsole
 
     with progress_of() as progress:
         measured = [analysis.load_run(path) for path in runs]
@@ -114,8 +114,8 @@ def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bo
     from analysis.apps.plant.before_after import differences
     from analysis.apps.plant.history_screen import as_differences
     from analysis.cli.console import progress_of
+    from analysis.cli.plain_console import PlainConsole
     from analysis.cli.several import distinct
-    from analysis.report.plain_console import PlainConsole
 
     with progress_of():
         changes = differences(list(distinct(after)), list(distinct(before)))
@@ -129,7 +129,7 @@ def _arms(first: Path, second: Path, as_json: bool) -> None:
     from analysis.apps.plant.arms_apart import arms_apart
     from analysis.apps.plant.arms_compared import arms_apart_tables
     from analysis.cli.console import progress_of
-    from analysis.report.plain_console import PlainConsole
+    from analysis.cli.plain_console import PlainConsole
     from rigs.load import load
 
     with progress_of("comparing the arms"):
@@ -145,7 +145,7 @@ def _which_fits(arms: Sequence[Path], runs: Sequence[Path], as_json: bool) -> No
     from analysis.apps.plant.arms_compared import fitting_arm_table
     from analysis.apps.plant.fitting_arm import fitting_arm
     from analysis.cli.console import progress_of
-    from analysis.report.plain_console import PlainConsole
+    from analysis.cli.plain_console import PlainConsole
 
     with progress_of() as progress:
         measured = [analysis.load_run(path) for path in runs]

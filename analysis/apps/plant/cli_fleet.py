@@ -55,7 +55,7 @@ def fleet(
     from rigs.errors import CellError
 
     if output:
-        from analysis.report.html_page import check_page_file
+        from analysis.apps.report.html_page import check_page_file
 
         check_page_file(output)
     if parquet:
@@ -85,7 +85,7 @@ def fleet(
     if as_json:
         say_json(screen.as_object(plant))
     else:
-        from analysis.report.plain_console import PlainConsole
+        from analysis.cli.plain_console import PlainConsole
 
         PlainConsole().print(screen.as_screen(plant))
 

@@ -62,7 +62,7 @@ def history(
     if as_json and as_csv:
         raise UseError("--json and --csv", "cannot both be printed", "give one of them")
     if output:
-        from analysis.report.html_page import check_page_file
+        from analysis.apps.report.html_page import check_page_file
 
         check_page_file(output)
     if Path(robot).is_dir() and runs == Path("runs") and (robot != Path(robot).name or not runs.is_dir()):
@@ -90,7 +90,7 @@ def history(
         for line in text.getvalue().decode().splitlines():
             say(line)
     else:
-        from analysis.report.plain_console import PlainConsole
+        from analysis.cli.plain_console import PlainConsole
 
         PlainConsole().print(screen.as_screen(history_found))
 

@@ -13,15 +13,15 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from analysis.apps.report.diagnosis_picture import disagreement_picture
+from analysis.apps.report.diagnosis_screen import places_table
+from analysis.apps.report.model_charts import compared_chart
+from analysis.apps.report.run_pictures import distinctly_named
+from analysis.apps.report.stairs import stairs_of_model, stairs_table
+from analysis.apps.report.still_chart import Sheet, as_png, part_of
+from analysis.apps.report.texts import LEADING, in_order, label, texts_of
+from analysis.cli.plain_console import fold_long_words, right
 from analysis.diagnosis.judge.comparison import Compared, Comparison
-from analysis.report.diagnosis_picture import disagreement_picture
-from analysis.report.diagnosis_screen import places_table
-from analysis.report.model_charts import compared_chart
-from analysis.report.plain_console import fold_long_words, right
-from analysis.report.run_pictures import distinctly_named
-from analysis.report.stairs import stairs_of_model, stairs_table
-from analysis.report.still_chart import Sheet, as_png, part_of
-from analysis.report.texts import LEADING, in_order, label, texts_of
 
 if TYPE_CHECKING:
     from analysis.runs.written_files import Writer

@@ -16,7 +16,7 @@ from analysis.apps.plant.gather import Fleet, Progress, collected_in
 from analysis.apps.plant.history import history_of
 from analysis.apps.plant.history_file import made_by
 from analysis.apps.plant.robot_state import Attention, FleetRobot
-from analysis.report.html_page import environment, write_html
+from analysis.apps.report.html_page import environment, write_html
 from analysis.runs.batch.each import each
 from analysis.runs.batch.outcomes import FailedItem
 

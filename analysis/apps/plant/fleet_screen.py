@@ -20,13 +20,13 @@ from rich.text import Text
 from analysis.apps.plant.catalogue import Key
 from analysis.apps.plant.collect import Collected
 from analysis.apps.plant.gather import Fleet, collected_in
-from analysis.apps.plant.history_words import without_figures
-from analysis.apps.plant.records import RunRecord, escaped
+from analysis.apps.plant.history_words import simulated_runs, without_figures
+from analysis.apps.plant.records import RunRecord
 from analysis.apps.plant.robot_state import ORDER, Attention, FleetRobot
-from analysis.report.origins import simulated_runs
-from analysis.report.plain_console import fold_long_words
+from analysis.cli.plain_console import fold_long_words
 from analysis.runs.tabular import for_json
 from daq.store import durable
+from daq.store.chunk import storable
 from rigs.errors import FileError
 from rigs.text import plain
 
@@ -181,7 +181,7 @@ def _rows(key: Key, collected: Collected) -> Iterator[dict[str, Any]]:
 
 
 def _label(robot: str, folder: str, run: str) -> dict[str, Any]:
-    return {"robot": robot, "folder": escaped(folder), "run": escaped(run)}
+    return {"robot": robot, "folder": storable(folder), "run": storable(run)}
 
 
 def _of_run(record: RunRecord) -> dict[str, Any]:

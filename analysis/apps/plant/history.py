@@ -19,8 +19,8 @@ import numpy as np
 from analysis.apps.plant.changes import Change, Trend, trend_of
 from analysis.apps.plant.collect import Collected
 from analysis.apps.plant.records import RunRecord
+from analysis.apps.report.texts import whole_label
 from analysis.procedures.shared.quantity import Quantity
-from analysis.report.texts import whole_label
 from analysis.robot.kinematics.arm import Array
 from rigs.errors import FileError, UseError
 from rigs.schema.limits import Limit, Limits, Standing

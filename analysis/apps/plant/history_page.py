@@ -16,8 +16,8 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from analysis.apps.plant.history import History, Series, judge
 from analysis.apps.plant.history_words import against_limit, doubts, is_short, origin, remarks, sentences, too_few
 from analysis.apps.plant.records import RunRecord
-from analysis.report.html_page import environment, write_html
-from analysis.report.still_chart import Sheet
+from analysis.apps.report.html_page import environment, write_html
+from analysis.apps.report.still_chart import Sheet
 
 _MOST = 60
 """Maximum number of pictures on a page, exceeded limits and changes first: about 20 kB each."""

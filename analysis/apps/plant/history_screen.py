@@ -15,8 +15,8 @@ from analysis.apps.plant.before_after import Difference, headlines
 from analysis.apps.plant.collect import MarkedCheck
 from analysis.apps.plant.history import History, Series, judge, label_of
 from analysis.apps.plant.history_words import against_limit, dates, doubts, origin, remarks, sentences, too_few
+from analysis.cli.plain_console import fold_long_words
 from analysis.procedures.shared.quantity import Quantity
-from analysis.report.plain_console import fold_long_words
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.tabular import for_json, table_of_rows
 

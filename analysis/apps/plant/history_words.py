@@ -10,7 +10,6 @@ from analysis.apps.plant.collect import MarkedCheck
 from analysis.apps.plant.history import History, Series, judge
 from analysis.apps.plant.records import RunRecord, in_time
 from analysis.procedures.shared.quantity import Quantity
-from analysis.report.origins import simulated_runs
 from rigs.text import counted, enumerated, plain
 
 _MOST_NAMED = 5
@@ -185,3 +184,17 @@ def _alike(pair: tuple[Series, Change], other_pair: tuple[Series, Change]) -> bo
     begin = max(series.runs[change.first].when, its_series.runs[its.first].when)
     end = min(series.runs[change.last].when, its_series.runs[its.last].when)
     return begin <= end
+
+
+def simulated_runs(simulated: int, runs: int) -> str:
+    """Return a sentence if some of the runs are simulated; empty if all measured a robot. simulated: number of such
+    runs.
+    """
+    if not simulated:
+        return ""
+    if simulated == runs:
+        which, whose = "This run was" if runs == 1 else "All runs were", "No real robot was measured."
+    else:
+        which = f"{simulated} of {runs} runs {'was' if simulated == 1 else 'were'}"
+        whose = f"{'It does' if simulated == 1 else 'They do'} not show a real robot."
+    return f"{which} simulated or recorded in an emulated cell. {whose}"

@@ -23,6 +23,7 @@ from analysis.procedures.shared.quantity import Quantity
 from analysis.runs.loading import load_measured
 from analysis.runs.robot_condition import Condition
 from daq.store import Manifest, RunInfo
+from daq.store.chunk import storable
 from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST
 from rigs.errors import FileError
@@ -46,11 +47,6 @@ _MOST_BYTES = 1_000_000_000
 """Maximum size of a ledger, as in the store."""
 _NOT_OF_THE_PROGRAM = {"eccentricity_mm", "laps", "visits"}
 """Keys that differ between cells and runs of the same program, and only affect the uncertainty of a figure."""
-
-
-def escaped(text: str) -> str:
-    """Escape lone surrogates, which databases reject."""
-    return text.encode("utf-8", "backslashreplace").decode()
 
 
 @dataclass(frozen=True)
@@ -80,7 +76,7 @@ class RunRecord:
     def as_json(self) -> str:
         """The record as a line of JSON for `of_json`, with lone surrogates escaped."""
         figures = {name: astuple(quantity) for name, quantity in self.figures.items()}
-        return json.dumps(vars(self) | {"figures": figures, "problem": escaped(self.problem)})
+        return json.dumps(vars(self) | {"figures": figures, "problem": storable(self.problem)})
 
     @classmethod
     def of_json(cls, line: str) -> RunRecord:

@@ -16,8 +16,8 @@ from matplotlib.patches import Rectangle
 from analysis.apps.postures.posture_report import gain_words, limits, map_words
 from analysis.apps.postures.result import Postures
 from analysis.apps.postures.work_map import WorkMap
-from analysis.report.still_chart import Part, Sheet
-from analysis.report.texts import texts_of
+from analysis.apps.report.still_chart import Part, Sheet
+from analysis.apps.report.texts import texts_of
 from analysis.robot.kinematics.arm import Array
 
 _WIDTH = 9.0

@@ -11,8 +11,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from analysis.apps.postures.result import Postures
-from analysis.report.plain_console import bare_table, right
-from analysis.report.texts import Language, Texts, texts_of
+from analysis.apps.report.texts import Language, Texts, texts_of
+from analysis.cli.plain_console import bare_table, right
 from analysis.robot.kinematics.arm import RAIL_MM, Array
 from analysis.runs.table_layout import RAIL, joint_columns
 from rigs.schema.robot import Robot

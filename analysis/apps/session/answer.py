@@ -43,11 +43,11 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     used: runs for the diagnosis. judges: runs at the other place, used only for the judgement. Raises RigError.
     """
     import analysis  # noqa: PLC0415 - slow to import, needed in the process of an inference only
-    from analysis.report.act_words import ActWords, command  # noqa: PLC0415
-    from analysis.report.answer_words import AnswerWords, part_of  # noqa: PLC0415
-    from analysis.report.diagnosis_report import write  # noqa: PLC0415
-    from analysis.report.diagnosis_words import measured_u  # noqa: PLC0415
-    from analysis.report.summary_words import step_of, summarise  # noqa: PLC0415
+    from analysis.apps.report.act_words import ActWords, command  # noqa: PLC0415
+    from analysis.apps.report.answer_words import AnswerWords, part_of  # noqa: PLC0415
+    from analysis.apps.report.diagnosis_report import write  # noqa: PLC0415
+    from analysis.apps.report.diagnosis_words import measured_u  # noqa: PLC0415
+    from analysis.apps.report.summary_words import step_of, summarise  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     rig, text = load(rig_file)

@@ -18,20 +18,18 @@ import numpy as np
 
 from analysis.apps.makers.controller_entries import ControllerEntries
 from analysis.apps.makers.correct_rig import correct_rig
-from analysis.apps.makers.plays import ahead_of_plays
-from analysis.apps.makers.programs.compensated import compensated, targets_of
+from analysis.apps.makers.programs.compensated import ahead_of_plays, compensated, targets_of
 from analysis.apps.makers.programs.motion_plan import Arc
 from analysis.apps.makers.report import controller_report, correction_report
+from analysis.apps.report.texts import texts_of
 from analysis.apps.session.session_plan import FIXED, SessionProgram, programs_by_step, programs_for, stage_rig
 from analysis.apps.session.session_state import MAIN, ProgramStep, Session, SessionCorrection, Stage, Way
 from analysis.correction.corrected_targets import corrected_angles
 from analysis.correction.deviation import Expected, Work
-from analysis.correction.plays import known_plays
 from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm, pose_uncertainty, where_known
-from analysis.correction.support import supports
+from analysis.correction.support import known_plays, supports
 from analysis.correction.work import tool_poses, used_effects
 from analysis.diagnosis.judge.compare_runs import compare
-from analysis.report.texts import texts_of
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import arm_of, forward

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analysis.api import diagnose, evaluate_runs
+from analysis.apps.report.page.page_content import BeforeAfter, gather, judge
+from analysis.apps.report.page.write_page import write_page
 from analysis.apps.session.answer import ControllerModel, path_error
 from analysis.apps.session.correction_step import CORRECTIONS, reading_deg
 from analysis.apps.session.session_state import ELSEWHERE, Session, SessionDirectory, VerifiedError, own_programs
-from analysis.report.page.page_content import BeforeAfter, gather, judge
-from analysis.report.page.write_page import write_page
 from analysis.runs.loading import load_measured
 from rigs.errors import RigError
 from rigs.load import load

@@ -16,10 +16,10 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
+from analysis.apps.report.summary import Summary, with_corrections_removed, with_driven_error
+from analysis.apps.report.texts import texts_of
 from analysis.correction.deviation import Count, Deviation, Expected, NotNegative, Side, Work
 from analysis.diagnosis.judge.acts import is_done
-from analysis.report.summary import Summary, with_corrections_removed, with_driven_error
-from analysis.report.texts import texts_of
 from daq.store import durable
 from rigs.errors import CellError, FileError
 from rigs.files import of_newer_rig, read_text

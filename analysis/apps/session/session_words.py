@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 
+from analysis.apps.report.texts import texts_of
 from analysis.apps.session.next_step import Drive, Following
 from analysis.apps.session.session_plan import SessionPace, minutes_of
 from analysis.apps.session.session_state import (
@@ -19,7 +20,6 @@ from analysis.apps.session.session_state import (
     own_programs,
 )
 from analysis.correction.deviation import Deviation, Side
-from analysis.report.texts import texts_of
 from rigs.text import as_argument, counted
 
 _PURPOSES = {"find": "to find errors", "judge": "for validation only", "verify": "after the correction"}

@@ -25,8 +25,11 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Redire
 from starlette.routing import Route
 
 from analysis.apps.commission.cell_reference import references_of
-from analysis.apps.commission.movement_report import columns, rows_of
+from analysis.apps.commission.movement_report import columns, headline, remarks, rows_of, what_to_do
 from analysis.apps.plant.history import label_of
+from analysis.apps.report.html_page import environment
+from analysis.apps.report.texts import LANGUAGES, Language
+from analysis.apps.report.texts import texts_of as report_texts
 from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window.control_posts import WindowControls
 from analysis.apps.window.guard import COOKIE, Gate, Guard, form_of
@@ -34,10 +37,6 @@ from analysis.apps.window.made import WRITERS, OutputRequest, OutputStore
 from analysis.apps.window.shelf import MOST_SHOWN, NOT_IN_DIRECTORY, Shelf, ShelfRun, metrics_of
 from analysis.apps.window.watcher import MOST_VIEWERS, Follow, Watcher
 from analysis.procedures.shared.quantity import Quantity
-from analysis.report.html_page import environment
-from analysis.report.movement_words import headline, remarks, what_to_do
-from analysis.report.texts import LANGUAGES, Language
-from analysis.report.texts import texts_of as report_texts
 from daq.service.trust import tcp_user
 from rigs.distribution import version
 from rigs.errors import CellError, RigError

@@ -17,10 +17,10 @@ from analysis.apps.live.figures import OLD_S, angle_deg, angle_name, figures, la
 from analysis.apps.live.lap import ErrorCurve, pieces
 from analysis.apps.live.text_panels import event_words
 from analysis.apps.live.view import LiveView
+from analysis.apps.report.summary import ErrorChange
 from analysis.apps.session.next_step import Drive, Infer, next_of
 from analysis.apps.session.session_state import Session
 from analysis.apps.session.session_words import correction_lines
-from analysis.report.summary import ErrorChange
 from analysis.robot.kinematics.arm import Array
 
 TRACE_S = 30.0

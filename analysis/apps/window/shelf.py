@@ -14,9 +14,9 @@ from typing import Any
 
 from analysis.apps.plant.history_file import FILE, Unusable, read_records
 from analysis.apps.plant.records import RunRecord
+from analysis.apps.report.texts import LEADING, in_order
+from analysis.cli.listings import run_row
 from analysis.procedures.shared.quantity import Quantity
-from analysis.report.listings import run_row
-from analysis.report.texts import LEADING, in_order
 from daq.service.exposition import Labels, Metric, render
 from daq.store import survey
 from daq.store.manifest import is_run

@@ -1,7 +1,7 @@
 """Actions from a diagnosis as values: task, reduction, remaining error, and objections.
 
-Every output uses this list; the texts come from `analysis.report.act_words`. The first action is the next step. Actions
-are sorted by their reduction at a place not used in the model.
+Every output uses this list; the texts come from `analysis.apps.report.act_words`. The first action is the next step.
+Actions are sorted by their reduction at a place not used in the model.
 """
 
 from __future__ import annotations

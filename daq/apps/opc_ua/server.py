@@ -95,10 +95,6 @@ class Space:
         """Return the name of the value of a variable; None for other nodes."""
         return self.variables.get(node)
 
-    def is_position(self, node: Any) -> bool:
-        """Return whether a node is an axis position."""
-        return (self.variables.get(node) or "").startswith("q")
-
     def constant(self, node: Any) -> Any:
         """Return the value of a unit node; other nodes have no constant value."""
         if node not in self.units:
@@ -282,7 +278,8 @@ class RobotServer:
             case ua.ReadRequest():
                 values = self._values(now_ns)
                 response.Results = [self._value(values, item.NodeId, now_ns) for item in asked.NodesToRead]
-                self.sent += self._space.is_position(asked.NodesToRead[0].NodeId) if asked.NodesToRead else 0
+                read = [self._space.variables.get(item.NodeId) or "" for item in asked.NodesToRead[:1]]
+                self.sent += any(name.startswith("q") for name in read)
             case ua.CreateSubscriptionRequest() if not self._subscriptions:
                 response.ResponseHeader.ServiceResult = ua.StatusCode(ua.StatusCodes.BadServiceUnsupported)
             case ua.CreateSubscriptionRequest() | ua.ModifySubscriptionRequest():

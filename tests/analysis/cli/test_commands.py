@@ -15,7 +15,7 @@ NO_COMMANDS = {f"analysis.cli.{name}" for name in ("commands", "console", "optio
 @pytest.mark.parametrize(
     ("words", "file"),
     [
-        (["analyse", "--help"], {"analysis.cli.analyse"}),
+        (["analyse", "--help"], {"analysis.apps.report.cli_analyse"}),
         (["import", "--help"], {"analysis.cli.import_"}),
         (["circle", "fit", "--help"], {"analysis.apps.commission.cli_circle"}),
         (["keep", "--help"], {"analysis.cli.runs"}),

@@ -14,11 +14,11 @@ import pytest
 from matplotlib.figure import Figure
 from typer.testing import CliRunner, Result
 
+from analysis.apps.report.act_words import ActWords
+from analysis.apps.report.cli_diagnose import say_correct, with_commands_here
+from analysis.apps.report.diagnosis_report import write
 from analysis.cli import app
-from analysis.cli.diagnose import say_correct, with_commands_here
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.report.act_words import ActWords
-from analysis.report.diagnosis_report import write
 from analysis.runs.loading import Measured
 from rigs.errors import FileError, RigError
 from rigs.load import load
@@ -212,7 +212,7 @@ def test_no_picture_and_no_page_names_a_directory_that_nobody_has(
         pictured.append(ActWords(shown).next)
         return Figure()
 
-    monkeypatch.setattr("analysis.report.diagnosis_picture.picture", picture)
+    monkeypatch.setattr("analysis.apps.report.diagnosis_picture.picture", picture)
     write(found, load("paper-fanuc")[1], tmp_path / "found")
     assert f"rig correct {tmp_path / 'found' / 'paper-fanuc.yaml'} -o D" in pictured[0]
     assert "First write the model: rig diagnose RUN… -o found." in ActWords(found).next

@@ -84,7 +84,8 @@ def test_analyse_imports_what_evaluates_a_run(words: list[str], run: Path) -> No
     modules = modules_of(*words, run)
     assert packages(modules) <= READING | OURS | {"daq"}, "no scipy, no pandas, no matplotlib"
     rings = {module.split(".")[1] for module in modules if module.startswith("analysis.")}
-    assert not rings & {"diagnosis", "correction", "apps"}
+    assert not rings & {"diagnosis", "correction"}
+    assert {module.split(".")[2] for module in modules if module.startswith("analysis.apps.")} == {"report"}
     assert "analysis.procedures.simulate" not in modules
 
 
@@ -111,7 +112,7 @@ def test_help_of_a_command_imports_no_more(run: Path) -> None:
 
 
 def test_who_asks_the_daemon_imports_nothing_that_computes() -> None:
-    code = "import sys, daq.service.client, analysis.report.daemon_screen; print(*sys.modules)"
+    code = "import sys, daq.service.client, analysis.cli.daemon_screen; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     modules = done.stdout.split()
     assert "numpy" not in packages(modules)

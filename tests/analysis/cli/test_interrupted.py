@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from analysis import save_run, simulate
-from analysis.report import diagnosis_report
-from analysis.report.diagnosis_report import write_extended
-from analysis.report.html_page import write_html
+from analysis.apps.report import diagnosis_report
+from analysis.apps.report.diagnosis_report import write_extended
+from analysis.apps.report.html_page import write_html
 from daq.store import read_run
 from rigs.effects import play_of_joint
 from rigs.load import SHIPPED
@@ -144,12 +144,12 @@ _KNOWN = {
     "apps/plant/catalogue.py": "a database, which has its own journal",
     "apps/plant/fleet_screen.py": "the parent of a file that is renamed at the end",
     "apps/plant/history_page.py": "a picture in memory",
-    "report/diagnosis_report.py": "writers for write_all_over",
+    "apps/report/diagnosis_report.py": "writers for write_all_over",
     "apps/paper/pictures.py": "the same",
     "apps/session/child_processes.py": "the log of a process, which grows line by line",
     "apps/session/session_state.py": "the directory of a session, whose files durable.replace and writers above write",
-    "report/html_page.py": "the parent of a file that durable.replace writes",
-    "report/still_chart.py": "a picture in memory, and writers for write_all_over",
+    "apps/report/html_page.py": "the parent of a file that durable.replace writes",
+    "apps/report/still_chart.py": "a picture in memory, and writers for write_all_over",
     "apps/window/made.py": "directories in a temporary one",
 }
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.correction.versions import versions
+from analysis.apps.plant.versions import versions
 from rigs.errors import FileError
 from rigs.load import load
 from tests.support.command_line import ran
@@ -37,7 +37,7 @@ def test_versions_are_listed_newest_first(robot: tuple[Path, Path]) -> None:
 
 
 def test_a_folder_of_very_many_files_is_refused(robot: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("analysis.correction.versions._MOST", 1)  # private: ten thousand files take long to write
+    monkeypatch.setattr("analysis.apps.plant.versions._MOST", 1)  # private: ten thousand files take long to write
     with pytest.raises(FileError, match="contains more than 1 YAML files"):
         versions(robot[0], robot[0].parent)
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from analysis import calibrate, read_table
 from analysis.apps.makers.correct_rig import correct_rig
-from analysis.report.diagnosis_report import write_model
+from analysis.apps.report.diagnosis_report import write_model
 from analysis.robot.model.predict import model_of
 from rigs.load import load
 from tests.worlds.arms.independent_arm import Array, Wrong, bad_zeros, cell, flange, postures

@@ -9,11 +9,10 @@ import pytest
 import yaml
 
 from analysis.apps.makers.correct_rig import correct_rig
-from analysis.apps.makers.plays import ahead_of_plays
-from analysis.apps.makers.programs.compensated import targets_of
+from analysis.apps.makers.programs.compensated import ahead_of_plays, targets_of
 from analysis.apps.makers.programs.planned import plans_of
 from analysis.apps.makers.report.correction_report import write
-from analysis.correction.plays import known_plays
+from analysis.correction.support import known_plays
 from rigs.calibration import TIMES, CovarianceParameter, Term, packed_factor
 from rigs.effects import Backlash, Effect, JointOffset, size_field
 from rigs.load import load

@@ -5,14 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
+from analysis import diagnose
+from analysis.apps.report.movement_words import act_after, movement_sentence
+from analysis.apps.report.summary_words import summarise
+from analysis.apps.report.texts import texts_of
 from analysis.diagnosis.evidence.movements import Movement
+from analysis.diagnosis.judge.result import Diagnosis
 from analysis.movement.between import without_moved
-from analysis.report.movement_words import act_after, movement_sentence
-from analysis.report.texts import texts_of
 from analysis.runs.loading import Measured
 from rigs.load import load
+from tests.support.handmade_diagnosis import diagnosis
 from tests.support.pose_runs import pose_run
 from tests.worlds.arms.independent_arm import constants_of, flange, none
 
@@ -42,6 +47,22 @@ def test_runs_after_a_moved_base_have_a_placement_of_their_own() -> None:
     ]  # fmt: skip
     assert [run.run.manifest.placement for run in sound] == ["door", "door from after", "door from third"]
     assert any(doubt.startswith("third and later runs were fitted as a separate placement") for doubt in doubts)
+
+
+def test_a_diagnosis_after_a_moved_base_begins_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search for causes takes a minute and is replaced: it gets only the runs without the movement."""
+    searched: list[str] = []
+
+    def diagnosed(_: object, runs: list[Measured], *others: object) -> Diagnosis:
+        searched.extend(run.run.manifest.placement for run in runs)
+        return diagnosis("nothing_unusual", acts=())
+
+    monkeypatch.setattr("analysis.diagnosis.diagnose.diagnose", diagnosed)
+    found = diagnose([_run("before", 40), _run("after", 20, base_mm=(0.5, -1.1, 0.3))])
+    assert searched == ["door", "door from after"]
+    summary = summarise(found)
+    assert summary.badge == "MOVED" and summary.headline.startswith("The base or the instrument moved by")
+    assert [act.why for act in found.acts] == ["moved"] and any("separate placement" in doubt for doubt in found.doubts)
 
 
 def test_a_zero_of_the_first_axis_is_not_told_from_a_base_that_turned() -> None:

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from analysis.apps.report.act_words import ActWords
+from analysis.apps.report.answer_words import AnswerWords
+from analysis.apps.report.diagnosis_report import write, write_model
 from analysis.diagnosis.fit import out_of_range
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.report.act_words import ActWords
-from analysis.report.answer_words import AnswerWords
-from analysis.report.diagnosis_report import write, write_model
 from rigs.effects import LinkGeometry
 from rigs.errors import FileError
 from rigs.load import load

@@ -8,12 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from analysis.apps.report.act_words import acts_in_words
+from analysis.apps.report.answer_words import AnswerWords
+from analysis.apps.report.summary_words import summarise
+from analysis.apps.report.texts import LANGUAGES, texts_of
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.report.act_words import acts_in_words
-from analysis.report.answer_words import AnswerWords
-from analysis.report.summary_words import summarise
-from analysis.report.texts import LANGUAGES, texts_of
 from analysis.runs.loading import Measured
 from rigs.arms import load_arm
 from rigs.load import parse

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from analysis.apps.report.act_words import ActWords
+from analysis.apps.report.answer_words import AnswerWords
+from analysis.apps.report.summary_words import summarise
 from analysis.diagnosis.judge.misses import share_left_out
 from analysis.diagnosis.judge.remains import Followed, Unexplained
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.report.act_words import ActWords
-from analysis.report.answer_words import AnswerWords
-from analysis.report.summary_words import summarise
 from analysis.robot.kinematics.arm import Array
 from rigs.load import load
 from tests.support.diagnosis_cells import found_in

@@ -1,4 +1,4 @@
-"""Every driver under `daq/gauges` and `daq/feedback` against its own device side, found by walking the packages."""
+"""Every driver of a gauge and a robot against its own device side, found by walking the packages of the drivers."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from itertools import pairwise
 
 import pytest
 
+import daq.apps.gauge_drivers
+import daq.apps.robot_drivers
 import daq.feedback
 import daq.gauges
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
@@ -35,8 +37,8 @@ def _samples(items: Sequence[object]) -> list[Sample]:
 @pytest.mark.parametrize(
     ("package", "tested"),
     [
-        (daq.gauges, {gauges[0].interface for _, gauges, _ in GAUGES}),
-        (daq.feedback, {feedback.interface for _, feedback in FEEDBACKS} - {"opc_ua_robotics"}),  # it is an app
+        (daq.apps.gauge_drivers, {gauges[0].interface for _, gauges, _ in GAUGES}),
+        (daq.apps.robot_drivers, {feedback.interface for _, feedback in FEEDBACKS} - {"opc_ua_robotics"}),
     ],
 )
 def test_every_driver_is_held_to_the_contract(package, tested) -> None:

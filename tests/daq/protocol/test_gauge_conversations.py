@@ -8,7 +8,7 @@ import pytest
 from pymodbus.framer import FramerRTU
 
 import daq.gauges
-from daq.gauges.heidenhain_nd287 import STATUS_EVERY
+from daq.apps.gauge_drivers.heidenhain_nd287 import STATUS_EVERY
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.polled import PAUSE_NS
 from tests.support.drivers import SERIAL, gauge

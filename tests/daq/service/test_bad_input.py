@@ -397,12 +397,11 @@ def test_nothing_listens_on_the_network(running: Bench) -> None:
             assert not ((table.startswith("udp") or cells[3] == listening) and cells[9] in inodes)
 
 
-def test_help_of_every_command(bench: Bench) -> None:
-    top = bench.run("rig", "--help").stdout
-    for command in ("analyse", "check", "emulate", "live", "record", "recover", "status", "verify"):
-        assert command in top
-        done = bench.run("rig", command, "--help")
-        assert done.returncode == 0 and "Usage: rig" in done.stdout
+def test_help_of_the_installed_command(bench: Bench) -> None:
+    """The help of each command is checked in the process of the tests (tests/analysis/cli/test_help.py)."""
+    assert "status" in bench.run("rig", "--help").stdout
+    done = bench.run("rig", "status", "--help")
+    assert done.returncode == 0 and "Usage: rig" in done.stdout
 
 
 @pytest.mark.parametrize("alike", ["rig file", "runs"])

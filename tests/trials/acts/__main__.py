@@ -21,13 +21,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from analysis.apps.report.answer_words import AnswerWords, large_parts, sure_parts
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.evidence.observation import ObservedRun, by_socket, observe_run
 from analysis.diagnosis.evidence.setups import FittedRuns
 from analysis.diagnosis.judge.acts import Act
 from analysis.diagnosis.judge.result import Diagnosis, Named
 from analysis.diagnosis.judge.validation import residual_um
-from analysis.report.answer_words import AnswerWords, large_parts, sure_parts
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import model_of
 from analysis.runs.loading import Measured, load_measured

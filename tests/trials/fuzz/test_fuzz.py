@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 # private _Continuous, _label: what stands behind a gauge's messages and a request, the innermost that inputs reach
-from daq.gauges.sylvac_opto_rs import _Continuous
+from daq.apps.gauge_drivers.sylvac_opto_rs import _Continuous
 from daq.protocol.framing import DelimitedLines
 from daq.service.control import reply
 from daq.service.daemon import _label

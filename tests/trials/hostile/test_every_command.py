@@ -344,7 +344,7 @@ def test_a_terminal_gets_colours_of_ours_alone(cell: Path, monkeypatch: pytest.M
 
 
 def test_the_pictures_show_what_is_no_mathematics(tmp_path: Path) -> None:
-    from analysis.report.still_chart import Sheet  # noqa: PLC0415
+    from analysis.apps.report.still_chart import Sheet  # noqa: PLC0415
 
     sheet = Sheet(3, 2)
     axes = sheet.subplots()

@@ -12,8 +12,8 @@ from collections import Counter
 
 import numpy as np
 
+from analysis.apps.commission.next_touch import candidates_of, next_posture
 from analysis.movement.inference import compare
-from analysis.movement.next_touch import candidates_of, next_posture
 from tests.support.moved_cell import Case, label, observed
 from tests.worlds import moved as world
 

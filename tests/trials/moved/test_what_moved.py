@@ -12,16 +12,17 @@ from typer.testing import CliRunner
 
 from analysis import load_run
 from analysis.api import diagnose
+from analysis.apps.commission.movement_report import headline, what_to_do
+from analysis.apps.commission.next_touch import candidates_of, hidden_causes, next_posture
+from analysis.apps.commission.what_moved import moved_of, what_moved
+from analysis.apps.report.movement_words import movement_sentence
+from analysis.apps.report.summary_words import summarise
+from analysis.apps.report.texts import texts_of
 from analysis.cli import app
 from analysis.movement.between import without_moved
 from analysis.movement.changes import find_step
 from analysis.movement.evidence import condition
 from analysis.movement.inference import compare, study
-from analysis.movement.next_touch import candidates_of, hidden_causes, next_posture
-from analysis.movement.result import moved_of, what_moved
-from analysis.report.movement_words import headline, movement_sentence, what_to_do
-from analysis.report.summary_words import summarise
-from analysis.report.texts import texts_of
 from rigs.errors import FileError
 from tests.support.moved_cell import Case, label, observed
 from tests.worlds import moved as world

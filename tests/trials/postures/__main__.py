@@ -20,7 +20,7 @@ from scipy.cluster.vq import kmeans2
 
 from analysis import calibrate
 from analysis.apps.postures.expected_error import expected_errors
-from analysis.report.diagnosis_report import write_model
+from analysis.apps.report.diagnosis_report import write_model
 from analysis.robot.geometry.pose_setup import fit_setup
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.loading import Measured

@@ -10,8 +10,8 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from analysis.apps.makers.controller_entries import ControllerEntries
-from analysis.report.diagnosis_words import plain
-from analysis.report.plain_console import fold_long_words, right
+from analysis.apps.report.diagnosis_words import plain
+from analysis.cli.plain_console import fold_long_words, right
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
 

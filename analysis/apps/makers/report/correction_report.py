@@ -21,13 +21,13 @@ from analysis.apps.makers.reading import mark_of, with_remark
 from analysis.apps.makers.report import controller_report, program_report
 from analysis.apps.makers.report.controller_report import base_note, short
 from analysis.apps.makers.target_path import corrected_columns
+from analysis.apps.report.diagnosis_words import plain
+from analysis.apps.report.texts import texts_of
+from analysis.cli.plain_console import fold_long_words, right
 from analysis.correction.corrected_targets import GAIN_UM, CorrectedTargets, WorkError
 from analysis.correction.support import ANYWAY, reason_against_model, why_nothing
 from analysis.correction.work import rest_effects
 from analysis.procedures.shared.quantity import quantity_of
-from analysis.report.diagnosis_words import plain
-from analysis.report.plain_console import fold_long_words, right
-from analysis.report.texts import texts_of
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import size_field
 from rigs.errors import FileError

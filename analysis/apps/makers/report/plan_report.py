@@ -18,6 +18,7 @@ from analysis.apps.planning.detectability import (
     SeparatingTest,
     assumed_um,
 )
+from analysis.cli.plain_console import fold_long_words, right
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.judge.result import ODDS
@@ -28,7 +29,6 @@ from analysis.diagnosis.plan.expected import (
     is_separable,
 )
 from analysis.procedures.shared.quantity import quantity_of
-from analysis.report.plain_console import fold_long_words, right
 from rigs.effect_names import kind_in_words, name_in_words, names_in_words
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import name_of

@@ -12,7 +12,7 @@ from rich.text import Text
 from analysis.apps.makers.report.plan_report import noise_in_words
 from analysis.apps.planning.detectability import Judgement
 from analysis.apps.planning.proposal import SET_UP_MIN, CircleProposal, ProposedCircle
-from analysis.report.plain_console import fold_long_words, right
+from analysis.cli.plain_console import fold_long_words, right
 from analysis.runs.written_files import refuse_existing
 from rigs.edit import Keys, Value, with_values
 from rigs.effect_names import name_in_words, names_in_words

@@ -12,7 +12,7 @@ from analysis.apps.live.canvas import Canvas, height_of, put_large, width_of
 from analysis.apps.live.controls import UNITS, LiveControls, label_of
 from analysis.apps.live.screen import screen
 from analysis.apps.live.view import GaugeReading, LiveView, Played
-from analysis.report.plain_console import PlainConsole
+from analysis.cli.plain_console import PlainConsole
 from tests.support.simulated_laps import lap_run, watched_lap
 
 EVIL = "a\x1b]0;title\x07\x1b[31m\nforged\r\u202e机机"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from analysis.report.texts import LANGUAGES, texts_of
+from analysis.apps.report.texts import LANGUAGES, texts_of
 from tests.support.command_line import ran
 
 POSES = """name,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg

@@ -13,8 +13,8 @@ from analysis.apps.paper.pictures import SimulatedFigures, figures_of
 from analysis.apps.paper.rows import PaperRow, as_table, rows_of
 from analysis.apps.paper.simulated_tests import circle, curve_of, repeats, sphere, step, typical_seed
 from analysis.cli import app
+from analysis.cli.plain_console import PlainConsole
 from analysis.procedures.simulate import simulate
-from analysis.report.plain_console import PlainConsole
 from rigs.errors import FileError
 from rigs.load import load, load_hidden
 from rigs.rig import Rig

@@ -12,11 +12,10 @@ import pytest
 from analysis.apps.plant.history import history_of
 from analysis.apps.plant.history_page import write_page
 from analysis.apps.plant.history_screen import as_object, as_screen
-from analysis.apps.plant.history_words import origin, sentences
+from analysis.apps.plant.history_words import origin, sentences, simulated_runs
 from analysis.apps.plant.records import RunRecord
+from analysis.cli.plain_console import PlainConsole
 from analysis.procedures.shared.quantity import Quantity
-from analysis.report.origins import simulated_runs
-from analysis.report.plain_console import PlainConsole
 from rigs.schema.limits import CircleLimits, Limit, Limits
 from tests.support.figure_histories import collected
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from analysis.apps.report.texts import texts_of
 from analysis.apps.session import session_report as report
 from analysis.apps.session.daemon_cell import ProgramRun
 from analysis.apps.session.next_step import Drive, Infer, next_of, why_nothing
 from analysis.apps.session.session_state import Aim, ProgramStep, Session, SessionDirectory, Try
-from analysis.report.texts import texts_of
 from rigs.errors import CellError
 from rigs.load import load
 from tests.support.nightly import cases

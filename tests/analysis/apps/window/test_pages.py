@@ -21,6 +21,7 @@ import pytest
 
 from analysis import load_run
 from analysis.apps.live.view import GaugeReading, LiveView, Update
+from analysis.apps.report.texts import LANGUAGES
 from analysis.apps.session.session_state import ProgramStep, Session, SessionDirectory, Try
 from analysis.apps.window import frames
 from analysis.apps.window.app import language_of
@@ -28,7 +29,6 @@ from analysis.apps.window.app import words_of as texts_of
 from analysis.apps.window.control_posts import WindowControls
 from analysis.apps.window.frames import summary
 from analysis.apps.window.watcher import Board, Watcher
-from analysis.report.texts import LANGUAGES
 from daq.store.marks import load_marks
 from rigs.errors import CellError
 from tests.support.nightly import cases

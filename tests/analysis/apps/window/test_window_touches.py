@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from analysis import load_run
+from analysis.apps.report.texts import texts_of
 from analysis.apps.window.watcher import Watcher
 from analysis.apps.window.window_touches import WindowCheck
-from analysis.report.texts import texts_of
 from daq.store.marks import load_marks
 from rigs.errors import CellError, FileError, UseError
 from tests.support.moved_cell import Case, moved_cell, touch_near, write_touches

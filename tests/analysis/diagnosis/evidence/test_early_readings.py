@@ -11,10 +11,10 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
+from analysis.apps.report.act_words import ActWords
+from analysis.apps.report.answer_words import AnswerWords
 from analysis.cli import app
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.report.act_words import ActWords
-from analysis.report.answer_words import AnswerWords
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.tables import PoseTable
 from rigs.arms import load_arm

@@ -10,6 +10,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from analysis.apps.report.act_words import ActWords, without_idle_mounts
+from analysis.apps.report.answer_words import AnswerWords
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.judge.act_list import (
@@ -26,8 +28,6 @@ from analysis.diagnosis.judge.result import BudgetPart, Diagnosis, GroupMember, 
 from analysis.diagnosis.judge.verdict import Gaps, condition_of, shows_time
 from analysis.diagnosis.plan.further_tests import PossibleTest
 from analysis.diagnosis.plan.naming_tests import NamingTests, naming_tests
-from analysis.report.act_words import ActWords, without_idle_mounts
-from analysis.report.answer_words import AnswerWords
 from analysis.runs.tables import CircleTable
 from rigs.calibration import ModelAssessment, ground_of, verdict_of
 from rigs.effects import VOCABULARY, Backlash, Compliance, Effect, JointOffset, LinkGeometry

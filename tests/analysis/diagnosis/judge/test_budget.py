@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import pytest
 
+from analysis.apps.report.act_words import ActWords
+from analysis.apps.report.answer_words import AnswerWords
 from analysis.diagnosis.judge.result import BudgetPart, Diagnosis
-from analysis.report.act_words import ActWords
-from analysis.report.answer_words import AnswerWords
 from rigs.effects import Backlash, Compliance, Effect, JointOffset
 from rigs.schema.effect import label_of, name_of
 from tests.support.diagnosis_cells import circles, found_in, poses

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analysis.apps.report.diagnosis_report import write_extended
 from analysis.diagnosis.fit.search import SearchResult, search
 from analysis.diagnosis.fit.selection_state import background_effects, background_terms
 from analysis.diagnosis.judge.calibrated_model import (  # private: a diagnosis of a calibrated arm takes a minute
@@ -17,7 +18,6 @@ from analysis.diagnosis.judge.calibrated_model import (  # private: a diagnosis 
     covariance_of,
 )
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.report.diagnosis_report import write_extended
 from rigs.calibration import TIMES, CalibratedModel, CovarianceParameter, Term, packed_factor
 from rigs.effects import Backlash, Effect, GaugeScale, JointOffset, LinkGeometry, TransmissionError
 from rigs.load import load

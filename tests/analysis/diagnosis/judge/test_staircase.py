@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from analysis.apps.plant.comparison_report import save_pictures
+from analysis.apps.report.stairs import residual_words, stairs_of, stairs_of_model
 from analysis.diagnosis.evidence.observation import rms
 from analysis.diagnosis.evidence.setups import fit_run_setups, with_effects
 from analysis.diagnosis.judge.compare_runs import compare
 from analysis.diagnosis.judge.disagreement import disagreement, located
 from analysis.diagnosis.judge.staircase import ModelResidual
-from analysis.report.stairs import residual_words, stairs_of, stairs_of_model
 from rigs.effects import Backlash, JointOffset
 from tests.support.diagnosis_cells import DEMO, RIG, circles, demo, seen
 

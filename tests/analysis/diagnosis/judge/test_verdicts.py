@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from analysis.apps.report.answer_words import AnswerWords
+from analysis.apps.report.diagnosis_screen import as_screen
 from analysis.diagnosis import diagnose as verdicts
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs
@@ -28,8 +30,6 @@ from analysis.diagnosis.judge.doubts import doubts_of_limits
 from analysis.diagnosis.judge.result import Diagnosis, Named
 from analysis.diagnosis.judge.verdict import standing_within, without_useless
 from analysis.procedures.simulate import simulate
-from analysis.report.answer_words import AnswerWords
-from analysis.report.diagnosis_screen import as_screen
 from analysis.runs.loading import Measured
 from rigs.effects import (
     Backlash,

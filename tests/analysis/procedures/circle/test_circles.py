@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+from analysis.apps.report.run_object import figure_in_words
 from analysis.procedures.checks.place import place_findings, stamp_findings
 from analysis.procedures.circle import circularity, direction_pair, roll, yaw
 from analysis.procedures.circle.evaluate import CircleResult
@@ -13,7 +14,6 @@ from analysis.procedures.circle.joint_reversals import MeasuredReversal, angle_d
 from analysis.procedures.shared.evaluate import evaluate
 from analysis.procedures.shared.reduction import reduced
 from analysis.procedures.simulate import simulate
-from analysis.report.run_object import figure_in_words
 from analysis.robot.geometry.circle import CircleFrame, Reversal, frame_of, link_readings, reversals
 from analysis.robot.geometry.driven_programs import circle_of, circle_program, drive
 from analysis.robot.kinematics.arm import arm_of, forward

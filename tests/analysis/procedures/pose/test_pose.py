@@ -9,8 +9,8 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from analysis import evaluate, load_run
+from analysis.apps.report.run_object import as_object
 from analysis.procedures.pose import evaluate as pose
-from analysis.report.run_object import as_object
 from analysis.robot.geometry.pose_setup import fit_setup, position_error
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.csv_tables import columns_of

@@ -18,6 +18,7 @@ from daq.apps.commission.cell_finding import CellFinding, FindingVerdict
 from daq.apps.commission.modbus_scan import ways
 from daq.apps.emulate.simulated_cell import SimulatedLine
 from daq.apps.emulate.simulated_clock import SimulatedClock
+from daq.apps.gauge_drivers.modbus_map import registers_over_time
 from rigs.load import SHIPPED, parse
 from rigs.schema.links import Line
 from rigs.schema.modbus import ModbusMap
@@ -132,7 +133,7 @@ def _seen(readings: list[list[int]]) -> dict[tuple[tuple[int, int], tuple[int, i
 
 
 def _held(gauge: ModbusMap, path_mm: list[float]) -> list[list[int]]:
-    found = [daq.gauges.modbus_map.registers_over_time(gauge, lambda _, mm=mm: [mm])(0) for mm in path_mm]
+    found = [registers_over_time(gauge, lambda _, mm=mm: [mm])(0) for mm in path_mm]
     assert all(found)
     return found  # type: ignore[return-value]
 

@@ -16,7 +16,7 @@ from analysis.apps.makers.programs.planned import plans_of
 from analysis.apps.makers.programs.ways import circular_path
 from analysis.apps.makers.writing import feedback_note, programs_of
 from analysis.robot.kinematics.arm import Array
-from daq.feedback import line_feed
+from daq.apps.robot_drivers import line_feed
 from daq.protocol.conversation import Sample
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse

@@ -1,0 +1,192 @@
+"""Movement between a reference and new readings: result, its conversion to plain types, and the next posture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from analysis.apps.commission.next_touch import (
+    Candidates,
+    Lever,
+    ReferencePosture,
+    candidates_of,
+    hidden_causes,
+    next_posture,
+)
+from analysis.diagnosis.evidence.observation import ObservedRun
+from analysis.movement.between import observed
+from analysis.movement.cause_odds import CauseOdds, causes_by_odds, short_name, vector_of
+from analysis.movement.causes import NOTHING
+from analysis.movement.inference import (
+    FEWEST_OF_REFERENCE,
+    MOST_MM,
+    NAMED,
+    Reference,
+    ReferenceComparison,
+    compare,
+    study,
+)
+from analysis.procedures.facts import facts_of
+from analysis.runs.loading import Measured
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.part import Vector
+
+
+@dataclass(frozen=True)
+class MovementResult:
+    """Movement between a reference and new readings.
+
+    cannot_separate: causes between which the readings do not decide. next_posture: posture to touch next, None if a
+    cause is named or no posture helps. hidden: causes not visible in any posture of the reference.
+    """
+
+    causes: tuple[CauseOdds, ...]
+    named: CauseOdds | None
+    cannot_separate: tuple[CauseOdds, ...]
+    next_posture: ReferencePosture | None
+    hidden: tuple[Lever, ...]
+    readings: int
+    reference_readings: int
+    scatter_mm: float
+    centre_mm: Vector
+    wild_row: int | None
+    of_tracker: bool
+    zero_bounds_deg: tuple[float, ...] = ()
+    """Largest error of each zero compatible with the new readings if only that zero moved: |size| + 2 u."""
+    doubts: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result in plain types for JSON."""
+        step = self.next_posture
+        return {
+            "named": self.named and self.named.to_dict(),
+            "causes": [cause.to_dict() for cause in self.causes],
+            "cannot_separate": [
+                {"what": cause.what, "axis": cause.cause.axis, "name": cause.name or None}
+                for cause in self.cannot_separate
+            ],
+            "next": step and {
+                "setup": step.setup, "socket": step.socket or None, "row": step.row,
+                "joints_deg": np.round(np.degrees(step.angles), 4).tolist()
+            },
+            "hidden": [
+                {"what": lever.cause.what, "axis": lever.cause.axis, "name": short_name(lever.cause) or None,
+                 "moves_mm": lever.moves_mm, "scatter_mm": lever.scatter_mm}
+                for lever in self.hidden
+            ],
+            "readings": self.readings, "reference_readings": self.reference_readings, "scatter_mm": self.scatter_mm,
+            "point": {"at_mm": list(self.centre_mm)}, "wild_reading": self.wild_row,
+            "zero_bounds_deg": list(self.zero_bounds_deg), "doubts": list(self.doubts),
+        }  # fmt: skip
+
+
+def what_moved(reference: Reference, new: list[ObservedRun], *, plan: bool = False) -> MovementResult:
+    """Infer the movement between a reference and new runs of an arm, with touches split by socket.
+
+    The result contains the next posture if `plan` is set or no cause is named. Raises FileError if the new readings
+    share no set-up with the reference.
+    """
+    known = {run.setup for run in reference.runs}
+    shared = [run for run in new if run.setup in known]
+    if new and not shared:
+        remedy = "touch the same sockets, or give the same --placement at import (rig relabel)"
+        raise FileError(f"set-up {new[0].setup}", "does not occur in any reference run", remedy)
+    doubts = [
+        f"{name} does not occur in any reference run and is ignored"
+        for name in sorted({run.setup for run in new} - known)
+    ]
+    if reference.wild:
+        doubts.append(f"{reference.wild} readings of the reference are outliers and are ignored")
+    compared = compare(reference, shared) if shared else None
+    if compared is not None and compared.distance_mm > MOST_MM:
+        far = f"the readings are {compared.distance_mm:.0f} mm from the positions of the reference"
+        remedy = "check that sockets, targets and placement are those of the reference"
+        raise FileError(f"set-up {shared[0].setup}", far, remedy)
+    return moved_of(reference, compared, plan=plan, doubts=tuple(doubts))
+
+
+def moved_of(
+    reference: Reference, compared: ReferenceComparison | None, *, plan: bool = False, doubts: tuple[str, ...] = ()
+) -> MovementResult:
+    """Return the result of a comparison, or of a plan before the first reading."""
+    causes = [] if compared is None else causes_by_odds(reference, compared)
+    named = causes[0] if compared is not None and compared.identified_cause is not None else None
+    rivals = () if named else tuple(cause for cause in causes if cause.posterior > 1 - NAMED)
+    candidates = candidates_of(reference)
+    hidden = tuple(hidden_causes(reference, candidates))
+    step = None
+    if (plan or compared is not None) and named is None:
+        step = _next(reference, candidates, compared, rivals, hidden)
+    wild = None if compared is None or compared.posterior.wild is None else compared.posterior.wild + 1
+    return MovementResult(
+        tuple(causes), named, rivals, step, hidden,
+        compared.count if compared else 0, sum(len(run.rows) for run in reference.runs),
+        reference.scatter_mm, vector_of(reference.place.centre_mm), wild,
+        any(facts_of(run.table.test).of_tracker for run in reference.runs), _zero_bounds(compared), doubts,
+    )  # fmt: skip
+
+
+def _zero_bounds(compared: ReferenceComparison | None) -> tuple[float, ...]:
+    """Return the largest error in degrees of each zero that is compatible with the readings."""
+    estimates = compared.posterior.estimates.items() if compared else ()
+    return tuple(
+        float(np.degrees(abs(estimate.mean[0]) + 2 * np.sqrt(estimate.cov[0, 0])))
+        for cause, estimate in estimates
+        if cause.what == "zero"
+    )
+
+
+def _next(
+    reference: Reference,
+    candidates: Candidates,
+    compared: ReferenceComparison | None,
+    rivals: tuple[CauseOdds, ...],
+    hidden: tuple[Lever, ...],
+) -> ReferencePosture | None:
+    """Return the next posture; None if only causes remain that no posture shows."""
+    invisible = {lever.cause for lever in hidden}
+    is_hopeless = bool(rivals) and all(rival.cause in invisible or rival.cause == NOTHING for rival in rivals)
+    if is_hopeless and compared is not None and compared.can_clear:
+        return None
+    return next_posture(reference, candidates, compared)
+
+
+def study_runs(rig: Rig, runs: Sequence[Measured]) -> Reference:
+    """Return the reference of runs before a possible movement. rig: model of the arm.
+
+    Raises FileError if the runs have no joint angles, or too few readings.
+    """
+    before = observed(rig, runs)
+    where = ", ".join(run.run.manifest.name for run in runs)
+    if not before:
+        raise FileError(where, "has no joint angles", "give runs of touches, poses or circles")
+    count = sum(len(run.rows) for run in before)
+    if count < FEWEST_OF_REFERENCE:
+        problem = f"has only {count} readings, but a reference needs at least {FEWEST_OF_REFERENCE}"
+        raise FileError(where, problem, "touch more postures while the cell is in order, or give more runs")
+    return study(before)
+
+
+def what_moved_in(
+    rig: Rig, reference: Sequence[Measured], new: Sequence[Measured], *, plan: bool = False
+) -> MovementResult:
+    """Infer the movement between reference runs and new runs.
+
+    If all new runs have a different placement name, it is treated as that of the reference. Raises FileError for a
+    reference without joint angles, or with too few readings.
+    """
+    before, after = study_runs(rig, reference), observed(rig, new)
+    places = {run.run.manifest.placement for run in reference}
+    others = {run.run.manifest.placement for run in new}
+    if len(places) == len(others) == 1 and places != others:
+        after = _renamed(after, others.pop(), places.pop())
+    return what_moved(before, after, plan=plan)
+
+
+def _renamed(runs: Sequence[ObservedRun], old: str, new: str) -> list[ObservedRun]:
+    was, becomes = f" at {old}" if old else "", f" at {new}" if new else ""
+    return [replace(run, setup=run.table.test + becomes + run.setup.removeprefix(run.table.test + was)) for run in runs]

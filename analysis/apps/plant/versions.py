@@ -1,0 +1,119 @@
+"""Versions of a robot's calibration: rig files with a calibration, as written by diagnoses.
+
+A version consists of a rig file and a calibration. The effects in the file were found together with the calibration,
+and neither is valid without the other. No file is deleted: the replaced version is kept under a name with the date.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import hashlib
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from analysis.runs.written_files import holding, write_all_new, write_all_over
+from rigs.calibration import CalibratedModel, CalibrationFile, verdict_of
+from rigs.edit import extended
+from rigs.errors import FileError, RigError
+from rigs.load import load
+from rigs.rig import Rig
+
+_MOST = 10_000
+"""Maximum number of YAML files below a folder; more indicate the wrong folder."""
+
+
+@dataclass(frozen=True)
+class Version:
+    """A rig file with its calibration. in_use: the current rig file has the same calibration."""
+
+    path: Path
+    calibrated: CalibratedModel
+    sha256: str
+    in_use: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the calibration in plain types."""
+        model = self.calibrated
+        return {
+            "path": str(self.path),
+            "sha256": self.sha256,
+            "in_use": self.in_use,
+            "date": str(model.date),
+            "version": model.version,
+            "runs": [run.name for run in model.runs],
+            "before_um": model.before_um,
+            "calibrated_um": model.calibrated_um,
+            "held_out_um": model.held_out_um,
+            "verdict": verdict_of(model),
+        }
+
+
+def versions(rig_file: Path, folder: Path) -> list[Version]:
+    """Return the calibrations below a folder for the arm of a rig file, newest first.
+
+    Other files, other robots and rig files without a calibration are skipped. Raises FileError if the rig file cannot
+    be read, or if the folder contains too many files.
+    """
+    rig, _ = load(rig_file)
+    files = list(islice(folder.rglob("*.y*ml"), _MOST + 1))
+    if len(files) > _MOST:
+        problem = f"contains more than {_MOST} YAML files"
+        raise FileError(str(folder), problem, "give the folder of this robot: --in FOLDER")
+    versions = []
+    for path in files:
+        try:
+            listed, _ = load(path)
+        except RigError:
+            continue
+        if listed.calibration and listed.calibrated and _identity(listed) == _identity(rig):
+            digest = listed.calibration.sha256
+            in_use = rig.calibration is not None and rig.calibration.sha256 == digest
+            versions.append(Version(path, listed.calibrated, digest, in_use))
+    return sorted(versions, key=lambda version: (version.calibrated.date, str(version.path)), reverse=True)
+
+
+def _identity(rig: Rig) -> tuple[str, str]:
+    """Return name and serial number, which identify a robot."""
+    return rig.robot.name, rig.robot.serial
+
+
+@dataclass(frozen=True)
+class RolledBack:
+    """Result of a restored version. kept: the previous rig file. calibration: the calibration file now in use.
+    differing: keys of the rig file, other than effects and calibration, with changed contents.
+    """
+
+    kept: Path
+    calibration: Path
+    differing: tuple[str, ...]
+
+
+def roll_back(rig_file: Path, version: Path, now: dt.datetime) -> RolledBack:
+    """Replace a rig file by a version and keep the previous file under a name with the time.
+
+    now: the time in that name. Raises FileError if either file cannot be read, or if the version has no calibration,
+    belongs to a different robot or is the file itself; CellError if the disk cannot be written. The replacement is
+    atomic.
+    """
+    rig, text = load(rig_file)
+    former, former_text = load(version)
+    if rig_file.resolve() == version.resolve():
+        raise FileError(str(version), "is the rig file itself", "name a version that rig versions lists")
+    if former.calibration is None or former.calibrated is None:
+        raise FileError(str(version), "has no calibration", "name a version that rig versions lists")
+    if _identity(former) != _identity(rig):
+        problem = f"belongs to a different robot: {former.robot.name} {former.robot.serial}".rstrip()
+        raise FileError(str(version), problem, "name a version of this robot")
+    content = former.calibrated.content
+    digest = hashlib.sha256(content).hexdigest()
+    named = CalibrationFile(file=f"version-{digest[:12]}.calibration.json", sha256=digest)
+    new = extended(former_text, (), str(version), named)
+    kept = rig_file.with_name(f"{rig_file.stem}-until-{now:%Y%m%d-%H%M%S.%f}{rig_file.suffix}")
+    write_all_new(rig_file.parent, {kept.name: holding(text.encode())})
+    write_all_over(rig_file.parent, {named.file: holding(content)})
+    write_all_over(rig_file.parent, {rig_file.name: holding(new.encode())})
+    fields = [name for name in type(rig).model_fields if name not in ("effects", "calibration", "name")]
+    differing = tuple(name for name in fields if getattr(rig, name) != getattr(former, name))
+    return RolledBack(kept, rig_file.parent / named.file, differing)

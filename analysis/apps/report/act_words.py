@@ -1,0 +1,226 @@
+"""Recommended acts in sentences: the act, the expected error, and the arguments against it.
+
+The acts are values (`analysis.diagnosis.judge.acts`); this module makes no decisions. Screen, page, session and history
+share these sentences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+from analysis.apps.report.answer_words import AnswerWords, measures_places
+from analysis.apps.report.diagnosis_words import measured_u, micrometres, percent, size_in_words, sure, with_uncertainty
+from analysis.apps.report.movement_words import act_after
+from analysis.apps.report.texts import Texts, texts_of
+from analysis.diagnosis.judge.act_list import LEAST_SHARE
+from analysis.diagnosis.judge.acts import FOUND, Act
+from analysis.diagnosis.judge.result import Diagnosis
+from analysis.diagnosis.plan.naming_tests import JOINED
+from rigs.effects import Effect, size_field
+from rigs.schema.effect import label_of, name_of
+
+_KEYS = {
+    "elsewhere": "act_elsewhere", "revisit": "act_revisit", "commanded": "act_commanded",
+    "not_visible": "next_plan", "visits_differ": "act_repeats_differ",
+}  # fmt: skip
+"""Text keys of the reasons for a measurement whose sentence depends on the reason only."""
+
+
+@dataclass(frozen=True)
+class ActWords:
+    """Sentences for the acts of a diagnosis in a given language."""
+
+    diagnosis: Diagnosis
+    texts: Texts = field(default_factory=partial(texts_of, "en"))
+    is_judged_elsewhere: bool = False
+    """Whether the model was validated on runs at a different place before these runs joined the runs used."""
+
+    @property
+    def next(self) -> str:
+        """The first act with the expected gain and the arguments against it; empty if nothing is recommended."""
+        act = self.diagnosis.next_act
+        return self.sentence(act) if act else ""
+
+    def sentence(self, act: Act, *, corrected: bool = False) -> str:
+        """Return an act as a sentence, with the expected gain and the arguments against it.
+
+        corrected: the robot already drives with the correction. The sentence then omits the effect of the act on the
+        correction, which the caller states once for all acts.
+        """
+        against, acts = self.against(act), self.diagnosis.acts
+        before = acts[: acts.index(act)] if act in acts else acts
+        # The act changes the arm for which an earlier act in the list makes a correction.
+        is_instead = act.kind in ("remaster", "enter", "repair", "mount", "check") and any(
+            earlier.kind == "load" for earlier in before
+        )
+        is_otherwise = act.kind == "load" and any(earlier.kind == "check" for earlier in before)
+        instead = self.texts("act_instead") if is_instead and not corrected else ""
+        instead = self.texts("act_otherwise") if is_otherwise else instead
+        sentence = " ".join(filter(None, [self.what(act), self.removes(act), instead]))
+        return f"{sentence.removesuffix('.')} ({against})." if against else sentence
+
+    def what(self, act: Act) -> str:
+        """Return the instruction of an act as a sentence."""
+        texts = self.texts
+        if act.kind == "none":
+            return texts(f"act_none_{act.why}", parts=self.parts(act))
+        if act.kind == "measure":
+            return self._measure(act)
+        if act.why == "moved":
+            return act_after(self.diagnosis.movements, texts)
+        if act.why == "contradicted":
+            return self._check_stated()
+        if act.effect is None:
+            rig = self.diagnosis.rig
+            load = "act_load" if rig.takes_programs else "act_load_targets"
+            if act.command[:1] != ("correct",) or any(word.startswith(FOUND) for word in act.command):
+                load += "_unwritten"
+            keys = {"mount": self._of_places("act_mount_unexplained"), "wait": "act_wait_early", "load": load}
+            return texts(keys.get(act.kind, f"act_{act.kind}"), command=command(act), maker=rig.maker or "MAKER")
+        key = f"act_repair_{act.why}" if act.kind == "repair" and act.why != "fault" else f"act_{act.kind}"
+        if act.kind == "mount" and act.effect.part == "gravity":
+            key = "act_mount_base"
+        if act.kind == "check" and act.effect.part in ("gauges", "clocks"):
+            key = "act_check_gauges"
+        if act.kind == "check" and f"act_check_{act.effect.effect}" in texts.words:
+            key = f"act_check_{act.effect.effect}"
+        axis = getattr(act.effect, "axis", None)
+        field = size_field(act.effect)
+        size = with_uncertainty(act.effect, field, {field: act.u} if act.u is not None else {})
+        twins = next((named.twins for named in self.diagnosis.effects if named.effect == act.effect), ())
+        return texts(
+            key,
+            cause=texts("or").join(map(self.noun, (act.effect, *twins))),
+            size=size if act.kind != "remaster" or size.startswith("-") else f"+{size}",
+            axis=texts.axis(self.diagnosis.rig.robot, axis) if axis else "",
+        )
+
+    def removes(self, act: Act) -> str:
+        """Return the error expected after an act, ± its standard uncertainty, and where this error was estimated.
+
+        The sentence says so if the error was not computed. It is empty for acts that remove no error.
+        """
+        if act.kind == "approach" and act.removes_um is None:
+            return self.texts("act_not_computed")
+        if act.kind in ("none", "measure") or (act.effect is None and act.kind != "load"):
+            return ""
+        before = act.gain_um + act.remains_um
+        change = act.gain_um / before if before > 0 else 0.0
+        falls = f"act_{'load_' * (act.kind == 'load' and self.diagnosis.rig.takes_programs)}changes"
+        key = "hardly" if abs(change) < LEAST_SHARE else "may_change" if change > 0 else "grows"
+        sentences = []
+        if act.effect is not None and act.with_before_um is None:
+            # Parts that this effect cancels become visible in full once it is removed.
+            words, label = AnswerWords(self.diagnosis, self.texts), label_of(act.effect)
+            lines = [line for k in act.parts for line in self.diagnosis.budget[k].shown_together]
+            others = [line for line in lines if line.label != label]
+            if 0 < len(others) < len(lines):
+                sentences.append(self.texts("act_uncovers", others="; ".join(words.describe_parts_alone(others))))
+        sentences += [
+            self.texts(
+                falls if act.removes else f"act_{key}", before=micrometres(before),
+                after=size_in_words(act.remains_um, measured_u(self.diagnosis, act.remains_u_um)),
+                place=self.texts(f"place_{act.place}"),
+            )
+        ]  # fmt: skip
+        if act.with_before_um is not None:
+            after = size_in_words(act.with_before_um, measured_u(self.diagnosis, act.with_before_u_um))
+            sentences.append(self.texts("act_with_before", after=after))
+        return " ".join(sentences)
+
+    def against(self, act: Act) -> str:
+        """Return the arguments against an act as short phrases; empty if none apply."""
+        texts, phrases = self.texts, []
+        rivals = [
+            rival.effect for named in self.diagnosis.effects if named.effect == act.effect for rival in named.rivals
+        ]
+        nouns = {name_of(effect): self.noun(effect) for effect in rivals}
+        for remark in act.against:
+            if act.kind == "measure" and act.test is None and remark.why == "no_place":
+                continue  # the instruction already mentions it
+            if remark.why == "not_judged_elsewhere" and self.is_judged_elsewhere:
+                continue
+            if remark.why == "doubt" and remark.doubt:
+                phrases.append(texts(f"doubt_{remark.doubt}"))
+            else:
+                names = texts("or").join(nouns.get(name, name) for name in remark.names)
+                count = "" if remark.runs is None else remark.runs
+                phrases.append(texts(f"against_{remark.why}", names=names, count=count))
+        return "; ".join(phrases)
+
+    def noun(self, effect: Effect) -> str:
+        """Return the noun phrase for an effect within a sentence."""
+        return AnswerWords(self.diagnosis, self.texts).noun(effect)
+
+    def parts(self, act: Act) -> str:
+        """Return the parts of the error that an act reduces, separated by commas."""
+        words = AnswerWords(self.diagnosis, self.texts)
+        return ", ".join(words.part_name(self.diagnosis.budget[k]) for k in act.parts)
+
+    def _check_stated(self) -> str:
+        made, words = self.diagnosis.contradictions, AnswerWords(self.diagnosis, self.texts)
+        keys = ", ".join(dict.fromkeys(contradiction.key for contradiction in made))
+        return self.texts("act_check_contradicted", constants="; ".join(map(words.constant_name, made)), keys=keys)
+
+    def _measure(self, act: Act) -> str:
+        texts, test = self.texts, act.test
+        if act.why in ("few_runs", "one_lap"):
+            cause = self.noun(act.effect) if act.effect else ""
+            return texts("next_repeat" if act.why == "few_runs" else "act_one_lap", cause=cause, count=act.runs)
+        if act.why in _KEYS:
+            return texts(self._of_places(_KEYS[act.why]))
+        if act.why == "follows" and self.diagnosis.unexplained and (followed := self.diagnosis.unexplained.likeliest):
+            joint = texts.axis(self.diagnosis.rig.robot, followed.axis) if followed.axis else ""
+            return texts(f"act_follows_{followed.what}", joint=joint)
+        if test is None:
+            key = "next_elsewhere" if act.why == "rivals" else self._of_places("act_group_no_test")
+            return texts(key, parts=self.parts(act))
+        share = percent(sum(self.diagnosis.budget[k].share for k in act.parts))
+        if test.test == JOINED:
+            return texts("act_joined", parts=self.parts(act), odds=sure(test.odds_then), share=share)
+        minutes = texts("minutes", count=f"{act.cost.minutes:.0f}") if act.cost.minutes else texts("zero_minutes")
+        which = "act_rivals" if act.why == "rivals" else "act_group"
+        return texts(
+            which, test=test.test, minutes=minutes, parts=self.parts(act),
+            odds=sure(test.odds_then), share=share,
+        )  # fmt: skip
+
+    def _of_places(self, key: str) -> str:
+        """Return the key of a text, or its variant for runs that measured only poses or touches, with no ball and
+        gauges.
+        """
+        of_places = f"{key}_places"
+        return of_places if of_places in self.texts.words and measures_places(self.diagnosis) else key
+
+
+def acts_in_words(diagnosis: Diagnosis, texts: Texts) -> list[str]:
+    """Return the acts of a diagnosis as sentences in order of priority."""
+    words = ActWords(diagnosis, texts)
+    return [words.sentence(act) for act in without_idle_mounts(diagnosis.acts)]
+
+
+def without_idle_mounts(acts: Sequence[Act]) -> tuple[Act, ...]:
+    """Return the acts except those that remount a part with negligible gain. If no other act exists, all are
+    returned.
+    """
+    idle = [
+        act
+        for act in acts
+        if act.kind == "mount"
+        and act.effect is not None
+        and act.removes_um is not None
+        and abs(act.removes_um) <= LEAST_SHARE * (act.removes_um + act.remains_um)
+    ]
+    return tuple(act for act in acts if act not in idle) or tuple(acts)
+
+
+def command(act: Act) -> str:
+    """Return the command line of an act, or an empty text if no command performs it.
+
+    If the calibrated model is not written yet, return the command that writes it.
+    """
+    if any(word.startswith(FOUND) for word in act.command):
+        return "rig diagnose RUN… -o found"
+    return " ".join(["rig", *act.command]) if act.command else ""

@@ -1,0 +1,465 @@
+"""The answer of a diagnosis in sentences: condition, accuracy, next step, and parts of the error.
+
+This module alone selects the sentences; the wording comes from the texts of a language. Screen and picture use English,
+the page the selected language.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from analysis.apps.report.diagnosis_words import (
+    LEAST_ODDS,
+    micrometres,
+    percent,
+    plain,
+    size,
+    size_in_words,
+    sure,
+)
+from analysis.apps.report.movement_words import movement_sentence
+from analysis.apps.report.texts import Texts, texts_of
+from analysis.diagnosis.evidence.contradiction import Contradiction
+from analysis.diagnosis.fit.refine import size_limits
+from analysis.diagnosis.judge.act_list import LEAST_SHARE
+from analysis.diagnosis.judge.acts import IMITATED
+from analysis.diagnosis.judge.result import (
+    CERTAIN_ODDS,
+    LARGE_SHARE,
+    BudgetPart,
+    Diagnosis,
+    Named,
+    Rival,
+    fault_rivals,
+    is_certain_part,
+    is_sure,
+    likely_rivals,
+)
+from analysis.procedures.shared.quantity import quantity_of
+from rigs.effect_names import name_in_words
+from rigs.effects import Effect
+from rigs.schema.effect import name_of, size_field, whole_order
+from rigs.schema.vocabulary import WITHOUT_GAUGES
+
+HARMLESS = ("uncalibrated", "nothing_unusual")
+"""Conditions without a fault."""
+SMALL_SHARE = 0.001
+"""Share of the error below which ordinary parts are counted together."""
+_WIDELY = 2.0
+"""Multiple of the usual size above which the text mentions a certain, harmless effect. Chosen: 5 % of healthy arms
+reach it.
+"""
+_MOST_NAMED = 3
+_MOST_MOVEMENTS = 2
+_ALMOST_ALL = 0.95
+"""Share of the error from which the text calls a part almost all of it. Chosen."""
+
+
+def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
+    """Return the parts above a third of the error except faults, which the condition already covers.
+
+    The list contains certain effects, effects with a few rivals, and groups with named members.
+    """
+    faults = [part_of(diagnosis, named) for named in diagnosis.standing]
+    return [
+        part
+        for part in diagnosis.budget
+        if part.share > LARGE_SHARE
+        and part.kind not in ("scatter", "unexplained")
+        and part not in faults
+        and (is_certain_part(diagnosis, part) or part.members)
+    ]
+
+
+def measures_places(diagnosis: Diagnosis) -> bool:
+    """Return whether every run measured poses or touches, with no ball and gauges."""
+    tests = {name.split()[0].strip(",;") for name in diagnosis.setups}
+    return bool(tests) and tests <= set(WITHOUT_GAUGES)
+
+
+def sure_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
+    """Return the certain single effects that are larger than on most arms but neither faults nor large parts of the
+    error.
+    """
+    large = large_parts(diagnosis)
+    return [
+        part
+        for part in diagnosis.budget
+        if part.index is not None
+        and part not in large
+        and not diagnosis.effects[part.index].stands
+        and is_sure(diagnosis, part)
+        and (part.times_usual or 0.0) >= _WIDELY
+    ]
+
+
+def unusual_groups(diagnosis: Diagnosis) -> list[BudgetPart]:
+    """Return the groups of small errors that are larger than usual although no single cause is certain.
+
+    The list is empty unless the condition is harmless; otherwise a fault or an open cause explains the error.
+    """
+    groups = [part for part in diagnosis.budget if part.rank == "unusual" and part.index is None]
+    return groups if diagnosis.condition in HARMLESS else []
+
+
+def shown_parts(diagnosis: Diagnosis) -> tuple[list[BudgetPart], list[BudgetPart]]:
+    """Return the parts of the error with separate lines, and the small parts that are counted together."""
+    small = [part for part in diagnosis.budget if part.share < SMALL_SHARE and part.rank != "unusual"]
+    return [part for part in diagnosis.budget if part not in small], small
+
+
+def has_model(diagnosis: Diagnosis) -> bool:
+    """Return whether the rig file contains effects or a calibration. The robot drives without the model."""
+    return diagnosis.rig.calibrated is not None or bool(diagnosis.rig.effects)
+
+
+def is_complete(diagnosis: Diagnosis) -> bool:
+    """Return whether the model of the rig file is complete.
+
+    It is complete if it contains effects or a calibration and scatter makes up more than nine tenths of the remaining
+    error. Smaller shares are not worth an act.
+    """
+    scatter = sum(part.share for part in diagnosis.budget if part.kind == "scatter")
+    return has_model(diagnosis) and diagnosis.condition in HARMLESS and scatter > 1 - LEAST_SHARE
+
+
+def fields_of(effect: Effect) -> dict[str, Any]:
+    """Return the parameters of an effect in the units used in sentences. A gear order is given as a number of teeth."""
+    fields = effect.model_dump()
+    return fields | ({"order": whole_order(fields["order"])} if "order" in fields else {})
+
+
+@dataclass(frozen=True)
+class AnswerWords:
+    """Sentences for a diagnosis in a given language."""
+
+    diagnosis: Diagnosis
+    texts: Texts = field(default_factory=partial(texts_of, "en"))
+    judged_elsewhere: tuple[float, float] | None = None
+    """Error in µm before and with the model, on runs at a different place before they joined the runs used."""
+
+    @property
+    def headline(self) -> str:
+        """The answer in a few sentences: the preconditions, then the findings."""
+        limits = self.contradictions if self.diagnosis.condition == "out_of_range" else self.preconditions
+        return " ".join(filter(None, (*limits, self.findings)))
+
+    @property
+    def findings(self) -> str:
+        """Large parts of the error before small ones, certain causes before open ones, then what the runs limit."""
+        diagnosis = self.diagnosis
+        if diagnosis.condition == "out_of_range":
+            return self._out_of_range()
+        (faults, open_too), large = self._faults(), [self._large_part(part) for part in large_parts(self.diagnosis)]
+        share = sum(part.share for named in diagnosis.standing if (part := part_of(diagnosis, named)))
+        first = any(part.share > share for part in large_parts(diagnosis))
+        wrong = [*large, *faults] if first else [*faults, *large]
+        sure_too = [self._measured(part) for part in sure_parts(diagnosis)]
+        measured = [self.texts("finding_sure", parts=self._listed(sure_too))] if sure_too else []
+        sentence = " ".join(f"{clause[:1].upper()}{clause[1:]}." for clause in [*wrong, *open_too, *measured])
+        condition = self._condition()
+        parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
+        return " ".join(filter(None, (self.visits, *parts)))
+
+    @property
+    def preconditions(self) -> list[str]:
+        """Sentences that limit all conclusions and therefore come first.
+
+        They describe contradicted constants, movements, commanded angles, and deviations that may be scatter.
+        """
+        moved = [movement_sentence(movement, self.texts) for movement in self.diagnosis.movements[:_MOST_MOVEMENTS]]
+        commanded = [self.texts("finding_only_commanded")] if self.diagnosis.only_commanded else []
+        return [*self.contradictions, *moved, *commanded, *self.unrepeated]
+
+    @property
+    def unrepeated(self) -> list[str]:
+        """A sentence on deviations larger than usual scatter, if no target was visited twice."""
+        unexplained = self.diagnosis.unexplained
+        if unexplained is None or unexplained.unrepeated_um is None or unexplained.scatter_um is not None:
+            return []
+        return [self.texts("finding_unrepeated", um=micrometres(unexplained.unrepeated_um))]
+
+    @property
+    def contradictions(self) -> list[str]:
+        """A sentence for each stated constant that the readings contradict."""
+        return [
+            self.texts(
+                "finding_contradicted", constant=self.constant_name(made), stated=str(made.stated),
+                measured=str(made.by_readings), difference=f"{abs(made.difference):.3g} {made.stated.sign}",
+            )
+            for made in self.diagnosis.contradictions
+        ]  # fmt: skip
+
+    def constant_name(self, made: Contradiction) -> str:
+        """Return the name of a stated constant."""
+        return self.texts(f"constant_{made.key.rpartition('.')[2]}", names=self.texts("and").join(made.names))
+
+    @property
+    def visits(self) -> str:
+        """The difference between visits of a target or repeats of a circle, if it exceeds the usual repeatability;
+        otherwise empty.
+        """
+        visits_um = self.diagnosis.unexplained.visits_um if self.diagnosis.unexplained else None
+        places = "_places" if measures_places(self.diagnosis) else ""
+        return self.texts(f"finding_repeats_differ{places}", um=_length(visits_um)) if visits_um else ""
+
+    @property
+    def accuracy(self) -> str:
+        """The present error, and the error after calibration on unseen runs or, if there are none, on the runs used."""
+        accuracy = self.diagnosis.accuracy
+        model = "error_corrected" if has_model(self.diagnosis) else "error_now"
+        now = self.texts(model, now=micrometres(accuracy.now_um), largest=micrometres(accuracy.now_largest_um))
+        values = {"left": micrometres(accuracy.calibrated_um), "before": micrometres(accuracy.before_there_um)}
+        if is_complete(self.diagnosis) and accuracy.place == "used":
+            return now
+        place: str = accuracy.place
+        if place == "used" and self.judged_elsewhere:
+            before_um, left_um = self.judged_elsewhere
+            place, values = "unseen", {"left": micrometres(left_um), "before": micrometres(before_um)}
+        which = f"calibrated_{place}" if self.diagnosis.is_testable else "calibrated_unknown"
+        if self.diagnosis.condition == "out_of_range":
+            which, values = "calibrated_out_of_range", {"left": micrometres(self.diagnosis.train.after_um)}
+        return f"{now} {self.texts(which, **values)}"
+
+    @property
+    def judged(self) -> str:
+        """The verdict of the error against the limits. It applies to the uncorrected arm, since no run was driven
+        with corrections.
+        """
+        accuracy = self.diagnosis.accuracy
+        if accuracy.standing is None or accuracy.limit is None:
+            return self.texts("accuracy_open")
+        by = self.texts(f"limit_{accuracy.limit}")
+        which = "accuracy_uncorrected" if has_model(self.diagnosis) else "accuracy_standing"
+        return self.texts(which, standing=self.texts(f"standing_{accuracy.standing}"), by=by)
+
+    def part_name(self, part: BudgetPart) -> str:
+        """Return the name of a budget part, with the parts that cancel some of it."""
+        return self._with_cancelled(part, self.short_name(part))
+
+    def describe_parts_alone(self, parts: Sequence[BudgetPart]) -> list[str]:
+        """Return a phrase with the individual rms in µm for each of several parts that partly cancel."""
+        return [self.texts("alone", part=self.short_name(part), um=size_in_words(part.um, part.u_um)) for part in parts]
+
+    def _with_cancelled(self, part: BudgetPart, words: str) -> str:
+        others = ", ".join(map(self.short_name, part.shown_together[1:]))
+        return self.texts("with_cancelled", part=words, others=others) if others else words
+
+    def short_name(self, part: BudgetPart) -> str:
+        """Return the name of a budget part without the parts that cancel some of it, for narrow places."""
+        if part.index is not None:
+            return self.noun(self.diagnosis.effects[part.index].effect)
+        if part.kind == "effect":
+            return name_in_words(part.name)
+        joint = self.texts.axis(self.diagnosis.rig.robot, part.axis) if part.axis else ""
+        return self.texts(f"part_{part.kind}", joint=joint)
+
+    def size_of(self, part: BudgetPart) -> str:
+        """Return the size of an effect ± standard uncertainty; empty for other parts."""
+        return size(self.diagnosis.effects[part.index]) if part.index is not None else ""
+
+    def rank_of(self, part: BudgetPart) -> str:
+        """Return the class of a part; empty if it has none."""
+        return self.texts(f"rank_{part.rank}") if part.rank else ""
+
+    def times_usual(self, part: BudgetPart) -> str:
+        """Return the part as a multiple of the usual size; empty if no finite multiple exists."""
+        times = part.times_usual
+        if times is None or not math.isfinite(times):
+            return ""
+        return self.texts("times_usual", times=f"{times:.1f}" if times >= 0.05 else "< 0.1")
+
+    def noun(self, effect: Effect) -> str:
+        """Return the noun phrase for an effect within a sentence."""
+        words = self.texts.nouns.get(name_of(effect), self.texts.nouns.get(effect.effect))
+        if words is None:
+            return plain(self.diagnosis.rig, effect)
+        axis = getattr(effect, "axis", None)
+        joint = self.texts.axis(self.diagnosis.rig.robot, axis) if axis else ""
+        return words.format(**fields_of(effect) | {"joint": joint})
+
+    def _condition(self) -> str:
+        """Return a sentence on the limits of these runs, or on a search without result; empty if the faults are the
+        full answer.
+        """
+        if self.diagnosis.condition in ("named", "ambiguous"):
+            return self.unexplained_too
+        if usual_or_fault := self.usual_or_faults:
+            return usual_or_fault
+        # Effects already in the rig file, since "nothing found" then means nothing further.
+        nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
+        already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
+        return " ".join(filter(None, [self.condition_sentence, self.unexplained_too, self.follows, already_held]))
+
+    @property
+    def usual_or_faults(self) -> str:
+        """Return a sentence on effects of usual size that may be faults; empty if more runs would decide."""
+        diagnosis = self.diagnosis
+        open_ones = [named for named in diagnosis.effects if fault_rivals(named)]
+        if diagnosis.condition != "undecided" or diagnosis.runs_to_decide is not None:
+            return ""
+        return " ".join(map(self._usual_or_fault, open_ones[:_MOST_NAMED]))
+
+    @property
+    def condition_sentence(self) -> str:
+        """The condition of the arm as a sentence; named effects have separate sentences."""
+        diagnosis = self.diagnosis
+        if diagnosis.condition == "out_of_range":
+            return self._out_of_range()
+        values = {"um": micrometres(diagnosis.remainder.um), "share": percent(diagnosis.remainder.share)}
+        single = any(part.index is not None for part in large_parts(diagnosis))
+        which: str = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
+        if is_complete(diagnosis):
+            largest = max((place.rms_um for place in diagnosis.where), default=0.0)
+            places = len(diagnosis.where)
+            values |= {"count": str(places), "largest": micrometres(largest)}
+            nearly = "nearly_complete_single" if places == 1 else "nearly_complete"
+            repeated = nearly if places else "model_complete"
+            which = repeated if diagnosis.repeated and len(diagnosis.runs) > 1 else "model_sufficient"
+        if diagnosis.unexplained and (scatter_um := diagnosis.unexplained.scatter_um):
+            which, values = "scatter", {"um": _length(math.sqrt(3) * scatter_um)}  # of a place, like every error
+        if which == "undecided" and diagnosis.runs_to_decide is None:
+            which = self._undecided()
+        if which == "undecided" and (imitated := [named for named in diagnosis.effects if named.doubt in IMITATED]):
+            most = max(imitated, key=lambda named: named.worth_um)
+            which, name = "not_confirmed", self.noun(most.effect)
+            values |= {"name": f"{name[:1].upper()}{name[1:]}", "why": self.texts(f"doubt_{most.doubt}")}
+        if which == "outside_library" and diagnosis.remainder.at_new_places:
+            which = "outside_library_there"
+        if which in ("nothing_unusual", "uncalibrated") and diagnosis.movements:
+            which = "nothing_else"
+        unusual = [", ".join([self.short_name(part), self.times_usual(part)]) for part in unusual_groups(diagnosis)]
+        larger = self.texts("finding_unusual_group", parts=self._listed(unusual)) if unusual else ""
+        return f"{self.texts(f'finding_{which}', **values)} {larger}".rstrip()
+
+    @property
+    def unexplained_too(self) -> str:
+        """A sentence on the error of unknown cause; empty if the condition or the deviations from the model already
+        state it.
+        """
+        remainder, condition = self.diagnosis.remainder, self.diagnosis.condition
+        if not remainder.is_material or self.unrepeated or condition in ("outside_library", "out_of_range"):
+            return ""
+        where = "there" if remainder.at_new_places else "too"
+        return self.texts(f"finding_unexplained_{where}", um=micrometres(remainder.um))
+
+    def _undecided(self) -> str:
+        """Return the reason why no part can be confirmed, if the number of runs is not the reason."""
+        doubts = {named.doubt for named in self.diagnosis.effects}
+        if self.unrepeated:
+            return "undecided_unexplained" if "unexplained" in doubts else "undecided_unrepeated"
+        return next((f"undecided_{doubt}" for doubt in ("commanded", "unexplained") if doubt in doubts), "undecided")
+
+    @property
+    def follows(self) -> str:
+        """The quantity that the unexplained error follows; empty unless the cause is unknown and a search was made."""
+        unexplained = self.diagnosis.unexplained
+        if unexplained is None or not unexplained.follows or self.diagnosis.condition != "outside_library":
+            return ""
+        if (followed := unexplained.likeliest) is None:
+            return self.texts("finding_follows_none")
+        joint = self.texts.axis(self.diagnosis.rig.robot, followed.axis) if followed.axis else ""
+        subject = self.texts(f"follows_{followed.what}", joint=joint)
+        return self.texts("finding_follows", subject=subject, share=percent(followed.share))
+
+    def _out_of_range(self) -> str:
+        """Return the sentence about the parameter out of range, with estimate and limit."""
+        (named,) = self.diagnosis.effects
+        effect = named.effect
+        limit = min((abs(limit) for limit in size_limits(effect) if limit), default=math.inf)
+        unit = quantity_of(effect, size_field(effect), {}).sign
+        nouns = self.texts("or").join(map(self.noun, (effect, *named.twins)))
+        return self.texts(
+            "finding_out_of_range", parameter=nouns, size=size(named), limit=f"{limit:.4g} {unit}".rstrip()
+        )
+
+    def _usual_or_fault(self, named: Named) -> str:
+        """Return an effect of usual size and the faults that could replace it, each with the odds."""
+        faults = self.texts("or").join(
+            f"{self.noun(rival.effect)} ({sure(rival.posterior)})" for rival in fault_rivals(named)
+        )
+        return self.texts(
+            "finding_usual_or_fault",
+            um=micrometres(named.worth_um),
+            usual=self.noun(named.effect),
+            odds=sure(named.posterior),
+            faults=faults,
+        )
+
+    def _faults(self) -> tuple[list[str], list[str]]:
+        """Return the sentences for certain faults, and separately those for open faults if certain ones exist."""
+        certain = [named for named in self.diagnosis.standing if named.posterior >= CERTAIN_ODDS]
+        open_ones = [named for named in self.diagnosis.standing if named not in certain]
+        which = "finding_open" if certain else "finding_ambiguous"
+        alternatives = [", ".join([self.with_rivals(named), *self._share(named)]) for named in open_ones]
+        ambiguous = [self.texts(which, faults=self._listed(alternatives))] if open_ones else []
+        if not certain:
+            return ambiguous, []
+        faults = [", ".join([self.with_twins(named), size(named), *self._share(named)]) for named in certain]
+        which = "finding_fault" if len(certain) == 1 else "finding_faults"
+        sentence = self.texts(which, faults=self._listed(faults), count=len(certain))
+        return [sentence], ambiguous
+
+    def _large_part(self, part: BudgetPart) -> str:
+        share = percent(min(part.share, 1.0))
+        if part.index is not None and likely_rivals(named := self.diagnosis.effects[part.index]):
+            return self.texts("large_part", share=share, part=self._with_cancelled(part, self.with_rivals(named)))
+        likely = [member for member in part.members if member.odds >= LEAST_ODDS]
+        if not likely:
+            which = "large_part_almost" if part.index is not None and part.share >= _ALMOST_ALL else "large_part"
+            return self.texts(which, share=share, part=self._with_cancelled(part, self._measured(part)))
+        sizes = {id(part.cause): f"{size(part.cause)}, "} if part.cause else {}
+        members = self.texts("or").join(
+            f"{self.noun(member.effect)} ({sizes.get(id(member), '')}{sure(member.odds)})" for member in likely
+        )
+        return self.texts("large_group", share=share, part=self.part_name(part), members=members)
+
+    def _measured(self, part: BudgetPart) -> str:
+        details = []
+        if part.index is not None:
+            odds = self.diagnosis.effects[part.index].posterior
+            details = [self.size_of(part), self.times_usual(part), self._probability(odds)]
+        return ", ".join(filter(None, [self.short_name(part), *details]))
+
+    def _probability(self, odds: float) -> str:
+        """Return the probability of a cause; empty if it is certain."""
+        return self.texts("likely", odds=sure(odds)) if odds < CERTAIN_ODDS else ""
+
+    def _listed(self, phrases: Sequence[str]) -> str:
+        ending = [self.texts("and_more", count=len(phrases) - _MOST_NAMED)] if len(phrases) > _MOST_NAMED else []
+        return "; ".join([*phrases[:_MOST_NAMED], *ending])
+
+    def with_twins(self, named: Named) -> str:
+        """Return a fault and the effects that change the readings in the same way, joined by "or"."""
+        return self.texts("or").join(map(self.noun, (named.effect, *named.twins)))
+
+    def with_rivals(self, named: Named) -> str:
+        """Return an effect and the rivals that cannot be dismissed, likeliest first, joined by "or"."""
+        return self.texts("or").join(self.noun(cause.effect) for cause in self.likeliest_first(named))
+
+    def likeliest_first(self, named: Named) -> list[Named | Rival]:
+        """Return an effect and the rivals that cannot be dismissed, the likeliest first."""
+        return sorted([named, *likely_rivals(named)], key=lambda cause: -cause.posterior)
+
+    def _share(self, named: Named) -> list[str]:
+        part = part_of(self.diagnosis, named)
+        if part is None:
+            return []
+        share = self.texts("share_of_error", share=percent(min(max(part.share, 0.0), 1.0)))
+        return [self._with_cancelled(part, share)]
+
+
+def _length(um: float) -> str:
+    """Return a length in mm from 0.1 mm upwards, and in µm below."""
+    return f"{1e-3 * um:.2f} mm" if um >= 100 else micrometres(um)
+
+
+def part_of(diagnosis: Diagnosis, named: Named) -> BudgetPart | None:
+    """Return the budget part of an effect; None if the budget does not list it."""
+    return next(
+        (part for part in diagnosis.budget if part.index is not None and diagnosis.effects[part.index] is named), None
+    )

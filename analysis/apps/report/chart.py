@@ -1,0 +1,193 @@
+"""Contents of a chart, independent of the renderer.
+
+`live_chart` renders the interactive version, `still_chart` the version for paper and for browsers with scripts
+disabled. Both show the same contents.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from analysis.apps.report.texts import Texts
+from analysis.robot.kinematics.arm import Array
+
+Role = Literal["acw", "cw", "measured", "model", "after", "quiet", "fifth", "sixth"]
+"""Meaning of a line. It determines colour, dash and symbol together, so no meaning depends on colour only."""
+Frame = Literal["straight", "polar", "targets", "plane"]
+"""Horizontal axis: circle angle, circle angle in polar form, target number, or a plane with equal scales."""
+_HOLE = 2.6
+"""Radius of the zero circle in a polar chart, in units of the largest deviation, as in roundness diagrams."""
+_SAME_DEG = 8.0
+"""Distance of marks on the circle below which they share a label."""
+
+
+@dataclass(frozen=True)
+class RoleStyle:
+    """Appearance of a role: colours on light and dark paper, dashes, and symbol of points.
+
+    Orange, blue and green are distinguishable with colour blindness (Okabe and Ito); the dashes differ in black and
+    white.
+    """
+
+    light: str
+    dark: str
+    dash: Literal["solid", "dash", "dot", "dashdot"]
+    symbol: Literal["circle", "square", "diamond"]
+    width: float = 1.2
+
+
+ROLE_STYLES: dict[Role, RoleStyle] = {
+    "acw": RoleStyle("#b34700", "#ffa14d", "solid", "circle"),
+    "cw": RoleStyle("#0060a8", "#6cb8ff", "dash", "square"),
+    "measured": RoleStyle("#e08a4a", "#b0703c", "solid", "circle", 3.2),
+    "model": RoleStyle("#0060a8", "#6cb8ff", "dash", "square"),
+    "after": RoleStyle("#004d36", "#7fe8c4", "dot", "diamond"),
+    "quiet": RoleStyle("#6b6b6b", "#a8a8a8", "dot", "circle"),
+    "fifth": RoleStyle("#7d2c83", "#dd9fe2", "dashdot", "square"),
+    "sixth": RoleStyle("#1c1c1c", "#ececec", "solid", "diamond", 0.8),
+}
+
+
+@dataclass(frozen=True)
+class ChartLine:
+    """Values y (n,) at x (n,), drawn as a line or as points.
+
+    half (n,): half length of the error bars, if any. steps (steps, n): values at each step of an animated chart; y is
+    the last.
+    """
+
+    name: str
+    role: Role
+    x: Array
+    y: Array
+    points: bool = False
+    half: Array | None = None
+    steps: Array | None = None
+
+
+@dataclass(frozen=True)
+class CircleMark:
+    """A labelled place on the circle, in degrees."""
+
+    at_deg: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Lines of a chart in a common frame.
+
+    y_label includes the unit, and `unit` follows each number. marks and shaded ranges (from, to) are in degrees of the
+    circle. ticks: names at the positions x of the targets.
+    """
+
+    title: str
+    caption: str
+    frame: Frame
+    x_label: str
+    y_label: str
+    unit: str
+    lines: tuple[ChartLine, ...]
+    marks: tuple[CircleMark, ...] = ()
+    shaded: tuple[tuple[float, float], ...] = ()
+    ticks: tuple[tuple[float, str], ...] = ()
+    panels: tuple[str, ...] = ()
+    """Names of the steps; paper shows a panel for each. Only the first chart of a diagnosis has them."""
+    span: tuple[float, float] | None = None
+    """Range of the vertical axis on paper, if several charts share it."""
+
+    @property
+    def steps(self) -> int:
+        """Number of steps; 0 for a static chart."""
+        return max((len(line.steps) for line in self.lines if line.steps is not None), default=0)
+
+    def at_step(self, step: int) -> Chart:
+        """Return the chart at a given step."""
+        lines = [line if line.steps is None else replace(line, y=line.steps[step], steps=None) for line in self.lines]
+        return replace(self, lines=tuple(lines))
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Range of the values of all steps, with a margin."""
+        every = [line.y if line.steps is None else line.steps for line in self.lines]
+        low, high = min(float(values.min()) for values in every), max(float(values.max()) for values in every)
+        room = 0.06 * max(high - low, 1e-9)
+        return low - room, high + room
+
+    @property
+    def largest(self) -> float:
+        """Largest absolute value; the scale of a polar chart."""
+        return max(1e-9, *(float(np.abs(line.y).max()) for line in self.lines))
+
+    @property
+    def largest_shown(self) -> str:
+        """The largest absolute value with two significant digits, in plain notation if readable."""
+        return f"{float(f'{self.largest:.2g}'):g}"
+
+    @property
+    def hole(self) -> float:
+        """Radius of the zero circle in a polar chart."""
+        return _HOLE * self.largest
+
+
+@dataclass(frozen=True)
+class SphereChart:
+    """A measured surface around the least-squares sphere, with magnified deviations.
+
+    grid: directions (n, m, 3) on the hemisphere with grid_deviation_mm (n, m) from the sphere. targets: directions (t,
+    3) with deviation_mm (t,). The largest deviation is drawn as a fifth of the radius.
+    """
+
+    title: str
+    caption: str
+    radius_mm: float
+    grid: Array
+    grid_deviation_mm: Array
+    targets: Array
+    deviation_mm: Array
+    names: tuple[str, ...]
+    words: tuple[str, str, str]
+    """Names of the sphere, the surface and the targets."""
+    frame: Literal["sphere"] = "sphere"
+
+    @property
+    def magnified(self) -> float:
+        """Magnification of the deviations."""
+        largest = max(float(np.abs(self.deviation_mm).max()), float(np.abs(self.grid_deviation_mm).max()), 1e-9)
+        return 0.2 * self.radius_mm / largest
+
+    def chart_points(self, direction: Array, deviation_mm: Array) -> Array:
+        """Return the drawn positions (..., 3) mm of points in a direction (..., 3) with a deviation (...) mm."""
+        place: Array = direction * (self.radius_mm + self.magnified * deviation_mm)[..., None]
+        return place
+
+
+Picture = Chart | SphereChart
+
+
+def marks_of(turns: Sequence[tuple[float, int]], texts: Texts) -> tuple[CircleMark, ...]:
+    """Return a mark for each reversal, given as angle in degrees and axis number. Close marks share a label."""
+    groups: list[list[tuple[float, int]]] = []
+    for turn in sorted(turns):
+        if groups and turn[0] - groups[-1][0][0] < _SAME_DEG:
+            groups[-1].append(turn)
+        else:
+            groups.append([turn])
+    names = [texts("marked", axes=", ".join(dict.fromkeys(str(axis) for _, axis in group))) for group in groups]
+    return tuple(
+        CircleMark(at_deg, name if place == 0 else "")
+        for group, name in zip(groups, names, strict=True)
+        for place, (at_deg, _) in enumerate(group)
+    )
+
+
+def stretches(places: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """Return ranges (from, to) in degrees, with ranges across 360° split in two."""
+    parts: list[tuple[float, float]] = []
+    for low, high in places:
+        parts += [(low, high)] if low <= high else [(low, 360.0), (0.0, high)]
+    return tuple(parts)

@@ -1,0 +1,85 @@
+"""`rig analyse RUN…`: figures of recorded runs as a table, as JSON or as pictures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.cli.commands import app, command
+from analysis.cli.console import say, say_json, say_written
+from analysis.cli.options import AsJson, Jobs, RunsBelow, Scheduler, rig_option
+from rigs.errors import UseError
+
+
+@command(app, "rig analyse runs/lap-acw runs/lap-cw --plot pictures")
+def analyse(
+    runs: RunsBelow,
+    rig_file: Annotated[
+        str | None, rig_option("Rig file, or an arm of the library, of tables in the place of runs; default: none.")
+    ] = None,
+    as_json: AsJson = False,
+    as_lines: Annotated[
+        bool,
+        typer.Option(
+            "--lines", help="Print one line of JSON per run as soon as the run is evaluated; default: a table."
+        ),
+    ] = False,
+    plot: Annotated[
+        Path | None, typer.Option(help="Directory for pictures; default: write none. A page: rig report.")
+    ] = None,
+    each: Annotated[
+        bool, typer.Option("--each", help="Show each run and the mean of repeated runs; default: the means.")
+    ] = False,
+    truth: Annotated[
+        Path | None, typer.Option(help="File truth.json of an emulated cell, shown with the figures; default: none.")
+    ] = None,
+    jobs: Jobs = 1,
+    scheduler: Scheduler = None,
+) -> None:
+    """Evaluate runs of any test (gauges, poses, touches, paths); every figure has its uncertainty."""
+    from analysis.cli.several import end_with, evaluated, over_runs, runs_below, with_tables, worst
+
+    paths = runs_below(with_tables(runs, rig_file), scheduler)
+    if as_lines:
+        if as_json or plot or each or truth:
+            problem = "prints a line for each run, and cannot be combined with --json, --plot, --each or --truth"
+            raise UseError("--lines", problem, "remove those runs")
+        end_with(worst(over_runs(_as_line, paths, say, doing="evaluating", jobs=jobs, scheduler=scheduler)))
+        return
+    drawn = plot is not None or truth is not None
+    results, errors = evaluated(paths, jobs=jobs, scheduler=scheduler, with_rows=drawn)
+    if not results:
+        end_with(worst(errors))
+        return
+    truths = []
+    if truth:
+        from analysis.apps.report.run_object import compare
+
+        truths = compare(results, truth)
+    if plot:
+        from analysis.apps.report.run_pictures import save_all_pictures
+        from analysis.cli.console import progress_of
+
+        with progress_of("drawing the pictures"):
+            pictures = list(save_all_pictures(results, plot))
+        say_written(pictures)
+    if as_json:
+        from analysis.apps.report.run_object import as_object
+
+        say_json(as_object(results, truths))
+    else:
+        from analysis.apps.report.run_report import as_tables
+        from analysis.cli.plain_console import PlainConsole
+
+        PlainConsole().print(as_tables(results, truths, each=each))
+    end_with(worst(errors))
+
+
+def _as_line(run: Path) -> str:
+    """Return the figures of a run as a line of JSON in ASCII."""
+    from analysis.procedures.results import figures_alone
+
+    return json.dumps(figures_alone(run).to_dict())

@@ -1,0 +1,71 @@
+"""`rig calibrate RUN…`: the calibrated model of a robot as a rig file and a calibration file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.cli import completion
+from analysis.cli.commands import app, command
+from analysis.cli.console import say_json, say_written
+from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow, RunsElsewhere, location
+
+
+@command(app, "rig calibrate runs/* -o better.yaml")
+def calibrate(
+    runs: RobotRunsBelow,
+    fit: Annotated[
+        str | None,
+        typer.Option(
+            help="Effects to fit, separated by commas: NAME for all axes, NAME:AXIS for one (docs/simulation.md); "
+            "default: those that the runs show."
+        ),
+    ] = None,
+    rig_file: ModelRig = None,
+    hold_out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            parser=location,
+            autocompletion=completion.runs,
+            help="Run directory or URL to judge by, not used to fit; repeatable; default: a fifth of the poses.",
+        ),
+    ] = None,
+    unseen: RunsElsewhere = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="Rig file to write; NAME.calibration.json is written to the same directory; default: none.",
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Calibrate the model of a robot, validate it on data not used for the fit, and write a rig file."""
+    import analysis
+    from analysis.apps.report.cli_diagnose import say_correct, split_by_role, with_commands_here
+    from analysis.apps.report.diagnosis_report import refuse_existing_rig, write_model
+    from analysis.apps.report.diagnosis_screen import as_screen
+    from analysis.cli.console import progress_of
+    from analysis.cli.plain_console import PlainConsole
+    from analysis.cli.several import end_with, load_runs, with_tables, worst
+    from rigs.load import load
+
+    if output:
+        refuse_existing_rig(output)
+    runs, hold_out, unseen = (with_tables(paths or (), rig_file) for paths in (runs, hold_out, unseen))
+    parts = [load_runs(paths) for paths in split_by_role(runs, hold_out or (), unseen or ())]
+    end_with(worst([error for _, errors in parts for error in errors]))
+    measured, judges, elsewhere = (runs_of_use for runs_of_use, _ in parts)
+    rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
+    with progress_of() as progress:
+        diagnosis = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, unseen=elsewhere, progress=progress)
+    if as_json:
+        say_json(diagnosis.to_dict())
+    else:
+        PlainConsole().print(as_screen(with_commands_here(diagnosis, output, to="calibrated.yaml")))
+    say_written(write_model(diagnosis, text, output) if output else ())
+    if output:
+        say_correct(diagnosis, output)

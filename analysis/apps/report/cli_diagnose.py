@@ -1,0 +1,240 @@
+"""`rig diagnose RUN…`: disagreement of simulation and measurement, and the effects missing in the model."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, cast
+
+import typer
+
+from analysis.cli import completion
+from analysis.cli.commands import app, command
+from analysis.cli.console import say, say_json, say_written
+from analysis.cli.options import AsJson, ModelRig, ReadingJobs, RobotRunsBelow, RunsElsewhere, Scheduler, location
+from rigs.errors import RigError, UseError
+from rigs.text import as_argument
+
+if TYPE_CHECKING:
+    from analysis import Diagnosis, Measured
+
+
+@command(app, "rig diagnose runs/* -o found")
+def diagnose(
+    runs: RobotRunsBelow,
+    rig_file: ModelRig = None,
+    hold_out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            parser=location,
+            autocompletion=completion.runs,
+            help="Run directory or URL to judge by, not used to find effects; repeatable; default: none.",
+        ),
+    ] = None,
+    unseen: RunsElsewhere = None,
+    tolerance_um: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            max=1e6,
+            help="Largest error of the readings that is accepted, in µm rms; default: the limits of the rig file.",
+        ),
+    ] = None,
+    second: Annotated[
+        str | None,
+        typer.Option(
+            metavar="RIG",
+            autocompletion=completion.rig_files,
+            help="For touches of two arms: rig file of the arm with the socket; --rig is the arm with the ball; "
+            "default: none.",
+        ),
+    ] = None,
+    as_json: AsJson = False,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR|FILE.html",
+            help="Directory for the extended rig file, JSON and picture, or the page of rig report; default: none.",
+        ),
+    ] = None,
+    jobs: ReadingJobs = 1,
+    scheduler: Scheduler = None,
+) -> None:
+    """Find the causes of the error: compare runs with the model, name the missing effects, and verify them."""
+    if is_two_arm_table(runs, second):
+        two_arms_diagnosed(runs[0], rig_file, second, output, is_alone=not (hold_out or unseen), as_json=as_json)
+        return
+    import analysis
+    from analysis.cli.console import progress_of
+    from analysis.cli.several import end_with, load_runs, with_tables, worst
+    from rigs.load import load
+
+    runs, hold_out, unseen = (with_tables(paths or (), rig_file) for paths in (runs, hold_out, unseen))
+    # check before any computation; the import of the picture module takes half a second and happens only here
+    if output:
+        from analysis.apps.report.diagnosis_report import require_empty
+        from analysis.apps.report.html_page import is_page
+
+        if not is_page(output):
+            require_empty(output)
+    rig_and_text = load(rig_file) if rig_file else None
+    errors: list[RigError] = []
+
+    def read(paths: Sequence[Path]) -> list[Measured]:
+        loaded, bad = load_runs(paths, jobs=jobs, scheduler=scheduler)
+        errors.extend(bad)
+        return loaded
+
+    measured, judges, elsewhere = map(read, split_by_role(runs, hold_out or (), unseen or ()))
+    if not measured:
+        end_with(worst(errors))
+    rig, text = rig_and_text or (measured[0].rig, measured[0].run.manifest.rig_text)
+    with progress_of() as progress:
+        diagnosis = analysis.diagnose(
+            measured, rig=rig, hold_out=judges, unseen=elsewhere, tolerance_um=tolerance_um, progress=progress
+        )
+    from analysis.apps.report.diagnosis_screen import as_screen
+    from analysis.cli.plain_console import PlainConsole
+
+    if as_json:
+        say_json(diagnosis.to_dict())
+    else:
+        PlainConsole().print(as_screen(with_commands_here(diagnosis, output)))
+    if output:
+        _write(diagnosis, (measured, judges, elsewhere), text, output, errors)
+    end_with(worst(errors))
+
+
+def is_two_arm_table(runs: Sequence[Path], second: str | None) -> bool:
+    """Return whether the input is a single table with the joints of two arms.
+
+    Raises UseError if a second arm is given for other data.
+    """
+    from analysis.cli.several import is_table
+
+    has_both = False
+    if len(runs) == 1 and is_table(runs[0]):
+        from analysis.intake.touch_map import has_two_arms
+
+        has_both = has_two_arms(runs[0])
+    if second and not has_both:
+        problem = "is for one table of touches with the joints of a second arm, p1_deg …"
+        raise UseError("--second", problem, "leave it out")
+    return has_both
+
+
+def two_arms_diagnosed(
+    table: Path, first: str | None, second: str | None, output: Path | None, *, is_alone: bool, as_json: bool
+) -> None:
+    """Calibrate both arms of a table, as `rig pair` does, and say so. Raises UseError if a rig file is missing."""
+    from analysis.cli.commands import imported
+
+    if first is None or second is None:
+        problem = "has p1_deg …, the joints of a second arm, which holds the socket"
+        remedy = "give the rig files of both arms: --rig FIRST (ball) --second SECOND (socket)"
+        raise UseError(str(table), problem, remedy)
+    if not is_alone:
+        raise UseError("--hold-out and --unseen", "are not used for touches of two arms", "leave them out")
+    say(f"{table}: touches of two arms, according to the columns; the result is that of rig pair", err=True)
+    pair = cast("Callable[..., None]", imported("pair").callback)
+    pair(first_file=first, second_file=second, table=table, output=output, as_json=as_json)
+
+
+def split_by_role(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path]) -> tuple[list[Path], ...]:
+    """Return the paths of the runs used, the held-out runs and the unseen runs. Raises UseError if no run is used."""
+    from analysis.cli.several import runs_below
+
+    every, judges, elsewhere = ([run.resolve() for run in runs_below(paths)] for paths in (runs, hold_out, unseen))
+    used = [path for path in every if path not in {*judges, *elsewhere}]
+    if not used:
+        raise UseError("--hold-out and --unseen", "exclude every run", "give fewer runs to these options")
+    return used, judges, elsewhere
+
+
+def with_commands_here(
+    diagnosis: Diagnosis, output: Path | None, again: tuple[str, ...] = (), to: str = "found"
+) -> Diagnosis:
+    """Return a diagnosis with acts whose commands refer to the written model.
+
+    The model is `output`, or the rig file in that directory. If no output was requested, the acts refer to a new file.
+    The command `again` would write it, or else the present command with an output named after `to`.
+    """
+    from analysis.diagnosis.judge.acts import acts_with
+
+    model = ""
+    if output and output.suffix != ".html":
+        model = as_argument(output if output.suffix == ".yaml" else output / f"{diagnosis.rig.name}.yaml")
+    new = next(name for k in count(1) if not (name := Path(to).with_stem(Path(to).stem + f"-{k}" * (k > 1))).exists())
+    words = iter(map(as_argument, sys.argv[1:]))
+    again = again or tuple(word for word in words if word not in ("-o", "--output") or not next(words, ""))
+    again = (*again, "-o", str(new))
+    return replace(diagnosis, acts=acts_with(diagnosis.acts, model, again))
+
+
+def _write(
+    diagnosis: Diagnosis, by_use: Sequence[list[Measured]], text: str, output: Path, errors: Sequence[RigError]
+) -> None:
+    """Write the report page, or the output directory with the extended rig file last.
+
+    by_use: the runs used, the held-out runs, and the unseen runs.
+    """
+    from analysis.apps.report.html_page import is_page
+
+    if is_page(output):
+        from analysis import evaluate_runs
+        from analysis.apps.report.page.page_content import gather
+        from analysis.apps.report.page.write_page import write_page
+        from analysis.cli.console import progress_of
+
+        with progress_of() as progress:
+            results = evaluate_runs(by_use[0])
+            diagnosed = with_commands_here(diagnosis, output)
+            report = gather(results, diagnosis.rig, diagnosis=diagnosed, left_out=errors, progress=progress)
+            written = [write_page(report, output)]
+    else:
+        from analysis.apps.report.diagnosis_report import write
+
+        written = write(diagnosis, text, output)
+    say_written(written)
+    if written[-1].suffix == ".yaml":
+        model = written[-1]
+        runs = _as_arguments(*([run.run.path for run in runs] for runs in by_use))
+        say(f"next: rig diagnose {runs} --rig {as_argument(model)}  # verify that the model is complete", err=True)
+        say_correct(diagnosis, model)
+
+
+def _as_arguments(used: Sequence[Path], held_out: Sequence[Path], unseen: Sequence[Path]) -> str:
+    """Return runs as command-line arguments relative to the current directory, or as their parent directory if all
+    runs in it are used.
+    """
+    from analysis.cli.several import runs_below
+
+    directory, current = used[0].parent, Path.cwd()
+    is_whole = (
+        len(used) > 1
+        and not any(path.is_file() for path in used)
+        and {path.resolve() for path in runs_below([directory])} <= {*used, *held_out, *unseen}
+    )
+    uses = ([directory] if is_whole else used, held_out, unseen)
+    return " ".join(
+        f"{option}{as_argument(path.relative_to(current) if path.is_relative_to(current) else path)}"
+        for option, paths in zip(("", "--hold-out ", "--unseen "), uses, strict=True)
+        for path in paths
+    )
+
+
+def say_correct(diagnosis: Diagnosis, model: Path) -> None:
+    """Print the correction command for the written model, unless the model is empty or should not be applied."""
+    from rigs.calibration import verdict_of
+
+    calibrated = diagnosis.calibrated
+    kinds = [act.kind for act in diagnosis.acts if act.kind in ("check", "load")]
+    is_correctable = kinds[:1] == ["load"]  # a wrong parameter is checked before a correction hides it
+    holds_some = is_correctable and bool(diagnosis.written or (calibrated and calibrated.effects))
+    if holds_some and (calibrated is None or verdict_of(calibrated) == "correct"):
+        say(f"next: rig correct {as_argument(model)} -o corrections", err=True)

@@ -1,0 +1,158 @@
+"""Output files of a diagnosis: the answer, the picture, and the rig file with added effects and their provenance."""
+
+from __future__ import annotations
+
+import datetime as dt
+import hashlib
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from analysis.apps.report.diagnosis_words import rival_names
+from analysis.diagnosis.judge.acts import acts_with
+from analysis.diagnosis.judge.result import Diagnosis
+from analysis.runs.written_files import Writer, holding, refuse_existing, write_all_new
+from rigs.calibration import CalibratedModel, CalibrationFile
+from rigs.edit import extended
+from rigs.effects import Effect, EffectProvenance
+from rigs.errors import FileError
+from rigs.schema.effect import name_of
+from rigs.text import as_argument
+
+
+def with_origin(effect: Effect, runs: Sequence[str], sd: Mapping[str, float], gap_um: tuple[float, float]) -> Effect:
+    """Return an effect with provenance: date, runs, standard uncertainties, and the gap (before, after) it closed.
+
+    Values are rounded to nine digits, uncertainties to three and gaps to the nanometre, because people read this file.
+    """
+    before, after = gap_um
+    origin = EffectProvenance(
+        date=dt.datetime.now(dt.UTC).date(),
+        runs=tuple(runs),
+        sd={field: float(f"{value:.3g}") for field, value in sd.items() if math.isfinite(value)},
+        gap_um=(round(before, 3), round(after, 3)),
+    )
+    numbers = {field: value for field, value in effect if isinstance(value, float)}
+    rounded = {field: float(f"{value:.9g}") for field, value in numbers.items()}
+    return effect.model_copy(update={"found": origin, **rounded})
+
+
+def with_provenance(effect: Effect, **additions: object) -> Effect:
+    """Return an effect with additional provenance: `rivals`, `together`, `correlation` or `joints_deg` of
+    `EffectProvenance`."""
+    origin = effect.found
+    return effect if origin is None else effect.model_copy(update={"found": origin.model_copy(update=additions)})
+
+
+def extended_files(
+    text: str, effects: Sequence[Effect], output: Path, calibrated: CalibratedModel | None
+) -> dict[str, Writer]:
+    """Return the files of an extended rig file: first the calibrated model as NAME.calibration.json, then the rig file.
+
+    text: the original rig file, to which the effects are added by name. Raises RigFileError if an effect is out of
+    bounds.
+    """
+    files, named = {}, None
+    if calibrated:
+        path, content = calibration_path(output), calibrated.content
+        named, files[path.name] = calibration_file(path.name, content), holding(content)
+    return files | {output.name: holding(extended(text, effects, str(output), named).encode())}
+
+
+def write_extended(
+    text: str, effects: Sequence[Effect], output: Path, calibrated: CalibratedModel | None = None
+) -> list[Path]:
+    """Write the files of `extended_files`, either all or none, and return the paths, that of the rig file last.
+
+    Raises FileError if a file exists or cannot be written, RigFileError if an effect is out of bounds.
+    """
+    return write_all_new(output.parent, extended_files(text, effects, output, calibrated))
+
+
+def refuse_existing_rig(output: Path) -> None:
+    """Raise FileError if a rig file or the calibration already exists. Call it before any computation."""
+    for path in (output, calibration_path(output)):
+        refuse_existing(path)
+
+
+def calibration_path(output: Path) -> Path:
+    """Return the path of the calibration file next to a rig file."""
+    return output.with_name(f"{output.stem}.calibration.json")
+
+
+def calibration_file(name: str, content: bytes) -> CalibrationFile:
+    """Return the reference of a rig file to a calibration file.
+
+    Raises FileError for a name that a rig file cannot contain.
+    """
+    try:
+        return CalibrationFile(file=name, sha256=hashlib.sha256(content).hexdigest())
+    except ValidationError:
+        problem = "is not a valid name for the calibration of a rig file"
+        raise FileError(name, problem, "use letters, digits, -, _ and . in the name of --output") from None
+
+
+def require_empty(directory: Path) -> None:
+    """Raise FileError unless a directory is empty, or absent and can be created."""
+    try:
+        above = next(parent for parent in directory.absolute().parents if os.path.lexists(parent))
+        if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
+            why = "is not a writable directory" if above.is_dir() else "is a file, not a directory"
+            raise FileError(str(directory), f"cannot be created: {above} {why}", "choose a different --output")
+        if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+            raise FileError(
+                str(directory), "exists already and is not empty", "choose a different --output, or remove it first"
+            )
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "choose a different --output") from None
+
+
+def write(diagnosis: Diagnosis, text: str, directory: Path, *, in_session: bool = False) -> list[Path]:
+    """Write the files of a diagnosis to an empty directory and return the paths, that of the rig file last.
+
+    text: the initial rig file. The written rig file adds the faults (of rivals the likeliest) and refers to the
+    calibrated model next to it, unless the runs are inconclusive. in_session: see `picture`. Raises FileError.
+    """
+    from analysis.apps.report.diagnosis_picture import picture  # noqa: PLC0415 - slow to import, needed here only
+    from analysis.runs.written_files import holding, write_all_new  # noqa: PLC0415 - slow to import
+
+    rig_file = directory / f"{diagnosis.rig.name}.yaml"
+    pictured = replace(diagnosis, acts=acts_with(diagnosis.acts, as_argument(rig_file)))
+    files = {
+        "diagnosis.json": holding((json.dumps(diagnosis.to_dict(), indent=2) + "\n").encode()),
+        "diagnosis.png": lambda file: picture(pictured, in_session=in_session).savefig(file, format="png", dpi=130),
+    }
+    if diagnosis.is_modelled:
+        files |= extended_files(text, _origins(diagnosis), rig_file, diagnosis.calibrated)
+    return write_all_new(directory, files)
+
+
+def write_model(diagnosis: Diagnosis, text: str, output: Path) -> list[Path]:
+    """Write the calibrated model as a rig file and a calibration file, and return the paths, that of the rig file last.
+
+    text: the initial rig file, to which the faults (of rivals the likeliest) are added. Raises FileError if a file
+    exists or a parameter is out of range.
+    """
+    if diagnosis.condition == "out_of_range":
+        (named,) = diagnosis.effects
+        problem = f"was not written: {name_of(named.effect)} is beyond the range that rig corrects"
+        raise FileError(str(output), problem, "check the rig file, the variant of the arm and the mastering")
+    return write_extended(text, _origins(diagnosis), output, diagnosis.calibrated)
+
+
+def _origins(diagnosis: Diagnosis) -> list[Effect]:
+    """Return the written faults with their provenance."""
+    return [
+        with_provenance(
+            with_origin(named.effect, diagnosis.runs, named.sd, (named.gap_without_um, diagnosis.train.after_um)),
+            rivals=tuple(rival_names(named)),
+            together=tuple(name_of(twin) for twin in named.twins),
+            joints_deg=diagnosis.calibrated.joints_deg if diagnosis.calibrated else None,
+        )
+        for named in diagnosis.written
+    ]

@@ -1,0 +1,175 @@
+"""Phrases of a diagnosis: effects, sizes, odds, places. Module answer_words combines them into an answer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from analysis.apps.report.texts import Texts
+from analysis.diagnosis.judge.remains import ResidualSummary
+from analysis.diagnosis.judge.residuals import Curve, ResidualBand, ResidualPlace
+from analysis.diagnosis.judge.result import Diagnosis, Gap, GroupMember, Named, Rival, likely_rivals
+from analysis.procedures.shared.quantity import Quantity, parameters_of, quantity_of
+from rigs.effects import Effect, size_field
+from rigs.rig import Rig
+from rigs.schema.effect import name_of
+from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES
+
+_WHOLE_LAP_DEG = 350.0
+LEAST_ODDS = 0.01
+"""Odds below which a cause is shown as "< 1 %" and not listed among the likeliest."""
+_UPPER_BOUND = 1 / 3
+"""Ratio to the standard uncertainty below which a figure is shown as an upper bound."""
+
+
+def plain(rig: Rig, effect: Effect) -> str:
+    """Return the plain name of an effect: `play of axis 1 (Theta)`."""
+    axis = getattr(effect, "axis", None)
+    return effect.plain("" if axis is None else rig.robot.axis_words(axis))
+
+
+def with_uncertainty(effect: Effect, field: str, sd: Mapping[str, float], times: float = 1.0) -> str:
+    """Return a parameter ± `times` the standard uncertainty in sensible digits; no ± if the uncertainty is unknown."""
+    quantity = quantity_of(effect, field, sd)
+    if not 0 < quantity.u < math.inf:
+        return f"{quantity.value:z.4g} {quantity.sign}".rstrip()
+    return str(Quantity(quantity.value, times * quantity.u, quantity.unit))
+
+
+def size(named: Named | Rival | GroupMember, times: float = 1.0) -> str:
+    """Return the size of a named effect, a rival or a group member ± `times` the standard uncertainty."""
+    return with_uncertainty(named.effect, size_field(named.effect), named.sd, times)
+
+
+def other_parameters(named: Named) -> list[str]:
+    """Return the parameters of an effect other than its size: the fitted ones, and the required ones such as a
+    gear's order.
+    """
+    fields = type(named.effect).model_fields
+    return [
+        field
+        for field in parameters_of(named.effect)
+        if field != size_field(named.effect) and (field in named.sd or fields[field].is_required())
+    ]
+
+
+def rival_names(named: Named) -> list[str]:
+    """Return the names of the rivals that cannot be dismissed."""
+    return [name_of(rival.effect) for rival in likely_rivals(named)]
+
+
+def sure(posterior: float) -> str:
+    """Return a posterior probability in percent, bounded at "> 99.9 %" and "< 1 %"."""
+    if posterior > 0.999:
+        return "> 99.9 %"
+    if posterior < LEAST_ODDS:
+        return "< 1 %"
+    return f"{100 * posterior:.1f} %" if posterior > 0.99 else f"{100 * posterior:.0f} %"
+
+
+def percent(share: float) -> str:
+    """Return a share in percent with as many digits as a reader needs."""
+    value = 100 * share
+    return f"{value:.0f} %" if abs(value) >= 0.95 else f"{value:z.1f} %"
+
+
+def micrometres(um: float) -> str:
+    """Return a size in µm: two digits below ten, whole numbers above."""
+    if not math.isfinite(um):
+        return "–"
+    return f"{um:.0f} µm" if um >= 9.95 else f"{um:.1f} µm"
+
+
+def um_with_u(um: float, u_um: float) -> str:
+    """Return a size in µm ± standard uncertainty to a tenth, for a table column; "< u" if much smaller than u."""
+    if not math.isfinite(um):
+        return "–"
+    if um < _UPPER_BOUND * u_um:
+        return f"< {u_um:.1f}"
+    return f"{um:.1f} ± {u_um:.1f}" if u_um > 0 else f"{um:.1f}"
+
+
+def has_measured_noise(diagnosis: Diagnosis) -> bool:
+    """Return whether repeats or residuals show the noise; otherwise it is assumed and gives no uncertainty."""
+    return diagnosis.shows_noise or diagnosis.repeated
+
+
+def measured_u(diagnosis: Diagnosis, u_um: float) -> float:
+    """Return the standard uncertainty of an error; 0 if it would come from an assumed noise."""
+    return u_um if has_measured_noise(diagnosis) else 0.0
+
+
+def error_size(um: float, u_um: float) -> str:
+    """Return an error in µm with its standard uncertainty, both with the same decimals; "< u" if much smaller."""
+    if not math.isfinite(um):
+        return "–"
+    if um < _UPPER_BOUND * u_um:
+        return f"< {error_size(u_um, 0.0)}"
+    decimals = 1 if min(um, u_um or um) < 9.95 else 0
+    return f"{um:.{decimals}f} ± {u_um:.{decimals}f}" if u_um > 0 else f"{um:.{decimals}f}"
+
+
+def size_in_words(um: float, u_um: float) -> str:
+    """Return a size in µm ± standard uncertainty; "< u" if much smaller than u."""
+    return f"{error_size(um, u_um)} µm" if math.isfinite(um) and u_um > 0 else micrometres(um)
+
+
+def runs_of(place: ResidualPlace | Curve | ResidualBand) -> str:
+    """Return test and direction: `yaw acw`, `radial`."""
+    return f"{place.test} {place.direction}" if place.direction else place.test
+
+
+def stretch(place: ResidualPlace) -> str:
+    """Return the range on the circle or the targets of a place: `231–243°`, `targets 3–7`."""
+    low, high = place.from_deg, place.to_deg
+    if place.test not in CIRCLES:
+        row = "row" if place.test in WITHOUT_GAUGES else "target"
+        return f"{row} {low:.0f}" if low == high else f"{row}s {low:.0f}–{high:.0f}"
+    is_whole = high - low >= 360 or (high - low) % 360 >= _WHOLE_LAP_DEG
+    return "whole lap" if is_whole else f"{low:.0f}–{high:.0f}°"
+
+
+def closed(gap: Gap) -> float:
+    """Return the share of the gap's energy explained by the named effects and the healthy model; nan for a gap of
+    zero.
+    """
+    return 1 - (gap.calibrated_um / gap.before_um) ** 2 if gap.before_um > 0 else math.nan
+
+
+def held_out_rows(diagnosis: Diagnosis, texts: Texts) -> str:
+    """Return a sentence about the table rows that rig itself held out; empty if whole runs or none were held out."""
+    rows = diagnosis.held_out.rows if diagnosis.held_out else {}
+    counts = ", ".join(f"{name} {len(numbers)}" for name, numbers in rows.items())
+    return texts("validation_rows", counts=counts, keys="gap.held_out.rows") if rows else ""
+
+
+_FOUND = 0.02
+"""Share from which a quantity counts as an explanation of the residual. The fit is tuned on the validation places,
+and the shares are slightly optimistic.
+"""
+
+
+def remains_lines(remains: ResidualSummary, texts: Texts) -> list[str]:
+    """Return two sentences: the residual at the validation places, and the quantities that explain some or none of
+    it.
+    """
+    shares = {texts(f"remains_{looked.subject}"): looked.share for looked in remains.looked if looked.share is not None}
+    shown = [f"{subject} {percent(share)}" for subject, share in shares.items() if share >= _FOUND]
+    none = [subject for subject, share in shares.items() if share < _FOUND]
+    goes_with = texts("remains_found", shares=", ".join(shown)) if shown else ""
+    against = texts("remains_none", subjects=", ".join(none)) if none else ""
+    whole = texts("remains", um=micrometres(remains.um), noise=micrometres(remains.noise_um))
+    return [whole, " ".join(filter(None, (goes_with, against)))]
+
+
+def remains_rows(remains: ResidualSummary, texts: Texts) -> list[tuple[str, str]]:
+    """Return a row for each quantity tested as an explanation: its share of the residual, or the reason for no
+    share.
+    """
+
+    def words(share: float | None) -> str:
+        if share is None:
+            return texts("remains_unknown")
+        return percent(share) if share >= _FOUND else texts("remains_undetected")
+
+    return [(texts(f"remains_{looked.subject}"), words(looked.share)) for looked in remains.looked]

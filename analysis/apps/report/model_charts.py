@@ -1,0 +1,203 @@
+"""Charts of the model: measured and simulated runs, and residuals before and after the diagnosis, along circles and
+at targets.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.apps.report.chart import Chart, ChartLine, Role, marks_of, stretches
+from analysis.apps.report.diagnosis_words import runs_of
+from analysis.apps.report.stairs import stairs_of
+from analysis.apps.report.texts import Texts
+from analysis.diagnosis.judge.comparison import Compared, Comparison, Disagreement
+from analysis.diagnosis.judge.residuals import Curve, Map, ResidualPlace
+from analysis.diagnosis.judge.result import Diagnosis
+from analysis.procedures.facts import labels_of
+from analysis.procedures.repeatability.evaluate import SIDES, RepeatabilityResult
+from analysis.procedures.results import Result
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.noise.readings import rms
+
+MOST_MAPS = 3
+_ARROWS = {"out": "↓", "in": "↑"}
+"""Symbols of the approach sides, as in R↓ and R↑ of ISO 230-2."""
+_IN_PICTURE = {"deg": ("°", 1.0), "mm": ("µm", 1e3)}
+"""Unit and conversion factor of a compared curve."""
+_PARTS = {"distance": np.array([0.5, 0.5]), "angle": np.array([-1.0, 1.0])}
+"""Combinations of the two gauges in which disagreement is located."""
+_MOST_ROWS = 6
+_ALONG = {"phi_deg": "circle_angle", "target": "target", "place": "target_and_side"}
+
+
+def simulated_charts(
+    simulated: Compared | None, corrected: Compared | None, group: Sequence[Result], texts: Texts
+) -> list[Chart]:
+    """Return a chart of measured and simulated error for each direction, with the mean of repeated runs.
+
+    corrected: the runs compared with the model including the effects; None if no effects exist.
+    """
+    before, after = _of_group(simulated, group), _of_group(corrected, group)
+    titles = dict.fromkeys(comparison.result.title for comparison in before)
+    return [compared_chart(_of_title(before, title), _of_title(after, title), texts) for title in titles]
+
+
+def compared_chart(before: Sequence[Comparison], after: Sequence[Comparison], texts: Texts) -> Chart:
+    """Return a chart of measured and simulated error of runs with the same title, and also simulated with effects if
+    available.
+    """
+    result, is_angle = before[0].result, before[0].unit == "deg"
+    unit, factor = _IN_PICTURE[before[0].unit]
+    # Places of a repeatability run: each target from outside and from inside
+    targets = result.found.targets if isinstance(result.found, RepeatabilityResult) else ()
+    places = [f"{target} {_ARROWS[side]}" for target in targets for side in SIDES]
+    x, measured, simulated = _mean_curves(before)
+    drawn: list[tuple[str, Role, Array]] = [("measured", "measured", measured), ("simulated", "model", simulated)]
+    drawn += [("simulated_with", "after", _mean_curves(after)[2])] if after else []
+    return Chart(
+        texts("chart_simulated", what=result.title), texts("caption_simulated"),
+        "straight" if is_angle else "targets", texts(_ALONG[labels_of(result.measured.table.test).along]),
+        f"{texts('error')} / {unit}", unit,
+        tuple(ChartLine(texts(name), role, x, factor * values, points=not is_angle) for name, role, values in drawn),
+        ticks=tuple((float(place), name) for place, name in enumerate(places)),
+    )  # fmt: skip
+
+
+def _of_group(compared: Compared | None, group: Sequence[Result]) -> list[Comparison]:
+    paths = {result.measured.path for result in group}
+    return [comparison for comparison in compared.runs if comparison.result.measured.path in paths] if compared else []
+
+
+def _of_title(runs: Sequence[Comparison], title: str) -> list[Comparison]:
+    return [comparison for comparison in runs if comparison.result.title == title]
+
+
+def _mean_curves(runs: Sequence[Comparison]) -> tuple[Array, Array, Array]:
+    """Return positions (n,) and mean measured and simulated curves (n,), over the runs with the same positions as
+    the first.
+    """
+    alike = [comparison for comparison in runs if np.array_equal(comparison.x, runs[0].x)]
+    measured = np.mean([comparison.measured_curve for comparison in alike], axis=0)
+    simulated = np.mean([comparison.simulated_curve for comparison in alike], axis=0)
+    return runs[0].x, measured, simulated
+
+
+@dataclass(frozen=True)
+class Strand:
+    """Angle or distance part of the residual of a circle.
+
+    phi_deg (n,) increases. steps_um (steps, n) µm: residuals of the models of a staircase, from the initial to the
+    calibrated model. places: the located places of this part.
+    """
+
+    curve: Curve
+    part: str
+    phi_deg: Array
+    steps_um: Array
+    places: tuple[ResidualPlace, ...]
+
+    @property
+    def before_um(self) -> Array:
+        """Residual (n,) µm of the initial model."""
+        return np.asarray(self.steps_um[0])
+
+    @property
+    def after_um(self) -> Array:
+        """Residual (n,) µm of the last model."""
+        return np.asarray(self.steps_um[-1])
+
+    @property
+    def title(self) -> str:
+        """Test, direction and part: `yaw acw, angle`."""
+        return f"{runs_of(self.curve)}, {self.part}"
+
+
+def strands_of(residuals: Diagnosis | Disagreement) -> tuple[list[Strand], int]:
+    """Return a strand for each circle, of the part with the larger disagreement, and the number of omitted circles.
+
+    Circles beyond the limit are omitted, smallest residuals first.
+    """
+    steps = (
+        residuals.staircase.curves
+        if residuals.staircase
+        else [np.array([curve.before_um]) for curve in residuals.curves]
+    )
+    strands = []
+    for curve, steps_um in zip(residuals.curves, steps, strict=True):  # steps_um (steps, n, 2) µm
+        phi_deg = curve.phi_deg % 360
+        order = np.argsort(phi_deg)
+        ordered_um = steps_um[:, order]
+        places = [place for place in residuals.where if (place.test, place.direction) == (curve.test, curve.direction)]
+        # The part with the worst located place; if there is none, the part with the larger residual relative to noise
+        worst = max(places, key=lambda place: place.sigma, default=None)
+        sizes = {part: _size(ordered_um[0] @ direction, part) for part, direction in _PARTS.items()}
+        part = worst.part if worst else max(sizes, key=sizes.__getitem__)
+        of_part = tuple(place for place in places if place.part == part)
+        strands.append(Strand(curve, part, phi_deg[order], ordered_um @ _PARTS[part], of_part))
+    loudest = sorted(strands, key=lambda strand: -_size(strand.before_um, strand.part))[:_MOST_ROWS]
+    chosen = {id(strand) for strand in loudest}
+    return [strand for strand in strands if id(strand) in chosen], len(strands) - len(chosen)
+
+
+def _size(values: Array, part: str) -> float:
+    """Return the rms in units of the gauge noise, which is larger in a difference than in a mean."""
+    return rms(values) / float(np.linalg.norm(_PARTS[part]))
+
+
+def diagnosis_charts(diagnosis: Diagnosis, texts: Texts) -> list[Chart]:
+    """Return charts of readings and model along circles, and of residuals at targets, for each step of the
+    staircase.
+    """
+    stairs = stairs_of(diagnosis, texts)
+    charts, _ = strand_charts(diagnosis, texts)
+    if stairs and charts:
+        charts[0] = replace(charts[0], panels=tuple(step.name for step in stairs.steps))
+    return [*charts, *(target_chart(*both, texts) for both in maps_of(diagnosis)[:MOST_MAPS])]
+
+
+def strand_charts(residuals: Diagnosis | Disagreement, texts: Texts) -> tuple[list[Chart], int]:
+    """Return a chart for each circle, and the number of omitted circles.
+
+    Each chart shows the measured error, the accumulated parts, and the residual. If the staircase is missing, it shows
+    the residual only.
+    """
+    strands, quiet = strands_of(residuals)
+    charts, count, drawn = [], Counter(strand.title for strand in strands), Counter[str]()
+    for strand in strands:  # `yaw acw, angle`; circles at several places share a title and are numbered
+        name = strand.title
+        drawn[name] += 1
+        if count[name] > 1:
+            name = texts("chart_place", what=name, number=drawn[name])
+        steps, x = strand.steps_um, strand.phi_deg
+        so_far = steps[0] - steps
+        lines = [ChartLine(texts("measured"), "measured", x, steps[0])]
+        if len(steps) > 1:
+            lines.append(ChartLine(texts("so_far"), "model", x, so_far[-1], steps=so_far))
+            lines.append(ChartLine(texts("still_left"), "after", x, steps[-1], steps=steps))
+        title = texts("chart_simulated" if len(steps) > 1 else "chart_gap", what=name)
+        labels = texts("circle_angle"), f"{texts('gap')} / µm"
+        marks = marks_of(strand.curve.turns, texts)
+        shaded = stretches([(place.from_deg, place.to_deg) for place in strand.places])
+        charts.append(Chart(title, texts("caption_step"), "straight", *labels, "µm", tuple(lines), marks, shaded))
+    return charts, quiet
+
+
+def maps_of(residuals: Diagnosis | Disagreement) -> list[tuple[Map, Array]]:
+    """Return the residuals at targets, each with the residuals (steps, n) µm of the models of the staircase."""
+    staircase = residuals.staircase
+    steps = staircase.maps if staircase else [np.array([target_map.before_um]) for target_map in residuals.maps]
+    return list(zip(residuals.maps, steps, strict=True))
+
+
+def target_chart(target_map: Map, steps_um: Array, texts: Texts) -> Chart:
+    """Return a chart of the residuals at targets by reading: `steps_um` is (steps, readings)."""
+    x = np.arange(1.0, len(target_map.before_um) + 1)
+    lines = [ChartLine(texts("gap_before"), "measured", x, steps_um[0], points=True)]
+    if len(steps_um) > 1:
+        lines.append(ChartLine(texts("still_left"), "after", x, steps_um[-1], points=True, steps=steps_um))
+    title, y_label = texts("chart_gap", what=target_map.test), f"{texts('gap')} / µm"
+    return Chart(title, texts("caption_gap_targets"), "targets", texts("reading_number"), y_label, "µm", tuple(lines))

@@ -1,0 +1,83 @@
+"""Sentences about movements: names of causes, sizes with uncertainty, and the recommended action."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from analysis.apps.report.texts import Texts, texts_of
+from analysis.diagnosis.evidence.movements import Movement
+from analysis.movement.cause_odds import CauseOdds, short_name
+from analysis.movement.causes import Cause, look_alike
+from rigs.schema.part import Vector
+
+_ENGLISH = texts_of("en")
+_SMALL = 2.0
+"""Smallest multiple of its uncertainty u at which a component of a direction is mentioned."""
+
+
+def name_of(cause: Cause, texts: Texts = _ENGLISH, *, of_tracker: bool = False) -> str:
+    """Return the name of a cause in a sentence."""
+    if cause.members:
+        first, second = (name_of(member, texts, of_tracker=of_tracker) for member in cause.members)
+        return texts("cause_pair", first=first, second=second)
+    kind = "base_tracker" if cause.what == "base" and of_tracker else cause.what
+    return texts(f"cause_{kind}", axis=cause.axis or "", name=short_name(cause)).rstrip()
+
+
+def size_of(cause: CauseOdds, texts: Texts = _ENGLISH) -> str:
+    """Return the size of a cause with uncertainty and direction; empty if there is none."""
+    if cause.together:
+        return "; ".join(f"{name_of(member.cause, texts)} {size_of(member, texts)}" for member in cause.together)
+    if cause.size_deg is not None and cause.u is not None:
+        return _angle(cause.size_deg, cause.u)
+    if cause.translation_mm is None or cause.u is None:
+        return ""
+    return _shift(cause.translation_mm, cause.u, cause.rotation_deg, cause.u_rotation_deg, texts)
+
+
+def movement_sentence(movement: Movement, texts: Texts) -> str:
+    """Return a movement found among the runs of a diagnosis as a sentence."""
+    kind = _kind(movement, movement.axes, of_tracker=movement.of_tracker)
+    thing = texts(f"moved_{kind}", axis=movement.axis or "", name=movement.name).rstrip()
+    size = ""
+    if movement.size_deg is not None and movement.u_deg is not None:
+        size = _angle(movement.size_deg, movement.u_deg)
+    elif movement.translation_mm is not None and movement.u_mm is not None:
+        size = _shift(movement.translation_mm, movement.u_mm, movement.rotation_deg, movement.u_rotation_deg, texts)
+    if movement.row is None:
+        return texts("moved_between", thing=thing, size=size, first=movement.from_, second=movement.to)
+    return texts("moved_from_row", thing=thing, size=size, row=movement.row, run=movement.run)
+
+
+def _angle(size_deg: float, u_deg: float) -> str:
+    return f"{size_deg:+z.3f} ± {u_deg:.3f}°"
+
+
+def _shift(shift_mm: Vector, u_mm: float, turn_deg: Vector | None, u_turn_deg: float | None, texts: Texts) -> str:
+    """Return the length of a shift with the components that exceed their uncertainty, and a turn that does."""
+    shown = [f"{axis} {mm:+z.2f}" for axis, mm in zip("xyz", shift_mm, strict=True) if abs(mm) > _SMALL * u_mm]
+    direction = f"{', '.join(shown)} mm" if shown else texts("moved_nowhere")
+    words = f"{math.hypot(*shift_mm):.2f} ± {u_mm:.2f} mm ({direction})"
+    turn = math.hypot(*turn_deg) if turn_deg else 0.0
+    if u_turn_deg is None or turn <= _SMALL * u_turn_deg:
+        return words
+    return f"{words}, {texts('moved_turned', turn=f'{turn:.3f} ± {u_turn_deg:.3f}°')}"
+
+
+def act_after(movements: Sequence[Movement], texts: Texts) -> str:
+    """Return the recommended action after movements found among the runs of a diagnosis."""
+    acts = [act_of(moved, moved.name, texts, moved.axes, of_tracker=moved.of_tracker) for moved in movements]
+    return " ".join(dict.fromkeys(acts))
+
+
+def act_of(moved: Cause | Movement, name: str, texts: Texts, axes: int, *, of_tracker: bool) -> str:
+    """Return the recommended action after a movement of a cause with a given name."""
+    return texts(f"check_act_{_kind(moved, axes, of_tracker=of_tracker)}", axis=moved.axis or "", name=name)
+
+
+def _kind(moved: Cause | Movement, axes: int, *, of_tracker: bool) -> str:
+    """Return the key of a cause in the texts, with the part that looks the same."""
+    alike = look_alike(moved.axis, axes)
+    is_either = moved.what == "base" and of_tracker
+    return f"{moved.what}{'_tracker' * is_either}{f'_or_{alike}' if alike else ''}"

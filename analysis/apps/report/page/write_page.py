@@ -1,0 +1,276 @@
+"""The page as a single HTML file, rendered from templates with embedded charts and plotting library. It makes no
+requests.
+
+The head and the end contain the recipients and the traceability: operator, dates, instruments, programs, and file
+hashes.
+
+A Content-Security-Policy allows the two scripts of the page by SHA-256 and blocks all others. The large plotly script
+is embedded as it is packaged, in compressed form (`scripts/dev plotting_script` creates it, with version and licence),
+and the browser unpacks it. Text, tables and still pictures are plain HTML and SVG.
+"""
+
+from __future__ import annotations
+
+import base64
+import datetime as dt
+import gzip
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+from analysis.api import Result
+from analysis.apps.report.act_words import ActWords, without_idle_mounts
+from analysis.apps.report.answer_words import AnswerWords, measures_places
+from analysis.apps.report.chart import Picture
+from analysis.apps.report.diagnosis_words import held_out_rows, micrometres, remains_lines, remains_rows
+from analysis.apps.report.html_page import environment, is_pdf, write_html, write_pdf
+from analysis.apps.report.live_chart import colours, live
+from analysis.apps.report.model_charts import diagnosis_charts
+from analysis.apps.report.page.findings import budget_rows, diagnosis_words, findings_of, step_table
+from analysis.apps.report.page.page_content import (
+    BeforeAfter,
+    Report,
+    example_limits,
+    figure_title,
+    judge,
+    rule,
+    verdict_sentence,
+)
+from analysis.apps.report.page.sections import sections_of
+from analysis.apps.report.still_chart import still
+from analysis.apps.report.summary import Summary, with_corrections_removed
+from analysis.apps.report.summary_words import summarise
+from analysis.apps.report.texts import Language, Texts, texts_of
+from analysis.diagnosis.fit.selection_state import FAULT
+from analysis.diagnosis.judge.acts import Act, is_done
+from analysis.diagnosis.judge.result import Diagnosis
+from rigs.distribution import version
+from rigs.errors import UseError
+from rigs.rig import Rig
+from rigs.schema.probe import Certificate
+
+_LONGEST = 200
+"""Maximum length of a field, in characters: enough for a name, but not for an accidentally pasted page."""
+
+
+@dataclass(frozen=True)
+class Heading:
+    """User input for the head of a report; empty fields are omitted."""
+
+    serial: str = ""
+    customer: str = ""
+    order: str = ""
+
+    def check(self) -> None:
+        """Raise UseError for a field that does not fit in a line of the page."""
+        for name, text in vars(self).items():
+            if len(text) > _LONGEST:
+                raise UseError(f"--{name}", f"has {len(text)} characters", f"write at most {_LONGEST}")
+            if not text.isprintable():
+                raise UseError(f"--{name}", "contains control characters", "write one line")
+
+
+NO_HEADING = Heading()
+
+
+def fields_of(heading: Heading, results: Sequence[Result], texts: Texts) -> list[tuple[str, str]]:
+    """Return the fields of the head as name and value, from the user first, then from rig file and runs.
+
+    The default serial number is taken from the rig files of the runs, since the model may belong to a different robot.
+    """
+    serials = dict.fromkeys(result.measured.rig.robot.serial for result in results)
+    operators = dict.fromkeys(result.measured.run.manifest.operator for result in results)
+    fields = [
+        ("serial", heading.serial or ", ".join(filter(None, serials))),
+        ("customer", heading.customer),
+        ("order", heading.order),
+        ("operator", ", ".join(filter(None, operators))),
+    ]
+    return [(texts(name), value) for name, value in fields if value]
+
+
+@dataclass(frozen=True)
+class RunTrace:
+    """Traceability of a run: path, time, operator, program, and files with SHA-256."""
+
+    name: str
+    title: str
+    path: str
+    started: str
+    operator: str
+    host: str
+    software: str
+    source: str
+    rig_sha256: str
+    files: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class CertifiedInstrument:
+    """A gauge, the ball or the link, with the certificate."""
+
+    name: str
+    kind: str
+    certificate: str
+    calibrated: str
+    due: str
+
+
+def runs_of(results: Sequence[Result]) -> list[RunTrace]:
+    """Return the runs of a report in order."""
+    return [
+        RunTrace(
+            name=result.name,
+            title=result.title,
+            path=str(result.measured.path),
+            started=manifest.started,
+            operator=manifest.operator,
+            host=manifest.host,
+            software=", ".join(f"{name} {version}" for name, version in manifest.software.items()),
+            source=manifest.table.file if manifest.table else "",
+            rig_sha256=manifest.rig_sha256,
+            files=tuple((chunk.file, chunk.sha256) for chunk in manifest.chunks),
+        )
+        for result in results
+        for manifest in [result.measured.run.manifest]
+    ]
+
+
+def instruments_of(rig: Rig) -> list[CertifiedInstrument]:
+    """Return gauges, ball and link of a rig."""
+    parts = [_instrument(name, gauge.interface, gauge.certificate, gauge.calibrated) for name, gauge in rig.gauges]
+    others = (("ball", rig.ball), ("link", rig.link))
+    return parts + [_instrument(name, "", part, None) for name, part in others if part is not None]
+
+
+def _instrument(
+    name: str, kind: str, certificate: Certificate | None, calibrated: dt.date | None
+) -> CertifiedInstrument:
+    if certificate is None:
+        return CertifiedInstrument(name, kind, "", str(calibrated or ""), "")
+    return CertifiedInstrument(name, kind, certificate.number, str(certificate.date), str(certificate.due or ""))
+
+
+def write_page(report: Report, file: Path, language: Language = "en", heading: Heading = NO_HEADING) -> Path:
+    """Write the page of a report as HTML, or as PDF by the suffix. An existing file stays until the new one is
+    complete.
+
+    Raises FileError if the file cannot be written, and CellError if a PDF cannot be made.
+    """
+    write = write_pdf if is_pdf(file) else write_html
+    write(rendered(report, texts_of(language), heading), file)
+    return file
+
+
+def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str:
+    """Return the page as HTML; all text is plain and escaped."""
+    pages = environment()
+    pages.filters["um"] = micrometres
+    sections, runs = sections_of(report, texts), runs_of(report.results)
+    gaps = diagnosis_charts(report.found, texts) if report.found else []
+    pictures = [picture for section in sections for picture in section.pictures] + list(gaps)
+    verdict = judge(report.results, report.rig.limits, report.found)
+    judged = report.after.judged if report.after and report.after.joined else None
+    days = sorted(run.started[:10] for run in runs)
+    span = days[0] if days[0] == days[-1] else f"{days[0]} – {days[-1]}"
+    return pages.get_template("report.html").render(
+        t=texts,
+        measured_on=texts.counted("measured_on", len(runs), days=span),
+        heading=fields_of(heading, report.results, texts),
+        report=report,
+        verdict=verdict,
+        sentence_of=lambda verdict: verdict_sentence(verdict, texts),
+        named=figure_title,
+        answer=AnswerWords(report.found, texts, judged) if report.found else None,
+        summary=_summary(report.found, report.after, texts) if report.found else None,
+        acts=_acts(report, texts),
+        is_sound=bool(report.found and report.found.next_act and report.found.next_act.why == "sound"),
+        cut_off=f"{FAULT:g}",
+        budget=budget_rows(report.found, texts) if report.found else None,
+        remains=remains_rows(report.found.remains, texts) if report.found and report.found.remains else [],
+        remains_lines=remains_lines(report.found.remains, texts) if report.found and report.found.remains else [],
+        steps=step_table(report.found, texts) if report.found else None,
+        example_limits=example_limits(verdict) if verdict.overall == "unjudged" else "",
+        has_data_sheet=report.rig.limits.data_sheet_rp_mm is not None,
+        rule=rule(texts),
+        findings=findings_of(report.found, texts) if report.found else [],
+        sections=sections,
+        gaps=gaps,
+        still=_still_uri,
+        runs=runs,
+        instruments=instruments_of(report.rig),
+        diagnosis_words=diagnosis_words(report.found) if report.found else "",
+        rows_held_out=held_out_rows(report.found, texts) if report.found else "",
+        about_scatter=texts("about_scatter") if report.found and measures_places(report.found) else "",
+        simulated_only=all(result.measured.is_simulated for result in report.results),
+        version=version(),
+        written=dt.datetime.now(dt.UTC),
+        style=_template("report.css"),
+        **_scripts(pictures),
+    )
+
+
+def _acts(report: Report, texts: Texts) -> list[str]:
+    """Return the recommended acts in order; the correction is omitted if already made."""
+    if report.found is None:
+        return []
+    after = report.after
+    words = ActWords(report.found, texts, is_judged_elsewhere=bool(after and after.joined))
+    return [words.sentence(act, corrected=bool(after and after.driven)) for act in _open_acts(report.found, after)]
+
+
+def _open_acts(diagnosis: Diagnosis, after: BeforeAfter | None) -> list[Act]:
+    """Return the recommended acts that the correction of the robot has not made unnecessary."""
+    way = after.way if after and after.driven else None
+    elsewhere = bool(way or (after and after.joined))
+    every = without_idle_mounts(diagnosis.acts)
+    return [act for act in every if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere)]
+
+
+def _summary(diagnosis: Diagnosis, after: BeforeAfter | None, texts: Texts) -> Summary:
+    """Return the headline and the tiles. For a corrected robot they show the error measured with the correction."""
+    driven, judged = (after.driven, after.judged if after.joined else None) if after else (None, None)
+    acts = _open_acts(diagnosis, after)
+    summary = summarise(diagnosis, texts, acts=acts, driven=driven, judged_elsewhere=judged)
+    if not (acts and after and after.driven):
+        return summary
+    return with_corrections_removed(summary, acts[0].kind, after.way, texts)
+
+
+def _scripts(pictures: Sequence[Picture]) -> dict[str, Any]:
+    """Return script, plotting library and chart data of the page, and the script hashes for the browser."""
+    packed = (resources.files("analysis") / "templates" / "plotly.min.js.gz").read_bytes()
+    script = _template("report.js")
+    drawn = {
+        "pictures": {f"p{number}": live(picture) for number, picture in enumerate(pictures)},
+        "colours": {"light": colours(dark=False), "dark": colours(dark=True)},
+    }
+    places = {id(picture): f"p{number}" for number, picture in enumerate(pictures)}
+    return {
+        "script": script,
+        "script_hashes": Markup(f"{_hash(script)} {_hash(gzip.decompress(packed).decode())}"),  # noqa: S704 - base64 of a hash
+        "plotly": base64.b64encode(packed).decode(),
+        "data": base64.b64encode(gzip.compress(json.dumps(drawn).encode(), 9, mtime=0)).decode(),
+        "place": lambda picture: places[id(picture)],
+    }
+
+
+def _hash(script: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+
+
+def _still_uri(picture: Picture) -> str:
+    """Return the still picture as a data URI of an image, in which scripts cannot run."""
+    return "data:image/svg+xml;base64," + base64.b64encode(still(picture).encode()).decode()
+
+
+def _template(name: str) -> Markup:
+    """Return a style or script file of this package as unescaped markup."""
+    text = (resources.files("analysis") / "templates" / name).read_text(encoding="utf-8")
+    return Markup(text)  # noqa: S704 - a file of this package

@@ -1,0 +1,262 @@
+"""Charts of evaluated runs: circles in both directions, hemisphere and least-squares sphere, repeatability, poses,
+and the cube and paths of ISO 9283 on their inclined plane with magnified deviations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.apps.report.chart import Chart, ChartLine, Frame, Picture, Role, SphereChart, marks_of
+from analysis.apps.report.texts import Texts
+from analysis.procedures.circle.evaluate import CircleResult
+from analysis.procedures.pose.evaluate import PoseResult
+from analysis.procedures.results import Result
+from analysis.procedures.shared.reduction import PHI
+from analysis.procedures.shared.result_curves import CircleCurve, PathCurve, PoseCurve, RadialCurve, RepeatabilityCurve
+from analysis.procedures.shared.scatter_figures import poses_of_cube
+from analysis.robot.geometry.iso_cube import FROM_CENTRE, cube_of
+from analysis.robot.kinematics.arm import Array, Mask, arm_of
+from rigs.schema.vocabulary import DRIVEN_AXES
+
+_FRAMES: tuple[Frame, ...] = ("straight", "polar")
+_DIRECTIONS: tuple[Role, ...] = ("acw", "cw")
+_EACH_DEG = 2.0
+"""Spacing of the points of a joint curve, which is smooth."""
+_JOINT_ROLES: tuple[Role, ...] = ("acw", "cw", "after", "quiet", "fifth", "sixth")
+_GRID = (13, 37)
+"""Nodes of the drawn surface in polar angle and azimuth: every 7.5° and 10° of a hemisphere."""
+_NEAR = 4
+"""Number of targets used to interpolate a node of the surface."""
+_SHARE = 0.12
+"""Size of the largest drawn deviation as a share of the cube's side."""
+_STATIONS = 80
+"""Maximum number of drawn stations of each path."""
+
+
+def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
+    """Return charts of the angle and the distance error, along and around the circle."""
+    test = group[0].test
+    marks = marks_of([(reversal.phi_deg, reversal.joint) for reversal in group[0].reversals], texts)
+    charts = []
+    for frame in _FRAMES:
+        for part, unit, label in (("angle", "°", "error_angle"), ("distance", "µm", "error_distance")):
+            lines = []
+            for role in _DIRECTIONS:
+                of_role = [result.curve for result in group if result.measured.run.manifest.direction == role]
+                if curves := [curve for curve in of_role if isinstance(curve, CircleCurve)]:  # draw the mean
+                    many = f" ({texts('mean_of_runs', count=len(curves))})" if len(curves) > 1 else ""
+                    values = [curve.error_deg if part == "angle" else 1e3 * curve.deviation_mm for curve in curves]
+                    lines.append(ChartLine(f"{role}{many}", role, np.degrees(PHI), np.mean(values, axis=0)))
+            title = texts(f"chart_{part}_{frame}", test=texts.test(test))
+            caption = texts(f"caption_{part}_{frame}")
+            y_label = f"{texts(label)} / {unit}"
+            charts.append(Chart(title, caption, frame, texts("circle_angle"), y_label, unit, tuple(lines), marks))
+    return charts
+
+
+def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
+    """Return a chart of each joint angle over the circle minus the mean, from the feedback of the first run."""
+    marks = marks_of([(reversal.phi_deg, reversal.joint) for reversal in group[0].reversals], texts)
+    circle = next(result.found for result in group if isinstance(result.found, CircleResult))
+    robot = group[0].measured.rig.robot
+    lap = circle.laps.first
+    order = np.argsort(lap.phi % (2 * np.pi))
+    phi_deg, q = np.degrees(lap.phi % (2 * np.pi))[order], np.degrees(lap.q[order])
+    at_deg = np.arange(0.0, 360.0, _EACH_DEG)
+    lines, squares = [], []
+    for axis, role in enumerate(_JOINT_ROLES):
+        whole_turn = abs(q[:, axis].max() - q[:, axis].min()) > 300.0
+        if not whole_turn:  # a joint that makes a full turn would dwarf the others
+            curve = np.interp(at_deg, phi_deg, q[:, axis])
+            lines.append(ChartLine(texts.axis(robot, axis + 1), role, at_deg, curve - curve.mean()))
+            at = [reversal.phi_deg for reversal in group[0].reversals if reversal.joint == axis + 1]
+            squares += [(phi, float(np.interp(phi, at_deg, curve - curve.mean()))) for phi in at]
+    if squares:
+        phi, angle_deg = np.array(squares).T
+        lines.append(ChartLine(texts("turns_back"), "model", phi, angle_deg, points=True))
+    title, labels = texts("chart_joints"), (texts("circle_angle"), texts("joint_angle"))
+    return Chart(title, texts("caption_joints"), "straight", *labels, "°", tuple(lines), marks)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Tests at targets.
+
+
+def target_charts(result: Result, texts: Texts) -> list[Picture]:
+    """Return the charts of a run at targets."""
+    match result.curve:
+        case RadialCurve() as curve:
+            return _hemisphere(result, curve, texts)
+        case RepeatabilityCurve() as curve:
+            return [_repeatability(result, curve, texts)]
+        case PoseCurve() as curve:
+            return _poses(result, curve, texts)
+        case PathCurve() as curve:
+            return _paths(curve, texts)
+    return []
+
+
+def directions(polar_deg: Array, azimuth_deg: Array) -> Array:
+    """Return unit vectors (..., 3) in the frame of the hemisphere: z to the middle, x to azimuth 0."""
+    polar, azimuth = np.radians(polar_deg), np.radians(azimuth_deg)
+    return np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1)
+
+
+def interpolated(targets: Array, values_mm: Array, nodes: Array) -> Array:
+    """Interpolate values (t,) mm at targets (t, 3) to nodes (..., 3) by inverse squared angle over the nearest targets
+    (Shepard 1968).
+
+    The resulting surface passes through every target.
+    """
+    angle = np.arccos(np.clip(nodes @ targets.T, -1.0, 1.0))
+    near = np.argsort(angle, axis=-1)[..., :_NEAR]
+    weight = 1.0 / np.maximum(np.take_along_axis(angle, near, axis=-1), 1e-6) ** 2
+    mean: Array = (weight * values_mm[near]).sum(axis=-1) / weight.sum(axis=-1)
+    return mean
+
+
+def _hemisphere(result: Result, curve: RadialCurve, texts: Texts) -> list[Picture]:
+    """Return charts of the surface around the least-squares sphere, and of the deviation of each target."""
+    used = curve.used
+    targets = directions(curve.polar_deg, curve.azimuth_deg)
+    polar, azimuth = np.meshgrid(
+        np.linspace(0.0, float(curve.polar_deg.max()), _GRID[0]), np.linspace(0.0, 360.0, _GRID[1]), indexing="ij"
+    )
+    grid = directions(polar, azimuth)
+    names = tuple(
+        f"{texts('target')} {number}: {1e3 * deviation:+z.1f} µm"
+        for number, deviation in zip(curve.target[used], curve.deviation_mm[used], strict=True)
+    )
+    chart = SphereChart(
+        texts("chart_sphere"), "", result.figures["radius_mm"].value, grid,
+        interpolated(targets[used], curve.deviation_mm[used], grid), targets[used], curve.deviation_mm[used], names,
+        (texts("sphere"), texts("surface"), texts("targets")),
+    )  # fmt: skip
+    caption = texts("caption_sphere", times=f"{float(f'{chart.magnified:.2g}'):g}")
+    sphere = SphereChart(**{**vars(chart), "caption": caption})
+    ways: tuple[tuple[str, Role, Mask], ...] = (("measured", "measured", used), ("not_used", "sixth", ~used))
+    x, y, half_um = curve.target.astype(float), 1e3 * curve.deviation_mm, 500 * curve.spread_mm
+    lines = tuple(
+        ChartLine(
+            texts(name), role, x[at], y[at], points=True, half=half_um[at] if "spread_mm" in result.figures else None
+        )
+        for name, role, at in ways
+        if at.any()
+    )
+    title, y_label = texts("chart_targets"), f"{texts('error_radius')} / µm"
+    by_target = Chart(title, texts("caption_targets"), "targets", texts("target"), y_label, "µm", lines)
+    return [sphere, by_target]
+
+
+def _repeatability(result: Result, curve: RepeatabilityCurve, texts: Texts) -> Chart:
+    """Return a chart of every reading by target and approach side, relative to the mean of the target."""
+    targets, place = np.unique(curve.target, return_inverse=True)
+    middle = np.array([curve.reading_mm[place == k].mean() for k in range(len(targets))])
+    away_um = 1e3 * (curve.reading_mm - middle[place])
+    lines = []
+    for side, aside, role in (("out", -0.12, "acw"), ("in", 0.12, "cw")):
+        on_side = curve.approach == side
+        lines.append(ChartLine(texts(f"from_{side}"), role, place[on_side] + aside, away_um[on_side], points=True))  # type: ignore[arg-type]
+    ticks = tuple((float(k), str(target)) for k, target in enumerate(targets))
+    y_label = f"{texts('reading')} / µm"
+    caption = texts("caption_repeatability")
+    title = texts("chart_repeatability")
+    return Chart(title, caption, "targets", texts("target"), y_label, "µm", tuple(lines), ticks=ticks)
+
+
+def _poses(result: Result, curve: PoseCurve, texts: Texts) -> list[Picture]:
+    """Return charts of the cube stops, if any, of every pose, and of each axis that was driven separately in both
+    directions.
+    """
+    view, number = _cube_view(result), np.arange(1.0, len(curve.distance_mm) + 1)
+    line = ChartLine(texts("measured"), "measured", number, curve.distance_mm, points=True)
+    labels = texts("pose"), f"{texts('error_position')} / mm"
+    charts = [] if view is None else [_plane(view, "chart_cube", texts, points=True)]
+    charts.append(Chart(texts("chart_pose"), texts("caption_pose"), "targets", *labels, "mm", (line,)))
+    labels = texts("angle_of_axis"), texts("error_of_angle")
+    for axis in curve.axes:
+        ways: tuple[tuple[str, Role, Array], ...] = (("up", "acw", axis.up_deg), ("down", "cw", axis.down_deg))
+        lines = tuple(
+            ChartLine(texts(f"turned_{way}"), role, axis.angle_deg[reached], 1e3 * off[reached], points=True)
+            for way, role, off in ways
+            if (reached := np.isfinite(off)).any()
+        )
+        title = texts("chart_axis", axis=axis.axis)
+        charts.append(Chart(title, texts("caption_axis"), "targets", *labels, "m°", lines))
+    return [*charts]
+
+
+def _plane(view: _PlaneView, title: str, texts: Texts, *, points: bool) -> Chart:
+    """Return a chart of commanded and attained positions on the plane of the cube, with magnified deviations."""
+    attained = ChartLine(texts("attained"), "cw", view.attained_mm[:, 0], view.attained_mm[:, 1], points=points)
+    command = ChartLine(texts("commanded"), "quiet", view.command_mm[:, 0], view.command_mm[:, 1], points=points)
+    caption = texts("caption_plane", times=f"{view.times:g}")
+    labels = f"{texts('level')} / mm", f"{texts('rising')} / mm"
+    return Chart(texts(title), caption, "plane", *labels, "mm", (attained, command))
+
+
+def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
+    """Return a chart of the paths and the means of their cycles on the plane, and a chart of the deviations along
+    each path.
+    """
+    names = dict.fromkeys(curve.path.tolist())
+    command, off = [], []
+    for name in (path for path in names if path != "small_circle"):  # limited to the magnified size
+        rows = np.flatnonzero(curve.path == name)
+        rows = rows[:: max(1, len(rows) // _STATIONS)]
+        command += [curve.place_mm[rows, :2], np.full((1, 2), np.nan)]
+        off += [curve.off_mm[rows, :2], np.full((1, 2), np.nan)]
+    if not command:
+        command, off = [curve.place_mm[:, :2]], [curve.off_mm[:, :2]]
+    places, away = np.concatenate(command), np.concatenate(off)
+    side = float(np.nanmax(np.abs(places[:, 0]))) / FROM_CENTRE
+    plane = _plane(_enlarged(places, away, side), "chart_paths", texts, points=False)
+    roles: tuple[Role, ...] = ("acw", "cw", "after", "fifth", "quiet")
+    lines = []
+    for name, role in zip(names, roles, strict=False):
+        rows = curve.path == name
+        lines.append(ChartLine(texts(f"path_{name}"), role, 100 * curve.share[rows], 1e3 * curve.at_mm[rows]))
+    labels = f"{texts('along_path')} / %", f"{texts('error_path')} / µm"
+    along = Chart(texts("chart_along"), texts("caption_along"), "targets", *labels, "µm", tuple(lines))
+    return [plane, along]
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# ISO 9283: commands on the inclined plane of the cube, with magnified deviations.
+
+
+@dataclass(frozen=True)
+class _PlaneView:
+    """Positions (n, 2) mm on the plane, level and rising: command and attained position, with the deviation
+    magnified by `times`. Gaps between paths are nan.
+    """
+
+    command_mm: Array
+    attained_mm: Array
+    times: float
+
+
+def _cube_view(result: Result) -> _PlaneView | None:
+    """Return the cube stops of a pose run; None if it has none."""
+    table, rig = result.measured.table, result.measured.rig
+    if not isinstance(result.found, PoseResult):
+        return None
+    if rig.tests.iso9283 is None or len(rig.robot.axes) != DRIVEN_AXES:
+        return None
+    cube = cube_of(rig)
+    pose = poses_of_cube(table.q[result.found.rows], cube)
+    if not pose.any():
+        return None
+    off = result.found.placed_mm[pose > 0] @ arm_of(rig.robot).T_world_base[:3, :3].T
+    on_plane = np.stack([cube.level, cube.rising], axis=1)
+    places = (cube.places_mm - cube.centre_mm) @ on_plane
+    return replace(_enlarged(places[pose[pose > 0] - 1], off @ on_plane, cube.side_mm), command_mm=places)
+
+
+def _enlarged(places: Array, off: Array, side_mm: float) -> _PlaneView:
+    largest = max(float(np.nanmax(np.linalg.norm(off, axis=1))), 1e-9)
+    times = float(f"{_SHARE * side_mm / largest:.1g}")
+    return _PlaneView(places, places + times * off, times)

@@ -1,0 +1,230 @@
+"""Analysed runs for scripts: the JSON object, the comparison with the known truth of an emulated cell
+(`truth.json`), and sentences about uncertainties and both directions. It imports no screen module.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analysis.apps.report.texts import in_order, whole_label
+from analysis.procedures.circle.evaluate import CircleResult
+from analysis.procedures.pooled import ONE_RUN, BetweenRuns, Pairs, Pooled, pairs_of, pooled
+from analysis.procedures.results import Result, by_test
+from analysis.procedures.shared.quantity import Quantity
+from analysis.runs.tabular import for_json
+from rigs.errors import FileError
+from rigs.files import read_bytes
+from rigs.text import counted
+
+_LARGEST_OF_NOISE = ("hysteresis_max_deg", "hysteresis_max_mm")
+_BEYOND = 4.0
+"""Multiple of the standard uncertainty beyond which two eccentricities contradict each other. Chosen: odds of 10 000
+to 1.
+"""
+
+
+def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
+    """Return the meaning of the uncertainties of a group, for means and for single runs."""
+    if not repeated:
+        return ONE_RUN
+    runs = " and ".join(f"{len(mean.runs)} {mean.title} runs" for mean in repeated)
+    means = f"mean of {runs} ± standard uncertainty of the mean; sd: standard deviation between the runs"
+    titles = dict.fromkeys(result.title for result in group)
+    single = [title for title in titles if title not in {mean.title for mean in repeated}]
+    return f"{means}; {' and '.join(single)}: {ONE_RUN}" if single else means
+
+
+def figure_in_words(name: str, figure: Quantity | BetweenRuns) -> str:
+    """Return a figure as text. A largest hysteresis below u is noise and shown as the bound u."""
+    value = figure.mean if isinstance(figure, BetweenRuns) else figure
+    if name in _LARGEST_OF_NOISE and value.value < value.u < np.inf:
+        return f"≤ {value.rounded_u} {value.sign}"
+    return str(figure)
+
+
+def similar_once(runs_of_doubt: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
+    """Return each doubt with the names of its runs as text. Doubts that differ only in figures appear once, with the
+    figures of the first run.
+    """
+    together: dict[str, tuple[str, Sequence[str], int]] = {}
+    for doubt, names in runs_of_doubt.items():
+        kind = _FIGURE.sub("0", doubt)
+        first, of_first, others = together.get(kind, (doubt, names, -len(names)))
+        together[kind] = (first, of_first, others + len(names))
+    return [
+        (doubt, ", ".join(names) + (f" (similar in {counted(others, 'more run')})" if others else ""))
+        for doubt, names, others in together.values()
+    ]
+
+
+_FIGURE = re.compile(r"-?\d+\.\d+")
+
+
+def eccentricities_in_words(group: Sequence[Result]) -> list[str]:
+    """Return a sentence if the eccentricities by angle and by distance differ significantly."""
+    apart = []
+    for result in group:
+        angle, distance = (result.figures.get(f"{by}eccentricity_mm") for by in ("", "distance_"))
+        if angle is None or distance is None:
+            continue
+        u = float(np.hypot(angle.u, distance.u))
+        away = abs(angle.value - distance.value)
+        if np.isfinite(u) and away > _BEYOND * u:
+            apart.append(away)
+    if not apart:
+        return []
+    away = max(apart)
+    return [
+        f"the two estimates of the ball's place, by angle and by distance, differ by {1000 * away:.0f} µm: take "
+        "this as the uncertainty of the place"
+    ]
+
+
+def pairs_in_words(both: Pairs | None) -> list[str]:
+    """Return a heading and a line for each figure that compares acw and cw, if such a pair exists."""
+    if both is None or both.lag is None:
+        return []
+    figures = [f"  {whole_label(name)}: {figure_in_words(name, both.figures[name])}" for name in in_order(both.figures)]
+    count = f" ({len(both.runs)} pairs)" if len(both.runs) > 1 else ""
+    return [f"acw against cw{count}:", *figures]
+
+
+def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
+    """Return a line about the lag of the gauges, and a line for each refused pair."""
+    if not isinstance(group[0].found, CircleResult):
+        return []
+    if both is None:
+        return ["a single direction cannot show a lag between gauges and robot: analyse acw and cw together"]
+    lag, lines = both.lag, list(both.refused)
+    if lag is None:
+        return lines
+    if abs(lag.value) < 2 * lag.u:
+        return [*lines, f"no significant lag between gauges and robot: {lag}"]
+    driven = both.runs[0][0].found
+    rad_s = abs(driven.curve.rate) if isinstance(driven, CircleResult) else 0.0
+    words = f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by "
+    words += (
+        f"{np.degrees(rad_s * abs(lag.value) / 1000):.2g}° in opposite directions, which their u does not include; "
+    )
+    return [*lines, words + "describe the gauge by `timing` in the rig file, or run rig diagnose"]
+
+
+def warmth_in_words(group: Sequence[Result]) -> list[str]:
+    """Return a line for each run with joint temperatures."""
+    lines = []
+    for result in group:
+        if warmth := result.measured.condition.warmth:
+            means, rises = ([getattr(warming, key) for warming in warmth.values()] for key in ("mean_c", "rise_c"))
+            most = max(rises, key=abs)
+            line = f"{result.title}, {result.name}: joints {min(means):.1f} to {max(means):.1f} °C in the mean"
+            lines.append(f"{line}; axis {list(warmth)[rises.index(most)]} changed by {most:+z.1f} °C within the run")
+    return lines
+
+
+_MOST_BYTES = 1_000_000
+
+
+@dataclass(frozen=True)
+class TruthComparison:
+    """Comparison of a figure with the truth: the truth, and the deviation in standard uncertainties."""
+
+    truth: float
+    deviation_u: float
+
+
+def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthComparison]]:
+    """Compare the figures of each result with the truth; a result with no known truth has no comparisons.
+
+    Raises FileError.
+    """
+    try:
+        truth = json.loads(read_bytes(path, _MOST_BYTES))
+        comparisons = []
+        for result in results:
+            manifest = result.measured.run.manifest
+            if truth["rig"] != manifest.rig_name:
+                raise KeyError(manifest.rig_name)
+            values = truth[manifest.test][manifest.direction] if manifest.test in truth else {}
+            figures = ((name, result.figures[name], float(value)) for name, value in values.items())
+            comparisons.append(
+                {name: TruthComparison(true, (seen.value - true) / seen.u) for name, seen, true in figures}
+            )
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), "give the truth.json that rig emulate wrote") from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise FileError(
+            str(path), "is not the truth of these runs", "give the truth.json that rig emulate wrote"
+        ) from None
+    if not any(comparisons):
+        raise FileError(str(path), f"does not cover the {results[0].test} test", "leave --truth out")
+    return comparisons
+
+
+def all_agree(comparisons: Sequence[dict[str, TruthComparison]]) -> bool:
+    """Return whether every figure lies within two standard uncertainties of the truth."""
+    return all(abs(comparison.deviation_u) <= 2 for by_name in comparisons for comparison in by_name.values())
+
+
+def verdict(comparisons: Sequence[dict[str, TruthComparison]]) -> str:
+    """Return the number of figures within two standard uncertainties of the truth, as a line of text."""
+    every = [comparison for by_name in comparisons for comparison in by_name.values()]
+    within = sum(abs(comparison.deviation_u) <= 2 for comparison in every)
+    return f"{within} of {len(every)} figures agree with the truth within 2 u"
+
+
+def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = ()) -> dict[str, Any]:
+    """Return results as a JSON object: angles in degrees, lengths in mm, u the standard uncertainty, null if
+    unknown.
+    """
+    runs = [result.to_dict() for result in results]
+    for run, truth in zip(runs, truths, strict=False):
+        run["truth"] = {name: asdict(comparison) for name, comparison in truth.items()}
+    groups = by_test(results)
+    plain: dict[str, Any] = for_json(
+        {
+            "runs": runs,
+            "between_runs": [_pooled_object(runs_mean) for group in groups for runs_mean in pooled(group)],
+            "remarks": [
+                what_u_is(group, [runs_mean for runs_mean in pooled(group) if runs_mean.figures]) for group in groups
+            ],
+            "acw_against_cw": [
+                {
+                    "rig": group[0].measured.rig.name,
+                    "test": group[0].test,
+                    "runs": [str(result.measured.path) for acw_and_cw in both.runs for result in acw_and_cw],
+                    "figures": {name: _between_object(figure) for name, figure in both.figures.items()},
+                    "lag": None if both.lag is None else asdict(both.lag),
+                    "refused": list(both.refused),
+                }
+                for group in groups
+                if (both := pairs_of(group))
+            ],
+        }
+    )
+    return plain
+
+
+def _pooled_object(runs_mean: Pooled) -> dict[str, Any]:
+    """Return the mean of runs as a JSON object. u is that of the mean, sd the standard deviation between runs."""
+    every = runs_mean.runs or tuple(result for result, _ in runs_mean.left_out)
+    return {
+        "rig": every[0].measured.rig.name,
+        "test": every[0].test,
+        "direction": every[0].measured.run.manifest.direction,
+        "runs": [str(result.measured.path) for result in runs_mean.runs],
+        "left_out": {str(result.measured.path): why for result, why in runs_mean.left_out},
+        "figures": {name: _between_object(figure) for name, figure in runs_mean.figures.items()},
+    }
+
+
+def _between_object(figure: BetweenRuns | Quantity) -> dict[str, Any]:
+    if isinstance(figure, Quantity):
+        return asdict(figure)
+    return asdict(figure.mean) | {"sd_between_runs": figure.sd, "runs": figure.runs}

@@ -1,0 +1,112 @@
+"""Summary of a diagnosis in three tiles: error now and after, main causes, next step.
+
+Page, window, terminal and picture show the same words.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from analysis.apps.report.diagnosis_words import error_size
+from analysis.apps.report.texts import Texts
+from analysis.correction.deviation import Deviation
+
+Tone = Literal["pass", "watch", "fail", "unjudged"]
+"""Colour of a badge: green, yellow, red, or grey for an open question."""
+
+
+@dataclass(frozen=True)
+class BarSegment:
+    """A segment of the stacked bar.
+
+    share: of the error, 0 to 1; percent: the same as text. rank: class of the part; empty if it has none.
+    """
+
+    name: str
+    share: float
+    percent: str
+    rank: str = ""
+
+
+@dataclass(frozen=True)
+class ErrorChange:
+    """Error before and after in µm rms, each with its label; `after` is empty if unknown.
+
+    `basis` states where both were measured, `standing` compares the present error with its limits.
+    """
+
+    now_label: str
+    now: str
+    after_label: str
+    after: str
+    basis: str
+    standing: str = ""
+
+    @property
+    def words(self) -> str:
+        """Both errors with their unit, as a line of text."""
+        return f"{self.now} → {self.after} µm rms" if self.after else f"{self.now} µm rms"
+
+    @property
+    def title(self) -> str:
+        """Both labels, as a line of text."""
+        label = f"{self.now_label} → {self.after_label}" if self.after else self.now_label
+        return label[:1].upper() + label[1:]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Headline and three tiles.
+
+    `standing` is the leading condition of the badge; `moved` and `contradicted` come before conditions. `tone` is the
+    colour of the badge on every output.
+    `unknowns` are the limits of the evidence, shown before the next step. `command` carries out the next step; it is
+    empty if no command does.
+    """
+
+    badge: str
+    standing: str
+    headline: str
+    unknowns: tuple[str, ...]
+    error: ErrorChange
+    causes: tuple[BarSegment, ...]
+    next: str
+    command: str = ""
+    tone: Tone = "unjudged"
+
+
+_CHANGES_ARM = ("repair", "remaster", "enter", "check")
+"""Kinds of acts that change the arm, so an existing correction no longer fits."""
+
+
+def with_corrections_removed(summary: Summary, kind: str, way: str, texts: Texts) -> Summary:
+    """Return a summary whose next step, of the given kind of act, also removes the existing correction of the robot.
+
+    A repaired arm would otherwise be corrected twice. way: how the robot was corrected.
+    """
+    if way == "none" or kind not in _CHANGES_ARM:
+        return summary
+    return replace(summary, next=f"{summary.next} {texts(f'then_without_{way}')}")
+
+
+WITHOUT_FAULT = ("uncalibrated", "nothing_unusual", "unusual_group")
+"""Badges to which the limits of the accuracy are added, because they alone would look like a pass."""
+
+
+def with_driven_error(summary: Summary, before: Deviation, after: Deviation, texts: Texts) -> Summary:
+    """Return a summary with the measured error before and after a correction.
+
+    The limits of the badge applied to the uncorrected robot.
+    """
+    error = ErrorChange(
+        now_label=texts("error_before_label"),
+        now=error_size(before.um, before.u_um),
+        after_label=texts("error_driven_label"),
+        after=error_size(after.um, after.u_um),
+        basis=" ".join([texts("basis_driven"), *([] if before.u_um else [texts("noise_assumed")])]),
+    )
+    if summary.standing not in WITHOUT_FAULT:
+        return replace(summary, error=error)
+    tone: Tone = "watch" if summary.standing == "unusual_group" else "pass"
+    return replace(summary, error=error, badge=texts(f"badge_{summary.standing}"), tone=tone)

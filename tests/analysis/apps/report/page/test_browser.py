@@ -1,0 +1,234 @@
+"""The page in a real browser: no request, no error, hover and rotation work, and it prints whole."""
+
+from __future__ import annotations
+
+import base64
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis import evaluate_runs, load_run
+from analysis.apps.report.page.page_content import gather
+from analysis.apps.report.page.write_page import write_page
+from analysis.diagnosis.judge.staircase import ModelResidual, Staircase, StaircaseStep
+from rigs.load import load, load_hidden
+from tests.support.browser import CHROMIUM, Browser, browser
+from tests.support.handmade_diagnosis import diagnosis
+from tests.support.written_runs import write_simulated
+
+pytestmark = [
+    pytest.mark.skipif(not CHROMIUM, reason="there is no chromium here"),
+]
+PATIENCE_S = 120.0
+DRAWN = (
+    "document.readyState === 'complete' && document.querySelectorAll('.live').length > 0"
+    " && document.querySelectorAll('.live .main-svg').length >= document.querySelectorAll('.live').length"
+)
+"""Before the page is there nothing has been drawn, although as many pictures as there are."""
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    rig, text = load("ur10e")
+    folder = tmp_path_factory.mktemp("page")
+    hidden = load_hidden("ur10e").apply_to(rig)
+    runs = [*write_simulated(hidden, text, "yaw", ("acw", "cw"), [1], folder)]
+    runs += write_simulated(hidden, text, "radial", (None,), [1], folder)
+    measured = [load_run(run) for run in runs]
+    return write_page(
+        gather(evaluate_runs(measured), diagnosed=False, progress=lambda doing: None), folder / "page.html"
+    )
+
+
+@pytest.fixture(scope="module")
+def stepped(page: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same runs with a diagnosis made by hand, whose gap shrinks in two steps."""
+    found = diagnosis("named")
+    curves = tuple(np.stack([one.before_um, (one.before_um + one.after_um) / 2, one.after_um]) for one in found.curves)
+    maps = tuple(np.stack([one.before_um, (one.before_um + one.after_um) / 2, one.after_um]) for one in found.maps)
+    steps = [((), 6.1), ((0,), 3.0), ((1, 2), 1.9)]
+    staircase = Staircase(tuple(StaircaseStep(parts, ModelResidual(um, 0.2)) for parts, um in steps), curves, maps)
+    measured = [load_run(path.parent) for path in sorted(page.parent.glob("yaw*/manifest.json"))]
+    report = gather(evaluate_runs(measured), diagnosis=replace(found, staircase=staircase), progress=lambda doing: None)
+    return write_page(report, tmp_path_factory.mktemp("stepped") / "page.html")
+
+
+@pytest.fixture(scope="module")
+def opened(page: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with browser(tmp_path_factory.mktemp("profile")) as one:
+        one.send("Page.navigate", url=page.as_uri())
+        one.until(DRAWN)
+        yield one
+
+
+def test_no_request_leaves_the_file_and_no_error_is_said(opened: Browser, page: Path) -> None:
+    asked = [event["request"]["url"] for event in opened.named("Network.requestWillBeSent")]
+    assert {url.partition(":")[0] for url in asked} <= {"file", "data", "blob"}
+    assert [url for url in asked if url.startswith("file:")] == [page.as_uri()]
+    assert opened.named("Runtime.exceptionThrown") == []
+    said = [event for event in opened.named("Runtime.consoleAPICalled") if event["type"] == "error"]
+    said += [event for event in opened.named("Log.entryAdded") if event["entry"]["level"] == "error"]
+    assert said == []
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 800)])
+def test_the_tiles_are_above_the_fold(stepped: Path, tmp_path: Path, width: int, height: int) -> None:
+    with browser(tmp_path / "profile") as one:
+        one.send(
+            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 500
+        )
+        one.send("Page.navigate", url=stepped.as_uri())
+        one.until(f"location.href === {stepped.as_uri()!r} && document.readyState === 'complete'")
+        ends = one.value("[...document.querySelectorAll('.tile')].map(one => one.getBoundingClientRect().bottom)")
+        assert len(ends) == 3 and max(ends) <= height
+        assert one.value("document.documentElement.scrollWidth") <= width
+        assert one.value("document.querySelector('details').open") is False
+
+
+def _middle(opened: Browser, kind: str) -> tuple[float, float]:
+    """The middle of the first picture of a kind, scrolled into the window."""
+    picture = f"document.querySelector('figure.{kind} .live')"
+    opened.value(f"{picture}.scrollIntoView({{block: 'center'}})")
+    x, y, width, height = opened.value(
+        f"(() => {{ const box = {picture}.getBoundingClientRect(); return [box.x, box.y, box.width, box.height]; }})()"
+    )
+    return x + width / 2, y + height / 2
+
+
+def test_the_mouse_over_a_curve_shows_both_directions(opened: Browser) -> None:
+    shown, end = "", time.monotonic() + PATIENCE_S
+    for step in count():  # a busy computer draws what is above only after the mouse came
+        x, y = _middle(opened, "straight")
+        opened.mouse("mouseMoved", x - step % 40, y)
+        shown = opened.value("document.querySelector('figure.straight .hoverlayer').textContent")
+        if shown or time.monotonic() > end:
+            break
+    assert "acw" in shown and "cw" in shown and "°" in shown
+
+
+def test_dragging_rotates_the_sphere(opened: Browser) -> None:
+    eye = "JSON.stringify(document.querySelector('figure.sphere .live')._fullLayout.scene._scene.getCamera().eye)"
+    before, end = opened.until(eye), time.monotonic() + PATIENCE_S
+    while opened.value(eye) == before and time.monotonic() < end:  # a busy computer may still move the picture
+        x, y = _middle(opened, "sphere")
+        opened.mouse("mouseMoved", x, y)
+        opened.mouse("mousePressed", x, y, button="left", clickCount=1)
+        for step in range(1, 6):
+            opened.mouse("mouseMoved", x + 12 * step, y, button="left", buttons=1)
+        opened.mouse("mouseReleased", x + 60, y, button="left", clickCount=1)
+    assert opened.value(eye) != before
+
+
+def test_on_paper_every_picture_is_there_and_no_table_is_wider(opened: Browser) -> None:
+    opened.send("Emulation.setEmulatedMedia", media="print")
+    # A4 less the margins, at 96 px an inch.
+    opened.send("Emulation.setDeviceMetricsOverride", width=688, height=1009, deviceScaleFactor=1, mobile=False)
+    try:
+        assert opened.value("[...document.querySelectorAll('.live')].every(one => !one.offsetParent)")
+        assert opened.value(
+            "[...document.querySelectorAll('.still')].every(one => one.naturalWidth && one.offsetParent)"
+        )
+        wide = "[...document.querySelectorAll('table')].filter(one => one.offsetWidth > 690).length"
+        assert opened.value(wide) == 0
+        printed = opened.send("Page.printToPDF", preferCSSPageSize=True)["data"]
+        assert base64.b64decode(printed).startswith(b"%PDF")
+    finally:
+        opened.send("Emulation.clearDeviceMetricsOverride")
+        opened.send("Emulation.setEmulatedMedia", media="")
+
+
+def test_a_telephone_scrolls_in_its_tables_and_not_the_page(page: Path, tmp_path: Path) -> None:
+    with browser(tmp_path / "profile") as one:
+        one.send("Page.navigate", url=page.as_uri())
+        one.until(DRAWN)  # wide first, as on a screen that is turned or a window that is made smaller
+        one.send("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=False)
+        one.until("innerWidth === 390")
+        assert one.value("document.documentElement.scrollWidth") <= 390
+        one.until("[...document.querySelectorAll('.live .main-svg')].every(svg => svg.clientWidth <= 390)")
+        assert one.value("[...document.querySelectorAll('table')].every(table => table.closest('.wide'))")
+
+
+def test_the_arrow_keys_go_through_the_steps_and_the_curves_follow(stepped: Path, tmp_path: Path) -> None:
+    picture = "document.querySelector('#steps ~ .pictures .live')"
+    curve = f"Array.from({picture}._fullData[1].y)"
+    with browser(tmp_path / "profile") as one:
+        one.send("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=False)
+        one.send("Page.navigate", url=stepped.as_uri())
+        one.until(DRAWN)
+        assert one.value("[...document.querySelectorAll('.wide')].every(one => one.scrollWidth <= one.clientWidth)")
+        one.until(f"{picture}._fullData?.length > 1")
+        last = one.value(curve)
+        one.value("document.querySelector('.stepper input').focus()")
+        for _ in range(2):
+            for kind in ("rawKeyDown", "keyUp"):
+                one.send(
+                    "Input.dispatchKeyEvent", type=kind, key="ArrowLeft", code="ArrowLeft", windowsVirtualKeyCode=37
+                )
+        one.until(f"{curve}.every(y => y === 0)")  # the model begun with says nothing more
+        assert "0" in one.value("document.querySelector('.stepper output').textContent")
+        assert one.value("document.querySelector('table.steps tr.now').textContent").count("6.1") == 1
+        one.value("document.querySelectorAll('.stepper button')[1].click()")
+        halfway = one.until(f"{curve}.some(y => y !== 0) && {curve}")
+        assert np.allclose(2 * np.array(halfway), last, rtol=1e-4, atol=1e-4)
+
+
+def test_dark_paper_has_light_ink(opened: Browser) -> None:
+    line = "getComputedStyle(document.querySelector('figure.straight .lines path')).stroke"
+    light = opened.value(line)
+    opened.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
+    try:
+        assert opened.until(f"{line} !== {light!r}")
+        assert opened.value("getComputedStyle(document.body).backgroundColor") == "rgb(22, 24, 27)"
+    finally:
+        opened.send("Emulation.setEmulatedMedia", features=[])
+
+
+def test_without_scripts_text_tables_and_pictures_are_seen(page: Path, tmp_path: Path) -> None:
+    with browser(tmp_path / "profile") as one:
+        one.send("Emulation.setScriptExecutionDisabled", value=True)
+        one.send("Page.navigate", url=page.as_uri())
+        one.until("document.readyState === 'complete' && document.querySelectorAll('.still').length > 5")
+        assert one.value("[...document.querySelectorAll('.still')].every(one => one.naturalWidth && one.offsetParent)")
+        assert one.value("document.querySelectorAll('.main-svg').length") == 0
+        assert one.value("document.querySelectorAll('table').length") > 3
+
+
+_LAID_OUT = """
+(() => {
+  const box = (node) => node.getBoundingClientRect(), problems = [];
+  for (const live of document.querySelectorAll('.live')) {
+    const frame = box(live), legend = live.querySelector('.legend'), title = live.querySelector('.xtitle');
+    if (legend && title) {
+      const [a, b] = [box(legend), box(title)];
+      const beside = a.left > b.right || b.left > a.right;
+      if (a.top < b.bottom && b.top < a.bottom && !beside) problems.push('legend on title');
+      if (a.bottom > frame.bottom + 1) problems.push('legend cut');
+    }
+    const marks = [...live.querySelectorAll('.annotation-text-g')].map(box).sort((a, b) => a.left - b.left);
+    marks.forEach((mark, k) => {
+      if (mark.right > frame.right + 1) problems.push('mark cut');
+      if (k && mark.left - marks[k - 1].left < 12) problems.push('marks overlap');
+    });
+  }
+  return problems.join(', ');
+})()
+"""
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_no_label_is_cut_and_no_legend_covers_a_title(opened: Browser, page: Path, width: int) -> None:
+    narrow = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
+    opened.send("Emulation.setDeviceMetricsOverride", **narrow)
+    try:
+        opened.send("Page.navigate", url=page.as_uri())
+        opened.until(DRAWN)
+        assert opened.value(_LAID_OUT) == ""
+    finally:
+        opened.send("Emulation.clearDeviceMetricsOverride")
+        opened.send("Page.navigate", url=page.as_uri())
+        opened.until(DRAWN)

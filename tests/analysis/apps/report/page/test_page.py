@@ -1,0 +1,283 @@
+"""The page: one file that says the verdict first, makes no request, and shows foreign text as text."""
+
+from __future__ import annotations
+
+import base64
+import errno
+import gzip
+import hashlib
+import html
+import json
+import os
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from analysis import evaluate_runs, load_run
+from analysis.apps.report.chart import Chart
+from analysis.apps.report.page.page_content import Report, gather
+from analysis.apps.report.page.write_page import rendered, write_page
+from analysis.apps.report.run_charts import circle_charts, directions, interpolated, target_charts
+from analysis.apps.report.still_chart import still
+from analysis.apps.report.summary_words import summarise
+from analysis.apps.report.texts import texts_of
+from analysis.cli import app
+from analysis.diagnosis.judge.remains import ResidualCheck, ResidualSummary
+from analysis.diagnosis.judge.result import Condition
+from analysis.procedures.radial.evaluate import RadialResult
+from rigs.errors import FileError, UseError
+from rigs.load import load, load_hidden
+from rigs.schema.limits import Limits
+from tests.support.handmade_diagnosis import LOAD, diagnosis
+from tests.support.nightly import cases
+from tests.support.written_runs import write_simulated
+
+RIG, TEXT = load("ur10e")
+HIDDEN = load_hidden("ur10e").apply_to(RIG)
+MOST_BYTES = 3_000_000
+EVIL = '<script>alert(1)</script>"\x1b[31m\u202e'
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """A run of each test of a robot with play in its base, which its rig file does not know."""
+    folder = tmp_path_factory.mktemp("runs")
+    made = [*write_simulated(HIDDEN, TEXT, "yaw", ("acw", "cw"), [1], folder)]
+    for test in ("radial", "repeatability"):
+        made += write_simulated(HIDDEN, TEXT, test, (None,), [1], folder)  # type: ignore[arg-type]
+    return made
+
+
+@pytest.fixture(scope="module")
+def report(runs: list[Path]) -> Report:
+    return gather(evaluate_runs([load_run(run) for run in runs]), progress=lambda doing: None)
+
+
+@pytest.fixture(scope="module")
+def page(report: Report) -> str:
+    return rendered(report, texts_of("en"))
+
+
+def _small(report: Report) -> Report:
+    """Return a report of the last run without a finding, because pictures take most of the time."""
+    return replace(report, results=report.results[-1:], found=diagnosis("not_testable_here", curves=(), maps=()))
+
+
+def _text(page: str) -> str:
+    body = re.sub(r"<(script|style)\b.*?</\1>|<[^>]*>", " ", page, flags=re.DOTALL)
+    return " ".join(body.split())
+
+
+def test_the_page_says_the_hidden_play_before_anything_else(page: str) -> None:
+    text = _text(page)
+    first = text[text.index("Verdict") :][:1500]
+    size = r"0\.00(79|80)\d* ± 0\.000[01]\d* °"
+    assert re.search(rf"Verdict: . [A-Z ,]+ Play of axis 1 \(base\), {size}, certain", first)
+    assert re.search(rf"Condition: .*?Almost all of the error \(\d+ %\) is play of axis 1 \(base\), {size}", text)
+    assert "All steps, in this order" in text and "how the joint came" not in first
+    headings = (
+        "Error now → after",
+        "Main causes",
+        "Do next",
+        "Details",
+        "Error budget",
+        "Figures and their limits",
+        "Trace",
+    )
+    places = [text.index(heading) for heading in headings]
+    assert places == sorted(places)
+
+
+def test_the_tiles_show_the_words_of_the_summary_as_text_and_never_as_html(report: Report) -> None:
+    evil = replace(LOAD, command=("correct", "<script>x</script>.yaml", "-o", "D"))
+    found = diagnosis("undecided", acts=(evil,), curves=(), maps=())
+    page = rendered(replace(report, results=report.results[-1:], found=found), texts_of("en"))
+    summary = summarise(found)
+    assert "<script>x" not in page
+    tiles = page[page.index('class="tiles"') : page.index("<details>")]
+    assert html.escape(summary.command, quote=False) in tiles and html.escape(summary.next) in tiles
+    assert summary.error.words in tiles and f'<p class="lead headline">{summary.headline}</p>' in page
+
+
+def test_the_page_asks_for_nothing_and_allows_two_scripts_alone(page: str) -> None:
+    assert len(page.encode()) < MOST_BYTES
+    assert re.findall(r"""(?:src|href)=["'](?!data:)""", page) == []
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)
+    assert policy and policy[1].startswith("default-src 'none'") and "unsafe-eval" not in policy[1]
+    allowed = re.findall(r"'sha256-([^']*)'", policy[1])
+    scripts = re.findall(r'<script type="text/javascript">(.*?)</script>', page, flags=re.DOTALL)
+    packed = re.search(r'id="plotly">([^<]*)<', page)
+    assert packed and len(scripts) == 1
+    scripts.append(gzip.decompress(base64.b64decode(packed[1])).decode())
+    assert [base64.b64encode(hashlib.sha256(one.encode()).digest()).decode() for one in scripts] == allowed
+
+
+def test_every_picture_is_there_live_and_still(page: str) -> None:
+    packed = re.search(r'id="data">([^<]*)<', page)
+    assert packed
+    pictures = json.loads(gzip.decompress(base64.b64decode(packed[1])))["pictures"]
+    assert page.count('class="live"') == page.count('class="still"') == len(pictures) > 10
+    assert all(f'id="{name}"' in page for name in pictures)
+    kinds = {trace["type"] for picture in pictures.values() for trace in picture["data"]}
+    assert kinds == {"scatter", "scatterpolar", "surface", "scatter3d"}
+
+
+def test_the_trace_has_the_hash_of_each_file(page: str, runs: list[Path]) -> None:
+    for run in runs:
+        for file in run.glob("*.parquet"):
+            assert hashlib.sha256(file.read_bytes()).hexdigest() in page
+    assert "none stated" in _text(page)  # the gauges of the shipped rig have no certificate
+
+
+@pytest.mark.parametrize(
+    ("language", "words"),
+    [("de", "Alle Schritte, in dieser Reihenfolge"), ("ko", "모든 조치(이 순서대로)")],
+)
+def test_fixed_texts_are_in_the_language_asked_for(report: Report, language: str, words: str) -> None:
+    text = rendered(replace(report, results=report.results[-1:]), texts_of(language))  # type: ignore[arg-type]
+    assert words in text and f'<html lang="{language}">' in text
+
+
+def test_foreign_text_is_shown_as_text(report: Report) -> None:
+    robot = report.rig.robot.model_copy(update={"name": EVIL})
+    page = rendered(replace(_small(report), rig=report.rig.model_copy(update={"robot": robot})), texts_of("en"))
+    assert "<script>" not in page and "\x1b" not in page and "\u202e" not in page
+    assert "&lt;script&gt;alert(1)" in page
+
+
+def test_runs_that_show_nothing_are_not_called_faultless(report: Report) -> None:
+    text = _text(rendered(_small(report), texts_of("en")))
+    assert "Condition: ? NOT DETECTABLE These runs cannot show a worn" in text
+    assert "Error budget" not in text
+
+
+def test_what_stays_has_a_row_for_each_thing_that_it_was_held_against(report: Report) -> None:
+    looked = (ResidualCheck("posture", 0.004), ResidualCheck("approach", 0.31), ResidualCheck("temperature", None))
+    found = diagnosis("named", curves=(), maps=(), remains=ResidualSummary(108.0, 25.0, looked))
+    last = report.results[-1]
+    manifest = last.measured.run.manifest.model_copy(update={"placement": last.test})
+    last = replace(last, measured=replace(last.measured, run=replace(last.measured.run, manifest=manifest)))
+    text = _text(rendered(replace(report, results=(last,), found=found), texts_of("en")))
+    assert f"· {last.test} " not in text, "a place that is named as its test is said once"
+    assert "at the left-out poses is 108 µm rms. The noise of a reading is 25" in text
+    assert (
+        "The remaining error depends on: the direction from which the joints arrived 31 %. It does not depend on: the "
+        "posture." in text
+    )
+    rows = "the posture none detected the direction from which the joints arrived 31 % temperature not recorded or"
+    assert rows in text
+
+
+@pytest.mark.parametrize("condition", cases(get_args(Condition), ("named", "undecided", "nothing_unusual")))
+def test_condition_and_accuracy_have_a_badge_each(report: Report, condition: Condition) -> None:
+    text = _text(rendered(replace(report, results=report.results[-1:], found=diagnosis(condition)), texts_of("en")))
+    assert f"{texts_of('en')(f'badge_{condition}')} · PASS" in text.partition("Verdict")[0]  # in the title
+    assert text.index("Do next") < text.index("Error budget") if condition != "not_testable_here" else True
+    assert ("✓ NO" in text) == (condition in ("uncalibrated", "nothing_unusual"))
+    assert "tolerance" not in text and "healthy" not in text and "that matter" not in text
+
+
+def test_a_report_is_about_one_robot(runs: list[Path]) -> None:
+    other = load("paper-fanuc")[0]
+    with pytest.raises(FileError, match="make a report for each robot"):
+        gather(evaluate_runs([load_run(runs[0])]), other, progress=lambda doing: None)
+
+
+def test_two_robots_of_one_type_do_not_share_a_page(runs: list[Path], tmp_path: Path) -> None:
+    line2 = RIG.model_copy(update={"name": "line2"})
+    (other,) = write_simulated(line2, TEXT.replace("name: ur10e", "name: line2", 1), "yaw", ("acw",), [1], tmp_path)
+    with pytest.raises(FileError, match="is of rig line2, but the report is about rig ur10e; make a report for each"):
+        gather(evaluate_runs([load_run(runs[0]), load_run(other)]), progress=lambda doing: None)
+
+
+def test_title_and_heading_name_the_rig_and_the_robot(page: str) -> None:
+    assert "<h1>ur10e – Universal Robots UR10e</h1>" in page
+    assert "<title>ur10e – Universal Robots UR10e ·" in page
+
+
+def test_a_page_without_a_verdict_says_which_limits_it_needs(report: Report) -> None:
+    unlimited = report.rig.model_copy(update={"limits": Limits(data_sheet_rp_mm=0.05)})
+    text = _text(rendered(replace(_small(report), rig=unlimited, results=report.results[:1]), texts_of("en")))
+    assert "limits: yaw: circular_deviation_mm: {watch: 0.05" in text and "a run of the repeatability test" in text
+
+
+def test_a_full_disk_keeps_the_old_page(report: Report, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file, small = tmp_path / "page.html", _small(report)
+    write_page(small, file, "de")
+    old, write_full = file.read_bytes(), os.pwrite
+
+    def full(fd: int, data: bytes | memoryview, offset: int) -> int:
+        if offset:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write_full(fd, memoryview(data)[:1000], offset)
+
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "pwrite", full)
+        with pytest.raises(FileError, match="No space left on device"):
+            write_page(small, file)
+    assert file.read_bytes() == old and list(tmp_path.iterdir()) == [file]
+    write_page(small, file)
+    assert '<html lang="en">' in file.read_text(encoding="utf-8")
+
+
+def test_the_command_writes_the_page_and_refuses_another_name(runs: list[Path], tmp_path: Path) -> None:
+    arguments = ["report", *map(str, runs[:2]), "--no-diagnosis", "-o"]
+    done = CliRunner().invoke(app, [*arguments, str(tmp_path / "page.html")])
+    assert done.exit_code == 0, done.exception
+    assert "--no-diagnosis" in _text((tmp_path / "page.html").read_text(encoding="utf-8"))
+    refused = CliRunner().invoke(app, [*arguments, str(tmp_path / "page.txt")])
+    assert isinstance(refused.exception, UseError) and "FILE.html" in str(refused.exception)
+
+
+def test_diagnose_writes_the_same_page(
+    runs: list[Path], report: Report, page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("analysis.diagnosis.diagnose.diagnose", lambda *_: report.found)
+    done = CliRunner().invoke(app, ["diagnose", *map(str, runs), "-o", str(tmp_path / "page.html")])
+    assert done.exit_code == 0, done.exception
+    written = _text((tmp_path / "page.html").read_text(encoding="utf-8"))
+    first = slice(written.index("Verdict"), written.index("Verdict") + 1500)
+    assert written[first] in _text(page) and "play of axis 1 (base)" in written[first]
+
+
+def test_acw_and_cw_are_laid_over_each_other_straight_and_polar(report: Report) -> None:
+    circles = [result for result in report.results if result.test == "yaw"]
+    charts = circle_charts(circles, texts_of("en"))
+    assert [chart.frame for chart in charts] == ["straight", "straight", "polar", "polar"]
+    assert all([line.role for line in chart.lines] == ["acw", "cw"] for chart in charts)
+    at_deg = [mark.at_deg for mark in charts[0].marks]
+    assert at_deg == [one.phi_deg for one in circles[0].reversals]
+    named = [mark.text for mark in charts[0].marks if mark.text]
+    assert all(text.startswith("axis ") for text in named) and {"1", "5"} <= {*" ".join(named).replace(",", "").split()}
+
+
+def test_a_still_picture_keeps_its_numbers_and_is_the_same_each_time(report: Report) -> None:
+    (sphere, targets) = target_charts(next(one for one in report.results if one.test == "radial"), texts_of("en"))
+    first = still(targets)
+    assert first == still(targets) and first.startswith("<svg") and len(first) < 60_000
+    assert "least-squares sphere" in still(sphere)
+
+
+def test_a_target_that_is_left_out_is_drawn_as_such(report: Report) -> None:
+    radial = next(one for one in report.results if one.test == "radial")
+    assert isinstance(radial.found, RadialResult)
+    used = np.arange(len(radial.found.used)) != 4
+    less = replace(radial, found=replace(radial.found, used=used))
+    targets = target_charts(less, texts_of("en"))[1]
+    assert isinstance(targets, Chart)
+    assert [(line.name, len(line.x)) for line in targets.lines] == [("measured", len(used) - 1), ("excluded", 1)]
+    assert targets.lines[1].x == [5.0]
+
+
+def test_the_surface_passes_through_the_targets() -> None:
+    polar_deg, azimuth_deg = np.array([0.0, 30.0, 60.0, 60.0]), np.array([0.0, 90.0, 0.0, 180.0])
+    targets = directions(polar_deg, azimuth_deg)
+    values = np.array([1.0, -2.0, 3.0, 4.0])
+    np.testing.assert_allclose(interpolated(targets, values, targets), values, atol=1e-6)
+    between = interpolated(targets, values, directions(np.array([45.0]), np.array([45.0])))
+    assert values.min() < between[0] < values.max()

@@ -1,0 +1,160 @@
+"""The verdict on accuracy: the worst figure decides, uncertainty leaves it open, and a diagnosis stands alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import get_args
+
+import pytest
+import yaml
+
+from analysis import Measured, Result, evaluate_runs, load_run
+from analysis.apps.report.page.page_content import PageVerdict, example_limits, figure_title, judge, verdict_sentence
+from analysis.apps.report.texts import LANGUAGES, Language, texts_of
+from analysis.diagnosis.judge.verdict import standing_of
+from analysis.procedures.facts import Labels
+from analysis.procedures.pooled import figure_columns
+from rigs.load import load, load_hidden
+from rigs.schema.limits import CircleLimits, Limit, Limits
+from rigs.schema.vocabulary import TestName
+from tests.support.handmade_diagnosis import diagnosis
+from tests.support.written_runs import write_simulated
+
+TEXTS = texts_of("en")
+RIG, TEXT = load("ur10e")
+
+
+@pytest.fixture(scope="module")
+def laps(tmp_path_factory: pytest.TempPathFactory) -> list[Result]:
+    """One yaw run in each direction of a robot with play."""
+    folder = tmp_path_factory.mktemp("laps")
+    runs = write_simulated(load_hidden("ur10e").apply_to(RIG), TEXT, "yaw", ("acw", "cw"), [1], folder)
+    return evaluate_runs([load_run(run) for run in runs])
+
+
+def _limits(**of_yaw: Limit) -> Limits:
+    return Limits(yaw=CircleLimits.model_validate({name: limit.model_dump() for name, limit in of_yaw.items()}))
+
+
+def test_without_limits_nothing_is_judged(laps: list[Result]) -> None:
+    verdict = judge(laps, Limits())
+    assert (verdict.overall, verdict.judged) == ("unjudged", ())
+    assert (
+        verdict_sentence(verdict, TEXTS) == "Accuracy was not judged: the rig file has no limits for these tests (Yaw)."
+    )
+
+
+def test_the_example_of_limits_makes_every_test_judged() -> None:
+    verdict = PageVerdict("unjudged", (), get_args(TestName))
+    limits = Limits.model_validate(yaml.safe_load(example_limits(verdict))["limits"])
+    with_limits = [test for test in verdict.tests if test in Limits.model_fields]  # a test of one's own may have none
+    assert all(getattr(limits, test).model_fields_set for test in with_limits)
+
+
+def test_of_a_test_without_limits_no_example_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A kind of one's own may inherit the example of places; a rig file would refuse its lines."""
+    monkeypatch.setattr("analysis.apps.report.page.page_content.TESTS", ("height",))
+    monkeypatch.setattr(
+        "analysis.apps.report.page.page_content.labels_of", lambda _: Labels(example=("rms_mm", 0.5, 1.0))
+    )
+    assert example_limits(PageVerdict("unjudged", (), ("height",))) == ""  # type: ignore[arg-type]
+
+
+def test_the_example_of_limits_for_one_test_has_three_lines(laps: list[Result]) -> None:
+    lines = example_limits(judge(laps, Limits()))
+    assert lines.count("\n") == 3
+    limits = Limits.model_validate(yaml.safe_load(lines)["limits"])
+    assert judge(laps, limits).judged
+
+
+def test_each_direction_and_the_pair_are_judged_and_the_worst_decides(laps: list[Result]) -> None:
+    wide, narrow = Limit(fail=100.0), Limit(fail=1e-4)
+    verdict = judge(laps, _limits(band_deg=wide, circular_deviation_mm=narrow))
+    assert verdict.overall == "fail"
+    assert [one.column.direction for one in verdict.judged[:3]] != ["", "", ""]
+    assert {one.standing for one in verdict.judged} == {"pass", "fail"}
+    assert len(verdict.judged) == 5  # acw, cw and both together for G; acw and cw for the band
+    assert verdict.judged[0].standing == "fail" and verdict.judged[-1].standing == "pass"
+    sentence = verdict_sentence(verdict, TEXTS)
+    assert sentence.startswith("3 of 5 figures with a limit fail. The worst: Yaw")
+    assert sentence.count("fail above 0.0001 mm") == 1
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_worst_figure_is_named_and_the_others_counted(laps: list[Result], language: Language) -> None:
+    texts = texts_of(language)
+    narrow = Limit(fail=1e-6)
+    verdict = judge(laps, _limits(band_deg=narrow, circular_deviation_mm=narrow))
+    sentence = verdict_sentence(verdict, texts)
+    assert len(verdict.with_standing("fail")) == 5
+    assert [figure_title(one, texts) in sentence for one in verdict.judged] == [True] + [False] * 4
+    assert "5" in sentence
+
+
+def test_a_single_figure_is_not_spoken_of_as_several(laps: list[Result]) -> None:
+    for bound, overall in ((100.0, "pass"), (1e-6, "fail")):
+        verdict = judge(laps[:1], _limits(band_deg=Limit(fail=bound)))
+        assert (verdict.overall, len(verdict.judged)) == (overall, 1)
+        assert ("fails: " in verdict_sentence(verdict, TEXTS)) == (overall == "fail")
+
+
+def test_a_figure_whose_uncertainty_reaches_over_its_limit_does_not_pass(laps: list[Result]) -> None:
+    band = laps[0].figures["band_deg"]
+    for at in (band.value + band.u, band.value - band.u):
+        verdict = judge(laps[:1], _limits(band_deg=Limit(fail=at)))
+        assert verdict.overall == "watch" and verdict.judged[0].straddled
+    assert judge(laps[:1], _limits(band_deg=Limit(fail=band.value + 3 * band.u))).overall == "pass"
+
+
+def test_a_fault_is_of_the_condition_and_not_of_the_accuracy(laps: list[Result]) -> None:
+    wide = _limits(band_deg=Limit(fail=100.0))
+    assert judge(laps, wide, diagnosis("named")).overall == "pass"
+    assert judge(laps, Limits(), diagnosis("named")).overall == "unjudged"
+
+
+def test_a_tolerance_that_was_given_decides(laps: list[Result]) -> None:
+    found = diagnosis("named")
+    found = replace(found, accuracy=replace(found.accuracy, standing="fail", limit="tolerance"))
+    verdict = judge(laps, _limits(band_deg=Limit(fail=100.0)), found)
+    assert verdict.overall == "fail" and "--tolerance-um" in verdict_sentence(verdict, TEXTS)
+
+
+@pytest.mark.parametrize(("factor", "standing"), [(0.5, "fail"), (1.0, "watch"), (3.0, "pass")])
+def test_diagnosis_and_page_stand_alike(laps: list[Result], factor: float, standing: str) -> None:
+    """Single runs and the pair of them: the hysteresis is a figure of the pair alone."""
+    of_pair = next(one.figures["hysteresis_max_deg"] for one in figure_columns(laps) if one.kind == "pairs")
+    limits = _limits(hysteresis_max_deg=Limit(fail=factor * of_pair.value))
+    rig = RIG.model_copy(update={"limits": limits})
+    assert standing_of(rig, [one.measured for one in laps]) == (standing, "rig_file")
+    assert judge(laps, limits).overall == standing
+
+
+def test_the_data_sheet_is_named_where_it_is_the_limit(tmp_path: Path) -> None:
+    (run,) = write_simulated(RIG, TEXT, "repeatability", (None,), [1], tmp_path)
+    judged = {one.name: one for one in judge(evaluate_runs([load_run(run)]), RIG.limits).judged}
+    assert (judged["rp_mm"].of_data_sheet, judged["rp_mm"].standing) == (True, "pass")
+    assert not judged["bi_mm"].of_data_sheet
+
+
+@pytest.mark.parametrize(("factor", "expected"), [(0.5, 1), (3.0, 2)])
+def test_no_test_is_evaluated_after_one_that_failed(
+    laps: list[Result], monkeypatch: pytest.MonkeyPatch, factor: float, expected: int
+) -> None:
+    """The same runs, as those of two tests: only a failure makes the second test unnecessary."""
+    evaluated: list[str] = []
+
+    def results_of(runs: Sequence[Measured]) -> list[Result]:
+        evaluated.append(runs[0].run.manifest.test)
+        return laps
+
+    # private: counts the evaluations, which no result shows
+    monkeypatch.setattr("analysis.diagnosis.judge.verdict._results_of", results_of)
+    yaw = laps[0].measured
+    manifest = yaw.run.manifest.model_copy(update={"test": "roll"})
+    roll = replace(yaw, run=replace(yaw.run, manifest=manifest))
+    limit = Limit(fail=factor * laps[0].figures["band_deg"].value)
+    limits = Limits(yaw=_limits(band_deg=limit).yaw, roll=_limits(band_deg=limit).yaw)
+    standing_of(RIG.model_copy(update={"limits": limits}), [yaw, roll])
+    assert len(evaluated) == expected

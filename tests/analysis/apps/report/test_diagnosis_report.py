@@ -1,0 +1,336 @@
+"""What is shown of a diagnosis: screen, JSON, picture, and the files that -o leaves."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+from matplotlib.text import Text
+from rich.console import Console
+
+from analysis.apps.report.diagnosis_picture import picture
+from analysis.apps.report.diagnosis_report import require_empty, write
+from analysis.apps.report.diagnosis_screen import as_screen
+from analysis.apps.report.diagnosis_words import closed, held_out_rows, plain, size, stretch, sure
+from analysis.apps.report.model_charts import diagnosis_charts, strands_of
+from analysis.apps.report.texts import Language, texts_of
+from analysis.correction.support import supports
+from analysis.diagnosis.judge.acts import Act
+from analysis.diagnosis.judge.residuals import ResidualBand
+from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis, Gap
+from analysis.diagnosis.judge.staircase import ModelResidual, Staircase, StaircaseStep
+from analysis.robot.model.predict import model_of
+from rigs.effects import VOCABULARY, LinkGeometry, TransmissionError
+from rigs.errors import FileError
+from rigs.load import load
+from tests.support.handmade_calibration import calibrated_model
+from tests.support.handmade_diagnosis import PLACES, PLAY, RIG, SMALL, ZERO, curve, diagnosis, poses, sphere
+from tests.support.nightly import cases
+
+CONDITIONS: tuple[Condition, ...] = get_args(Condition)
+TEXT = load("paper-fanuc")[1]
+NO_PICTURE: dict[str, Any] = {"curves": (), "maps": ()}
+"""For tests of the other files: a picture of everything takes a second."""
+KEYS = {"condition", "accuracy", "budget", "effects", "remainder", "where", "gap", "setup", "not_testable", "next_test"}
+"""Those of docs/diagnosis.md that scripts rely on."""
+
+
+def _printed(found: Diagnosis, width: int = 80) -> str:
+    printed = io.StringIO()
+    Console(width=width, file=printed).print(as_screen(found))
+    return printed.getvalue()
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_the_screen_fits_80_columns_and_keeps_its_order(condition: Condition) -> None:
+    text = _printed(diagnosis(condition))
+    assert max(map(len, text.splitlines())) <= 80
+    headings = ["Error now", "Main causes", "Do next", "Details", "The error in the readings used is 6.1"]
+    headings += ["Error budget", "Error of the model before", "Unexplained error"]
+    headings += ["Causes that these tests cannot separate", "Causes that these tests cannot detect"]
+    headings += ["Where model and readings disagree"]
+    headings[6:6] = ["Faults", "All steps"] if condition in ("named", "ambiguous", "outside_library") else ["All steps"]
+    if condition == "not_testable_here":
+        headings = [one for one in headings if one not in ("Error budget", "Unexplained error")]
+    places = [text.index(heading) for heading in headings]
+    assert places == sorted(places)
+    assert "nan" not in text and "None" not in text
+
+
+def test_the_screen_tells_fault_size_gap_and_remedy() -> None:
+    text = _printed(diagnosis("named"), width=160)
+    for words in (
+        "One fault was found: play of axis 1 (Theta), 0.0521 ± 0.0011 °, 90 % of the error.",
+        "Accuracy: NOT JUDGED",
+        "unusual",
+        "5.2",
+        "remaining µm rms",
+        "> 99.9 %",
+        "231–243°",
+        "352–8°",
+        "targets 3–7",
+        "calibrated",
+        "92.3 %",
+        "1. Find and repair the cause of the play of axis 1 (Theta) (0.0521 ± 0.0011 °). The error then falls from",
+        "zero of axes 1 and 6; length a of axis 6; delay of the gauges",
+        "zero of axis 5 or length a of axis 5",
+        "angle: difference of the gauges; axis: this axis reverses there",
+    ):
+        assert words in text, words
+
+
+def test_what_cancels_a_part_has_a_line_of_its_own_below_it() -> None:
+    large, *_ = diagnosis().budget
+    curve_of_2 = BudgetPart("curve", 3.96, 0.26, -0.1, axis=2)
+    both = replace(large, together=(replace(large, um=7.2, u_um=0.2), curve_of_2))
+    text = " ".join(_printed(diagnosis(budget=(both,)), width=160).split())
+    assert "play of axis 1 (Theta), alone 7.2 ± 0.2" in text and "error of axis 2 (W), alone 4.0 ± 0.3" in text
+    doubted = replace(both, together=(both.together[0], replace(curve_of_2, u_um=2.0)))
+    assert ", alone" not in _printed(diagnosis(budget=(doubted,))) and doubted.cancelled == ("curve 2",)
+    assert both.to_dict()["cancelled"] == ("curve 2",) and len(both.to_dict()["together"]) == 2
+
+
+@pytest.mark.parametrize(("shows", "words"), [(True, "noise from residuals"), (False, "noise assumed")])
+def test_the_last_line_says_where_the_noise_comes_from(shows: bool, words: str) -> None:
+    assert words in _printed(diagnosis(repeated=False, shows_noise=shows))
+
+
+def test_a_bar_has_the_figures_of_all_places_in_their_order() -> None:
+    """That of the runs used stood to the right of the mark of the runs held out, and seemed to be theirs."""
+    steps = (
+        StaircaseStep((), ModelResidual(116.2, 1.0), ModelResidual(126.0, 2.0)),
+        StaircaseStep((0,), ModelResidual(2.8, 1.0), ModelResidual(3.1, 2.0)),
+    )
+    drawn = picture(diagnosis(staircase=Staircase(steps), **NO_PICTURE)).findobj(Text)
+    assert {"116.2 ± 1.0 · 126.0 ± 2.0", "2.8 ± 1.0 · 3.1 ± 2.0"} <= {text.get_text() for text in drawn}
+
+
+def test_an_open_name_shows_its_rivals_with_twice_their_uncertainty() -> None:
+    text = _printed(diagnosis("ambiguous"), width=120)
+    assert "zero of axis 5 (beta) or length a of axis 5 (beta) in the rig file" in " ".join(text.split())
+    assert "0.1032 ± 0.0082 °" in text and "or length a of axis 5 (beta) in" in text and "0.587 ± 0.046 mm" in text
+
+
+def test_a_link_constant_is_told_where_it_is_to_be_entered() -> None:
+    a5 = LinkGeometry(axis=6, field="a", delta=0.5)
+    assert a5.remedy() == "add +0.5000 mm to a of axis 6 in the rig file (a5 in the robot's constants)"
+    assert "(d6 in" in a5.model_copy(update={"field": "d"}).remedy()
+
+
+def test_names_stay_listed_outside_the_library_with_what_is_left_beside_them() -> None:
+    text = " ".join(_printed(diagnosis("outside_library"), width=120).split())
+    for words in (
+        "0.0521",
+        "One fault was found: play of axis 1",
+        "One further cause could not be identified: zero of axis 5",
+        "1. Check that ball, gauges and base are firm",
+        "2. Find and repair the cause of the play of axis 1",
+        "1.4 µm rms, 5 % of the error: yaw cw, angle",
+    ):
+        assert words in text, words
+
+
+def test_every_part_of_the_error_has_a_line_and_small_ones_share_one() -> None:
+    text = " ".join(_printed(diagnosis("named", effects=(PLAY, SMALL)), width=120).split())
+    assert "play of axis 1 (Theta), 0.0521 ± 0.0011 ° 5.8 ± 0.1 45 % 5.2 unusual" in text
+    assert "zero of axis 5 (beta), 0.1032 ± 0.0041 ° 0.9 ± 0.2 45 % 0.4 usual" in text
+    assert "1 smaller part (--json lists all)" in text
+
+
+def test_what_is_no_fault_is_said_with_the_reason_and_without_a_remedy() -> None:
+    wave = replace(SMALL, effect=TransmissionError(axis=1, order=60, amplitude_deg=0.01), doubt="held_out")
+    text = " ".join(_printed(diagnosis("named", effects=(PLAY, SMALL, wave)), width=160).split())
+    assert (
+        "Not confirmed, because it increases the error of readings not used to fit the model: gear error of axis 1 "
+        "(Theta), 60 waves per turn (0.9 µm)"
+    ) in text
+    assert text.count("Re-master axis 5") == 0
+
+
+def test_a_remedy_is_under_the_condition_that_no_rival_is_there(tmp_path: Path) -> None:
+    found = diagnosis("ambiguous", effects=(ZERO,), **NO_PICTURE)
+    text = " ".join(_printed(found, width=160).split())
+    assert "2. Re-master axis 5 (beta): its position is +0.1032 ± 0.0041 ° when the" in text
+    assert "(the cause may also be length a of axis 5 (beta) in the rig file)" in text
+    *_, rig_file = write(found, TEXT, tmp_path / "found")
+    (effect,) = load(rig_file)[0].effects
+    assert effect.found and effect.found.rivals == ("link_geometry 5.a",)
+    assert "the same runs show link_geometry 5.a as well" in supports(load(rig_file)[0])[0].reason
+
+
+def test_the_screen_stays_short_when_there_is_much() -> None:
+    names = tuple(f"transmission_error {axis} order {order}" for axis in range(1, 7) for order in range(1, 40))
+    many = diagnosis(where=PLACES * 10, not_testable=names, groups=(("a 1", "b 2"),) * 30)
+    assert len(_printed(many).splitlines()) < 85
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_the_object_has_the_keys_of_the_documents(condition: Condition) -> None:
+    told = diagnosis(condition).to_dict()
+    assert told["condition"] == condition and told.keys() >= KEYS
+    assert told["accuracy"]["standing"] == "not_judged"
+    assert told.keys() >= {"groups", "left", "doubts", "runs", "level", "repeats_measured", "seconds"}
+    assert bool(told["effects"]) == (condition in ("named", "ambiguous", "out_of_range", "outside_library"))
+    assert told["remainder"].keys() >= {"um", "share", "words"} and told["remainder"]["share"] == 0.05
+    assert told["gap"]["unit"] == "um" and told["gap"]["unseen_place"] is None
+    assert told["gap"]["held_out"].keys() >= {"before", "after", "calibrated", "noise_floor"}
+    assert told["where"][0] == {
+        "channel": "yaw", "direction": "cw", "part": "angle", "from_deg": 231.4, "to_deg": 243.0, "joint": 1,
+        "why": "reversal", "rms_um": 14.21, "sigma": 22.4,
+    }  # fmt: skip
+
+
+def test_effects_and_rivals_of_the_object() -> None:
+    (one,) = diagnosis("ambiguous").to_dict()["effects"]
+    assert (one["effect"], one["axis"], one["posterior"]) == ("joint_offset", 5, 0.62)
+    assert one["parameters"] == {"offset_deg": {"value": 0.1032, "sd": 0.0041}}
+    (rival,) = one["rivals"]
+    assert (rival["effect"], rival["axis"], rival["field"]) == ("link_geometry", 5, "a")
+    assert rival["parameters"]["delta"] == {"value": 0.5871, "sd": 0.023} and rival["posterior"] == 0.36
+    (play,) = diagnosis("named").to_dict()["effects"]
+    assert (play["worth_um"], play["stands"], play["held_out_gain"]) == (5.78, True, 0.91)
+    assert play["parameters"]["preload"] == {"value": 0.0, "sd": None}
+
+
+def test_what_is_not_known_is_null() -> None:
+    nothing = Gap((), math.nan, math.inf, math.nan, math.nan)
+    odd = replace(PLAY, sd={"width_deg": math.inf}, gap_without_um=float(np.float64("nan")))
+    left = (ResidualBand("yaw", None, "angle", None, math.nan, "?"),)
+    told = diagnosis(train=nothing, effects=(odd,), left=left, level=np.float64(0.2)).to_dict()
+    text = json.dumps(told, allow_nan=False)
+    assert json.loads(text) == told
+    assert told["gap"]["train"]["before"] is None and told["effects"][0]["parameters"]["width_deg"]["sd"] is None
+    assert "nan" not in _printed(diagnosis(train=nothing, effects=(odd,), left=left))
+
+
+@pytest.mark.parametrize("condition", cases(CONDITIONS, ("ambiguous", "nothing_unusual")))
+def test_every_condition_has_its_picture(condition: Condition, tmp_path: Path) -> None:
+    picture(diagnosis(condition, maps=(sphere(), poses()))).savefig(tmp_path / "picture.png", dpi=40)
+    assert (tmp_path / "picture.png").stat().st_size > 10_000
+
+
+def test_a_picture_of_little_and_one_of_much(tmp_path: Path) -> None:
+    nothing = Gap((), math.nan, math.nan, math.nan, math.nan)
+    picture(diagnosis("not_testable_here", curves=(), maps=(), train=nothing, groups=())).savefig(
+        tmp_path / "little.png", dpi=40
+    )
+    curves = tuple(curve("yaw", way, seed) for seed in range(10) for way in ("cw", "acw"))
+    much = picture(diagnosis(curves=curves, maps=(sphere(),) * 9, effects=(PLAY, ZERO) * 2))
+    much.savefig(tmp_path / "much.png", dpi=30)
+    assert much.get_size_inches()[1] < 35
+
+
+@pytest.mark.parametrize("in_session", [False, True])
+def test_the_picture_of_a_session_leaves_what_is_expected_to_the_session(in_session: bool) -> None:
+    load_act = Act("load", "correction", (0,), removes_um=94.0, removes_u_um=0.8, remains_um=12.0, remains_u_um=0.8)
+    sheet = picture(diagnosis(acts=(load_act,), **NO_PICTURE), in_session=in_session)
+    words = [words.get_text() for part in sheet.subfigs for axes in part.axes for words in axes.texts]
+    assert any("Do next: " in text for text in words) != in_session
+
+
+def test_a_circle_is_shown_in_the_part_that_disagrees_most() -> None:
+    (strand, *_), left_out = strands_of(diagnosis(where=()))
+    assert strand.part == "angle" and left_out == 0  # g1 and g2 of the curve have opposite signs
+    (strand, *_), _ = strands_of(diagnosis())
+    assert strand.part == "distance" and [place.from_deg for place in strand.places] == [352.0]
+
+
+def test_every_place_of_what_is_drawn_is_shaded_a_whole_lap_too() -> None:
+    """The caption says so, and a picture of a gap of sixty times the noise had nothing shaded."""
+    shaded = {chart.title: chart.shaded for chart in diagnosis_charts(diagnosis(), texts_of("en"))}
+    (roll,) = (stretches for title, stretches in shaded.items() if "roll acw" in title)
+    assert roll == ((0.0, 360.0),)
+    found = diagnosis(where=PLACES[:2])
+    (both,) = (chart.shaded for chart in diagnosis_charts(found, texts_of("en")) if "yaw cw" in chart.title)
+    assert both == ((231.4, 243.0),)
+
+
+def test_circles_of_two_places_are_told_apart_by_their_titles() -> None:
+    both = diagnosis("named").curves
+    circles = diagnosis_charts(replace(diagnosis("named"), staircase=None, curves=(both[0], both[0])), texts_of("en"))
+    assert [chart.title.rsplit(", ", 1)[1] for chart in circles[:2]] == ["place 1", "place 2"]
+    alone = diagnosis_charts(replace(diagnosis("named"), staircase=None, curves=both[:1]), texts_of("en"))
+    assert "place" not in alone[0].title
+
+
+def test_the_files_of_a_named_effect(tmp_path: Path) -> None:
+    found, directory = diagnosis("named"), tmp_path / "new" / "found"
+    answer, sheet, extended = write(found, TEXT, directory)
+    assert json.loads(answer.read_text()) == found.to_dict() and sheet.name == "diagnosis.png"
+    assert extended.read_text().startswith(TEXT)
+    (effect,) = load(extended)[0].effects
+    assert (effect.effect, effect.width_deg, effect.transit) == ("backlash", 0.05213, 0.31)  # type: ignore[union-attr]
+    origin = effect.found
+    assert origin and origin.runs == found.runs and origin.gap_um == (5.94, 1.91)
+    assert origin.sd == {"width_deg": 0.0011, "transit": 0.042}
+    model_of(load(extended)[0])
+
+
+@pytest.mark.parametrize(("condition", "files"), [("ambiguous", 4), ("nothing_unusual", 4), ("not_testable_here", 2)])
+def test_the_calibrated_model_is_written_unless_the_runs_show_nothing(
+    condition: Condition, files: int, tmp_path: Path
+) -> None:
+    written = write(diagnosis(condition, calibrated=calibrated_model(), **NO_PICTURE), TEXT, tmp_path)
+    assert len(written) == files == len(list(tmp_path.iterdir()))
+    if files == 4:
+        rig, _ = load(written[-1])
+        assert [effect.effect for effect in rig.effects] == ["joint_offset"] * (condition == "ambiguous")
+        assert written[-2].name == "paper-fanuc.calibration.json" and rig.calibrated == calibrated_model()
+
+
+def test_only_names_that_stand_go_into_the_rig_file(tmp_path: Path) -> None:
+    written = write(diagnosis("named", effects=(PLAY, SMALL), **NO_PICTURE), TEXT, tmp_path)
+    assert [effect.effect for effect in load(written[-1])[0].effects] == ["backlash"]
+
+
+def test_a_directory_in_use_is_refused(tmp_path: Path) -> None:
+    require_empty(tmp_path)
+    require_empty(tmp_path / "new")
+    (tmp_path / "file").write_text("mine")
+    for taken in (tmp_path, tmp_path / "file"):
+        with pytest.raises(FileError, match="not empty"):
+            require_empty(taken)
+    with pytest.raises(FileError, match="file"):
+        write(diagnosis(), TEXT, tmp_path / "file" / "below")
+
+
+@pytest.mark.parametrize("name", VOCABULARY)
+def test_every_effect_has_plain_words(name: str) -> None:
+    need = {"axis": 2, "field": "d", "gauge": "g1", "from_axis": 4, "to_axis": 5, "order": 8, "lobes": 3}
+    need |= {"period_mm": 0.5, "frequency_hz": 8.5}
+    fields = VOCABULARY[name].model_fields
+    if "way" in fields:
+        need["way"] = get_args(fields["way"].annotation)[0]
+    effect: Any = VOCABULARY[name].model_validate({key: value for key, value in need.items() if key in fields})
+    words = plain(RIG, effect)
+    assert "{" not in words and "_" not in words
+
+
+def test_figures_in_words() -> None:
+    assert [sure(p) for p in (1.0, 0.9994, 0.995, 0.62, 0.001)] == ["> 99.9 %", "> 99.9 %", "99.5 %", "62 %", "< 1 %"]
+    assert size(replace(PLAY, sd={})) == "0.05213 °"
+    assert stretch(PLACES[2]) == stretch(replace(PLACES[2], from_deg=82.0, to_deg=81.0)) == "whole lap"
+    assert stretch(replace(PLACES[3], from_deg=4, to_deg=4)) == "target 4"
+    assert closed(Gap((), 5.0, 4.0, 1.0, 3.0)) == pytest.approx(0.64)
+    assert math.isnan(closed(Gap((), 0.0, 0.0, 0.0, 0.0)))
+
+
+def test_twins_are_one_name() -> None:
+    twins = (LinkGeometry(axis=2, field="d"),)
+    twin = replace(PLAY, effect=LinkGeometry(axis=3, field="d", delta=0.7), sd={}, twins=twins)
+    text = " ".join(_printed(diagnosis("named", effects=(twin,)), width=140).split())
+    assert "offset d of axis 3 (U) in the rig file + offset d of axis 2 (W) in the rig file" in text
+
+
+@pytest.mark.parametrize("language", ["en", "de", "ko"])
+def test_rows_that_rig_held_out_are_counted_by_run(language: Language) -> None:
+    gap = Gap(("a", "b"), 6.3, 1.9, 1.9, 1.75, rows={"a": (3, 4), "b": (1,)})
+    words = held_out_rows(diagnosis(held_out=gap), texts_of(language))
+    assert "a 2, b 1" in words and "gap.held_out.rows" in words
+    assert held_out_rows(diagnosis(), texts_of(language)) == ""

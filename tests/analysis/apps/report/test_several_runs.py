@@ -1,0 +1,145 @@
+"""Several runs in one answer: no number broken by a narrow screen, and no doubt of which run a figure is."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from analysis import evaluate, evaluate_runs, load_run
+from analysis.apps.report.run_object import as_object, compare
+from analysis.apps.report.run_report import as_tables
+from analysis.cli import app
+from analysis.procedures import circle
+from analysis.procedures.pooled import pooled
+from analysis.procedures.results import Result, by_test
+from analysis.robot.kinematics.arm import arm_of, forward
+from rigs.errors import FileError
+from rigs.load import load, load_hidden
+from rigs.rig import Rig
+from tests.support.written_runs import write_simulated
+
+RIG, TEXT = load("ur10e")
+RIG = load_hidden("ur10e").apply_to(RIG)
+
+
+@pytest.fixture(scope="module")
+def laps(tmp_path_factory: pytest.TempPathFactory) -> list[Result]:
+    folder = tmp_path_factory.mktemp("laps")
+    runs = write_simulated(RIG, TEXT, "yaw", ("acw", "cw"), [1, 2], folder)
+    return evaluate_runs([load_run(run) for run in runs])
+
+
+@pytest.mark.parametrize(("width", "abreast"), [(80, 2), (200, 4)])
+def test_as_many_runs_abreast_as_the_screen_holds_whole(laps: list[Result], width: int, abreast: int) -> None:
+    console = Console(width=width, file=io.StringIO())
+    with console.capture() as shown:
+        console.print(as_tables(laps, each=True))
+    for result in laps:
+        assert all(str(figure) in shown.get() for figure in result.figures.values())
+    heads = [line for line in shown.get().splitlines() if "┃" in line]
+    assert max(line.count("yaw acw") + line.count("yaw cw") for line in heads) == abreast
+
+
+def test_runs_of_other_poses_have_no_common_mean(tmp_path: Path) -> None:
+    """60 poses once and ten of them five times are two programs, however alike their tests are named."""
+    rng = np.random.default_rng(1)
+    q_deg = rng.uniform(-60, 60, (60, 6))
+    runs = []
+    for name, rows in (("many", q_deg), ("again", q_deg), ("few", np.tile(q_deg[:10], (5, 1)))):
+        places = forward(arm_of(RIG.robot), np.radians(rows))[:, :3, 3] + rng.normal(0, 0.02, (len(rows), 3))
+        table = tmp_path / f"{name}.csv"
+        names = [*(f"q{axis}_deg" for axis in range(1, 7)), "x_mm", "y_mm", "z_mm"]
+        lines = [",".join(f"{value:.6f}" for value in row) for row in np.concatenate([rows, places], axis=1)]
+        table.write_text("\n".join([",".join(names), *lines]) + "\n")
+        words = ["import", str(table), "--rig", "ur10e", "--test", "pose", "-o", str(tmp_path / name)]
+        assert CliRunner().invoke(app, words).exit_code == 0
+        runs.append(tmp_path / name)
+    results = evaluate_runs([load_run(run) for run in runs])
+    for order in (results, results[::-1]):
+        (together,) = pooled(order)
+        assert {run.measured.path.name for run in together.runs} == {"many", "again"}
+        ((other, why),) = together.left_out
+        assert other.measured.path.name == "few" and "the poses are not those of" in why
+
+
+def test_every_repeat_is_paired_and_runs_of_a_direction_become_a_mean(laps: list[Result]) -> None:
+    words = [str(part) for part in as_tables(laps).renderables]  # type: ignore[attr-defined]
+    assert any(line.startswith("acw against cw (2 pairs):") for line in words)
+    assert "mean of 2 yaw acw runs and 2 yaw cw runs ± standard uncertainty of the mean" in " ".join(words)
+    answer = as_object(laps)
+    (both,) = answer["acw_against_cw"]
+    assert [Path(run).name for run in both["runs"]] == ["yaw-acw-001", "yaw-cw-001", "yaw-acw-002", "yaw-cw-002"]
+    acw = next(one for one in answer["between_runs"] if one["direction"] == "acw")
+    singles = [run["figures"]["band_deg"]["value"] for run in answer["runs"] if run["direction"] == "acw"]
+    band = acw["figures"]["band_deg"]
+    assert band["value"] == pytest.approx(np.mean(singles)) and band["runs"] == 2
+    assert band["sd_between_runs"] == pytest.approx(np.std(singles, ddof=1))
+    # Student's law with one degree of freedom.
+    assert band["u"] >= 0.99 * 6.98 * band["sd_between_runs"] / np.sqrt(2)
+
+
+def test_runs_of_two_placements_are_not_pooled(tmp_path: Path) -> None:
+    runs = list(write_simulated(RIG, TEXT, "yaw", ("acw", "cw"), [1, 2], tmp_path))
+    for run in runs[2:]:
+        done = CliRunner().invoke(app, ["relabel", str(run), "--placement", "door"])
+        assert done.exit_code == 0, done.exception
+    results = evaluate_runs([load_run(run) for run in runs])
+    assert [[one.name for one in group] for group in by_test(results)] == [
+        [run.name for run in runs[:2]],
+        [run.name for run in runs[2:]],
+    ]
+
+
+def test_a_kind_with_gauges_of_which_a_rig_file_has_no_part_is_of_one_place(
+    laps: list[Result], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(circle, "LABELS", replace(circle.LABELS, part=""))
+    assert len(by_test(laps)) == 1
+
+
+def test_one_run_says_what_is_not_in_its_uncertainty(laps: list[Result]) -> None:
+    words = [str(part) for part in as_tables(laps[:1]).renderables]  # type: ignore[attr-defined]
+    assert any(line.startswith("single run: u does not include the scatter") for line in words)
+    answer = as_object(laps[:1])
+    assert answer["between_runs"] == []
+    assert any(line.startswith("single run: u ") for line in answer["remarks"])
+
+
+def test_a_single_run_beside_repeated_ones_says_it_too(laps: list[Result]) -> None:
+    acw = [result for result in laps if result.title == "yaw acw"]
+    cw = next(result for result in laps if result.title == "yaw cw")
+    (remark,) = (line for line in as_object([*acw, cw])["remarks"] if "single run: u " in line)
+    assert remark.startswith("mean of 2 yaw acw runs") and "yaw cw: single run: u " in remark
+    assert not any("single run: u " in line for line in as_object(laps)["remarks"])
+
+
+def test_a_run_of_another_set_up_has_no_part_in_the_mean(laps: list[Result], tmp_path: Path) -> None:
+    elsewhere = _with_ball_at(RIG, (1.4, -0.4, 0.1))
+    (path,) = write_simulated(elsewhere, TEXT, "yaw", ("acw",), [9], tmp_path)
+    three = [*(result for result in laps if result.title == "yaw acw"), evaluate(load_run(path))]
+    (one,) = as_object(three)["between_runs"]
+    assert len(one["runs"]) == 2
+    (why,) = one["left_out"].values()
+    assert "another set-up, excluded from the mean" in why
+
+
+def _with_ball_at(rig: Rig, ball_mm: tuple[float, float, float]) -> Rig:
+    assert rig.tests.circle is not None
+    circle = rig.tests.circle.model_copy(update={"eccentricity_mm": ball_mm})
+    return rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": circle})})
+
+
+def test_a_truth_that_tells_nothing_of_a_test_is_told(laps: list[Result], tmp_path: Path) -> None:
+    truth = tmp_path / "truth.json"
+    truth.write_text(json.dumps({"rig": "ur10e", "yaw": {"acw": {"band_deg": 0.1}, "cw": {"band_deg": 0.1}}}))
+    (radial,) = write_simulated(RIG, TEXT, "radial", (None,), [1], tmp_path)
+    with pytest.raises(FileError, match="does not cover the radial test"):
+        compare([evaluate(load_run(radial))], truth)
+    assert [list(one) for one in compare([*laps[:1], evaluate(load_run(radial))], truth)] == [["band_deg"], []]
