@@ -179,7 +179,6 @@ def diagnosis(condition: Condition = "named", **changed: Any) -> Diagnosis:
         not_testable=("joint_offset 1", "joint_offset 6", "link_geometry 6.a", "time_lag"),
         next_test=NextTest("circle of radius 140 mm", "an angle's effect grows with the radius", 12.3),
         repeated=True,
-        level=0.2,
         levels={"others": 0.2, "constants": 0.3, "gravity": 0.5},
         doubts=("the runs are of one direction only",),
         curves=(curve("yaw", "acw", 1), curve("yaw", "cw", 2), curve("roll", "acw", 3), curve("roll", "cw", 4)),

@@ -281,7 +281,7 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0)
     """Return the capability of tests of a rig, each driven `runs` times in each direction.
 
     The prediction uses the model of a diagnosis: noise of real cells and a healthy background, at the `level` found by
-    a diagnosis of the arm (`Diagnosis.level`), or 1 before measurements. The ball is off centre, by the rig file's
+    a diagnosis of the arm (`Diagnosis.levels`), or 1 before measurements. The ball is off centre, by the rig file's
     eccentricity_mm if given. Raises FileError if the arm cannot drive a test.
     """
     blocks, setups = planned_blocks(rig, tests, runs)

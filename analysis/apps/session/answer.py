@@ -98,7 +98,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         now_um=diagnosis.accuracy.now_um,
         calibrated_um=diagnosis.accuracy.calibrated_um,
         before_there_um=diagnosis.accuracy.before_there_um,
-        level=diagnosis.level,
+        level=diagnosis.levels["others"],
         noise_um=measured_u(diagnosis, diagnosis.train.noise_floor_um),
         seconds=round(diagnosis.seconds, 1),
         found=directory.name,

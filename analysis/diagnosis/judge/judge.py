@@ -172,7 +172,6 @@ def _verdict(answer: _Answer, evidence: Evidence, fit: Fit, validation: Validati
         not_testable=result.selection.not_testable(result.state, result.posterior),
         repeated=all(block.measured for block in linear.blocks),
         shows_noise=all(block.measured or shows_noise(block) for block in linear.blocks),
-        level=result.state.level.others,
         levels=result.state.level.by_part(),
         curves=curves_of(linear.blocks, *drawn),
         maps=maps_of(linear.blocks, *drawn),

@@ -97,9 +97,7 @@ class BudgetPart:
 
     @property
     def shown_together(self) -> tuple[BudgetPart, ...]:
-        """This part and those that cancel more than twice their standard uncertainty and a twentieth of it; may be
-        empty.
-        """
+        """This part and those that cancel more than twice their standard uncertainty and a twentieth of it, or none."""
         large = [part for part in self.together[1:] if part.um > max(2 * part.u_um, self.together[0].um / 20)]
         return (self.together[0], *large) if large else ()
 
@@ -413,7 +411,6 @@ class Verdict:
     groups: tuple[tuple[str, ...], ...]
     not_testable: tuple[str, ...]
     repeated: bool
-    level: float
     levels: dict[str, float]
     curves: tuple[Curve, ...]
     maps: tuple[Map, ...]
@@ -479,8 +476,7 @@ class Diagnosis(Verdict, Tabular):
     not_testable: effects that are invisible in these runs at any size.
     repeated: True if the noise is estimated from repeated runs.
     shows_noise: True if the noise is estimated from repeats or residuals; otherwise it is assumed.
-    level: size of the usual small errors of this arm, 1 in a typical healthy arm. levels: the same of geometry and
-    zeros (`constants`), of deflection under load (`gravity`), and of all others.
+    levels: size of small errors, 1 in a healthy arm: of `constants`, of deflection (`gravity`) and of all `others`.
     curves, maps: residuals over the circle angle and at the targets.
     given: True if the effects were given by the user, as in `calibrate`.
     next_test: shortest test that would distinguish the remaining possibilities.
@@ -563,7 +559,7 @@ class Diagnosis(Verdict, Tabular):
                 "staircase": self.staircase.to_dict([part.label for part in self.budget]) if self.staircase else None,
                 "repeats_measured": self.repeated,
                 "only_commanded": self.only_commanded,
-                "level": self.level,
+                "level": self.levels["others"],
                 "levels": self.levels,
                 "doubts": self.doubts,
                 "seconds": self.seconds,

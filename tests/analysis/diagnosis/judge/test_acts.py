@@ -178,7 +178,7 @@ def test_gap_and_budget_have_one_freedom_of_the_set_up() -> None:
 def test_a_play_of_twice_the_usual_is_no_fault_however_little_else_the_arm_shows() -> None:
     found = one_play()
     (play,) = found.effects
-    assert found.level < 0.2 and play.doubt == "usual" and is_sure(found, found.budget[0])
+    assert found.levels["others"] < 0.2 and play.doubt == "usual" and is_sure(found, found.budget[0])
     assert AnswerWords(found).headline.startswith("Almost all of the error (99 %) is play of axis 1 (Theta), 0.0199")
     assert found.condition != "undecided"  # what is sure is not doubted for having been driven once
     today, cause = found.acts[:2]
