@@ -14,6 +14,7 @@ from analysis.diagnosis.fit.search import early_readings
 from analysis.diagnosis.judge.budget import Budget, EffectChange, GapMeasure, effect_changes
 from analysis.diagnosis.judge.doubts import doubts_of_limits
 from analysis.diagnosis.judge.named_swing import doubts_of_phases, named_vibration
+from analysis.diagnosis.judge.odds import within_commanded, within_unexplained, without_cancelling, without_useless
 from analysis.diagnosis.judge.remains import Unexplained
 from analysis.diagnosis.judge.residuals import bands_above_noise, curves_of, maps_of, places
 from analysis.diagnosis.judge.result import (
@@ -41,10 +42,6 @@ from analysis.diagnosis.judge.verdict import (
     runs_to_decide,
     standing_of,
     standing_within,
-    within_commanded,
-    within_unexplained,
-    without_cancelling,
-    without_useless,
 )
 from rigs.effects import swing as vibration_at
 from rigs.schema.effect import name_of

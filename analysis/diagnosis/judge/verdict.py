@@ -20,6 +20,7 @@ from analysis.diagnosis.fit.selection_state import least_fault, spurious_wave_se
 from analysis.diagnosis.judge.acts import IMITATED, Doubt, JudgedOn
 from analysis.diagnosis.judge.budget import EffectChange, GapMeasure, sizes_by_setup
 from analysis.diagnosis.judge.imitations import is_no_gear, may_be_friction, shows_waves
+from analysis.diagnosis.judge.odds import NO_WORSE, doubted
 from analysis.diagnosis.judge.residuals import bands_above_noise
 from analysis.diagnosis.judge.result import (
     CERTAIN_ODDS,
@@ -47,7 +48,6 @@ from rigs.errors import RigError
 from rigs.rig import Rig
 from rigs.schema.effect import label_of, name_of, size_field, size_of
 from rigs.schema.limits import Limit, Limits, Standing
-from rigs.schema.scene import OUTSIDE_ARM
 from rigs.schema.vocabulary import TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -138,29 +138,16 @@ def _results_of(runs: Sequence[Measured]) -> list[Result]:
 CRUMBS = 0.05
 """Share of the energy of the gap up to which a remainder is negligible: false verdicts of generated cells had 0.03
 to 0.5 %, and a UR10 predicted by the calibrated model within a tenth of the error 1 to 5 %."""
-_SURE_ODDS = 0.999
-"""Odds above which a named effect is confirmed even if it does not reduce the gap when added alone.
-
-Example: a gear error at odds of 97 % replaced a twist at 96 %.
-"""
 _SAME_SIGMA = 0.5
 """Change of the readings in standard deviations of the noise up to which an effect and a rival are twins. Chosen: at
 1.0, both would be confused in a third of all repeats."""
 _NEGLIGIBLE = 1e-4
 """Odds at or below which a rival is not listed."""
-_NO_WORSE = 0.97
-"""Ratio below which a gap counts as smaller: 3 % of an rms is more than a refitted set-up gains by chance."""
 _FAR, _WORSE, _LEAST_GAIN = 1.5, 1.1, 0.3
 """Limits at an unseen place: multiple of the noise floor from which a gap is real, factor by which the calibrated
 model must be worse than the named effects, and smallest share of the energy gained by a correct model. Source: a
 rule tried on the answers of generated cells. It detected 4 of 5 unknown causes, and false verdicts fell from 5 to
 2."""
-_MUCH_MORE, _MORE = 4.0, 2.0
-"""Smallest ratio of an error visible in a single independent direction, and in several, to the unexplained error.
-Source: in 24 cells with causes outside the library, wrong named effects were confirmed in 15; named effects above
-three (four) times the unexplained error in 5 (2). Poses held out of the same table are a weak second direction: a
-scale of axis 6 that imitated cable drag was as large there as the unexplained error.
-"""
 _MOST_RUNS = 20
 """Largest number of runs advised; a fault requiring more is not found in this way."""
 _ENOUGH = 3
@@ -213,7 +200,7 @@ class Gaps:
         """
         if self.predicted_um is not None and self.predicted_um < self.train.after_um:
             return False
-        return self.judged is not self.train and self.judged.after_um < _NO_WORSE * self.judged.calibrated_um
+        return self.judged is not self.train and self.judged.after_um < NO_WORSE * self.judged.calibrated_um
 
     @property
     def gains_elsewhere(self) -> bool:
@@ -268,38 +255,6 @@ def alone_out_of_range(named: Sequence[Named], beyond: OutOfRange, fitted: Fitte
     return [replace(effect, doubt=None, twins=beyond.twins, alone_um=fitted.residual_um([effect.effect]))]
 
 
-def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
-    """Return the named effects with none confirmed if the calibrated model explains the runs used no better than no
-    named effects: the cause is then not an effect, but for example exchanged gauges.
-
-    A named effect that increases the gap when added to the others is never confirmed, whatever the odds: it cancels a
-    different effect that may also be absent. If the named effects by themselves do not reduce the gap, only almost
-    certain named effects are confirmed: the others cancel each other or usual errors.
-    """
-    if train.calibrated_um >= train.before_um:
-        return [_doubted(name, "no_better") if name.stands else name for name in named]
-    named = [
-        _doubted(name, "no_better") if name.stands and name.gap_without_um < _NO_WORSE * train.after_um else name
-        for name in named
-    ]
-    if train.after_um < train.before_um:
-        return list(named)
-    return [replace(name, doubt="unsure") if name.stands and name.posterior < _SURE_ODDS else name for name in named]
-
-
-def without_cancelling(named: Sequence[Named], before_um: float) -> list[Named]:
-    """Return the named effects, with errors of instruments that cancel errors of the arm no longer confirmed: shown by
-    one direction, such an effect increases the gap of `before_um` by itself. The other explanation, in which both are
-    absent, is at least as likely. Constants of the arm cancel each other in every arm.
-    """
-    return [
-        _doubted(name, "cancels")
-        if name.stands and name.effect.STAGE in OUTSIDE_ARM and name.directions < 2 and name.alone_um > before_um
-        else name
-        for name in named
-    ]
-
-
 def _judge_effect(
     result: SearchResult, k: int, gain: float | None, change: EffectChange, gap_without_um: float
 ) -> Named:
@@ -332,7 +287,7 @@ def _judge_effect(
     )  # fmt: skip
     may_be_other = is_no_gear(result, k) or (sizes.directions() < 2 and may_be_friction(result, k))
     if may_be_other or doubt == "small":
-        named = _doubted(named, doubt or ("no_gear" if is_no_gear(result, k) else "friction"))
+        named = doubted(named, doubt or ("no_gear" if is_no_gear(result, k) else "friction"))
     return replace(named, doubt="contradicted") if named.contradicted else named
 
 
@@ -493,61 +448,6 @@ def is_undecided(named: Sequence[Named]) -> bool:
 def needs_runs(named: Sequence[Named]) -> bool:
     """Return whether more of the same runs may decide whether an effect is a fault."""
     return any(name.doubt in ("one_lap", "healthy_shows_it", "rival", "unsure") for name in named)
-
-
-def within_unexplained(named: Sequence[Named], unexplained_um: float, noise_um: float) -> list[Named]:
-    """Return the named effects, with those that an unexplained error may imitate no longer confirmed.
-
-    A named effect shown by a single direction must be much larger than the unexplained error; a named effect shown by
-    several directions must be twice as large. The odds of the others are those of readings whose noise includes the
-    unexplained error, and at most the share of the effect in the energy of both.
-    """
-    weight = noise_um**2 / max(noise_um**2 + unexplained_um**2, 1e-12)
-
-    def weakened(name: Named) -> Named:
-        most = name.worth_um**2 / (name.worth_um**2 + unexplained_um**2)
-        doubt = "unexplained" if name.stands else name.doubt
-        return replace(_with_odds_at_most(most, _with_odds_to_the(weight, name)), doubt=doubt)
-
-    return [
-        weakened(name) if name.worth_um < (_MUCH_MORE if name.directions < 2 else _MORE) * unexplained_um else name
-        for name in named
-    ]
-
-
-def within_commanded(named: Sequence[Named]) -> list[Named]:
-    """Return the named effects, with no fault of the arm confirmed.
-
-    Only commanded angles are known, and an angle that the arm did not reach has the same effect as such a fault.
-    """
-    return [
-        replace(name, doubt="commanded") if name.stands and name.effect.STAGE not in OUTSIDE_ARM else name
-        for name in named
-    ]
-
-
-def _with_odds_to_the(power: float, name: Named) -> Named:
-    """Return a named effect with the odds of the effect, of each rival and of any other cause raised to a power and
-    normalised: the likelihood of readings with a larger variance, by the inverse of the power.
-    """
-    odds = np.array([name.posterior, *(rival.posterior for rival in name.rivals)])
-    other = max(1.0 - float(odds.sum()), float(np.finfo(float).eps))
-    raised = np.append(odds, other) ** power
-    first, *rest = (raised[:-1] / raised.sum()).tolist()
-    rivals = tuple(replace(rival, posterior=share) for rival, share in zip(name.rivals, rest, strict=True))
-    return replace(name, posterior=first, rivals=rivals)
-
-
-def _doubted(name: Named, doubt: Doubt) -> Named:
-    """Return a named effect that is not confirmed: a cause outside its rivals is at least as likely."""
-    return replace(_with_odds_at_most(0.5, name), doubt=doubt)
-
-
-def _with_odds_at_most(most: float, name: Named) -> Named:
-    """Return a named effect whose odds, together with those of the rivals, are at most `most`."""
-    factor = most / max(most, name.posterior + sum(rival.posterior for rival in name.rivals))
-    rivals = tuple(replace(rival, posterior=factor * rival.posterior) for rival in name.rivals)
-    return replace(name, posterior=factor * name.posterior, rivals=rivals)
 
 
 def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:

@@ -15,8 +15,8 @@ from analysis.diagnosis.fit.effort import Effort
 from analysis.diagnosis.fit.free_forms import discrepancy_evidence, discrepancy_functions
 from analysis.diagnosis.fit.search import SearchResult, search
 from analysis.diagnosis.fit.selection import Selection
+from analysis.diagnosis.judge.odds import within_commanded, within_unexplained, without_useless
 from analysis.diagnosis.judge.result import Gap, Named
-from analysis.diagnosis.judge.verdict import within_commanded, within_unexplained, without_useless
 from analysis.procedures.simulate import simulate
 from rigs.effects import Backlash, BallForm, Effect, TransmissionError
 from rigs.load import load

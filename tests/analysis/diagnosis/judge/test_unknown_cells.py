@@ -12,8 +12,8 @@ import pytest
 
 from analysis import diagnose, read_table
 from analysis.diagnosis.judge.imitations import is_no_gear, may_be_friction
+from analysis.diagnosis.judge.odds import within_unexplained
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.diagnosis.judge.verdict import within_unexplained
 from analysis.diagnosis.plan.further_tests import sigma_between
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import Effect

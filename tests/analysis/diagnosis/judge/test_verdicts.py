@@ -27,8 +27,9 @@ from analysis.diagnosis.fit.responses import Linearisation
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.budget import runs_apart
 from analysis.diagnosis.judge.doubts import doubts_of_limits
+from analysis.diagnosis.judge.odds import without_useless
 from analysis.diagnosis.judge.result import Diagnosis, Named
-from analysis.diagnosis.judge.verdict import standing_within, without_useless
+from analysis.diagnosis.judge.verdict import standing_within
 from analysis.procedures.simulate import simulate
 from analysis.runs.loading import Measured
 from rigs.effects import (
