@@ -83,6 +83,8 @@ class Terminal:
         while self.process.poll() is None:
             assert time.monotonic() < end_s, self.text()
             self.read(0.1)
+        while select.select([self.master], [], [], 0)[0]:  # written between the last reading and the end
+            self.read(0)
         return self.process.returncode
 
     def is_as_before(self) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 
 from analysis.diagnosis.judge.acts import Doubt
 from analysis.diagnosis.judge.result import Gap, Named
+from rigs.effects.vibration import Vibration
 from rigs.schema.scene import OUTSIDE_ARM
 
 _SURE_ODDS = 0.999
@@ -43,26 +44,28 @@ def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
 
 
 def _without_use(name: Named, train: Gap) -> Named:
-    """Return a named effect, not confirmed if the others leave a smaller gap without it. An error of an instrument is
-    then at most as likely as another cause; constants of the arm cancel each other in every arm.
+    """Return a named effect, not confirmed if the others leave a smaller gap without it. An error of an instrument that
+    exceeds the whole error is then at most as likely as another cause, because it only cancels others; constants of the
+    arm cancel each other in every arm.
     """
     if name.gap_without_um >= NO_WORSE * train.after_um:
         return name
-    of_instrument = name.effect.STAGE in OUTSIDE_ARM
-    return doubted(name, "no_better") if of_instrument else replace(name, doubt="no_better")
+    cancels = name.effect.STAGE in OUTSIDE_ARM and name.worth_um > train.before_um
+    return doubted(name, "no_better") if cancels else replace(name, doubt="no_better")
 
 
 def without_cancelling(named: Sequence[Named], before_um: float) -> list[Named]:
     """Return the named effects, with errors of instruments that cancel errors of the arm no longer confirmed: shown by
     one direction, such an effect increases the gap of `before_um` by itself. The other explanation, in which both are
-    absent, is at least as likely. Constants of the arm cancel each other in every arm.
+    absent, is at least as likely. Constants of the arm cancel each other in every arm. A vibration has another phase in
+    each run, so its model with a common phase increases the gap in any case.
     """
-    return [
-        doubted(name, "cancels")
-        if name.stands and name.effect.STAGE in OUTSIDE_ARM and name.directions < 2 and name.alone_um > before_um
-        else name
-        for name in named
-    ]
+
+    def only_cancels(name: Named) -> bool:
+        may_cancel = name.effect.STAGE in OUTSIDE_ARM and not isinstance(name.effect, Vibration)
+        return may_cancel and name.directions < 2 and NO_WORSE * name.alone_um > before_um
+
+    return [doubted(name, "cancels") if name.stands and only_cancels(name) else name for name in named]
 
 
 def within_unexplained(named: Sequence[Named], unexplained_um: float, noise_um: float) -> list[Named]:
