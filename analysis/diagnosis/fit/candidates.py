@@ -154,7 +154,7 @@ class Level:
 
     @classmethod
     def of_values(cls, values: Array) -> Level:
-        """Return the level with given `values`."""
+        """Return the level with given `values` (1 + n,), in healthy sizes."""
         others, *apart = values.tolist()
         return cls(others, tuple(apart))
 
@@ -392,7 +392,7 @@ class Columns:
         return np.array(of_forms + [0] * (self.X.shape[1] - len(of_forms)), dtype=np.int64)
 
     def levels(self, level: Level) -> Array:
-        """Return the level (p,) of each column."""
+        """Return the level (p,) of each column, in healthy sizes."""
         return level.values[self.level_indices] if level.apart else np.full(len(self.healthy), level.others)
 
     def variance(self, level: Level, curves: JointCurves | None = None, discrepancy: float = 0.0) -> Array:

@@ -9,7 +9,6 @@ import numpy as np
 
 from analysis.diagnosis.judge.acts import Doubt
 from analysis.diagnosis.judge.result import Gap, Named
-from rigs.effects.vibration import Vibration
 from rigs.schema.scene import OUTSIDE_ARM
 
 _SURE_ODDS = 0.999
@@ -62,7 +61,8 @@ def without_cancelling(named: Sequence[Named], before_um: float) -> list[Named]:
     """
 
     def only_cancels(name: Named) -> bool:
-        may_cancel = name.effect.STAGE in OUTSIDE_ARM and not isinstance(name.effect, Vibration)
+        has_own_phase = name.effect.swinging(1.0, 1e-3) is not None  # in each run
+        may_cancel = name.effect.STAGE in OUTSIDE_ARM and not has_own_phase
         return may_cancel and name.directions < 2 and NO_WORSE * name.alone_um > before_um
 
     return [doubted(name, "cancels") if name.stands and only_cancels(name) else name for name in named]

@@ -54,6 +54,9 @@ def range_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
     }
 
 
-MEASURES = (SINE, Measure(range_figures, frozenset({"range_deg"})))
+MEASURES = (
+    SINE,
+    Measure(range_figures, frozenset({"range_deg"})),
+)
 ANGLE = AngleTest(MEASURES, _notes)
 evaluate, plain_figures = ANGLE.evaluate, ANGLE.plain_figures

@@ -45,6 +45,9 @@ def _notes(result: CircleResult) -> tuple[str, ...]:
     )
 
 
-MEASURES = (SINE, Measure(eccentricity_figures))
+MEASURES = (
+    SINE,
+    Measure(eccentricity_figures),
+)
 ANGLE = AngleTest(MEASURES, _notes)
 evaluate, plain_figures = ANGLE.evaluate, ANGLE.plain_figures

@@ -117,7 +117,7 @@ def test_targets_that_nothing_explains_are_outside_the_library() -> None:
     off = np.random.default_rng(27).normal(0.0, 0.4, int(table.target.max()) + 1)[table.target]
     found = found_in([measured(replace(table, g_mm=table.g_mm + off), "radial", "radial")])
     assert found.condition == "outside_library"
-    assert found.left[0].part == "targets" and "times the noise" in found.left[0].words
+    assert found.remainder.is_material and (found.acts[0].kind, found.acts[0].why) == ("mount", "unexplained")
     assert found.where[0].test == "radial" and "targets" in found.where[0].why
 
 
