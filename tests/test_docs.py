@@ -264,8 +264,7 @@ def _named(page: Path) -> list[tuple[str, str]]:
 
 
 SAMPLE_PAGE = ROOT / "docs" / "analysis.md"
-HOUSE_PAGE = ROOT / "docs" / "architecture.md"
-NAMES = sorted({name for page in (SAMPLE_PAGE, HOUSE_PAGE, *HOW_TO.glob("*.md")) for name in _named(page)})
+NAMES = sorted({name for page in (ROOT / "AGENTS.md", *PAGES) for name in _named(page)})
 
 
 def _defined(path: Path) -> set[str]:
