@@ -18,7 +18,7 @@ from analysis.diagnosis.evidence.given import given_effects, parse_effects
 from analysis.diagnosis.evidence.observation import observe_run
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.background import background_of
-from analysis.diagnosis.fit.candidates import candidates_for, columns_for
+from analysis.diagnosis.fit.candidates import Level, candidates_for, columns_for
 from analysis.diagnosis.fit.refine import refine
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.fit.search import fit_given
@@ -143,7 +143,7 @@ def diagnosed(name: str) -> None:
     columns = columns_for(linear, candidates_for(linear))
     seen = {form.name for form in columns.forms} | set(columns.not_seen)
     assert {one.name for one in candidates} <= seen
-    background = background_of(columns, np.ones(len(linear.y)), columns.variance(0.0))
+    background = background_of(columns, np.ones(len(linear.y)), columns.variance(Level(0.0)))
     found = refine(linear, background, [scaled(fault(name), 0.7)])
     (effect,) = found.effects
     near(effect, fault(name), 5 * found.sd(0)[size_field(effect)])
