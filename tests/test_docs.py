@@ -264,7 +264,8 @@ def _named(page: Path) -> list[tuple[str, str]]:
 
 
 SAMPLE_PAGE = ROOT / "docs" / "analysis.md"
-NAMES = sorted({name for page in (ROOT / "AGENTS.md", *PAGES) for name in _named(page)})
+# a copy of the project may lack the pages at its root
+NAMES = sorted({name for page in (ROOT / "AGENTS.md", *PAGES) if page.exists() for name in _named(page)})
 
 
 def _defined(path: Path) -> set[str]:
