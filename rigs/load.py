@@ -7,7 +7,6 @@ hash in the rig file is therefore compared with the arm: name, axes, and the bou
 from __future__ import annotations
 
 import hashlib
-import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,7 +19,7 @@ from rigs.arms import arm_files, rig_text_of
 from rigs.calibration import MOST_CALIBRATION_BYTES, TIMES, CalibratedModel, CalibrationFile, CovarianceParameter
 from rigs.effects import AnyEffect
 from rigs.errors import FileError, RigPlace
-from rigs.files import of_newer_rig, read_bytes, read_text
+from rigs.files import of_newer_rig, read_bytes, read_from, read_text
 from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
 from rigs.schema.effect import size_field
@@ -35,6 +34,8 @@ _MOST_WIDENED = 1000.0
 """Upper limit of the ratio of real to expected error. It corresponds to an error of 10 mm for an arm calibrated to
 10 µm, which would not be a calibration.
 """
+_ARCHIVE = b"PK\x03\x04"
+"""First bytes of zip files, and so of workbooks (PKWARE APPNOTE, 4.3.7)."""
 _LEAST_DEG, _MOST_DEG = -1000.0, 1000.0
 """Limits of joint angles: controllers count at most three turns."""
 
@@ -208,10 +209,12 @@ _calibrations: dict[str, CalibratedModel] = {}
 
 def _text(path: Path) -> str:
     try:
-        if path.is_file() and zipfile.is_zipfile(path):
-            remedy = "give the rig file; rig import reads tables"
-            raise FileError(str(path), "is a workbook or an archive, not a rig file", remedy)
         return read_text(path, _MAX_BYTES)
+    except FileError:
+        if path.is_file() and read_from(path, 0, len(_ARCHIVE))[0] == _ARCHIVE:
+            remedy = "give the rig file; rig import reads tables"
+            raise FileError(str(path), "is a workbook or an archive, not a rig file", remedy) from None
+        raise
     except OSError as error:
         raise _unreadable(path, error) from None
 

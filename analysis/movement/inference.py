@@ -175,7 +175,7 @@ class ReferenceComparison:
 
     @property
     def can_clear(self) -> bool:
-        """True if there are enough new readings to conclude that nothing moved."""
+        """Whether the new readings are enough to conclude that nothing moved."""
         return self.count >= FEWEST_TO_CLEAR
 
     @property

@@ -61,7 +61,7 @@ class VerificationResult:
 
     @property
     def summary(self) -> str:
-        """Path and result in one line: `whole`, `recovered` or `not whole`."""
+        """The path and the result (`whole`, `recovered` or `not whole`) in one line."""
         missing = sum(gap.rows for gap in self.gaps)
         if self.problems or (missing and not self.is_recovered):
             return f"{self.path}: not whole"

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
-from analysis.apps.report.answer_words import AnswerWords, measures_places
+from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import measured_u, micrometres, percent, size_in_words, sure, with_uncertainty
 from analysis.apps.report.movement_words import act_after
 from analysis.apps.report.texts import Texts, texts_of
@@ -192,7 +192,7 @@ class ActWords:
         gauges.
         """
         of_places = f"{key}_places"
-        return of_places if of_places in self.texts.words and measures_places(self.diagnosis) else key
+        return of_places if of_places in self.texts.words and self.diagnosis.train.of_places else key
 
 
 def acts_in_words(diagnosis: Diagnosis, texts: Texts) -> list[str]:

@@ -43,7 +43,6 @@ from analysis.procedures.shared.quantity import quantity_of
 from rigs.effect_names import name_in_words
 from rigs.effects import Effect
 from rigs.schema.effect import name_of, size_field, whole_order
-from rigs.schema.vocabulary import WITHOUT_GAUGES
 
 HARMLESS = ("uncalibrated", "nothing_unusual")
 """Conditions without a fault."""
@@ -73,12 +72,6 @@ def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
         and part not in faults
         and (is_certain_part(diagnosis, part) or part.members)
     ]
-
-
-def measures_places(diagnosis: Diagnosis) -> bool:
-    """Return whether every run measured poses or touches, with no ball and gauges."""
-    tests = {name.split()[0].strip(",;") for name in diagnosis.setups}
-    return bool(tests) and tests <= set(WITHOUT_GAUGES)
 
 
 def sure_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
@@ -204,7 +197,7 @@ class AnswerWords:
         otherwise empty.
         """
         visits_um = self.diagnosis.unexplained.visits_um if self.diagnosis.unexplained else None
-        places = "_places" if measures_places(self.diagnosis) else ""
+        places = "_places" if self.diagnosis.train.of_places else ""
         return self.texts(f"finding_repeats_differ{places}", um=_length(visits_um)) if visits_um else ""
 
     @property

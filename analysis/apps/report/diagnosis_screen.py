@@ -12,7 +12,7 @@ from rich.segment import Segment
 from rich.text import Text
 
 from analysis.apps.report.act_words import acts_in_words
-from analysis.apps.report.answer_words import AnswerWords, measures_places, shown_parts
+from analysis.apps.report.answer_words import AnswerWords, shown_parts
 from analysis.apps.report.diagnosis_words import (
     closed,
     held_out_rows,
@@ -176,7 +176,7 @@ def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
     remarks = [
         held_out_rows(diagnosis, texts),
         "" if diagnosis.shows_noise else texts("noise_assumed"),
-        texts("about_scatter") if measures_places(diagnosis) else "",
+        texts("about_scatter") if diagnosis.train.of_places else "",
     ]
     return [table, *(Text(remark, style="dim") for remark in remarks if remark)]
 

@@ -134,19 +134,19 @@ an average over sizes and smooth in their logarithm.
 """
 
 
-LEVELED_APART: tuple[PartKind, ...] = ("constants", "gravity")
-"""Parts of the error of an arm with a level of their own: the accuracy of links and zeros, and the stiffness, say
-nothing about the quality of gears.
+_APART: tuple[PartKind, ...] = ("constants", "gravity")
+"""Parts of the error of an arm with a separate level: the accuracy of links and zeros, and the stiffness, are
+independent of the quality of gears.
 """
 
 
 @dataclass(frozen=True)
 class Level:
-    """Level of the small errors of an arm, 1 in a typical healthy arm: of the parts LEVELED_APART (`apart`), and of all
-    `others`. `apart` is empty if all have the same level.
+    """Level of the small errors of an arm, 1 in a typical healthy arm: of geometry and zeros, and of deflection under
+    load (`apart`), and of all `others`. `apart` is empty if all have the same level.
 
-    An arm with perfect gears may still have inaccurate links. With a single level, the quiet gears of such an arm made
-    many lengths of 0.1 mm improbable, and one certain, wrong length of 0.9 mm replaced them.
+    An arm with perfect gears may still have inaccurate links. With a single level, the small gear errors of such an arm
+    made many lengths of 0.1 mm improbable, and one certain, wrong length of 0.9 mm replaced them.
     """
 
     others: float = 1.0
@@ -163,27 +163,26 @@ class Level:
         """The levels of others and of the parts apart (1 + n,)."""
         return np.array([self.others, *self.apart])
 
+    def index(self, effect: Effect) -> int:
+        """Return the index of an effect's level in `values`."""
+        return 1 + _APART.index(effect.part) if self.apart and effect.part in _APART else 0
+
     def of(self, effect: Effect) -> float:
         """Return the level of an effect."""
-        return float(self.values[level_index(effect)]) if self.apart else self.others
+        return (self.others, *self.apart)[self.index(effect)]
 
     def by_part(self) -> dict[str, float]:
         """Return the level of each part apart, and of `others`."""
-        apart = self.apart or (self.others,) * len(LEVELED_APART)
-        return {"others": self.others, **dict(zip(LEVELED_APART, apart, strict=True))}
+        apart = self.apart or (self.others,) * len(_APART)
+        return {"others": self.others, **dict(zip(_APART, apart, strict=True))}
 
     def at_least(self, least: float) -> Level:
         """Return the level with a lower bound."""
         return Level.of_values(np.maximum(self.values, least))
 
 
-def level_index(effect: Effect) -> int:
-    """Return the index of an effect's level among those of a `Level` with parts apart."""
-    return 1 + LEVELED_APART.index(effect.part) if effect.part in LEVELED_APART else 0
-
-
-HEALTHY = Level()
-"""Level of a typical healthy arm."""
+HEALTHY, HEALTHY_APART = Level(), Level(apart=(1.0,) * len(_APART))
+"""Level of a typical healthy arm: common to all parts, and separate for each."""
 
 
 def fault_sizes(level: float) -> Array:
@@ -385,15 +384,18 @@ class Columns:
         by_band = (self._products[response][1] for response in responses)
         return np.concatenate([np.tensordot(weights.scale, products, axes=1) for products in by_band])
 
+    def level_indices(self, level: Level) -> NDArray[np.int64]:
+        """Return the index (p,) of the level of each column in the values of a level."""
+        return self._indices_apart if level.apart else np.zeros(len(self.healthy), dtype=np.int64)
+
     @cached_property
-    def level_indices(self) -> NDArray[np.int64]:
-        """Index (p,) of the level of each column."""
-        of_forms = [level_index(form.effect) for form in self.forms for _ in form.columns]
+    def _indices_apart(self) -> NDArray[np.int64]:
+        of_forms = [HEALTHY_APART.index(form.effect) for form in self.forms for _ in form.columns]
         return np.array(of_forms + [0] * (self.X.shape[1] - len(of_forms)), dtype=np.int64)
 
     def levels(self, level: Level) -> Array:
         """Return the level (p,) of each column, in healthy sizes."""
-        return level.values[self.level_indices] if level.apart else np.full(len(self.healthy), level.others)
+        return np.asarray(level.values[self.level_indices(level)])
 
     def variance(self, level: Level, curves: JointCurves | None = None, discrepancy: float = 0.0) -> Array:
         """Return the prior variance (p,) of the coefficients in an arm with `level` times the healthy size of the

@@ -287,8 +287,9 @@ class _Problem:
                 break
         tangents = (*self.fitted.tangents, *slopes)
         covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
-        x = _at_limits(x, limits, np.sqrt(np.diag(covariance)[-len(x) :]) if len(x) else x)
-        now = self._with(now, x)
+        sd = np.sqrt(np.diag(covariance)[len(covariance) - len(x) :])
+        if (moved := _at_limits(x, limits, sd)).tolist() != x.tolist():
+            x, now = moved, self._with(now, moved)
         to_limit = step_within(limits - x, H, fall - (x - self.expected) / self.spread**2)[1]
         return Refined(
             tuple(now), self.unknowns, x, covariance, to_limit, self.linear.residual(now), tangents, self.departures,

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from analysis.diagnosis.fit.candidates import LEVELED_APART, Level
+from analysis.diagnosis.fit.candidates import HEALTHY, HEALTHY_APART
 from analysis.diagnosis.fit.effort import Effort
 from analysis.diagnosis.fit.joint_curves import JointCurves
 from analysis.diagnosis.fit.refine import no_effects, refine
@@ -69,7 +69,7 @@ class Selection(SelectionSteps):
             if self._of_tracker and len(previous.strength) == len(strength) and len(previous.robust) == len(robust):
                 strength, robust = previous.strength, previous.robust
         none, first = replace(no_effects(self.linear), effects=tuple(effects)), curves if self._of_tracker else None
-        level = Level() if self.columns.constants_apart else Level(apart=(1.0,) * len(LEVELED_APART))
+        level = HEALTHY if self.columns.constants_apart else HEALTHY_APART
         bare = SelectionState(none, (-1,) * len(effects), level, strength, robust, curves=first)
         state = replace(bare, refined=refine(self.linear, self.backgrounds.of(bare), effects))
         if first is not None:

@@ -19,7 +19,6 @@ from analysis.diagnosis.fit.candidates import (
     Columns,
     Form,
     Level,
-    level_index,
     order_of,
     remaining_column_shares,
 )
@@ -259,7 +258,7 @@ direction. Chosen.
 """
 
 
-def _against(levels: Array) -> Array:
+def _level_costs(levels: Array) -> Array:
     """Return the cost of each level by the prior, in log evidence."""
     return np.asarray(np.log(levels) ** 2 / (2 * _LEVEL_SPREAD**2))
 
@@ -290,41 +289,32 @@ class Hyperparameters:
         A named effect with any number of forms counts only once, because a gear shows only a few orders; a fault has
         little weight. Expected but unobserved effects do not count.
         """
-        level, columns, effects = state.level, self.columns, state.effects
-        leveled = columns.healthy > 0
+        columns, background, now = self.columns, posterior.background, state.level
+        leveled = (columns.healthy > 0) & (background.variance > 0)
         if state.curves is not None:
             leveled[columns.curves.columns] = False  # curves have separate widths
-        if not level.apart:
-            return Level(self._level_of(level.others, posterior, leveled, effects, state.level_cap))
-        of_columns, of_effects = columns.level_indices, [level_index(effect) for effect in effects]
-        values = []
-        for k, now in enumerate(level.values.tolist()):
-            named = [effect for effect, of_effect in zip(effects, of_effects, strict=True) if of_effect == k]
-            values.append(self._level_of(now, posterior, leveled & (of_columns == k), named, state.level_cap))
-        return Level.of_values(np.array(values))
-
-    def _level_of(
-        self, now: float, posterior: CoefficientPosterior, leveled: Mask, effects: Sequence[Effect], most: float
-    ) -> float:
-        """Return the level, `now` and at `most`, of some columns (p,) and of the named effects that share it."""
-        columns, background = self.columns, posterior.background
-        cols = np.flatnonzero(leveled & (background.variance > 0))
+        cols = np.flatnonzero(leveled)
         freedom = np.clip(1 - posterior.variance[cols] / background.variance[cols], 0.0, 1.0)
-        names, count = columns.name_of_column[cols], len(columns.among)
         # Contribution of the prior means to the coefficients; readings show the rest.
         unseen = posterior.covariance_times(background.pull)
-        shown = (posterior.mean - unseen)[cols]
-        expected = columns.healthy[cols] * freedom + ((background.mean - unseen)[cols] / now) ** 2
-        squares = np.asarray(np.bincount(names, shown**2, count), dtype=float)
-        seen = np.asarray(np.bincount(names, expected, count), dtype=float)
-        for k, name in enumerate(columns.among):
-            if sizes := [size_of(effect) for effect in effects if name_of(effect) == name]:
-                squares[k] += np.sum(np.square(sizes))
-                seen[k] = 1.0
-        weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(seen, 1e-3) / now**2)
-        likely = -seen.sum() * np.log(_LEVELS) - float(weight @ squares) / (2 * _LEVELS**2)
-        likely -= _against(_LEVELS)
-        return float(min(_LEVELS[np.argmax(likely)], most))
+        shown = (posterior.mean - unseen)[cols] ** 2
+        expected = columns.healthy[cols] * freedom
+        expected += ((background.mean - unseen)[cols] / columns.levels(now)[cols]) ** 2
+        names, of_columns, count = columns.name_of_column[cols], columns.level_indices(now)[cols], len(columns.among)
+        likeliest = []
+        for k, value in enumerate(now.values.tolist()):
+            leveled_k = of_columns == k
+            squares = np.asarray(np.bincount(names[leveled_k], shown[leveled_k], count), dtype=float)
+            seen = np.asarray(np.bincount(names[leveled_k], expected[leveled_k], count), dtype=float)
+            for place, name in enumerate(columns.among):
+                named = [effect for effect in state.effects if name_of(effect) == name and now.index(effect) == k]
+                if named:
+                    squares[place] += sum(size_of(effect) ** 2 for effect in named)
+                    seen[place] = 1.0
+            weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(seen, 1e-3) / value**2)
+            likely = -seen.sum() * np.log(_LEVELS) - float(weight @ squares) / (2 * _LEVELS**2) - _level_costs(_LEVELS)
+            likeliest.append(min(_LEVELS[np.argmax(likely)], state.level_cap))
+        return Level.of_values(np.array(likeliest))
 
     def robust(self, posterior: CoefficientPosterior) -> Array:
         """Return the weights (N,) of the entries: those of Student's distribution at targets, and 1 elsewhere."""
@@ -404,13 +394,13 @@ class Hyperparameters:
         Estimates from the posterior converge ever more slowly to a quiet level. At 2.5 times too high a level, wrong
         named effects were confirmed against a right effect that gained 100 more in log evidence at the right level.
         """
-        whole = evidence(state) - _against(state.level.values).sum()
+        whole = evidence(state) - _level_costs(state.level.values).sum()
         for k in range(state.level.values.size):
             while state.level.values[k] / _QUIETER >= _QUIETEST and not state.free_forms:
                 levels = state.level.values
                 levels[k] /= _QUIETER
                 tried = replace(state, level=Level.of_values(levels))
-                if (gained := evidence(tried) - _against(levels).sum() - whole) <= 0:
+                if (gained := evidence(tried) - _level_costs(levels).sum() - whole) <= 0:
                     break
                 state, whole = tried, whole + gained
         return state

@@ -72,8 +72,7 @@ class SelectionSteps(StateEvidence):
         """Return the state with the effect of largest gain, if an effect covers the penalty, and the state with a
         free form instead, if those are tried and any explains much more.
         """
-        gain = self.gains(state, posterior)
-        gain[[k for k in state.refused if k >= 0]] = -np.inf
+        gain = self._gains_of_allowed(state, posterior)
         most_gain, changed, best = 0.0, None, self._worth_trying(state, posterior, gain)
         if best:
             # The linear prediction may gain less, or more, than the shape that is fitted on the simulator.
@@ -101,19 +100,23 @@ class SelectionSteps(StateEvidence):
             return changed, None
         return changed, self.refitted(replace(state, free_forms=(*state.free_forms, free_form)))
 
-    def step_from_noise(self, state: SelectionState) -> SelectionState | None:
-        """Return the state with the effect that explains the residual beyond the noise, if that is likelier and leaves
-        nothing unexplained.
+    def _gains_of_allowed(self, state: SelectionState, posterior: CoefficientPosterior) -> Array:
+        """Return the gains (n,) of the forms, minus infinity for refused forms, as log evidence."""
+        gain = self.gains(state, posterior)
+        gain[[k for k in state.refused if k >= 0]] = -np.inf
+        return gain
 
-        A band whose whole residual counts as noise is a local optimum: no effect gains beside it. A gear error of 3 µm
-        under yaw was reported as an unknown cause, though its evidence was 360 times larger.
+    def step_from_noise(self, state: SelectionState) -> SelectionState | None:
+        """Return the state with an effect in place of strong noise, if that is likelier and leaves nothing unexplained.
+
+        If the complete residual of a band counts as noise, no effect gains any more: a local optimum. A gear error of
+        3 µm under yaw was therefore reported as an unknown cause, although its evidence was 360 times larger.
         """
         if (state.strength < _UNEXPLAINED).all():
             return None
         quiet = replace(state, strength=np.minimum(state.strength, 1.0))
         posterior = self.posterior(quiet)
-        gain = self.gains(quiet, posterior)
-        gain[[k for k in state.refused if k >= 0]] = -np.inf
+        gain = self._gains_of_allowed(quiet, posterior)
         added = [self.with_form(quiet, posterior, k) for k in self._worth_trying(quiet, posterior, gain)]
         settled = [self.settled(each) for each in added if not is_duplicate(each.effects)]
         if not settled:

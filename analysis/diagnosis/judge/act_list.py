@@ -26,7 +26,6 @@ from analysis.diagnosis.judge.result import (
     likely_rivals,
 )
 from analysis.diagnosis.judge.validation import Stages, residual_um
-from analysis.procedures.facts import facts_of
 from rigs.calibration import verdict_of
 from rigs.effects import Effect, turned
 from rigs.schema.effect import label_of, name_of, size_field
@@ -372,12 +371,7 @@ def _may_repeat(diagnosis: Diagnosis, scatter: tuple[int, ...]) -> bool:
     if _is_more_than_scatter(diagnosis):
         return True
     large = any(diagnosis.budget[k].share > LEAST_SHARE for k in scatter)
-    return _are_of_places(diagnosis) and large and not diagnosis.repeated
-
-
-def _are_of_places(diagnosis: Diagnosis) -> bool:
-    """Return whether the arm was at rest at each reading: poses and touches, whose places predict each other."""
-    return all(facts_of(tested.test).of_places for tested in diagnosis.train.tests)
+    return diagnosis.train.of_places and large and not diagnosis.repeated
 
 
 def _is_more_than_scatter(diagnosis: Diagnosis) -> bool:
@@ -398,7 +392,7 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
         return measurement.why != "revisit" or is_largest or (_is_more_than_scatter(diagnosis) and not is_confirmed)
     if measurement.why in ("unexplained", "follows"):
         return not any(act.kind == "load" for act in acts)
-    undecided = diagnosis.condition in ("ambiguous", "undecided") and not _are_of_places(diagnosis)
+    undecided = diagnosis.condition in ("ambiguous", "undecided") and not diagnosis.train.of_places
     first: dict[Reason, bool] = {
         "one_lap": not any(act.why == "fault" and act.gain_um > measurement.remains_um for act in acts),
         "few_runs": not any(act.kind == "load" and act.place != "used" for act in acts),

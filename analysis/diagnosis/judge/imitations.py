@@ -8,6 +8,7 @@ import numpy as np
 from analysis.diagnosis.fit.candidates import order_of
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import DRIVEN_WAVES
+from analysis.diagnosis.judge.acts import Doubt
 from rigs.schema.effect import is_play, is_wave
 
 _WHOLE_SIGMA = 3.0
@@ -29,6 +30,15 @@ def shows_waves(result: SearchResult, k: int) -> bool:
     axis = int(getattr(effect, "axis", 1))
     turned = max(float(np.ptp(block.table.q[:, axis - 1])) for block in result.linear.blocks) / (2 * np.pi)
     return order_of(effect) * turned >= DRIVEN_WAVES
+
+
+def imitation_of(result: SearchResult, k: int, directions: int) -> Doubt | None:
+    """Return the doubt that another cause may have the effect of the named effect `k`, shown by a number of independent
+    directions; None without such a cause.
+    """
+    if is_no_gear(result, k):
+        return "no_gear"
+    return "friction" if directions < 2 and may_be_friction(result, k) else None
 
 
 def is_no_gear(result: SearchResult, k: int) -> bool:

@@ -111,7 +111,7 @@ def _with_odds_to_the(power: float, name: Named) -> Named:
     return replace(name, posterior=first, rivals=rivals)
 
 
-def doubted(name: Named, doubt: Doubt) -> Named:
+def doubted(name: Named, doubt: Doubt | None) -> Named:
     """Return a named effect that is not confirmed: a cause outside its rivals is at least as likely."""
     return replace(_with_odds_at_most(0.5, name), doubt=doubt)
 

@@ -15,6 +15,7 @@ from analysis.diagnosis.judge.acts import Act, Doubt, JudgedOn
 from analysis.diagnosis.judge.remains import ResidualSummary, Unexplained
 from analysis.diagnosis.judge.residuals import Curve, Map, ResidualBand, ResidualPlace
 from analysis.diagnosis.judge.staircase import Staircase
+from analysis.procedures.facts import facts_of
 from analysis.procedures.shared.quantity import parameters_of
 from analysis.robot.model.predict import SetUp
 from analysis.runs.tabular import Tabular, for_json, table_of_rows
@@ -97,7 +98,7 @@ class BudgetPart:
 
     @property
     def shown_together(self) -> tuple[BudgetPart, ...]:
-        """This part and those that cancel more than twice their standard uncertainty and a twentieth of it, or none."""
+        """This part and the parts that cancel over 5 % of it and over twice their uncertainty; empty without any."""
         large = [part for part in self.together[1:] if part.um > max(2 * part.u_um, self.together[0].um / 20)]
         return (self.together[0], *large) if large else ()
 
@@ -165,8 +166,7 @@ SURE_SIGMA = 3.0
 CERTAIN_ODDS = ODDS / (1 + ODDS)
 """Share of the evidence from which a named effect has no rival."""
 LARGE_SHARE = 1 / 3
-"""Share of the error from which a part of any size is mentioned in the first sentence, and a group lists candidate
-effects."""
+"""Share of the error from which the first sentence mentions a part, and a group lists its possible causes."""
 CERTAIN_SIGMA = 7.0
 """Standard uncertainties from which the contribution of any effect is certain: the detection limit of the plan."""
 
@@ -182,8 +182,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Rival:
-    """A rival effect that could replace a named effect, with the standard uncertainties of the parameters and the
-    share of the evidence."""
+    """A rival effect that could replace a named effect, with standard uncertainties and its share of the evidence."""
 
     effect: Effect
     sd: dict[str, float]
@@ -232,8 +231,7 @@ class Named:
     alone_um: float = math.nan
     twins: tuple[Effect, ...] = ()
     shown: bool = True
-    """False if the readings cannot identify the cause, such as a wave with fewer than two periods over the motion of
-    the joint."""
+    """False if the readings cannot identify the cause, such as a wave with fewer than two driven periods."""
     directions: int = 1
     """Number of independent observations of the effect: set-ups that each show the size, and runs not fitted."""
 
@@ -249,8 +247,7 @@ class Named:
 
     @property
     def contradicted(self) -> bool:
-        """True if the effect imitates a different cause: its size differs clearly between two set-ups, or it is one
-        of a series of waves."""
+        """True if the effect imitates another cause: set-ups show clearly different sizes, or it is one of a series."""
         if self.is_term or not self.shares:
             return self.is_term
         least, most = (of(self.shares, key=lambda share: share.value) for of in (min, max))
@@ -277,8 +274,7 @@ class Named:
 
 
 def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dict[str, Any]:
-    """Return an effect in plain types, with the parameters and their standard uncertainties sd, in the units of the
-    parameters."""
+    """Return an effect in plain types, with its parameters and their standard uncertainties sd in the same units."""
     return {
         "effect": effect.effect,
         **{key: getattr(effect, key) for key in SEATS if hasattr(effect, key)},
@@ -349,6 +345,11 @@ class Gap:
     tests: tuple[TestGap, ...] = ()
     keeps_setup: bool = True
     rows: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+
+    @property
+    def of_places(self) -> bool:
+        """Whether the arm rested at each reading: poses and touches only, whose places predict each other."""
+        return bool(self.tests) and all(facts_of(tested.test).of_places for tested in self.tests)
 
     @property
     def u_um(self) -> float:

@@ -19,7 +19,7 @@ from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import least_fault, spurious_wave_series
 from analysis.diagnosis.judge.acts import IMITATED, Doubt, JudgedOn
 from analysis.diagnosis.judge.budget import EffectChange, GapMeasure, sizes_by_setup
-from analysis.diagnosis.judge.imitations import is_no_gear, may_be_friction, shows_waves
+from analysis.diagnosis.judge.imitations import imitation_of, shows_waves
 from analysis.diagnosis.judge.odds import NO_WORSE, doubted
 from analysis.diagnosis.judge.residuals import bands_above_noise
 from analysis.diagnosis.judge.result import (
@@ -285,9 +285,9 @@ def _judge_effect(
         sizes.shares() if doubt is None and by_posture else (), change.u_um, change.times_usual,
         twins=tuple(twin.effect for twin in twins), shown=shown, directions=sizes.directions() + (gain is not None),
     )  # fmt: skip
-    may_be_other = is_no_gear(result, k) or (sizes.directions() < 2 and may_be_friction(result, k))
-    if may_be_other or doubt == "small":
-        named = doubted(named, doubt or ("no_gear" if is_no_gear(result, k) else "friction"))
+    imitation = imitation_of(result, k, sizes.directions())
+    if imitation or doubt == "small":
+        named = doubted(named, doubt or imitation)
     return replace(named, doubt="contradicted") if named.contradicted else named
 
 

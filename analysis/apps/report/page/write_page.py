@@ -26,7 +26,7 @@ from markupsafe import Markup
 
 from analysis.api import Result
 from analysis.apps.report.act_words import ActWords, without_idle_mounts
-from analysis.apps.report.answer_words import AnswerWords, measures_places
+from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.chart import Picture
 from analysis.apps.report.diagnosis_words import held_out_rows, micrometres, remains_lines, remains_rows
 from analysis.apps.report.html_page import environment, is_pdf, write_html, write_pdf
@@ -207,7 +207,7 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         instruments=instruments_of(report.rig),
         diagnosis_words=diagnosis_words(report.found) if report.found else "",
         rows_held_out=held_out_rows(report.found, texts) if report.found else "",
-        about_scatter=texts("about_scatter") if report.found and measures_places(report.found) else "",
+        about_scatter=texts("about_scatter") if report.found and report.found.train.of_places else "",
         simulated_only=all(result.measured.is_simulated for result in report.results),
         version=version(),
         written=dt.datetime.now(dt.UTC),

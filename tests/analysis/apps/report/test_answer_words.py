@@ -62,7 +62,7 @@ def test_what_a_rig_file_corrects_is_not_in_the_arm_until_it_is_loaded(language:
 
 
 def test_nothing_is_missing_only_where_runs_repeat_and_no_place_differs() -> None:
-    """Of one run that is read once, what is left may repeat in every run; of more, places may differ still."""
+    """The residual of a single run may repeat in every run; several runs may still differ between places."""
     scatter = BudgetPart("scatter", 28.0, 0.0, 0.98)
     found = diagnosis("nothing_unusual", effects=(), budget=(scatter,), runs=("a", "b"), repeated=True)
     found = replace(found, rig=found.rig.model_copy(update={"effects": (PLAY.effect,)}))
@@ -256,7 +256,7 @@ def test_a_later_act_says_what_is_left_with_those_before_it() -> None:
 
 
 def test_what_another_place_judged_is_said_where_its_runs_joined() -> None:
-    """A session's screen said what it leaves elsewhere, and its page that this is not known."""
+    """The screen of a session stated the error at another place, but the page called it unknown."""
     used = replace(diagnosis("named"), accuracy=Accuracy(None, None, 6.12, 21.4, 1.9, 6.3, "used"))
     assert "The error elsewhere is unknown" in AnswerWords(used).accuracy
     told = AnswerWords(used, judged_elsewhere=(93.0, 1.7)).accuracy

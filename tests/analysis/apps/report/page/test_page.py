@@ -1,4 +1,4 @@
-"""The page: one file that says the verdict first, makes no request, and shows foreign text as text."""
+"""The page is one file with the verdict first. It makes no request and escapes outside text."""
 
 from __future__ import annotations
 

@@ -100,7 +100,7 @@ def test_a_pdf_is_written_and_holds_the_pictures(report: Report, tmp_path: Path)
 
 
 def test_a_pdf_that_rig_made_is_made_again_and_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """WeasyPrint 70 compresses the part of a PDF that names it, so that its name cannot be the mark."""
+    """WeasyPrint 70 compresses its name in a PDF, so the test cannot search for this name."""
     monkeypatch.setitem(sys.modules, "weasyprint", mock.MagicMock(name="weasyprint"))
     sys.modules["weasyprint"].HTML.return_value.write_pdf.return_value = b"%PDF-1.7\n...\n%%EOF"
     file = tmp_path / "monday.pdf"

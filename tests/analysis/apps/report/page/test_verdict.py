@@ -54,7 +54,7 @@ def test_the_example_of_limits_makes_every_test_judged() -> None:
 
 
 def test_of_a_test_without_limits_no_example_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A kind of one's own may inherit the example of places; a rig file would refuse its lines."""
+    """A user's own test may inherit the example limits of poses, which a rig file would refuse."""
     monkeypatch.setattr("analysis.apps.report.page.page_content.TESTS", ("height",))
     monkeypatch.setattr(
         "analysis.apps.report.page.page_content.labels_of", lambda _: Labels(example=("rms_mm", 0.5, 1.0))
