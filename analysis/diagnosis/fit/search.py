@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -150,6 +151,14 @@ class SearchResult:
         free, own = self.fit.free.columns, self.columns.discrepancy
         of_forms = free @ self.posterior.term_means[len(self.posterior.term_means) - free.shape[1] :]
         return np.asarray(of_forms + self.columns.X[:, own] @ self.posterior.mean[own], dtype=float)
+
+    @cached_property
+    def departures(self) -> list[Array]:
+        """Contribution of the departures of each effect from its ideal form to the whitened readings, (N,) each."""
+        widths = [response.columns.shape[1] for response in self.fit.departures]
+        ends = len(self.fit.unknowns) + np.cumsum([0, *widths])
+        means = [self.posterior.term_means[begin:end] for begin, end in pairwise(ends)]
+        return [response.columns @ mean for response, mean in zip(self.fit.departures, means, strict=True)]
 
     @cached_property
     def calibrated_posterior(self) -> CoefficientPosterior:

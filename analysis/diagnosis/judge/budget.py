@@ -112,6 +112,10 @@ class GapMeasure:
         """Return the root mean square in µm of whitened changes (N,)."""
         return float(np.linalg.norm(self.of(changes)))
 
+    def with_free_set_ups_um(self, changes: Array) -> float:
+        """Return the root mean square in µm of whitened changes (N,) that no term of a set-up absorbs."""
+        return float(np.linalg.norm(self._root * self.linear.without_set_up(changes)))
+
 
 @dataclass(frozen=True)
 class EffectChange:

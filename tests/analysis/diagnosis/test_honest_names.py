@@ -15,6 +15,7 @@ from analysis.diagnosis.fit.effort import Effort
 from analysis.diagnosis.fit.free_forms import discrepancy_evidence, discrepancy_functions
 from analysis.diagnosis.fit.search import SearchResult, search
 from analysis.diagnosis.fit.selection import Selection
+from analysis.diagnosis.judge.budget import GapMeasure
 from analysis.diagnosis.judge.odds import within_commanded, within_unexplained, without_cancelling, without_useless
 from analysis.diagnosis.judge.result import Gap, Named
 from analysis.procedures.simulate import simulate
@@ -68,6 +69,27 @@ def test_a_name_that_makes_the_gap_larger_does_not_stand() -> None:
     gap = Gap(("a",), before_um=36.0, after_um=10.3, noise_floor_um=4.0, calibrated_um=4.1)
     worse, better = without_useless([_named(9.0, 4.9), _named(9.0, 13.0)], gap)
     assert worse.doubt == "no_better" and better.stands
+    (seen_twice,) = without_useless([_named(9.0, 4.9, directions=2)], gap)
+    assert seen_twice.stands, "in two directions, errors do not cancel by chance"
+
+
+def test_a_height_of_the_ball_is_no_error_if_set_ups_are_free() -> None:
+    linear, measure = healthy(), GapMeasure(healthy())
+    assert measure.with_free_set_ups_um(linear.U[:, 2]) < 1e-6 < measure.um(linear.U[:, 2]), "the height of the ball"
+    noise = white(linear, 5)
+    assert measure.with_free_set_ups_um(noise) == pytest.approx(measure.um(noise), rel=0.1)
+
+
+def test_departures_are_the_part_of_the_residual_that_the_ideal_forms_lack() -> None:
+    result = _searched((Backlash(axis=1, width_deg=0.008), _GEAR), 1, 1)
+    before = sum(response.columns.shape[1] for response in result.fit.tangents)
+    free = result.fit.free.columns.shape[1]
+    terms = result.fit.fitted_terms.T
+    others = np.delete(np.arange(terms.shape[1]), np.arange(before, terms.shape[1] - free))
+    ideal = result.fit.residual - result.columns.X @ result.posterior.mean
+    ideal -= terms[:, others] @ result.posterior.term_means[others]
+    assert len(result.departures) == len(result.effects)
+    np.testing.assert_allclose(ideal - sum(result.departures), result.posterior.residual, atol=1e-6)
 
 
 def test_an_error_of_an_instrument_beyond_the_whole_error_only_cancels_others() -> None:

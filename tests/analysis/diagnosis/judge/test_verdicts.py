@@ -247,6 +247,15 @@ def test_a_swing_that_begins_anew_with_every_run_is_named() -> None:
     assert one.effect.amplitude_mm == pytest.approx(0.012, abs=2 * one.sd["amplitude_mm"])
 
 
+def test_a_named_vibration_is_no_unexplained_error() -> None:
+    """No model contains it, so the remaining error was called unexplained, and other faults beside it were doubted."""
+    play = (Backlash(axis=1, width_deg=0.06, transit=0.2),)
+    runs = [response(run, 9.4, 0.08, phase) for run, phase in zip(circles(play, seed=18), PHASES, strict=True)]
+    diagnosis = found_in(runs)
+    assert {name_of(name.effect) for name in diagnosis.standing} >= {"vibration", "backlash 1"}
+    assert diagnosis.remainder.um < 5.0 and diagnosis.condition == "named"
+
+
 @made_once
 def _zero_of_axis_3_off(tolerance_um: float) -> Diagnosis:
     return diagnose(RIG, circles(HIDDEN["joint_offset 3"], seed=14), (), (), lambda doing: None, tolerance_um)
