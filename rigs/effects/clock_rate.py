@@ -15,6 +15,7 @@ class ClockRate(Effect):
     ppm: float = size(10000, 20)
 
     STAGE = "time"
+    FORM_U = 0.0
     KIND_NAME = "rate of the gauges' clock"
     DEED = "check"
 

@@ -16,6 +16,7 @@ class GaugeScale(Effect):
     relative: float = size(0.2, 5e-4)
 
     STAGE = "gauge"
+    FORM_U = 0.0
     KIND_NAME = "scale"
     SEAT_NOUN = "gauge"
     DEED = "check"

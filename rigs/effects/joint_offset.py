@@ -20,6 +20,7 @@ class JointOffset(Effect):
     offset_deg: float = size(5, 0.02)
 
     STAGE = "joint"
+    FORM_U = 0.0
     KIND_NAME = "zero"
     SEAT_NOUN = "axis"
     DEED = "remaster"

@@ -26,6 +26,7 @@ class JointScale(Effect):
     """
 
     STAGE = "joint"
+    FORM_U = 0.0
     KIND_NAME = "angle scale"
     SEAT_NOUN = "axis"
     DEED = "check"

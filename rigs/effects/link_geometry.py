@@ -29,6 +29,7 @@ class LinkGeometry(Effect):
     delta: float = size(50, 0.2)
 
     STAGE = "arm"
+    FORM_U = 0.0
     SEAT_NOUN = "axis"
     DEED = "enter"
     STRAIGHT = 0.02  # beyond this share of a healthy size the non-linearity would be visible
