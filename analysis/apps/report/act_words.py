@@ -56,9 +56,9 @@ class ActWords:
             earlier.kind == "load" for earlier in before
         )
         is_otherwise = act.kind == "load" and any(earlier.kind == "check" for earlier in before)
+        condition = self.texts("act_otherwise") if is_otherwise else ""  # before the command that it restricts
         instead = self.texts("act_instead") if is_instead and not corrected else ""
-        instead = self.texts("act_otherwise") if is_otherwise else instead
-        sentence = " ".join(filter(None, [self.what(act), self.removes(act), instead]))
+        sentence = " ".join(filter(None, [condition, self.what(act), self.removes(act), instead]))
         return f"{sentence.removesuffix('.')} ({against})." if against else sentence
 
     def what(self, act: Act) -> str:
@@ -102,12 +102,12 @@ class ActWords:
 
         The sentence says so if the error was not computed. It is empty for acts that remove no error.
         """
-        if act.kind == "approach" and act.removes_um is None:
-            return self.texts("act_not_computed")
         if act.kind in ("none", "measure") or (act.effect is None and act.kind != "load"):
             return ""
-        before = act.gain_um + act.remains_um
-        change = act.gain_um / before if before > 0 else 0.0
+        if act.removes_um is None or act.remains_um is None:
+            return self.texts("act_not_computed")
+        before = act.removes_um + act.remains_um
+        change = act.removes_um / before if before > 0 else 0.0
         falls = f"act_{'load_' * (act.kind == 'load' and self.diagnosis.rig.takes_programs)}changes"
         key = "hardly" if abs(change) < LEAST_SHARE else "may_change" if change > 0 else "grows"
         sentences = []
@@ -211,7 +211,7 @@ def without_idle_mounts(acts: Sequence[Act]) -> tuple[Act, ...]:
         if act.kind == "mount"
         and act.effect is not None
         and act.removes_um is not None
-        and abs(act.removes_um) <= LEAST_SHARE * (act.removes_um + act.remains_um)
+        and abs(act.removes_um) <= LEAST_SHARE * (act.removes_um + act.residual_um)
     ]
     return tuple(act for act in acts if act not in idle) or tuple(acts)
 

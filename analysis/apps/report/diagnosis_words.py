@@ -94,9 +94,9 @@ def has_measured_noise(diagnosis: Diagnosis) -> bool:
     return diagnosis.shows_noise or diagnosis.repeated
 
 
-def measured_u(diagnosis: Diagnosis, u_um: float) -> float:
-    """Return the standard uncertainty of an error; 0 if it would come from an assumed noise."""
-    return u_um if has_measured_noise(diagnosis) else 0.0
+def measured_u(diagnosis: Diagnosis, u_um: float | None) -> float:
+    """Return the standard uncertainty of an error; 0 if it is unknown or would come from an assumed noise."""
+    return (u_um or 0.0) if has_measured_noise(diagnosis) else 0.0
 
 
 def error_size(um: float, u_um: float) -> str:

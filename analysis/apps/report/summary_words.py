@@ -274,8 +274,8 @@ class _SummaryWords:
         if not corrections or not repairs:
             return ""
         after_all_um = repairs[-1].with_before_um  # None for a single repair
-        repaired = micrometres(repairs[-1].remains_um if after_all_um is None else after_all_um)
-        return self.texts("each_by_itself", corrected=micrometres(corrections[0].remains_um), repaired=repaired)
+        repaired = micrometres(repairs[-1].residual_um if after_all_um is None else after_all_um)
+        return self.texts("each_by_itself", corrected=micrometres(corrections[0].residual_um), repaired=repaired)
 
     @property
     def causes(self) -> list[BarSegment]:
