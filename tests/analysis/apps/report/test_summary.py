@@ -239,7 +239,7 @@ def test_a_movement_comes_first_in_badge_headline_and_next_step() -> None:
     assert (moved.badge, moved.standing) == ("MOVED", "moved") and moved.headline.startswith(
         "The base moved by 0.40 ± 0.01 mm"
     )
-    assert moved.next.startswith("Fasten the base")
+    assert moved.next.startswith("If all sockets are on one plate, check first")
     assert summarise(with_movements(diagnosis("named"), [MOVED], [])).badge == "MOVED, FAULT FOUND"
     assert with_movements(sound, [], []) == sound
 
