@@ -14,6 +14,9 @@ from typing import Any
 
 from analysis.apps.report.diagnosis_words import (
     LEAST_ODDS,
+    bounded_error,
+    error_size,
+    measured_u,
     micrometres,
     percent,
     plain,
@@ -32,6 +35,7 @@ from analysis.diagnosis.judge.result import (
     LARGE_SHARE,
     BudgetPart,
     Diagnosis,
+    Gap,
     Named,
     Rival,
     fault_rivals,
@@ -203,20 +207,38 @@ class AnswerWords:
     @property
     def accuracy(self) -> str:
         """The present error, and the error after calibration on unseen runs or, if there are none, on the runs used."""
-        accuracy = self.diagnosis.accuracy
+        accuracy, gap = self.diagnosis.accuracy, judged_gap(self.diagnosis)
         model = "error_corrected" if has_model(self.diagnosis) else "error_now"
-        now = self.texts(model, now=micrometres(accuracy.now_um), largest=micrometres(accuracy.now_largest_um))
-        values = {"left": micrometres(accuracy.calibrated_um), "before": micrometres(accuracy.before_there_um)}
+        now_um, before_um, left_um = (
+            f"{bounded_error(um, measured_u(self.diagnosis, u_um))} µm"
+            for um, u_um in (
+                (accuracy.now_um, self.diagnosis.train.u_um), (accuracy.before_there_um, gap.u_um),
+                (accuracy.calibrated_um, gap.left_u_um),
+            )
+        )  # fmt: skip
+        now = self.texts(model, now=now_um, largest=micrometres(accuracy.now_largest_um))
+        values = {"left": left_um, "before": before_um}
         if is_complete(self.diagnosis) and accuracy.place == "used":
             return now
         place: str = accuracy.place
         if place == "used" and self.judged_elsewhere:
-            before_um, left_um = self.judged_elsewhere
-            place, values = "unseen", {"left": micrometres(left_um), "before": micrometres(before_um)}
+            place, values = (
+                "unseen",
+                dict(zip(("before", "left"), map(micrometres, self.judged_elsewhere), strict=True)),
+            )
         which = f"calibrated_{place}" if self.diagnosis.is_testable else "calibrated_unknown"
         if self.diagnosis.condition == "out_of_range":
             which, values = "calibrated_out_of_range", {"left": micrometres(self.diagnosis.train.after_um)}
         return f"{now} {self.texts(which, **values)}"
+
+    def gap_cells(self, gap: Gap) -> dict[str, str]:
+        """Return the errors of a gap in µm by the text key of the column; an error much smaller than its u as "< u"."""
+        diagnosis = self.diagnosis
+        errors = {"gap_before": (gap.before_um, gap.u_um)}
+        errors |= {"gap_after": (gap.after_um, gap.left_u_um)} if diagnosis.standing else {}
+        errors |= {"gap_calibrated": (gap.calibrated_um, gap.left_u_um)} if diagnosis.is_modelled else {}
+        cells = {key: bounded_error(um, measured_u(diagnosis, u_um)) for key, (um, u_um) in errors.items()}
+        return cells | {"noise" if diagnosis.shows_noise else "assumed_noise": error_size(gap.noise_floor_um, 0.0)}
 
     @property
     def judged(self) -> str:
@@ -449,6 +471,11 @@ class AnswerWords:
 def _length(um: float) -> str:
     """Return a length in mm from 0.1 mm upwards, and in µm below."""
     return f"{1e-3 * um:.2f} mm" if um >= 100 else micrometres(um)
+
+
+def judged_gap(diagnosis: Diagnosis) -> Gap:
+    """Return the gap on the runs that judge the accuracy."""
+    return {"unseen": diagnosis.unseen, "held_out": diagnosis.held_out}.get(diagnosis.accuracy.place) or diagnosis.train
 
 
 def part_of(diagnosis: Diagnosis, named: Named) -> BudgetPart | None:

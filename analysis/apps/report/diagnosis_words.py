@@ -80,15 +80,6 @@ def micrometres(um: float) -> str:
     return f"{um:.0f} µm" if um >= 9.95 else f"{um:.1f} µm"
 
 
-def um_with_u(um: float, u_um: float) -> str:
-    """Return a size in µm ± standard uncertainty to a tenth, for a table column; "< u" if much smaller than u."""
-    if not math.isfinite(um):
-        return "–"
-    if um < _UPPER_BOUND * u_um:
-        return f"< {u_um:.1f}"
-    return f"{um:.1f} ± {u_um:.1f}" if u_um > 0 else f"{um:.1f}"
-
-
 def has_measured_noise(diagnosis: Diagnosis) -> bool:
     """Return whether repeats or residuals show the noise; otherwise it is assumed and gives no uncertainty."""
     return diagnosis.shows_noise or diagnosis.repeated
@@ -107,6 +98,11 @@ def error_size(um: float, u_um: float) -> str:
         return f"< {error_size(u_um, 0.0)}"
     decimals = 1 if min(um, u_um or um) < 9.95 else 0
     return f"{um:.{decimals}f} ± {u_um:.{decimals}f}" if u_um > 0 else f"{um:.{decimals}f}"
+
+
+def bounded_error(um: float, u_um: float) -> str:
+    """Return an error in µm as `error_size` does, excluding the uncertainty."""
+    return error_size(um, u_um).partition(" ± ")[0]
 
 
 def size_in_words(um: float, u_um: float) -> str:

@@ -75,6 +75,6 @@ def act_of(moved: Cause | Movement, name: str, texts: Texts, alike: str | None) 
     return texts(f"check_act_{_kind(moved.what, alike)}", axis=moved.axis or "", name=name)
 
 
-def _kind(what: str, alike: str | None) -> str:
+def _kind(cause: str, alike: str | None) -> str:
     """Return the key of a cause in the texts, with the part that looks the same."""
-    return f"{what}_or_{alike}" if alike else what
+    return f"{cause}_or_{alike}" if alike else cause

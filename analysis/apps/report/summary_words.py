@@ -12,11 +12,12 @@ from analysis.apps.report.answer_words import (
     AnswerWords,
     has_model,
     is_complete,
+    judged_gap,
     large_parts,
     part_of,
     unusual_groups,
 )
-from analysis.apps.report.diagnosis_words import error_size, has_measured_noise, micrometres, size, sure
+from analysis.apps.report.diagnosis_words import error_size, has_measured_noise, measured_u, micrometres, size, sure
 from analysis.apps.report.summary import WITHOUT_FAULT, BarSegment, ErrorChange, Summary, Tone, with_driven_error
 from analysis.apps.report.texts import Texts, texts_of
 from analysis.correction.deviation import Deviation
@@ -236,35 +237,38 @@ class _SummaryWords:
         An assumed noise is no measured uncertainty of the two figures, and the basis says so.
         """
         change = self._error_change
-        if has_measured_noise(self.diagnosis):
-            return change
-        now, after = (figure.partition(" ± ")[0] for figure in (change.now, change.after))
-        return replace(change, now=now, after=after, basis=f"{change.basis} {self.texts('noise_assumed')}")
+        remarks = ["noise_assumed"] * (not has_measured_noise(self.diagnosis)) + ["error_bounded"] * (
+            "<" in change.words
+        )
+        return replace(change, basis=" ".join([change.basis, *map(self.texts, remarks)]))
 
     @property
     def _error_change(self) -> ErrorChange:
-        """The error now and after, each with the uncertainty of the noise of its runs."""
+        """The error now and after, each with the uncertainty of the measured noise of its runs."""
         diagnosis, texts, accuracy = self.diagnosis, self.texts, self.diagnosis.accuracy
         place: str = accuracy.place
         before_um, after_um = accuracy.before_there_um, accuracy.calibrated_um
-        gap = {"unseen": diagnosis.unseen, "held_out": diagnosis.held_out}.get(place) or diagnosis.train
+        gap = judged_gap(diagnosis)
         label = "error_left_by_model" if has_model(diagnosis) else "error_now_label"
         change = ErrorChange(texts(label), "", texts("error_after_label"), "", "", self.answer.judged)
         if place == "used" and self.judged_elsewhere:
             before_um, after_um = self.judged_elsewhere
             after = error_size(after_um, 0.0)
             return replace(change, now=error_size(before_um, 0.0), after=after, basis=texts("basis_unseen"))
-        now = error_size(before_um, gap.u_um)
+        now = self._error(before_um, gap.u_um)
         if not diagnosis.is_testable:
             return replace(change, now=now, basis=texts("basis_unknown"))
         if is_complete(diagnosis) and place == "used":
             return replace(change, now=now, basis=texts("basis_now"))
         if diagnosis.condition == "out_of_range":
-            after = error_size(diagnosis.train.after_um, diagnosis.train.left_u_um)
-            now = error_size(accuracy.now_um, diagnosis.train.u_um)
+            after = self._error(diagnosis.train.after_um, diagnosis.train.left_u_um)
+            now = self._error(accuracy.now_um, diagnosis.train.u_um)
             return replace(change, now=now, after=after, basis=texts("basis_out_of_range"))
         basis = " ".join(filter(None, [texts(f"basis_{place}"), self._each_by_itself]))
-        return replace(change, now=now, after=error_size(after_um, gap.left_u_um), basis=basis)
+        return replace(change, now=now, after=self._error(after_um, gap.left_u_um), basis=basis)
+
+    def _error(self, um: float, u_um: float) -> str:
+        return error_size(um, measured_u(self.diagnosis, u_um))
 
     @property
     def _each_by_itself(self) -> str:

@@ -177,6 +177,12 @@ def test_an_assumed_noise_is_no_uncertainty_of_the_error() -> None:
     """2.2 ± 14.7 µm stood above runs that nobody had repeated."""
     assumed = summarise(diagnosis("named", repeated=False, shows_noise=False)).error
     assert "±" not in assumed.words and EN("noise_assumed") in assumed.basis
+    noisy = replace(diagnosis().train, noise_floor_um=24.6, calibrated_um=3.8)
+    small = diagnosis(
+        "undecided", repeated=False, shows_noise=False, train=noisy, effects=(replace(PLAY, doubt="usual"),)
+    )
+    small = replace(small, accuracy=replace(small.accuracy, place="used", calibrated_um=3.8))
+    assert summarise(small).error.after == "3.8" and "3.8 µm" in AnswerWords(small).accuracy, "not < 17, by no reading"
     step = replace(LOAD, removes_um=90.0, removes_u_um=1.0, remains_um=10.0, remains_u_um=4.0)
     for repeated in (True, False):
         sentence = ActWords(diagnosis("named", repeated=repeated, shows_noise=False, acts=(step,))).sentence(step)
@@ -374,3 +380,18 @@ def test_an_assumed_noise_is_no_uncertainty_of_a_driven_error() -> None:
     measured = [one.model_copy(update={"u_um": 0.5}) for one in (before, after)]
     error = with_driven_error(summarise(diagnosis("nothing_unusual")), *measured, EN).error
     assert error.after == "2.9 ± 0.5" and EN("noise_assumed") not in error.basis
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_an_error_has_one_value_in_tile_sentence_and_table(language: Language) -> None:
+    """The tile stated an error as < 17 µm, and the details of the same page as 3.8 µm."""
+    texts, found = texts_of(language), diagnosis("named")
+    noisy = replace(found.train, noise_floor_um=24.6, calibrated_um=3.8)
+    judged = replace(found.accuracy, place="used", calibrated_um=3.8, before_there_um=90.0, now_um=90.0)
+    found = replace(found, train=replace(noisy, before_um=90.0), accuracy=judged)
+    error, words = summarise(found, texts).error, AnswerWords(found, texts)
+    assert error.after == "< 17" and error.basis.endswith(texts("error_bounded")), "a bound has its reason"
+    cells = words.gap_cells(found.train)
+    assert f"{error.after} µm" in words.accuracy and cells["gap_calibrated"] == error.after
+    assert error.now == "90 ± 17" and cells["gap_before"] == "90" and "90 µm" in words.accuracy
+    assert texts("error_bounded") not in summarise(diagnosis("named"), texts).error.basis
