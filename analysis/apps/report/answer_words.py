@@ -43,6 +43,7 @@ from analysis.diagnosis.judge.result import (
     is_sure,
     likely_rivals,
 )
+from analysis.diagnosis.judge.verdict import is_undecided
 from analysis.procedures.shared.quantity import quantity_of
 from rigs.effect_names import name_in_words
 from rigs.effects import Effect
@@ -76,6 +77,19 @@ def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
         and part not in faults
         and (is_certain_part(diagnosis, part) or part.members)
     ]
+
+
+def is_certain_except_small(diagnosis: Diagnosis) -> bool:
+    """Return whether an undecided diagnosis is certain about a large part of the error, and open only about small ones.
+
+    A fault in such a part could not change the first action on the error, which acts remove in the order of their size.
+    """
+    unexplained = diagnosis.unexplained
+    if diagnosis.condition != "undecided" or (unexplained and (unexplained.scatter_um or unexplained.unrepeated_um)):
+        return False
+    open_share = sum(share_of(diagnosis, named) for named in diagnosis.effects if is_undecided([named]))
+    certain = [part for part in large_parts(diagnosis) if is_sure(diagnosis, part)]
+    return 0 < open_share <= LEAST_SHARE and bool(certain)
 
 
 def sure_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
@@ -399,7 +413,7 @@ class AnswerWords:
         )
         return self.texts(
             "finding_usual_or_fault",
-            um=micrometres(named.worth_um),
+            share=percent(share_of(self.diagnosis, named)),
             usual=self.noun(named.effect),
             odds=sure(named.posterior),
             faults=faults,
@@ -466,6 +480,12 @@ class AnswerWords:
             return []
         share = self.texts("share_of_error", share=percent(min(max(part.share, 0.0), 1.0)))
         return [self._with_cancelled(part, share)]
+
+
+def share_of(diagnosis: Diagnosis, named: Named) -> float:
+    """Return the share of the error that an effect causes, also if the budget counts it with another part."""
+    part = part_of(diagnosis, named)
+    return min(part.share if part else (named.worth_um / diagnosis.accuracy.now_um) ** 2, 1.0)
 
 
 def _length(um: float) -> str:

@@ -11,6 +11,7 @@ from analysis.apps.report.answer_words import (
     HARMLESS,
     AnswerWords,
     has_model,
+    is_certain_except_small,
     is_complete,
     judged_gap,
     large_parts,
@@ -103,7 +104,8 @@ class _SummaryWords:
             # Plain scatter hides every other error, so that nothing is shown to be usual.
             is_hidden = diagnosis.unexplained is not None and diagnosis.unexplained.scatter_um is not None
             is_larger = any(part.share > LEAST_SHARE for part in unusual_groups(diagnosis))
-            keys.append("undecided" if is_hidden else "unusual_group" if is_larger else diagnosis.condition)
+            condition = "no_certain_fault" if is_certain_except_small(diagnosis) else diagnosis.condition
+            keys.append("undecided" if is_hidden else "unusual_group" if is_larger else condition)
         # Without a fault the badge alone would look like a pass, and with a fault like a fail.
         is_shown = keys[0] in WITHOUT_FAULT and diagnosis.accuracy.standing in ("watch", "fail")
         if is_shown or self._is_within_limits:
@@ -125,16 +127,17 @@ class _SummaryWords:
             return "fail"
         if first in HARMLESS and not others:
             return "pass"
-        return "unjudged" if first in ("undecided", "not_testable_here") else "watch"
+        return "unjudged" if first in ("undecided", "no_certain_fault", "not_testable_here") else "watch"
 
     @property
     def first_sentences(self) -> list[str]:
-        """Sentences that limit the conclusions, then the cause and the unexplained error.
+        """Sentences that limit the conclusions, then the cause, small undecided parts and the unexplained error.
 
         The cause is omitted if the readings contradict a stated constant, because the constant must be checked first.
         """
         remark = self.texts("fault_within_limits") if self._is_within_limits else ""
-        causes = [self._cause, *filter(None, [remark, self.answer.unexplained_too])]
+        undecided = self.answer.usual_or_faults if is_certain_except_small(self.diagnosis) else ""
+        causes = [self._cause, *filter(None, [remark, undecided, self.answer.unexplained_too])]
         return [*self.answer.preconditions, *([] if self.diagnosis.contradictions else causes)]
 
     @property
@@ -152,7 +155,8 @@ class _SummaryWords:
         if self.diagnosis.condition in ("out_of_range", "outside_library") or names_open:
             return self.answer.condition_sentence
         leading = self._leading()
-        if (undecided := self.answer.usual_or_faults) and not any(is_fault for _, is_fault in leading):
+        is_minor = any(is_fault for _, is_fault in leading) or is_certain_except_small(self.diagnosis)
+        if (undecided := self.answer.usual_or_faults) and not is_minor:
             return undecided
         if leading:
             (first, is_fault), *others = leading
@@ -236,11 +240,7 @@ class _SummaryWords:
 
         An assumed noise is no measured uncertainty of the two figures, and the basis says so.
         """
-        change = self._error_change
-        remarks = ["noise_assumed"] * (not has_measured_noise(self.diagnosis)) + ["error_bounded"] * (
-            "<" in change.words
-        )
-        return replace(change, basis=" ".join([change.basis, *map(self.texts, remarks)]))
+        return self._error_change.with_remarks(self.texts, is_measured=has_measured_noise(self.diagnosis))
 
     @property
     def _error_change(self) -> ErrorChange:
