@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from analysis.apps.report.answer_words import AnswerWords
-from analysis.apps.report.diagnosis_words import measured_u, micrometres, percent, size_in_words, sure, with_uncertainty
+from analysis.apps.report.diagnosis_words import measured_u, micrometres, percent, sure, with_uncertainty
 from analysis.apps.report.movement_words import act_after
 from analysis.apps.report.texts import Texts, texts_of
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
@@ -65,7 +65,7 @@ class ActWords:
         """Return the instruction of an act as a sentence."""
         texts = self.texts
         if act.kind == "none":
-            return texts(f"act_none_{act.why}", parts=self.parts(act))
+            return self._none(act)
         if act.kind == "measure":
             return self._measure(act)
         if act.why == "moved":
@@ -97,6 +97,14 @@ class ActWords:
             axis=texts.axis(self.diagnosis.rig.robot, axis) if axis else "",
         )
 
+    def _none(self, act: Act) -> str:
+        """Return why nothing is done about the parts of an act, and how a task avoids play within the limits."""
+        indices = [self.diagnosis.budget[k].index for k in act.parts if act.why == "sound"]
+        effects = [self.diagnosis.effects[k].effect for k in indices if k is not None]
+        avoidable = ", ".join(self.noun(effect) for effect in effects if effect.part == "reversal")
+        sentence = self.texts(f"act_none_{act.why}{'_within' * bool(indices)}", parts=self.parts(act))
+        return f"{sentence} {self.texts('act_none_sound_avoidable', parts=avoidable)}" if avoidable else sentence
+
     def removes(self, act: Act) -> str:
         """Return the error expected after an act, ± its standard uncertainty, and where this error was estimated.
 
@@ -121,12 +129,12 @@ class ActWords:
         sentences += [
             self.texts(
                 falls if act.removes else f"act_{key}", before=micrometres(before),
-                after=size_in_words(act.remains_um, measured_u(self.diagnosis, act.remains_u_um)),
+                after=micrometres(act.remains_um, measured_u(self.diagnosis, act.remains_u_um)),
                 place=self.texts(f"place_{act.place}"),
             )
         ]  # fmt: skip
         if act.with_before_um is not None:
-            after = size_in_words(act.with_before_um, measured_u(self.diagnosis, act.with_before_u_um))
+            after = micrometres(act.with_before_um, measured_u(self.diagnosis, act.with_before_u_um))
             sentences.append(self.texts("act_with_before", after=after))
         return " ".join(sentences)
 
@@ -188,9 +196,7 @@ class ActWords:
         )  # fmt: skip
 
     def _of_places(self, key: str) -> str:
-        """Return the key of a text, or its variant for runs that measured only poses or touches, with no ball and
-        gauges.
-        """
+        """Return the key of a text, or its variant for runs of poses or touches, which have no ball and gauges."""
         of_places = f"{key}_places"
         return of_places if of_places in self.texts.words and self.diagnosis.train.of_places else key
 
@@ -202,9 +208,7 @@ def acts_in_words(diagnosis: Diagnosis, texts: Texts) -> list[str]:
 
 
 def without_idle_mounts(acts: Sequence[Act]) -> tuple[Act, ...]:
-    """Return the acts except those that remount a part with negligible gain. If no other act exists, all are
-    returned.
-    """
+    """Return the acts except remounting with negligible gain, or all if no other act exists."""
     idle = [
         act
         for act in acts

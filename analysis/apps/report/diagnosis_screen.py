@@ -147,7 +147,7 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
     for named in diagnosis.written or diagnosis.standing:
         name = " + ".join(map(words.noun, (named.effect, *named.twins)))
         odds = "" if diagnosis.given else sure(named.posterior)
-        row = (size(named, times), f"{named.worth_um:.1f}", odds, _number(named.alone_um))
+        row = (size(named, times), f"{named.worth_um:.1f}", odds, error_size(named.alone_um, 0.0))
         table.add_row(Text(name, style="bold"), *row)
         for field in other_parameters(named):
             table.add_row(
@@ -176,10 +176,6 @@ def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
         texts("about_scatter") if diagnosis.train.of_places else "",
     ]
     return [table, *(Text(remark, style="dim") for remark in remarks if remark)]
-
-
-def _number(value: float) -> str:
-    return f"{value:.1f}" if math.isfinite(value) else ""
 
 
 def _inseparable(diagnosis: Diagnosis) -> list[RenderableType]:

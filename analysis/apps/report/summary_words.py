@@ -168,9 +168,7 @@ class _SummaryWords:
         return self.answer.condition_sentence
 
     def _leading(self) -> list[tuple[str, bool]]:
-        """Return the faults and the other large parts of the error as phrases, largest first, and a flag for each
-        fault.
-        """
+        """Return faults and other large parts of the error as phrases, largest first, each with a flag for a fault."""
         faults = [(part_of(self.diagnosis, named), named) for named in self.diagnosis.standing]
         phrases = [(part.share if part else 0.0, self._effect(named, part), True) for part, named in faults]
         phrases += [(part.share, self._part(part), False) for part in large_parts(self.diagnosis)]

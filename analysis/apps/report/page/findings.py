@@ -1,6 +1,4 @@
-"""The diagnosis on the page: faults in sentences, and tables of the error budget and the staircase with a bar in
-each row.
-"""
+"""The diagnosis on the page: faults in sentences, and tables with bars of the error budget and the staircase."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ from analysis.diagnosis.judge.remains import Unexplained
 from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis
 from analysis.movement.between import with_movements
 from rigs.effects import ClockRate, Effect, GaugeBaseline, GaugeScale
-from tests.support.handmade_diagnosis import ACTS, APART, LOAD, PLAY, REMASTER, ZERO, diagnosis
+from tests.support.handmade_diagnosis import ACTS, APART, LOAD, PLAY, REMASTER, SMALL, ZERO, budget, diagnosis
 
 EN = texts_of("en")
 CONDITIONS: tuple[Condition, ...] = get_args(Condition)
@@ -395,3 +395,29 @@ def test_an_error_has_one_value_in_tile_sentence_and_table(language: Language) -
     assert f"{error.after} µm" in words.accuracy and cells["gap_calibrated"] == error.after
     assert error.now == "90 ± 17" and cells["gap_before"] == "90" and "90 µm" in words.accuracy
     assert texts("error_bounded") not in summarise(diagnosis("named"), texts).error.basis
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_small_undecided_part_does_not_hide_what_is_certain(language: Language) -> None:
+    """The headline was an undecided 0.7 % of the error, and the certain play of 97 % was not named."""
+    texts = texts_of(language)
+    play = replace(PLAY, doubt="usual", posterior=1.0)
+    fault = replace(ZERO.rivals[0], posterior=0.06, is_fault=True)
+    wave = replace(SMALL, posterior=0.94, rivals=(fault,))
+    parts = [replace(part, share=share) for part, share in zip(budget((play, wave)), (0.97, 0.007), strict=False)]
+    found = diagnosis("undecided", effects=(play, wave), budget=tuple(parts), runs_to_decide=None, acts=(APART,))
+    summary, words = summarise(found, texts), AnswerWords(found, texts)
+    assert summary.badge == texts("badge_no_certain_fault") and summary.tone == "unjudged"
+    first, second = (summary.headline.lower().index(words.noun(one.effect).lower()) for one in (play, wave))
+    assert first < second and "0.7 %" in summary.headline and words.noun(fault.effect) in summary.headline
+    assert summary.headline.endswith(words.usual_or_faults) and words.usual_or_faults not in summary.unknowns
+    fails = replace(found, accuracy=replace(found.accuracy, standing="fail", limit="rig_file"))
+    assert summarise(fails, texts).tone == "fail" and texts("badge_limits_fail") in summarise(fails, texts).badge
+    plain = found.to_dict()
+    assert plain["condition"] == "undecided", "a script reads the same condition"
+    large = replace(found, budget=(replace(parts[0], share=0.8), replace(parts[1], share=0.15)))
+    unsure = replace(found, effects=(replace(play, posterior=0.6), wave))
+    scatters = replace(found, unexplained=Unexplained(0.0, scatter_um=230.0))
+    for matters in (large, unsure, scatters):
+        assert summarise(matters, texts).badge.startswith(texts("badge_undecided"))
+    assert not summarise(large, texts).headline.lower().startswith(words.noun(play.effect).lower())

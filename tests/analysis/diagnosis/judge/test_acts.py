@@ -149,6 +149,13 @@ def test_a_sound_arm_within_its_limits_is_left_as_it_is() -> None:
     acts = acts_of(passes, cast("JudgedPlace", _Judged()))
     assert acts[0] == Act("none", "sound", parts=(0,))
     assert not {act.kind for act in acts} & {"load", "approach", "repair"}
+    for language in LANGUAGES:
+        words = ActWords(passes, texts_of(language))
+        within, avoidable = (
+            words.texts(f"act_none_sound_{key}", parts=words.noun(play)) for key in ("within", "avoidable")
+        )
+        assert words.what(acts[0]) == f"{within} {avoidable}", "the reason, and how a task avoids the play"
+    assert ActWords(passes).what(Act("none", "sound")) == texts_of("en")("act_none_sound"), "without limits no reason"
     fails = replace(found, accuracy=replace(found.accuracy, standing="fail"))
     assert {act.kind for act in acts_of(fails, cast("JudgedPlace", _Judged()))} & {"load", "approach", "repair"}
 
