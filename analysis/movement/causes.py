@@ -58,9 +58,9 @@ class Cause:
 
 
 def look_alike(cause: Cause, axes: int, *, of_tracker: bool) -> Literal["instrument", "base", "tool"] | None:
-    """Return the part whose movement changes every reading as a cause does, or None.
+    """Return the part with the same change of every reading as a cause, or None.
 
-    An instrument that measures the flange looks like the base, a rotation about the first or last axis like the zero.
+    The instrument looks like the base to a tracker, a rotation about the first or last axis like the zero.
     """
     if cause.what == "base":
         return "instrument" if of_tracker else None

@@ -60,7 +60,7 @@ class MovementResult:
     doubts: tuple[str, ...] = ()
 
     def alike(self, cause: Cause) -> Literal["instrument", "base", "tool"] | None:
-        """Return the part whose movement looks like a cause in these readings, or None."""
+        """Return the part with the same readings as a cause, or None."""
         return look_alike(cause, len(self.zero_bounds_deg), of_tracker=self.of_tracker)
 
     def to_dict(self) -> dict[str, Any]:

@@ -98,7 +98,7 @@ class ActWords:
         )
 
     def _none(self, act: Act) -> str:
-        """Return why nothing is done about the parts of an act, and how a task avoids play within the limits."""
+        """Return the reason to leave the parts of an act unchanged, and the way to avoid play within the limits."""
         indices = [self.diagnosis.budget[k].index for k in act.parts if act.why == "sound"]
         effects = [self.diagnosis.effects[k].effect for k in indices if k is not None]
         avoidable = ", ".join(self.noun(effect) for effect in effects if effect.part == "reversal")

@@ -78,9 +78,9 @@ def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
 
 
 def is_certain_except_small(diagnosis: Diagnosis) -> bool:
-    """Return whether an undecided diagnosis is certain about a large part of the error, and open only about small ones.
+    """Return whether an undecided diagnosis is certain about a large part of the error, and open only in small parts.
 
-    A fault in such a part could not change the first action on the error, which acts remove in the order of their size.
+    A fault in a small part cannot be the first action, because actions are sorted by gain.
     """
     unexplained = diagnosis.unexplained
     if diagnosis.condition != "undecided" or (unexplained and (unexplained.scatter_um or unexplained.unrepeated_um)):
@@ -248,7 +248,7 @@ class AnswerWords:
 
     @property
     def judged(self) -> str:
-        """The verdict of the error against the limits, for the uncorrected arm that was driven."""
+        """The verdict of the error against the limits, for the uncorrected arm."""
         accuracy = self.diagnosis.accuracy
         if accuracy.standing is None or accuracy.limit is None:
             return self.texts("accuracy_open")
@@ -469,7 +469,7 @@ class AnswerWords:
 
 
 def share_of(diagnosis: Diagnosis, named: Named) -> float:
-    """Return the share of the error that an effect causes, also if the budget counts it with another part."""
+    """Return the share of the error caused by an effect, also if the budget counts it with a different part."""
     part = part_of(diagnosis, named)
     return min(part.share if part else (named.worth_um / diagnosis.accuracy.now_um) ** 2, 1.0)
 
@@ -480,7 +480,7 @@ def _length(um: float) -> str:
 
 
 def judged_gap(diagnosis: Diagnosis) -> Gap:
-    """Return the gap on the runs that judge the accuracy."""
+    """Return the gap of the runs used for the accuracy."""
     return {"unseen": diagnosis.unseen, "held_out": diagnosis.held_out}.get(diagnosis.accuracy.place) or diagnosis.train
 
 

@@ -130,7 +130,7 @@ and the shares are slightly optimistic.
 
 
 def remains_lines(remains: ResidualSummary, texts: Texts) -> list[str]:
-    """Return sentences on the residual at the validation places, and on the quantities that explain it."""
+    """Return sentences on the residual at the validation places, and the quantities correlated with it."""
     shares = {texts(f"remains_{looked.subject}"): looked.share for looked in remains.looked if looked.share is not None}
     shown = [f"{subject} {percent(share)}" for subject, share in shares.items() if share >= _FOUND]
     none = [subject for subject, share in shares.items() if share < _FOUND]
@@ -141,7 +141,7 @@ def remains_lines(remains: ResidualSummary, texts: Texts) -> list[str]:
 
 
 def remains_rows(remains: ResidualSummary, texts: Texts) -> list[tuple[str, str]]:
-    """Return a row for each tested quantity: its share of the residual, or the reason for no share."""
+    """Return a row for each tested quantity: its share of the residual, or the reason for a missing share."""
 
     def words(share: float | None) -> str:
         if share is None:

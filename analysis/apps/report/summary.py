@@ -55,7 +55,7 @@ class ErrorChange:
         return label[:1].upper() + label[1:]
 
     def with_remarks(self, texts: Texts, *, is_measured: bool) -> ErrorChange:
-        """Return the errors with a remark on noise that was not measured, and on errors stated as a bound."""
+        """Return the errors with remarks on unmeasured noise and on errors stated as a bound."""
         remarks = ["noise_assumed"] * (not is_measured) + ["error_bounded"] * ("<" in self.words)
         return replace(self, basis=" ".join([self.basis, *map(texts, remarks)]))
 

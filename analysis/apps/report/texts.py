@@ -158,7 +158,7 @@ class Texts:
         return self.words.get(f"test_{name}", name)
 
     def not_known(self, share: float) -> str:
-        """Return the sentence about the share of the work with unknown accuracy, after a space, or no text for 0."""
+        """Return the sentence about the share of the work with unknown accuracy, after a space; empty for 0."""
         key = "work_unknown_all" if share == 1 else "work_unknown"
         return f" {self(key, share=f'{max(100 * share, 1):.0f} %')}" if share else ""
 

@@ -15,7 +15,7 @@ class Movement:
     `translation_mm` and `rotation_deg` refer to the axes of the base, for a tool to the axes of the flange. A zero of
     `axis` has only `size_deg`. `u_mm` is the standard uncertainty of the length of the shift, `u_deg` of a zero,
     `u_rotation_deg` of the rotation. `row`: row of the file of `run` from which it moved, None between runs.
-    `alike`: part whose movement looks the same in these readings, None if the cause is distinguished from all others.
+    `alike`: part with the same readings, None if the cause is distinguished from every part.
     """
 
     from_: str
