@@ -18,6 +18,7 @@ from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.judge.act_list import (
     LEAST_SHARE,
     JudgedPlace,
+    _comes_first,  # private: the same as below
     _corrections,  # private: the rest of the actions needs a search
     _parameters_first,  # private: the same
     acts_of,
@@ -25,6 +26,7 @@ from analysis.diagnosis.judge.act_list import (
     one_after_the_other,
 )
 from analysis.diagnosis.judge.acts import Act
+from analysis.diagnosis.judge.remains import Unexplained
 from analysis.diagnosis.judge.result import BudgetPart, Diagnosis, GroupMember, Named, is_sure
 from analysis.diagnosis.judge.verdict import Gaps, condition_of, shows_time
 from analysis.diagnosis.plan.further_tests import PossibleTest
@@ -294,6 +296,18 @@ def test_what_hands_do_adds_up_and_what_a_program_does_not() -> None:
     ]
     said = one_after_the_other(acts, cast("JudgedPlace", _Judged()))
     assert [(act.with_before_um, act.with_before_u_um) for act in said] == [(None, None)] * 3 + [(8.0, 5.0)]
+
+
+def test_repeats_precede_a_correction_only_if_the_scatter_is_large() -> None:
+    """Fifty poses visited once: the correction, which cross-validation confirms, precedes repeats for a tenth."""
+    load, revisit = Act("load", "correction", (0,), removes_um=126.0), Act("measure", "revisit", parts=(1,))
+    found = diagnosis("nothing_unusual", repeated=False)
+    assert not _comes_first(revisit, [load], found)
+    assert _comes_first(replace(revisit, parts=(0,)), [load], found), "the scatter is the largest part"
+    unusual = replace(found, unexplained=Unexplained(0.0, unrepeated_um=80.0))
+    assert _comes_first(revisit, [load], unusual), "the scatter exceeds the usual one of arms and trackers"
+    fault = replace(load, kind="repair", why="fault")
+    assert not _comes_first(revisit, [fault], unusual), "a fault much larger than the deviations"
 
 
 def test_a_figure_that_was_not_computed_is_null_and_never_zero() -> None:
