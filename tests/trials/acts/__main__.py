@@ -139,7 +139,8 @@ class Scored:
 
     def __str__(self) -> str:
         act = self.act
-        stated = f"{act.gain_um + act.residual_um:.1f} to {act.residual_um:.1f} ± {act.remains_u_um or 0.0:.1f}"
+        figures = f"{act.gain_um + act.residual_um:.1f} to {act.residual_um:.1f} ± {act.remains_u_um or 0.0:.1f}"
+        stated = "nothing" if act.removes_um is None else figures
         verdict = {True: "as stated", False: "NOT as stated", None: "states nothing"}[self.fell_as_stated]
         named = {True: "named", False: "NOT NAMED", None: "-"}[self.is_named]
         return (
