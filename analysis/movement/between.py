@@ -13,6 +13,8 @@ from analysis.diagnosis.evidence.observation import ObservedRun, by_socket
 from analysis.diagnosis.evidence.placements import observe_runs
 from analysis.diagnosis.judge.act_list import MOVED
 from analysis.diagnosis.judge.result import Diagnosis
+from analysis.movement.cause_odds import odds_of
+from analysis.movement.causes import look_alike
 from analysis.movement.changes import MovementStep, find_step
 from analysis.procedures.checks.check_runs import findings_of, why_no_measurement
 from analysis.procedures.facts import facts_of, shows_joints
@@ -118,7 +120,7 @@ def _movement(runs: Sequence[Measured], where: int, row: int, step: MovementStep
         from_=from_,
         to=to,
         what=found.what,
-        odds=min(found.posterior / max(1 - found.posterior, 1e-12), 1e12),
+        odds=odds_of(found.posterior),
         axis=found.cause.axis,
         name=found.name,
         translation_mm=found.translation_mm,
@@ -129,8 +131,7 @@ def _movement(runs: Sequence[Measured], where: int, row: int, step: MovementStep
         u_rotation_deg=found.u_rotation_deg,
         run=names[where],
         row=None if row == 0 else int(rows[row]),
-        of_tracker=facts_of(piece.table.test).of_tracker,
-        axes=piece.model.arm.axes,
+        alike=look_alike(found.cause, piece.model.arm.axes, of_tracker=facts_of(piece.table.test).of_tracker),
     )
 
 

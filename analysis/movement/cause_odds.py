@@ -19,6 +19,13 @@ from rigs.schema.part import Vector
 
 _SHOWN = 1e-4
 """Posterior probability from which a cause is listed."""
+MOST_ODDS = 1000.0
+"""Largest odds stated. Chosen: larger ones depend on the assumed distribution of the scatter."""
+
+
+def odds_of(probability: float) -> float:
+    """Return the odds of a probability, at most `MOST_ODDS`."""
+    return min(probability / max(1 - probability, 1e-12), MOST_ODDS)
 
 
 @dataclass(frozen=True)

@@ -57,9 +57,14 @@ class Cause:
         return np.full(3, SHIFT_MM) if self.what in ("socket", "target", "tool") else np.empty(0)
 
 
-def look_alike(axis: int | None, axes: int) -> Literal["base", "tool"] | None:
-    """Return the part whose rotation about an axis changes every reading as the zero of that axis does, or None."""
-    return "base" if axis == 1 else "tool" if axis == axes else None
+def look_alike(cause: Cause, axes: int, *, of_tracker: bool) -> Literal["instrument", "base", "tool"] | None:
+    """Return the part with the same change of every reading as a cause, or None.
+
+    The instrument looks like the base to a tracker, a rotation about the first or last axis like the zero.
+    """
+    if cause.what == "base":
+        return "instrument" if of_tracker else None
+    return "base" if cause.axis == 1 else "tool" if cause.axis == axes else None
 
 
 NOTHING, OTHER = Cause("nothing"), Cause("other")

@@ -16,15 +16,12 @@ from analysis.apps.report.html_page import environment, write_html
 from analysis.apps.report.movement_words import act_of, name_of, size_of
 from analysis.apps.report.texts import Language, Texts, texts_of
 from analysis.cli.plain_console import bare_table, right
-from analysis.movement.cause_odds import short_name
-from analysis.movement.causes import NOTHING, look_alike
+from analysis.movement.cause_odds import MOST_ODDS, odds_of, short_name
+from analysis.movement.causes import NOTHING
 from analysis.movement.inference import FEWEST_TO_CLEAR
 from rigs.schema.part import Vector
 
 _ENGLISH = texts_of("en")
-_MOST_ODDS = 1000
-"""Odds above which the text states only this bound."""
-
 _WIDE_DEG = 0.03
 """Smallest possible error of a joint zero that is reported: half a millimetre at a metre."""
 _MOST_CAUSES = 8
@@ -87,10 +84,8 @@ def write_page(moved: MovementResult, path: Path, name: str, language: Language 
 
 def odds(probability: float, texts: Texts = _ENGLISH) -> str:
     """Return a probability as odds."""
-    ratio = probability / max(1 - probability, 1e-12)
-    if ratio > _MOST_ODDS:
-        return texts("check_odds_bound", ratio=_MOST_ODDS)
-    return texts("check_odds", ratio=f"{ratio:.0f}")
+    ratio = odds_of(probability)
+    return texts("check_odds_bound" if ratio >= MOST_ODDS else "check_odds", ratio=f"{ratio:.0f}")
 
 
 def headline(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
@@ -130,8 +125,7 @@ def what_to_do(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
     named = moved.named
     if named is not None:
         causes = [member.cause for member in named.together] or [named.cause]
-        axes = len(moved.zero_bounds_deg)
-        acts = [act_of(cause, short_name(cause), texts, axes, of_tracker=moved.of_tracker) for cause in causes]
+        acts = [act_of(cause, short_name(cause), texts, moved.alike(cause)) for cause in causes]
         return " ".join(dict.fromkeys(acts))
     if moved.next_posture is not None:
         return next_words(moved.next_posture, texts)
@@ -164,8 +158,8 @@ def remarks(moved: MovementResult, texts: Texts = _ENGLISH) -> list[str]:
     named = moved.named
     if moved.wild_row is not None:
         lines.append(texts("check_wild", row=moved.wild_row))
-    alike = named and look_alike(named.cause.axis, len(moved.zero_bounds_deg))
-    if named is not None and alike:
+    alike = named and moved.alike(named.cause)
+    if named is not None and alike in ("base", "tool"):
         lines.append(texts(f"check_{alike}_alike", axis=named.cause.axis))
     if named is not None and named.what == "nothing":
         bounds = enumerate(moved.zero_bounds_deg, start=1)

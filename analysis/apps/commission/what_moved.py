@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from analysis.apps.commission.next_touch import (
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.movement.between import observed
 from analysis.movement.cause_odds import CauseOdds, causes_by_odds, short_name, vector_of
-from analysis.movement.causes import NOTHING
+from analysis.movement.causes import NOTHING, Cause, look_alike
 from analysis.movement.inference import (
     FEWEST_OF_REFERENCE,
     MOST_MM,
@@ -59,12 +59,16 @@ class MovementResult:
     """Largest error of each zero compatible with the new readings if only that zero moved: |size| + 2 u."""
     doubts: tuple[str, ...] = ()
 
+    def alike(self, cause: Cause) -> Literal["instrument", "base", "tool"] | None:
+        """Return the part with the same readings as a cause, or None."""
+        return look_alike(cause, len(self.zero_bounds_deg), of_tracker=self.of_tracker)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the result in plain types for JSON."""
         step = self.next_posture
         return {
-            "named": self.named and self.named.to_dict(),
-            "causes": [cause.to_dict() for cause in self.causes],
+            "named": self.named and self.named.to_dict() | {"alike": self.alike(self.named.cause)},
+            "causes": [cause.to_dict() | {"alike": self.alike(cause.cause)} for cause in self.causes],
             "cannot_separate": [
                 {"what": cause.what, "axis": cause.cause.axis, "name": cause.name or None}
                 for cause in self.cannot_separate

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from analysis.apps.report.answer_words import AnswerWords
-from analysis.apps.report.diagnosis_words import measured_u, micrometres, percent, size_in_words, sure, with_uncertainty
+from analysis.apps.report.diagnosis_words import measured_u, micrometres, percent, sure, with_uncertainty
 from analysis.apps.report.movement_words import act_after
 from analysis.apps.report.texts import Texts, texts_of
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
@@ -56,16 +56,16 @@ class ActWords:
             earlier.kind == "load" for earlier in before
         )
         is_otherwise = act.kind == "load" and any(earlier.kind == "check" for earlier in before)
+        condition = self.texts("act_otherwise") if is_otherwise else ""  # before the command that it restricts
         instead = self.texts("act_instead") if is_instead and not corrected else ""
-        instead = self.texts("act_otherwise") if is_otherwise else instead
-        sentence = " ".join(filter(None, [self.what(act), self.removes(act), instead]))
+        sentence = " ".join(filter(None, [condition, self.what(act), self.removes(act), instead]))
         return f"{sentence.removesuffix('.')} ({against})." if against else sentence
 
     def what(self, act: Act) -> str:
         """Return the instruction of an act as a sentence."""
         texts = self.texts
         if act.kind == "none":
-            return texts(f"act_none_{act.why}", parts=self.parts(act))
+            return self._none(act)
         if act.kind == "measure":
             return self._measure(act)
         if act.why == "moved":
@@ -97,17 +97,25 @@ class ActWords:
             axis=texts.axis(self.diagnosis.rig.robot, axis) if axis else "",
         )
 
+    def _none(self, act: Act) -> str:
+        """Return the reason to leave the parts of an act unchanged, and the way to avoid play within the limits."""
+        indices = [self.diagnosis.budget[k].index for k in act.parts if act.why == "sound"]
+        effects = [self.diagnosis.effects[k].effect for k in indices if k is not None]
+        avoidable = ", ".join(self.noun(effect) for effect in effects if effect.part == "reversal")
+        sentence = self.texts(f"act_none_{act.why}{'_within' * bool(indices)}", parts=self.parts(act))
+        return f"{sentence} {self.texts('act_none_sound_avoidable', parts=avoidable)}" if avoidable else sentence
+
     def removes(self, act: Act) -> str:
         """Return the error expected after an act, ± its standard uncertainty, and where this error was estimated.
 
         The sentence says so if the error was not computed. It is empty for acts that remove no error.
         """
-        if act.kind == "approach" and act.removes_um is None:
-            return self.texts("act_not_computed")
         if act.kind in ("none", "measure") or (act.effect is None and act.kind != "load"):
             return ""
-        before = act.gain_um + act.remains_um
-        change = act.gain_um / before if before > 0 else 0.0
+        if act.removes_um is None or act.remains_um is None:
+            return self.texts("act_not_computed")
+        before = act.removes_um + act.remains_um
+        change = act.removes_um / before if before > 0 else 0.0
         falls = f"act_{'load_' * (act.kind == 'load' and self.diagnosis.rig.takes_programs)}changes"
         key = "hardly" if abs(change) < LEAST_SHARE else "may_change" if change > 0 else "grows"
         sentences = []
@@ -121,12 +129,12 @@ class ActWords:
         sentences += [
             self.texts(
                 falls if act.removes else f"act_{key}", before=micrometres(before),
-                after=size_in_words(act.remains_um, measured_u(self.diagnosis, act.remains_u_um)),
+                after=micrometres(act.remains_um, measured_u(self.diagnosis, act.remains_u_um)),
                 place=self.texts(f"place_{act.place}"),
             )
         ]  # fmt: skip
         if act.with_before_um is not None:
-            after = size_in_words(act.with_before_um, measured_u(self.diagnosis, act.with_before_u_um))
+            after = micrometres(act.with_before_um, measured_u(self.diagnosis, act.with_before_u_um))
             sentences.append(self.texts("act_with_before", after=after))
         return " ".join(sentences)
 
@@ -188,9 +196,7 @@ class ActWords:
         )  # fmt: skip
 
     def _of_places(self, key: str) -> str:
-        """Return the key of a text, or its variant for runs that measured only poses or touches, with no ball and
-        gauges.
-        """
+        """Return the key of a text, or its variant for runs of poses or touches, which have no ball and gauges."""
         of_places = f"{key}_places"
         return of_places if of_places in self.texts.words and self.diagnosis.train.of_places else key
 
@@ -202,16 +208,14 @@ def acts_in_words(diagnosis: Diagnosis, texts: Texts) -> list[str]:
 
 
 def without_idle_mounts(acts: Sequence[Act]) -> tuple[Act, ...]:
-    """Return the acts except those that remount a part with negligible gain. If no other act exists, all are
-    returned.
-    """
+    """Return the acts except remounting with negligible gain, or all if no other act exists."""
     idle = [
         act
         for act in acts
         if act.kind == "mount"
         and act.effect is not None
         and act.removes_um is not None
-        and abs(act.removes_um) <= LEAST_SHARE * (act.removes_um + act.remains_um)
+        and abs(act.removes_um) <= LEAST_SHARE * (act.removes_um + act.residual_um)
     ]
     return tuple(act for act in acts if act not in idle) or tuple(acts)
 

@@ -14,11 +14,12 @@ from typing import Any
 
 from analysis.apps.report.diagnosis_words import (
     LEAST_ODDS,
+    error_size,
+    measured_u,
     micrometres,
     percent,
     plain,
     size,
-    size_in_words,
     sure,
 )
 from analysis.apps.report.movement_words import movement_sentence
@@ -32,6 +33,7 @@ from analysis.diagnosis.judge.result import (
     LARGE_SHARE,
     BudgetPart,
     Diagnosis,
+    Gap,
     Named,
     Rival,
     fault_rivals,
@@ -39,6 +41,7 @@ from analysis.diagnosis.judge.result import (
     is_sure,
     likely_rivals,
 )
+from analysis.diagnosis.judge.verdict import is_undecided
 from analysis.procedures.shared.quantity import quantity_of
 from rigs.effect_names import name_in_words
 from rigs.effects import Effect
@@ -74,10 +77,21 @@ def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
     ]
 
 
-def sure_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
-    """Return the certain single effects that are larger than on most arms but neither faults nor large parts of the
-    error.
+def is_certain_except_small(diagnosis: Diagnosis) -> bool:
+    """Return whether an undecided diagnosis is certain about a large part of the error, and open only in small parts.
+
+    A fault in a small part cannot be the first action, because actions are sorted by gain.
     """
+    unexplained = diagnosis.unexplained
+    if diagnosis.condition != "undecided" or (unexplained and (unexplained.scatter_um or unexplained.unrepeated_um)):
+        return False
+    open_share = sum(share_of(diagnosis, named) for named in diagnosis.effects if is_undecided([named]))
+    certain = [part for part in large_parts(diagnosis) if is_sure(diagnosis, part)]
+    return 0 < open_share <= LEAST_SHARE and bool(certain)
+
+
+def sure_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
+    """Return certain single effects that are larger than on most arms, but neither faults nor large parts."""
     large = large_parts(diagnosis)
     return [
         part
@@ -193,9 +207,7 @@ class AnswerWords:
 
     @property
     def visits(self) -> str:
-        """The difference between visits of a target or repeats of a circle, if it exceeds the usual repeatability;
-        otherwise empty.
-        """
+        """The difference between visits or repeats if it exceeds the usual repeatability; otherwise empty."""
         visits_um = self.diagnosis.unexplained.visits_um if self.diagnosis.unexplained else None
         places = "_places" if self.diagnosis.train.of_places else ""
         return self.texts(f"finding_repeats_differ{places}", um=_length(visits_um)) if visits_um else ""
@@ -203,26 +215,40 @@ class AnswerWords:
     @property
     def accuracy(self) -> str:
         """The present error, and the error after calibration on unseen runs or, if there are none, on the runs used."""
-        accuracy = self.diagnosis.accuracy
+        accuracy, gap = self.diagnosis.accuracy, judged_gap(self.diagnosis)
         model = "error_corrected" if has_model(self.diagnosis) else "error_now"
-        now = self.texts(model, now=micrometres(accuracy.now_um), largest=micrometres(accuracy.now_largest_um))
-        values = {"left": micrometres(accuracy.calibrated_um), "before": micrometres(accuracy.before_there_um)}
+        now_um = self._bounded(accuracy.now_um, self.diagnosis.train.u_um)
+        now = self.texts(model, now=f"{now_um} µm", largest=micrometres(accuracy.now_largest_um))
+        left_um = self._bounded(accuracy.calibrated_um, gap.left_u_um)
+        values = {"left": f"{left_um} µm", "before": f"{self._bounded(accuracy.before_there_um, gap.u_um)} µm"}
         if is_complete(self.diagnosis) and accuracy.place == "used":
             return now
         place: str = accuracy.place
         if place == "used" and self.judged_elsewhere:
-            before_um, left_um = self.judged_elsewhere
-            place, values = "unseen", {"left": micrometres(left_um), "before": micrometres(before_um)}
+            before_um, after_um = map(micrometres, self.judged_elsewhere)
+            place, values = "unseen", {"left": after_um, "before": before_um}
         which = f"calibrated_{place}" if self.diagnosis.is_testable else "calibrated_unknown"
         if self.diagnosis.condition == "out_of_range":
-            which, values = "calibrated_out_of_range", {"left": micrometres(self.diagnosis.train.after_um)}
+            left_um = self._bounded(self.diagnosis.train.after_um, self.diagnosis.train.left_u_um)
+            which, values = "calibrated_out_of_range", {"left": f"{left_um} µm"}
         return f"{now} {self.texts(which, **values)}"
+
+    def gap_cells(self, gap: Gap) -> dict[str, str]:
+        """Return the errors of a gap in µm by the text key of the column; an error much smaller than its u as "< u"."""
+        diagnosis = self.diagnosis
+        errors = {"gap_before": (gap.before_um, gap.u_um)}
+        errors |= {"gap_after": (gap.after_um, gap.left_u_um)} if diagnosis.standing else {}
+        errors |= {"gap_calibrated": (gap.calibrated_um, gap.left_u_um)} if diagnosis.is_modelled else {}
+        cells = {key: self._bounded(*error) for key, error in errors.items()}
+        return cells | {"noise" if diagnosis.shows_noise else "assumed_noise": error_size(gap.noise_floor_um, 0.0)}
+
+    def _bounded(self, um: float, u_um: float) -> str:
+        """Return an error in µm, or "< u" if it is much smaller than its measured standard uncertainty."""
+        return error_size(um, measured_u(self.diagnosis, u_um)).partition(" ± ")[0]
 
     @property
     def judged(self) -> str:
-        """The verdict of the error against the limits. It applies to the uncorrected arm, since no run was driven
-        with corrections.
-        """
+        """The verdict of the error against the limits, for the uncorrected arm."""
         accuracy = self.diagnosis.accuracy
         if accuracy.standing is None or accuracy.limit is None:
             return self.texts("accuracy_open")
@@ -236,7 +262,7 @@ class AnswerWords:
 
     def describe_parts_alone(self, parts: Sequence[BudgetPart]) -> list[str]:
         """Return a phrase with the individual rms in µm for each of several parts that partly cancel."""
-        return [self.texts("alone", part=self.short_name(part), um=size_in_words(part.um, part.u_um)) for part in parts]
+        return [self.texts("alone", part=self.short_name(part), um=micrometres(part.um, part.u_um)) for part in parts]
 
     def _with_cancelled(self, part: BudgetPart, words: str) -> str:
         others = ", ".join(map(self.short_name, part.shown_together[1:]))
@@ -276,9 +302,7 @@ class AnswerWords:
         return words.format(**fields_of(effect) | {"joint": joint})
 
     def _condition(self) -> str:
-        """Return a sentence on the limits of these runs, or on a search without result; empty if the faults are the
-        full answer.
-        """
+        """Return a sentence on the limits of these runs or of the search; empty if the faults are the full answer."""
         if self.diagnosis.condition in ("named", "ambiguous"):
             return self.unexplained_too
         if usual_or_fault := self.usual_or_faults:
@@ -331,9 +355,7 @@ class AnswerWords:
 
     @property
     def unexplained_too(self) -> str:
-        """A sentence on the error of unknown cause; empty if the condition or the deviations from the model already
-        state it.
-        """
+        """A sentence on the error of unknown cause; empty if a different sentence already states it."""
         remainder, condition = self.diagnosis.remainder, self.diagnosis.condition
         if not remainder.is_material or self.unrepeated or condition in ("outside_library", "out_of_range"):
             return ""
@@ -377,7 +399,7 @@ class AnswerWords:
         )
         return self.texts(
             "finding_usual_or_fault",
-            um=micrometres(named.worth_um),
+            share=percent(share_of(self.diagnosis, named)),
             usual=self.noun(named.effect),
             odds=sure(named.posterior),
             faults=faults,
@@ -446,9 +468,20 @@ class AnswerWords:
         return [self._with_cancelled(part, share)]
 
 
+def share_of(diagnosis: Diagnosis, named: Named) -> float:
+    """Return the share of the error caused by an effect, also if the budget counts it with a different part."""
+    part = part_of(diagnosis, named)
+    return min(part.share if part else (named.worth_um / diagnosis.accuracy.now_um) ** 2, 1.0)
+
+
 def _length(um: float) -> str:
     """Return a length in mm from 0.1 mm upwards, and in µm below."""
     return f"{1e-3 * um:.2f} mm" if um >= 100 else micrometres(um)
+
+
+def judged_gap(diagnosis: Diagnosis) -> Gap:
+    """Return the gap of the runs used for the accuracy."""
+    return {"unseen": diagnosis.unseen, "held_out": diagnosis.held_out}.get(diagnosis.accuracy.place) or diagnosis.train
 
 
 def part_of(diagnosis: Diagnosis, named: Named) -> BudgetPart | None:

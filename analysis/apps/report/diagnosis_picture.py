@@ -58,9 +58,7 @@ def picture(diagnosis: Diagnosis, *, in_session: bool = False) -> Figure:
 
 
 def disagreement_picture(disagreement: Disagreement) -> Figure:
-    """Draw the disagreement between the model of a rig file and the readings, and the staircase of the model's
-    effects.
-    """
+    """Draw the disagreement of a rig file's model and the readings, and the staircase of its effects."""
     parts, quiet = _parts(disagreement, stairs_of_model(disagreement), disagreement.floor_um)
     words = _not_shown(quiet)
     parts.append((0.2 + 0.17 * len(words), lambda sheet: _draw_words(sheet, words)))

@@ -15,6 +15,7 @@ from analysis.apps.report.act_words import acts_in_words
 from analysis.apps.report.answer_words import AnswerWords, shown_parts
 from analysis.apps.report.diagnosis_words import (
     closed,
+    error_size,
     held_out_rows,
     micrometres,
     other_parameters,
@@ -24,7 +25,6 @@ from analysis.apps.report.diagnosis_words import (
     size,
     stretch,
     sure,
-    um_with_u,
     with_uncertainty,
 )
 from analysis.apps.report.stairs import stairs_of, stairs_table
@@ -113,9 +113,11 @@ def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
         name = ", ".join(filter(None, [words.short_name(part), words.size_of(part)]))
         times = f"{part.times_usual:.1f}" if part.times_usual is not None else ""
         style = "bold" if part.rank == "unusual" else ""
-        table.add_row(name, um_with_u(part.um, part.u_um), percent(part.share), times, words.rank_of(part), style=style)
+        table.add_row(
+            name, error_size(part.um, part.u_um), percent(part.share), times, words.rank_of(part), style=style
+        )
         for line in part.shown_together:  # individual sizes of parts that partly cancel and share the line above
-            table.add_row(f"  {words.short_name(line)}, alone", um_with_u(line.um, line.u_um), "", "", "", style="dim")
+            table.add_row(f"  {words.short_name(line)}, alone", error_size(line.um, line.u_um), "", "", "", style="dim")
     if small:
         share = sum(part.share for part in small)
         table.add_row(
@@ -145,7 +147,7 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
     for named in diagnosis.written or diagnosis.standing:
         name = " + ".join(map(words.noun, (named.effect, *named.twins)))
         odds = "" if diagnosis.given else sure(named.posterior)
-        row = (size(named, times), f"{named.worth_um:.1f}", odds, _number(named.alone_um))
+        row = (size(named, times), f"{named.worth_um:.1f}", odds, error_size(named.alone_um, 0.0))
         table.add_row(Text(name, style="bold"), *row)
         for field in other_parameters(named):
             table.add_row(
@@ -159,30 +161,21 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
 
 
 def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
-    texts, effects = texts_of("en"), bool(diagnosis.standing)
-    floor = texts("noise" if diagnosis.shows_noise else "assumed_noise")
-    last = ("calibrated", floor) if diagnosis.is_modelled else (floor,)
-    headings = ("before", "with named effects", *last, "explained") if effects else ("before", *last)
-    table = bare_table("µm rms", *map(right, headings))
+    words, texts, last = AnswerWords(diagnosis), texts_of("en"), ["explained"] * bool(diagnosis.standing)
+    table = bare_table("µm rms", *map(right, [*map(texts, words.gap_cells(diagnosis.train)), *last]))
     places = (("used", diagnosis.train), ("held_out", diagnosis.held_out), ("unseen", diagnosis.unseen))
     for place, gap in places:
         if gap is not None:
-            ends = (gap.calibrated_um, gap.noise_floor_um) if diagnosis.is_modelled else (gap.noise_floor_um,)
-            cells = (gap.before_um, gap.after_um, *ends) if effects else (gap.before_um, *ends)
             how = "" if gap.keeps_setup else ", separate set-up"
             share = closed(gap)
-            percents = [f"{100 * share:.1f} %" if math.isfinite(share) else ""] if effects else []
-            table.add_row(f"{texts(f'runs_{place}')}{how}", *map(_number, cells), *percents)
+            percents = [f"{100 * share:.1f} %" if math.isfinite(share) else ""] if last else []
+            table.add_row(f"{texts(f'runs_{place}')}{how}", *words.gap_cells(gap).values(), *percents)
     remarks = [
         held_out_rows(diagnosis, texts),
         "" if diagnosis.shows_noise else texts("noise_assumed"),
         texts("about_scatter") if diagnosis.train.of_places else "",
     ]
     return [table, *(Text(remark, style="dim") for remark in remarks if remark)]
-
-
-def _number(value: float) -> str:
-    return f"{value:.1f}" if math.isfinite(value) else ""
 
 
 def _inseparable(diagnosis: Diagnosis) -> list[RenderableType]:

@@ -42,9 +42,7 @@ def size(named: Named | Rival | GroupMember, times: float = 1.0) -> str:
 
 
 def other_parameters(named: Named) -> list[str]:
-    """Return the parameters of an effect other than its size: the fitted ones, and the required ones such as a
-    gear's order.
-    """
+    """Return the parameters of an effect other than its size, if fitted, or required such as a gear's order."""
     fields = type(named.effect).model_fields
     return [
         field
@@ -73,20 +71,9 @@ def percent(share: float) -> str:
     return f"{value:.0f} %" if abs(value) >= 0.95 else f"{value:z.1f} %"
 
 
-def micrometres(um: float) -> str:
-    """Return a size in µm: two digits below ten, whole numbers above."""
-    if not math.isfinite(um):
-        return "–"
-    return f"{um:.0f} µm" if um >= 9.95 else f"{um:.1f} µm"
-
-
-def um_with_u(um: float, u_um: float) -> str:
-    """Return a size in µm ± standard uncertainty to a tenth, for a table column; "< u" if much smaller than u."""
-    if not math.isfinite(um):
-        return "–"
-    if um < _UPPER_BOUND * u_um:
-        return f"< {u_um:.1f}"
-    return f"{um:.1f} ± {u_um:.1f}" if u_um > 0 else f"{um:.1f}"
+def micrometres(um: float, u_um: float = 0.0) -> str:
+    """Return a size in µm ± standard uncertainty: two digits below ten, whole numbers above."""
+    return f"{error_size(um, u_um)} µm" if math.isfinite(um) else "–"
 
 
 def has_measured_noise(diagnosis: Diagnosis) -> bool:
@@ -94,9 +81,9 @@ def has_measured_noise(diagnosis: Diagnosis) -> bool:
     return diagnosis.shows_noise or diagnosis.repeated
 
 
-def measured_u(diagnosis: Diagnosis, u_um: float) -> float:
-    """Return the standard uncertainty of an error; 0 if it would come from an assumed noise."""
-    return u_um if has_measured_noise(diagnosis) else 0.0
+def measured_u(diagnosis: Diagnosis, u_um: float | None) -> float:
+    """Return the standard uncertainty of an error; 0 if it is unknown or would come from an assumed noise."""
+    return (u_um or 0.0) if has_measured_noise(diagnosis) else 0.0
 
 
 def error_size(um: float, u_um: float) -> str:
@@ -107,11 +94,6 @@ def error_size(um: float, u_um: float) -> str:
         return f"< {error_size(u_um, 0.0)}"
     decimals = 1 if min(um, u_um or um) < 9.95 else 0
     return f"{um:.{decimals}f} ± {u_um:.{decimals}f}" if u_um > 0 else f"{um:.{decimals}f}"
-
-
-def size_in_words(um: float, u_um: float) -> str:
-    """Return a size in µm ± standard uncertainty; "< u" if much smaller than u."""
-    return f"{error_size(um, u_um)} µm" if math.isfinite(um) and u_um > 0 else micrometres(um)
 
 
 def runs_of(place: ResidualPlace | Curve | ResidualBand) -> str:
@@ -130,9 +112,7 @@ def stretch(place: ResidualPlace) -> str:
 
 
 def closed(gap: Gap) -> float:
-    """Return the share of the gap's energy explained by the named effects and the healthy model; nan for a gap of
-    zero.
-    """
+    """Return the share of the gap's energy explained by the calibrated model; nan for a gap of zero."""
     return 1 - (gap.calibrated_um / gap.before_um) ** 2 if gap.before_um > 0 else math.nan
 
 
@@ -150,9 +130,7 @@ and the shares are slightly optimistic.
 
 
 def remains_lines(remains: ResidualSummary, texts: Texts) -> list[str]:
-    """Return two sentences: the residual at the validation places, and the quantities that explain some or none of
-    it.
-    """
+    """Return sentences on the residual at the validation places, and the quantities correlated with it."""
     shares = {texts(f"remains_{looked.subject}"): looked.share for looked in remains.looked if looked.share is not None}
     shown = [f"{subject} {percent(share)}" for subject, share in shares.items() if share >= _FOUND]
     none = [subject for subject, share in shares.items() if share < _FOUND]
@@ -163,9 +141,7 @@ def remains_lines(remains: ResidualSummary, texts: Texts) -> list[str]:
 
 
 def remains_rows(remains: ResidualSummary, texts: Texts) -> list[tuple[str, str]]:
-    """Return a row for each quantity tested as an explanation: its share of the residual, or the reason for no
-    share.
-    """
+    """Return a row for each tested quantity: its share of the residual, or the reason for a missing share."""
 
     def words(share: float | None) -> str:
         if share is None:

@@ -47,9 +47,7 @@ def simulated_charts(
 
 
 def compared_chart(before: Sequence[Comparison], after: Sequence[Comparison], texts: Texts) -> Chart:
-    """Return a chart of measured and simulated error of runs with the same title, and also simulated with effects if
-    available.
-    """
+    """Return a chart of measured and simulated errors of runs with the same title, also with effects if given."""
     result, is_angle = before[0].result, before[0].unit == "deg"
     unit, factor = _IN_PICTURE[before[0].unit]
     # Places of a repeatability run: each target from outside and from inside
@@ -149,9 +147,7 @@ def _size(values: Array, part: str) -> float:
 
 
 def diagnosis_charts(diagnosis: Diagnosis, texts: Texts) -> list[Chart]:
-    """Return charts of readings and model along circles, and of residuals at targets, for each step of the
-    staircase.
-    """
+    """Return charts of readings and model on circles, and of residuals at targets, for each step."""
     stairs = stairs_of(diagnosis, texts)
     charts, _ = strand_charts(diagnosis, texts)
     if stairs and charts:

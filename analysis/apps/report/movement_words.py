@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from analysis.apps.report.texts import Texts, texts_of
 from analysis.diagnosis.evidence.movements import Movement
 from analysis.movement.cause_odds import CauseOdds, short_name
-from analysis.movement.causes import Cause, look_alike
+from analysis.movement.causes import Cause
 from rigs.schema.part import Vector
 
 _ENGLISH = texts_of("en")
@@ -21,7 +21,7 @@ def name_of(cause: Cause, texts: Texts = _ENGLISH, *, of_tracker: bool = False) 
     if cause.members:
         first, second = (name_of(member, texts, of_tracker=of_tracker) for member in cause.members)
         return texts("cause_pair", first=first, second=second)
-    kind = "base_tracker" if cause.what == "base" and of_tracker else cause.what
+    kind = "base_or_instrument" if cause.what == "base" and of_tracker else cause.what
     return texts(f"cause_{kind}", axis=cause.axis or "", name=short_name(cause)).rstrip()
 
 
@@ -38,7 +38,7 @@ def size_of(cause: CauseOdds, texts: Texts = _ENGLISH) -> str:
 
 def movement_sentence(movement: Movement, texts: Texts) -> str:
     """Return a movement found among the runs of a diagnosis as a sentence."""
-    kind = _kind(movement, movement.axes, of_tracker=movement.of_tracker)
+    kind = _kind(movement.what, movement.alike)
     thing = texts(f"moved_{kind}", axis=movement.axis or "", name=movement.name).rstrip()
     size = ""
     if movement.size_deg is not None and movement.u_deg is not None:
@@ -67,17 +67,14 @@ def _shift(shift_mm: Vector, u_mm: float, turn_deg: Vector | None, u_turn_deg: f
 
 def act_after(movements: Sequence[Movement], texts: Texts) -> str:
     """Return the recommended action after movements found among the runs of a diagnosis."""
-    acts = [act_of(moved, moved.name, texts, moved.axes, of_tracker=moved.of_tracker) for moved in movements]
-    return " ".join(dict.fromkeys(acts))
+    return " ".join(dict.fromkeys(act_of(moved, moved.name, texts, moved.alike) for moved in movements))
 
 
-def act_of(moved: Cause | Movement, name: str, texts: Texts, axes: int, *, of_tracker: bool) -> str:
-    """Return the recommended action after a movement of a cause with a given name."""
-    return texts(f"check_act_{_kind(moved, axes, of_tracker=of_tracker)}", axis=moved.axis or "", name=name)
+def act_of(moved: Cause | Movement, name: str, texts: Texts, alike: str | None) -> str:
+    """Return the recommended action after a movement of a cause with a given name. alike: see `look_alike`."""
+    return texts(f"check_act_{_kind(moved.what, alike)}", axis=moved.axis or "", name=name)
 
 
-def _kind(moved: Cause | Movement, axes: int, *, of_tracker: bool) -> str:
+def _kind(cause: str, alike: str | None) -> str:
     """Return the key of a cause in the texts, with the part that looks the same."""
-    alike = look_alike(moved.axis, axes)
-    is_either = moved.what == "base" and of_tracker
-    return f"{moved.what}{'_tracker' * is_either}{f'_or_{alike}' if alike else ''}"
+    return f"{cause}_or_{alike}" if alike else cause

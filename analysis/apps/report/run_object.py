@@ -180,9 +180,7 @@ def verdict(comparisons: Sequence[dict[str, TruthComparison]]) -> str:
 
 
 def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = ()) -> dict[str, Any]:
-    """Return results as a JSON object: angles in degrees, lengths in mm, u the standard uncertainty, null if
-    unknown.
-    """
+    """Return results as a JSON object: degrees, mm, u the standard uncertainty, null if unknown."""
     runs = [result.to_dict() for result in results]
     for run, truth in zip(runs, truths, strict=False):
         run["truth"] = {name: asdict(comparison) for name, comparison in truth.items()}

@@ -54,6 +54,11 @@ class ErrorChange:
         label = f"{self.now_label} → {self.after_label}" if self.after else self.now_label
         return label[:1].upper() + label[1:]
 
+    def with_remarks(self, texts: Texts, *, is_measured: bool) -> ErrorChange:
+        """Return the errors with remarks on unmeasured noise and on errors stated as a bound."""
+        remarks = ["noise_assumed"] * (not is_measured) + ["error_bounded"] * ("<" in self.words)
+        return replace(self, basis=" ".join([self.basis, *map(texts, remarks)]))
+
 
 @dataclass(frozen=True)
 class Summary:
@@ -90,7 +95,7 @@ def with_corrections_removed(summary: Summary, kind: str, way: str, texts: Texts
     return replace(summary, next=f"{summary.next} {texts(f'then_without_{way}')}")
 
 
-WITHOUT_FAULT = ("uncalibrated", "nothing_unusual", "unusual_group")
+WITHOUT_FAULT = ("uncalibrated", "nothing_unusual", "unusual_group", "no_certain_fault")
 """Badges to which the limits of the accuracy are added, because they alone would look like a pass."""
 
 
@@ -104,9 +109,10 @@ def with_driven_error(summary: Summary, before: Deviation, after: Deviation, tex
         now=error_size(before.um, before.u_um),
         after_label=texts("error_driven_label"),
         after=error_size(after.um, after.u_um),
-        basis=" ".join([texts("basis_driven"), *([] if before.u_um else [texts("noise_assumed")])]),
-    )
+        basis=texts("basis_driven"),
+    ).with_remarks(texts, is_measured=before.u_um > 0)
     if summary.standing not in WITHOUT_FAULT:
         return replace(summary, error=error)
-    tone: Tone = "watch" if summary.standing == "unusual_group" else "pass"
+    tones: dict[str, Tone] = {"unusual_group": "watch", "no_certain_fault": "unjudged"}
+    tone = tones.get(summary.standing, "pass")
     return replace(summary, error=error, badge=texts(f"badge_{summary.standing}"), tone=tone)

@@ -11,12 +11,14 @@ from analysis.apps.report.answer_words import (
     HARMLESS,
     AnswerWords,
     has_model,
+    is_certain_except_small,
     is_complete,
+    judged_gap,
     large_parts,
     part_of,
     unusual_groups,
 )
-from analysis.apps.report.diagnosis_words import error_size, has_measured_noise, micrometres, size, sure
+from analysis.apps.report.diagnosis_words import error_size, has_measured_noise, measured_u, micrometres, size, sure
 from analysis.apps.report.summary import WITHOUT_FAULT, BarSegment, ErrorChange, Summary, Tone, with_driven_error
 from analysis.apps.report.texts import Texts, texts_of
 from analysis.correction.deviation import Deviation
@@ -102,7 +104,8 @@ class _SummaryWords:
             # Plain scatter hides every other error, so that nothing is shown to be usual.
             is_hidden = diagnosis.unexplained is not None and diagnosis.unexplained.scatter_um is not None
             is_larger = any(part.share > LEAST_SHARE for part in unusual_groups(diagnosis))
-            keys.append("undecided" if is_hidden else "unusual_group" if is_larger else diagnosis.condition)
+            condition = "no_certain_fault" if is_certain_except_small(diagnosis) else diagnosis.condition
+            keys.append("undecided" if is_hidden else "unusual_group" if is_larger else condition)
         # Without a fault the badge alone would look like a pass, and with a fault like a fail.
         is_shown = keys[0] in WITHOUT_FAULT and diagnosis.accuracy.standing in ("watch", "fail")
         if is_shown or self._is_within_limits:
@@ -124,16 +127,17 @@ class _SummaryWords:
             return "fail"
         if first in HARMLESS and not others:
             return "pass"
-        return "unjudged" if first in ("undecided", "not_testable_here") else "watch"
+        return "unjudged" if first in ("undecided", "no_certain_fault", "not_testable_here") else "watch"
 
     @property
     def first_sentences(self) -> list[str]:
-        """Sentences that limit the conclusions, then the cause and the unexplained error.
+        """Sentences that limit the conclusions, then the cause, small undecided parts and the unexplained error.
 
         The cause is omitted if the readings contradict a stated constant, because the constant must be checked first.
         """
         remark = self.texts("fault_within_limits") if self._is_within_limits else ""
-        causes = [self._cause, *filter(None, [remark, self.answer.unexplained_too])]
+        undecided = self.answer.usual_or_faults if is_certain_except_small(self.diagnosis) else ""
+        causes = [self._cause, *filter(None, [remark, undecided, self.answer.unexplained_too])]
         return [*self.answer.preconditions, *([] if self.diagnosis.contradictions else causes)]
 
     @property
@@ -151,7 +155,8 @@ class _SummaryWords:
         if self.diagnosis.condition in ("out_of_range", "outside_library") or names_open:
             return self.answer.condition_sentence
         leading = self._leading()
-        if (undecided := self.answer.usual_or_faults) and not any(is_fault for _, is_fault in leading):
+        is_minor = any(is_fault for _, is_fault in leading) or is_certain_except_small(self.diagnosis)
+        if (undecided := self.answer.usual_or_faults) and not is_minor:
             return undecided
         if leading:
             (first, is_fault), *others = leading
@@ -163,9 +168,7 @@ class _SummaryWords:
         return self.answer.condition_sentence
 
     def _leading(self) -> list[tuple[str, bool]]:
-        """Return the faults and the other large parts of the error as phrases, largest first, and a flag for each
-        fault.
-        """
+        """Return faults and other large parts of the error as phrases, largest first, each with a flag for a fault."""
         faults = [(part_of(self.diagnosis, named), named) for named in self.diagnosis.standing]
         phrases = [(part.share if part else 0.0, self._effect(named, part), True) for part, named in faults]
         phrases += [(part.share, self._part(part), False) for part in large_parts(self.diagnosis)]
@@ -235,36 +238,35 @@ class _SummaryWords:
 
         An assumed noise is no measured uncertainty of the two figures, and the basis says so.
         """
-        change = self._error_change
-        if has_measured_noise(self.diagnosis):
-            return change
-        now, after = (figure.partition(" ± ")[0] for figure in (change.now, change.after))
-        return replace(change, now=now, after=after, basis=f"{change.basis} {self.texts('noise_assumed')}")
+        return self._error_change.with_remarks(self.texts, is_measured=has_measured_noise(self.diagnosis))
 
     @property
     def _error_change(self) -> ErrorChange:
-        """The error now and after, each with the uncertainty of the noise of its runs."""
+        """The error now and after, each with the uncertainty of the measured noise of its runs."""
         diagnosis, texts, accuracy = self.diagnosis, self.texts, self.diagnosis.accuracy
         place: str = accuracy.place
         before_um, after_um = accuracy.before_there_um, accuracy.calibrated_um
-        gap = {"unseen": diagnosis.unseen, "held_out": diagnosis.held_out}.get(place) or diagnosis.train
+        gap = judged_gap(diagnosis)
         label = "error_left_by_model" if has_model(diagnosis) else "error_now_label"
         change = ErrorChange(texts(label), "", texts("error_after_label"), "", "", self.answer.judged)
         if place == "used" and self.judged_elsewhere:
             before_um, after_um = self.judged_elsewhere
             after = error_size(after_um, 0.0)
             return replace(change, now=error_size(before_um, 0.0), after=after, basis=texts("basis_unseen"))
-        now = error_size(before_um, gap.u_um)
+        now = self._error(before_um, gap.u_um)
         if not diagnosis.is_testable:
             return replace(change, now=now, basis=texts("basis_unknown"))
         if is_complete(diagnosis) and place == "used":
             return replace(change, now=now, basis=texts("basis_now"))
         if diagnosis.condition == "out_of_range":
-            after = error_size(diagnosis.train.after_um, diagnosis.train.left_u_um)
-            now = error_size(accuracy.now_um, diagnosis.train.u_um)
+            after = self._error(diagnosis.train.after_um, diagnosis.train.left_u_um)
+            now = self._error(accuracy.now_um, diagnosis.train.u_um)
             return replace(change, now=now, after=after, basis=texts("basis_out_of_range"))
         basis = " ".join(filter(None, [texts(f"basis_{place}"), self._each_by_itself]))
-        return replace(change, now=now, after=error_size(after_um, gap.left_u_um), basis=basis)
+        return replace(change, now=now, after=self._error(after_um, gap.left_u_um), basis=basis)
+
+    def _error(self, um: float, u_um: float) -> str:
+        return error_size(um, measured_u(self.diagnosis, u_um))
 
     @property
     def _each_by_itself(self) -> str:
@@ -274,8 +276,8 @@ class _SummaryWords:
         if not corrections or not repairs:
             return ""
         after_all_um = repairs[-1].with_before_um  # None for a single repair
-        repaired = micrometres(repairs[-1].remains_um if after_all_um is None else after_all_um)
-        return self.texts("each_by_itself", corrected=micrometres(corrections[0].remains_um), repaired=repaired)
+        repaired = micrometres(repairs[-1].residual_um if after_all_um is None else after_all_um)
+        return self.texts("each_by_itself", corrected=micrometres(corrections[0].residual_um), repaired=repaired)
 
     @property
     def causes(self) -> list[BarSegment]:

@@ -71,16 +71,7 @@ _LABELS = {
     "spat_mm": "single-point articulation, 2 s (ASME B89.4.22)",
     "socket_distance_mm": "distance of the sockets, by an arm without error",
     "repeat_mm": "scatter of one coordinate",
-    "ap_p1_mm": "AP of P1",
-    "rp_p1_mm": "RP of P1",
-    "ap_p2_mm": "AP of P2",
-    "rp_p2_mm": "RP of P2",
-    "ap_p3_mm": "AP of P3",
-    "rp_p3_mm": "RP of P3",
-    "ap_p4_mm": "AP of P4",
-    "rp_p4_mm": "RP of P4",
-    "ap_p5_mm": "AP of P5",
-    "rp_p5_mm": "RP of P5",
+    **{f"{figure}_p{k}_mm": f"{figure.upper()} of P{k}" for k in range(1, 6) for figure in ("ap", "rp")},
     "ad_mm": "distance accuracy AD, P2 to P4",
     "rd_mm": "distance repeatability RD",
     "line_at_mm": "path accuracy AT, line (ISO 9283)",
@@ -101,12 +92,11 @@ _LABELS = {
         for figure, text in (("bidirectional", "bidirectional deviation E"), ("reversal", "reversal (play)"))
     },
     **{f"friction_j{axis}_a": f"friction of axis {axis}" for axis in range(1, 7)},
-    "ap_a_deg": "accuracy AP a, about x",
-    "ap_b_deg": "accuracy AP b, about y",
-    "ap_c_deg": "accuracy AP c, about z",
-    "rp_a_deg": "repeatability RP a, about x",
-    "rp_b_deg": "repeatability RP b, about y",
-    "rp_c_deg": "repeatability RP c, about z",
+    **{
+        f"{figure}_{angle}_deg": f"{text} {figure.upper()} {angle}, about {axis}"
+        for figure, text in (("ap", "accuracy"), ("rp", "repeatability"))
+        for angle, axis in zip("abc", "xyz", strict=True)
+    },
 }
 
 
@@ -168,9 +158,7 @@ class Texts:
         return self.words.get(f"test_{name}", name)
 
     def not_known(self, share: float) -> str:
-        """Return the sentence about the share of the work with unknown accuracy, after a space; empty for a share of
-        zero.
-        """
+        """Return the sentence about the share of the work with unknown accuracy, after a space; empty for 0."""
         key = "work_unknown_all" if share == 1 else "work_unknown"
         return f" {self(key, share=f'{max(100 * share, 1):.0f} %')}" if share else ""
 

@@ -15,7 +15,7 @@ class Movement:
     `translation_mm` and `rotation_deg` refer to the axes of the base, for a tool to the axes of the flange. A zero of
     `axis` has only `size_deg`. `u_mm` is the standard uncertainty of the length of the shift, `u_deg` of a zero,
     `u_rotation_deg` of the rotation. `row`: row of the file of `run` from which it moved, None between runs.
-    `of_tracker`: a base and its instrument are not distinguished. `axes`: number of joints of the arm, 0 if unknown.
+    `alike`: part with the same readings, None if the cause is distinguished from every part.
     """
 
     from_: str
@@ -32,13 +32,13 @@ class Movement:
     u_rotation_deg: float | None = None
     run: str = ""
     row: int | None = None
-    of_tracker: bool = False
-    axes: int = 0
+    alike: Literal["instrument", "base", "tool"] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain types for JSON."""
         return {
-            "from": self.from_, "to": self.to, "what": self.what, "axis": self.axis, "name": self.name or None,
+            "from": self.from_, "to": self.to, "what": self.what, "alike": self.alike, "axis": self.axis,
+            "name": self.name or None,
             "translation_mm": self.translation_mm, "rotation_deg": self.rotation_deg, "size_deg": self.size_deg,
             "u_mm": self.u_mm, "u_deg": self.u_deg, "odds": self.odds,
         }  # fmt: skip

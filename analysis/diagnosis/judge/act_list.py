@@ -134,7 +134,7 @@ def in_order(acts: Sequence[Act], now_um: float) -> list[Act]:
     ordered: list[Act] = []
 
     def weight_um(act: Act) -> float:
-        without_um = math.sqrt(max(now_um**2 - act.remains_um**2, 0.0))
+        without_um = math.sqrt(max(now_um**2 - act.residual_um**2, 0.0))
         return now_um - without_um if act.kind == "approach" and act.removes_um is None else act.gain_um
 
     by_weight = sorted(acts, key=weight_um, reverse=True)
@@ -167,7 +167,7 @@ def one_after_the_other(acts: Sequence[Act], judged: JudgedPlace) -> list[Act]:
             square_um2 += (act.removes_u_um or 0.0) ** 2
         is_later = by_hand is not None and len(done) > 1
         um = judged.removed(done).remains_um if is_later else None
-        ordered.append(replace(act, with_before_um=um, with_before_u_um=math.sqrt(square_um2) if is_later else 0.0))
+        ordered.append(replace(act, with_before_um=um, with_before_u_um=math.sqrt(square_um2) if is_later else None))
     return ordered
 
 
@@ -187,7 +187,7 @@ def _approaches(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
             flanks = [turned(int(getattr(effect, "axis", 1)), side * flank) for side in (1, -1)] if flank else []
             sides = [judged.removed([effect, constant], part.u_um / part.um) for constant in flanks]
             unknown = Act("approach", "history", remains_um=part.um, remains_u_um=part.u_um)
-            figures = max(sides, key=lambda act: act.remains_um, default=unknown)
+            figures = min(sides, key=lambda act: act.gain_um, default=unknown)
             against = tuple(_of_the_place(diagnosis, judged))
             if figures.removes or not sides:
                 acts.append(
@@ -250,7 +250,7 @@ def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, don
     if named.doubt is not None and named.doubt != "usual":
         against.append(Against("doubt", doubt=named.doubt))
     if done:
-        figures = replace(figures, removes_um=judged.removed(done).remains_um - figures.remains_um)
+        figures = replace(figures, removes_um=judged.removed(done).residual_um - figures.residual_um)
     return replace(
         figures,
         kind=named.effect.DEED,
@@ -284,8 +284,8 @@ def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
     if not effects:
         return []
     figures = judged.removed(effects)
-    before_um, fails = figures.gain_um + figures.remains_um, diagnosis.accuracy.standing in ("watch", "fail")
-    if not figures.removes or (figures.remains_um >= _WORTH * before_um and not fails):
+    before_um, fails = figures.gain_um + figures.residual_um, diagnosis.accuracy.standing in ("watch", "fail")
+    if not figures.removes or (figures.residual_um >= _WORTH * before_um and not fails):
         return []
     if judged.place == "used" and judged.predicted_um is not None and judged.predicted_um >= before_um:
         return []  # the model of the other poses predicts a pose no better than the rig file: the poses are too few
@@ -394,7 +394,7 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
         return not any(act.kind == "load" for act in acts)
     undecided = diagnosis.condition in ("ambiguous", "undecided") and not diagnosis.train.of_places
     first: dict[Reason, bool] = {
-        "one_lap": not any(act.why == "fault" and act.gain_um > measurement.remains_um for act in acts),
+        "one_lap": not any(act.why == "fault" and act.gain_um > measurement.residual_um for act in acts),
         "few_runs": not any(act.kind == "load" and act.place != "used" for act in acts),
         "elsewhere": undecided and any(act.kind == "load" for act in acts),
         "rivals": diagnosis.condition == "undecided" or (bool(acts) and acts[0].parts == measurement.parts),

@@ -98,9 +98,9 @@ class NamingTest:
 @dataclass(frozen=True)
 class Act:
     """An action. `parts` are indices into the budget. `removes_um` is the reduction by this action only at the `place`,
-    and `remains_um` the remaining error there, rms of the readings in µm, each with standard uncertainty. The reduction
-    is None if not computed, for example for a one-sided approach under gravity, and for actions that do not reduce the
-    error themselves.
+    and `remains_um` the remaining error there, rms of the readings in µm, each with standard uncertainty. Both are None
+    if not computed, for example for actions that do not reduce the error themselves. Without a reduction, `remains_um`
+    is the error of the part to which the action refers.
 
     `with_before_um` is the remaining error there in µm, with standard uncertainty, after all preceding manual actions
     of the list; None for the first.
@@ -116,11 +116,11 @@ class Act:
     removes_um: float | None = None
     removes_u_um: float | None = None
     place: JudgedOn = "used"
-    remains_um: float = 0.0
-    remains_u_um: float = 0.0
+    remains_um: float | None = None
+    remains_u_um: float | None = None
     cost: Cost = Cost()
     with_before_um: float | None = None
-    with_before_u_um: float = 0.0
+    with_before_u_um: float | None = None
     effect: Effect | None = None
     u: float | None = None
     command: tuple[str, ...] = ()
@@ -135,8 +135,13 @@ class Act:
 
     @property
     def gain_um(self) -> float:
-        """Reduction in µm, 0 if not computed."""
+        """Reduction in µm for sums and order, 0 if not computed."""
         return self.removes_um or 0.0
+
+    @property
+    def residual_um(self) -> float:
+        """Remaining error in µm for sums and order, 0 if not computed."""
+        return self.remains_um or 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain types, with the effect as a label."""

@@ -15,6 +15,8 @@ from analysis.apps.report.texts import texts_of
 from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.movement.between import without_moved
+from analysis.movement.cause_odds import MOST_ODDS, odds_of
+from analysis.movement.causes import Cause, look_alike
 from analysis.runs.loading import Measured
 from rigs.load import load
 from tests.support.handmade_diagnosis import diagnosis
@@ -46,6 +48,7 @@ def test_runs_after_a_moved_base_have_a_placement_of_their_own() -> None:
         ("before", "after", "base"), ("after", "third", "base")
     ]  # fmt: skip
     assert [run.run.manifest.placement for run in sound] == ["door", "door from after", "door from third"]
+    assert [movement.to_dict()["alike"] for movement in movements] == ["instrument"] * 2, "as in the sentence"
     assert any(doubt.startswith("third and later runs were fitted as a separate placement") for doubt in doubts)
 
 
@@ -68,11 +71,24 @@ def test_a_diagnosis_after_a_moved_base_begins_with_it(monkeypatch: pytest.Monke
 def test_a_zero_of_the_first_axis_is_not_told_from_a_base_that_turned() -> None:
     """The readings of both are equal, and re-mastering a sound axis makes an arm worse."""
     _, (movement,), _ = without_moved(RIG, [_run("before", 40), _run("after", 20, turn_deg=0.1)])
-    assert (movement.what, movement.axis) == ("zero", 1)
+    assert (movement.what, movement.axis, movement.alike, movement.odds) == ("zero", 1, "base", MOST_ODDS)
     for language, names in {"en": ("base", "tool"), "de": ("Sockel", "Werkzeug"), "ko": ("베이스", "공구")}.items():
         texts = texts_of(language)
         assert names[0] in movement_sentence(movement, texts) and names[0] in act_after([movement], texts)
-        last: Movement = replace(movement, axis=6)
+        last: Movement = replace(movement, axis=6, alike="tool")
         assert names[1] in movement_sentence(last, texts) and names[1] in act_after([last], texts)
-        between: Movement = replace(movement, axis=3)
+        between: Movement = replace(movement, axis=3, alike=None)
         assert not any(name in movement_sentence(between, texts) for name in names)
+
+
+def test_odds_and_the_part_that_looks_the_same_have_one_definition() -> None:
+    """The JSON had odds of 1e12, and named a base that the sentence called the base or the instrument."""
+    assert [odds_of(probability) for probability in (0.5, 0.95, 0.9999, 1.0)] == [
+        1.0, pytest.approx(19.0), MOST_ODDS, MOST_ODDS
+    ]  # fmt: skip
+    alike = {
+        (cause, of_tracker): look_alike(cause, 6, of_tracker=of_tracker)
+        for cause in (Cause("base"), Cause("tool"), *(Cause("zero", axis=axis) for axis in (1, 3, 6)))
+        for of_tracker in (True, False)
+    }
+    assert list(alike.values()) == ["instrument", None, None, None, "base", "base", None, None, "tool", "tool"]

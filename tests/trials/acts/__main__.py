@@ -128,9 +128,9 @@ class Scored:
     @property
     def fell_as_stated(self) -> bool | None:
         """Whether the error is what the act stated within 2 u; None of acts that state nothing."""
-        if self.act.kind not in _DONE or (self.act.effect is None and self.act.kind != "load"):
+        if self.act.kind not in _DONE or self.act.removes_um is None:
             return None
-        return abs(self.after_um - self.act.remains_um) <= 2 * self.act.remains_u_um
+        return abs(self.after_um - self.act.residual_um) <= 2 * (self.act.remains_u_um or 0.0)
 
     @property
     def is_larger(self) -> bool:
@@ -139,7 +139,8 @@ class Scored:
 
     def __str__(self) -> str:
         act = self.act
-        stated = f"{act.gain_um + act.remains_um:.1f} to {act.remains_um:.1f} ± {act.remains_u_um:.1f}"
+        figures = f"{act.gain_um + act.residual_um:.1f} to {act.residual_um:.1f} ± {act.remains_u_um or 0.0:.1f}"
+        stated = "nothing" if act.removes_um is None else figures
         verdict = {True: "as stated", False: "NOT as stated", None: "states nothing"}[self.fell_as_stated]
         named = {True: "named", False: "NOT NAMED", None: "-"}[self.is_named]
         return (

@@ -68,6 +68,10 @@ def as_table(corrections: Corrections) -> RenderableType:
         parts.append(Text(of_runs))
     if effects.row_count:
         parts += [Text(), fold_long_words(effects)]
+    wrong = [item.effect for item in corrections.effects if item.use != "none" and item.effect.DEED == "check"]
+    if checked := ", ".join(plain(corrections.rig, effect) for effect in wrong):
+        advice = "Use corrected targets only if this value cannot be corrected in the controller."
+        parts.insert(0, Text(f"First check this value in the controller: {checked}. {advice}", style="bold yellow"))
     if why := why_nothing(corrections.rig):
         parts.insert(0, Text(f"The diagnosis advises against this: {why}.", style="bold red"))
     # The entries of a controller already cover the complete model. Listing these values too would correct twice.

@@ -1,6 +1,4 @@
-"""The diagnosis on the page: faults in sentences, and tables of the error budget and the staircase with a bar in
-each row.
-"""
+"""The diagnosis on the page: faults in sentences, and tables with bars of the error budget and the staircase."""
 
 from __future__ import annotations
 
@@ -9,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from analysis.apps.report.answer_words import AnswerWords, fields_of, part_of, shown_parts
-from analysis.apps.report.diagnosis_words import micrometres, percent, size, sure, um_with_u
+from analysis.apps.report.diagnosis_words import error_size, micrometres, percent, size, sure
 from analysis.apps.report.stairs import residual_words, stairs_of
 from analysis.apps.report.texts import Texts
 from analysis.diagnosis.judge.result import Diagnosis, Named, Rival, likely_rivals
@@ -134,7 +132,7 @@ def budget_rows(diagnosis: Diagnosis, texts: Texts) -> list[BudgetRow]:
         row = BudgetRow(
             part=words.part_name(part),
             beside=tuple(filter(None, [words.size_of(part), *doubt, *words.describe_parts_alone(part.shown_together)])),
-            um=um_with_u(part.um, part.u_um),
+            um=error_size(part.um, part.u_um),
             share=shown,
             width=width,
             rank=part.rank or "",

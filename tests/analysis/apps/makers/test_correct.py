@@ -12,12 +12,13 @@ from typing import get_args
 import numpy as np
 import pytest
 import yaml
+from rich.console import Console
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from analysis.apps.makers.correct_rig import correct_rig
 from analysis.apps.makers.corrected_constants import joint_zeros, link_constants
-from analysis.apps.makers.report.correction_report import write
+from analysis.apps.makers.report.correction_report import as_table, write
 from analysis.cli import app
 from analysis.correction.corrected_targets import corrected
 from analysis.correction.support import supports
@@ -36,6 +37,7 @@ from rigs.effects import (
     Effect,
     EffectProvenance,
     JointOffset,
+    JointScale,
     LinkGeometry,
     ReversalSpike,
     ServoLag,
@@ -414,3 +416,16 @@ def test_a_frame_taught_at_the_targets_removes_error_and_never_adds_it() -> None
     error, few = corrected(rig, supports(rig), q).error, corrected(rig, supports(rig), q[:4]).error
     assert error is not None and not error.taught_elsewhere and error.before_um < error.base.before_um
     assert few is not None and few.taught_elsewhere
+
+
+def test_a_value_to_check_in_the_controller_is_named_before_the_correction(capsys: pytest.CaptureFixture[str]) -> None:
+    """A wrong gear ratio was corrected in the targets, and only the diagnosis said to check the controller first."""
+    for effect, is_checked in (
+        (JointScale(axis=3, relative=-0.03, found=_found(relative=0.0001)), True),
+        (ZERO_3, False),
+    ):
+        corrections = correct_rig(_rig(effect), None)
+        Console(width=200).print(as_table(corrections))
+        text = capsys.readouterr().out
+        assert ("First check this value in the controller: angle scale of axis 3" in text) == is_checked
+        assert not is_checked or text.index("First check") < text.index("Move the robot to corrected targets")

@@ -27,7 +27,7 @@ from analysis.diagnosis.judge.remains import Unexplained
 from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis
 from analysis.movement.between import with_movements
 from rigs.effects import ClockRate, Effect, GaugeBaseline, GaugeScale
-from tests.support.handmade_diagnosis import ACTS, APART, LOAD, PLAY, REMASTER, ZERO, diagnosis
+from tests.support.handmade_diagnosis import ACTS, APART, LOAD, PLAY, REMASTER, SMALL, ZERO, budget, diagnosis
 
 EN = texts_of("en")
 CONDITIONS: tuple[Condition, ...] = get_args(Condition)
@@ -177,6 +177,12 @@ def test_an_assumed_noise_is_no_uncertainty_of_the_error() -> None:
     """2.2 ± 14.7 µm stood above runs that nobody had repeated."""
     assumed = summarise(diagnosis("named", repeated=False, shows_noise=False)).error
     assert "±" not in assumed.words and EN("noise_assumed") in assumed.basis
+    noisy = replace(diagnosis().train, noise_floor_um=24.6, calibrated_um=3.8)
+    small = diagnosis(
+        "undecided", repeated=False, shows_noise=False, train=noisy, effects=(replace(PLAY, doubt="usual"),)
+    )
+    small = replace(small, accuracy=replace(small.accuracy, place="used", calibrated_um=3.8))
+    assert summarise(small).error.after == "3.8" and "3.8 µm" in AnswerWords(small).accuracy, "not < 17, by no reading"
     step = replace(LOAD, removes_um=90.0, removes_u_um=1.0, remains_um=10.0, remains_u_um=4.0)
     for repeated in (True, False):
         sentence = ActWords(diagnosis("named", repeated=repeated, shows_noise=False, acts=(step,))).sentence(step)
@@ -239,7 +245,7 @@ def test_a_movement_comes_first_in_badge_headline_and_next_step() -> None:
     assert (moved.badge, moved.standing) == ("MOVED", "moved") and moved.headline.startswith(
         "The base moved by 0.40 ± 0.01 mm"
     )
-    assert moved.next.startswith("Fasten the base")
+    assert moved.next.startswith("If all sockets are on one plate, check first")
     assert summarise(with_movements(diagnosis("named"), [MOVED], [])).badge == "MOVED, FAULT FOUND"
     assert with_movements(sound, [], []) == sound
 
@@ -374,3 +380,44 @@ def test_an_assumed_noise_is_no_uncertainty_of_a_driven_error() -> None:
     measured = [one.model_copy(update={"u_um": 0.5}) for one in (before, after)]
     error = with_driven_error(summarise(diagnosis("nothing_unusual")), *measured, EN).error
     assert error.after == "2.9 ± 0.5" and EN("noise_assumed") not in error.basis
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_an_error_has_one_value_in_tile_sentence_and_table(language: Language) -> None:
+    """The tile stated an error as < 17 µm, and the details of the same page as 3.8 µm."""
+    texts, found = texts_of(language), diagnosis("named")
+    noisy = replace(found.train, noise_floor_um=24.6, calibrated_um=3.8)
+    judged = replace(found.accuracy, place="used", calibrated_um=3.8, before_there_um=90.0, now_um=90.0)
+    found = replace(found, train=replace(noisy, before_um=90.0), accuracy=judged)
+    error, words = summarise(found, texts).error, AnswerWords(found, texts)
+    assert error.after == "< 17" and error.basis.endswith(texts("error_bounded")), "a bound has its reason"
+    cells = words.gap_cells(found.train)
+    assert f"{error.after} µm" in words.accuracy and cells["gap_calibrated"] == error.after
+    assert error.now == "90 ± 17" and cells["gap_before"] == "90" and "90 µm" in words.accuracy
+    assert texts("error_bounded") not in summarise(diagnosis("named"), texts).error.basis
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_small_undecided_part_does_not_hide_what_is_certain(language: Language) -> None:
+    """The headline was an undecided 0.7 % of the error, and the certain play of 97 % was not named."""
+    texts = texts_of(language)
+    play = replace(PLAY, doubt="usual", posterior=1.0)
+    fault = replace(ZERO.rivals[0], posterior=0.06, is_fault=True)
+    wave = replace(SMALL, posterior=0.94, rivals=(fault,))
+    parts = [replace(part, share=share) for part, share in zip(budget((play, wave)), (0.97, 0.007), strict=False)]
+    found = diagnosis("undecided", effects=(play, wave), budget=tuple(parts), runs_to_decide=None, acts=(APART,))
+    summary, words = summarise(found, texts), AnswerWords(found, texts)
+    assert summary.badge == texts("badge_no_certain_fault") and summary.tone == "unjudged"
+    first, second = (summary.headline.lower().index(words.noun(one.effect).lower()) for one in (play, wave))
+    assert first < second and "0.7 %" in summary.headline and words.noun(fault.effect) in summary.headline
+    assert summary.headline.endswith(words.usual_or_faults) and words.usual_or_faults not in summary.unknowns
+    fails = replace(found, accuracy=replace(found.accuracy, standing="fail", limit="rig_file"))
+    assert summarise(fails, texts).tone == "fail" and texts("badge_limits_fail") in summarise(fails, texts).badge
+    plain = found.to_dict()
+    assert plain["condition"] == "undecided", "a script reads the same condition"
+    large = replace(found, budget=(replace(parts[0], share=0.8), replace(parts[1], share=0.15)))
+    unsure = replace(found, effects=(replace(play, posterior=0.6), wave))
+    scatters = replace(found, unexplained=Unexplained(0.0, scatter_um=230.0))
+    for matters in (large, unsure, scatters):
+        assert summarise(matters, texts).badge.startswith(texts("badge_undecided"))
+    assert not summarise(large, texts).headline.lower().startswith(words.noun(play.effect).lower())

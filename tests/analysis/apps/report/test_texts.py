@@ -1,5 +1,6 @@
 """The languages of the page say the same things."""
 
+import re
 import string
 
 import pytest
@@ -30,3 +31,15 @@ def test_what_can_have_a_limit_has_a_label_in_each_language(language: Language) 
     texts = texts_of(language)
     names = {name for test in ("yaw", "radial", "repeatability") for name in type(getattr(Limits(), test)).model_fields}
     assert [name for name in names if texts.label(name) == label(name)] == []
+
+
+FIRST = {"en": r"\bfirst\b", "de": r"\bzuerst\b", "ko": r"먼저"}
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_sentences_of_an_act_have_the_order_of_the_work(language: Language) -> None:
+    """To check the plate first was the last sentence of an act, after the base was fastened and the frame taught."""
+    acts = {key: text for key, text in texts_of(language).words.items() if key.startswith(("act_", "check_act_"))}
+    first = {key for key, text in acts.items() if re.search(FIRST[language], text, re.IGNORECASE)}
+    assert {"check_act_base", "act_load_unwritten", "act_load_targets_unwritten"} <= first
+    assert [key for key in first if not re.search(FIRST[language], acts[key].partition(". ")[0], re.IGNORECASE)] == []

@@ -12,11 +12,13 @@ import pytest
 
 from analysis.apps.report.act_words import ActWords, without_idle_mounts
 from analysis.apps.report.answer_words import AnswerWords
+from analysis.apps.report.texts import LANGUAGES, texts_of
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.judge.act_list import (
     LEAST_SHARE,
     JudgedPlace,
+    _comes_first,  # private: the same as below
     _corrections,  # private: the rest of the actions needs a search
     _parameters_first,  # private: the same
     acts_of,
@@ -24,6 +26,7 @@ from analysis.diagnosis.judge.act_list import (
     one_after_the_other,
 )
 from analysis.diagnosis.judge.acts import Act
+from analysis.diagnosis.judge.remains import Unexplained
 from analysis.diagnosis.judge.result import BudgetPart, Diagnosis, GroupMember, Named, is_sure
 from analysis.diagnosis.judge.verdict import Gaps, condition_of, shows_time
 from analysis.diagnosis.plan.further_tests import PossibleTest
@@ -36,7 +39,7 @@ from rigs.schema.effect import name_of, whole_order
 from rigs.schema.vocabulary import Direction
 from tests.support.diagnosis_cells import DEMO, LIMITS, RIG, circles, demo, found_in, measured, seen, table_of, there
 from tests.support.handmade_calibration import calibrated_model
-from tests.support.handmade_diagnosis import diagnosis
+from tests.support.handmade_diagnosis import ACTS, diagnosis
 from tests.support.made_once import made_once
 
 
@@ -148,6 +151,13 @@ def test_a_sound_arm_within_its_limits_is_left_as_it_is() -> None:
     acts = acts_of(passes, cast("JudgedPlace", _Judged()))
     assert acts[0] == Act("none", "sound", parts=(0,))
     assert not {act.kind for act in acts} & {"load", "approach", "repair"}
+    for language in LANGUAGES:
+        words = ActWords(passes, texts_of(language))
+        within, avoidable = (
+            words.texts(f"act_none_sound_{key}", parts=words.noun(play)) for key in ("within", "avoidable")
+        )
+        assert words.what(acts[0]) == f"{within} {avoidable}", "the reason, and how a task avoids the play"
+    assert ActWords(passes).what(Act("none", "sound")) == texts_of("en")("act_none_sound"), "without limits no reason"
     fails = replace(found, accuracy=replace(found.accuracy, standing="fail"))
     assert {act.kind for act in acts_of(fails, cast("JudgedPlace", _Judged()))} & {"load", "approach", "repair"}
 
@@ -285,7 +295,34 @@ def test_what_hands_do_adds_up_and_what_a_program_does_not() -> None:
         Act("repair", "fault", removes_um=10, removes_u_um=4.0, effect=play),
     ]
     said = one_after_the_other(acts, cast("JudgedPlace", _Judged()))
-    assert [(act.with_before_um, act.with_before_u_um) for act in said] == [(None, 0), (None, 0), (None, 0), (8.0, 5.0)]
+    assert [(act.with_before_um, act.with_before_u_um) for act in said] == [(None, None)] * 3 + [(8.0, 5.0)]
+
+
+def test_repeats_precede_a_correction_only_if_the_scatter_is_large() -> None:
+    """Fifty poses visited once: the correction, which cross-validation confirms, precedes repeats for a tenth."""
+    load, revisit = Act("load", "correction", (0,), removes_um=126.0), Act("measure", "revisit", parts=(1,))
+    found = diagnosis("nothing_unusual", repeated=False)
+    assert not _comes_first(revisit, [load], found)
+    assert _comes_first(replace(revisit, parts=(0,)), [load], found), "the scatter is the largest part"
+    unusual = replace(found, unexplained=Unexplained(0.0, unrepeated_um=80.0))
+    assert _comes_first(revisit, [load], unusual), "the scatter exceeds the usual one of arms and trackers"
+    fault = replace(load, kind="repair", why="fault")
+    assert not _comes_first(revisit, [fault], unusual), "a fault much larger than the deviations"
+
+
+def test_a_figure_that_was_not_computed_is_null_and_never_zero() -> None:
+    """The JSON of a measurement said that 0 µm remained after it, and of a check without figures its sentence did."""
+    for acts in ACTS.values():
+        for act in acts:
+            plain = act.to_dict()
+            figures = [plain[key] for key in ("removes_um", "removes_u_um", "remains_um", "remains_u_um")]
+            assert None not in figures or figures == [None] * 4, act
+            assert (plain["with_before_um"], plain["with_before_u_um"]) == (None, None)
+    check = Act("check", "fault", effect=JointOffset(axis=3, offset_deg=0.05))
+    for language in LANGUAGES:
+        words = ActWords(diagnosis(acts=(check,)), texts_of(language))
+        assert words.removes(check) == words.texts("act_not_computed")
+    assert 0 not in [act[key] for act in one_play().to_dict()["acts"] for key in ("removes_um", "remains_um")]
 
 
 def test_an_approach_stands_behind_what_takes_more_of_the_error_away() -> None:
@@ -365,5 +402,6 @@ def test_a_wrong_parameter_is_checked_before_a_correction_hides_it() -> None:
         for kind, why, k, um in (("load", "correction", 0, 90), ("check", "fault", 1, 40), ("check", "fault", 2, 5))
     )
     assert _parameters_first([load, large, small], found) == [large, load, small], "a crumb does not lead"
-    words = ActWords(replace(found, acts=(large, load)))
-    assert "cannot be corrected" in words.sentence(load)
+    for language in LANGUAGES:
+        words = ActWords(replace(found, acts=(large, load)), texts_of(language))
+        assert words.sentence(load).startswith(f"{words.texts('act_otherwise')} {words.what(load)}"), "warning first"

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from analysis import evaluate_runs, load_run
-from analysis.apps.report.diagnosis_words import size_in_words
+from analysis.apps.report.diagnosis_words import micrometres
 from analysis.apps.report.page.page_content import Report, gather
 from analysis.apps.report.page.write_page import rendered
 from analysis.apps.report.texts import texts_of
@@ -105,7 +105,7 @@ def _assert_promises_are_of_one_remedy(found: Diagnosis, page: str) -> None:
     promised = re.findall(r"The error then falls from ([\d.]+ µm) to ((?:&lt; )?[\d.]+(?: ± [\d.]+)? µm)", _box(page))
     stated = [one for one in found.acts if one.removes]
     assert [after for _, after in promised] == [
-        size_in_words(one.remains_um, one.remains_u_um).replace("<", "&lt;") for one in stated
+        micrometres(one.remains_um, one.remains_u_um).replace("<", "&lt;") for one in stated
     ]
     repairs = {name_of(one.effect): one for one in found.acts if one.effect and one.place == "used"}
     for one in found.standing:
