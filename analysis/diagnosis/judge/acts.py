@@ -34,7 +34,7 @@ change in a single set-up, which many causes may have; a wave in circles of a si
 angle instead of the time; it increases the error by itself and reduces it only together with others; friction in
 the ball joint of the link has the same effect on these circles; or its waves are no whole number per turn.
 """
-IMITATED: tuple[Doubt, ...] = ("unexplained", "commanded", "one_speed", "cancels", "friction", "no_gear")
+IMITATED: tuple[Doubt, ...] = ("no_better", "unexplained", "commanded", "one_speed", "cancels", "friction", "no_gear")
 """Doubts about an effect of the size of a fault that a different cause may imitate."""
 Objection = Literal["rivals", "doubt", "not_judged_elsewhere", "few_runs", "unexplained", "no_place"]
 """Objection to an action: a different cause is possible (`names`); the effect is doubted (`doubt`); no run of a

@@ -45,14 +45,13 @@ def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
 def _without_use(name: Named, train: Gap) -> Named:
     """Return a named effect, not confirmed if a single direction shows it and the gap is smaller without it.
 
-    An error of an instrument that exceeds the whole error is then at most as likely as another cause, because it only
-    cancels others; constants of the arm cancel each other in every arm. In several directions, errors do not cancel by
-    chance: a ball form of 65 usual sizes cancelled usual twists of the arm.
+    It then only cancels others, and is at most as likely as another cause; constants of the arm cancel each other in
+    every arm. In several directions, errors do not cancel by chance: a ball form of 65 usual sizes cancelled usual
+    twists of the arm.
     """
     if name.gap_without_um >= NO_WORSE * train.after_um or name.directions >= 2:
         return name
-    cancels = name.effect.STAGE in OUTSIDE_ARM and name.worth_um > train.before_um
-    return doubted(name, "no_better") if cancels else replace(name, doubt="no_better")
+    return replace(name, doubt="no_better") if name.effect.part == "constants" else doubted(name, "no_better")
 
 
 def without_cancelling(named: Sequence[Named], before_um: float) -> list[Named]:
