@@ -336,7 +336,7 @@ def _columns_at(rows_ns: Array, tracks: Sequence[InstrumentTrack]) -> Array:
 
     Each track must span the times. The computation is done in blocks.
     """
-    at_rows = np.empty((len(rows_ns), sum(track.values.shape[1] for track in tracks)))
+    at_rows = np.empty((len(rows_ns), sum(track.values.shape[1] for track in tracks)), order="F")
     first = 0
     for track in tracks:
         columns = slice(first, first := first + track.values.shape[1])
@@ -387,7 +387,9 @@ def _gauge(
     sound = is_reading(values, LONGEST_MM)
     if test in CIRCLES and rig.tests.circle:
         # The ball is inside the circle, so the distance to it is never more than twice the radius.
-        sound &= is_reading(values - np.median(values[sound]), 2 * rig.tests.circle.radius_mm)
+        most = 2 * rig.tests.circle.radius_mm
+        if not np.ptp(values) <= most:  # otherwise no reading is further from the median than that
+            sound &= is_reading(values - np.median(values[sound]), most)
     track, seen = _track(instants, values, sound, inside)
     return track, replace(seen, doubtful=_count(stream["status"] != 0, inside))
 

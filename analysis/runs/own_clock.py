@@ -16,7 +16,7 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -371,8 +371,8 @@ def _counted(least: Array, behind: Array, period_ns: float) -> list[int]:
     """
     before, counts, alike = deque(behind.tolist(), maxlen=_AHEAD), list[int](), 0
     lowest = min(before)
-    for row in range(len(least)):
-        ahead = float(least[row])
+    batches = (least[begin : begin + 2 * _AHEAD].tolist() for begin in range(0, len(least), 2 * _AHEAD))
+    for ahead in chain.from_iterable(batches):  # Python's own numbers are four times as fast as those of numpy
         count = math.floor((ahead - lowest) / period_ns + _EARLY)
         leaves, comes = before[0], ahead - count * period_ns
         before.append(comes)
