@@ -219,7 +219,7 @@ _KEPT_BYTES, _LARGE_BYTES = 64 << 20, 32 << 20
 """Freed memory that a command keeps, and the size from which blocks are returned at once: the largest of glibc."""
 
 
-def _keep_freed_memory() -> None:
+def keep_freed_memory() -> None:
     """Configure the C library to reuse the memory of freed arrays.
 
     By default glibc returns it to the system, which clears it before the next use: a sixth of the time of forty small
@@ -245,7 +245,7 @@ class _RigCommands(CommandGroup):
         }
 
     def invoke(self, ctx: Any) -> Any:
-        _keep_freed_memory()
+        keep_freed_memory()
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:

@@ -78,10 +78,9 @@ MAKERS: tuple[MakerName, ...] = tuple(_ALSO_NAMED)
 
 
 def offered_makers() -> dict[MakerName, str]:
-    """Return the makers of other packages, each with the package."""
-    from rigs.schema.plugins import packages_of_makers  # noqa: PLC0415 - no command line waits for pydantic
-
-    return {name: package for name, package in packages_of_makers().items() if name not in MAKERS}
+    """Return the makers of other packages, each with a package that has a module per question."""
+    offers = ENTRY_POINTS.select(group="rig.makers")
+    return {offer.name: offer.value for offer in sorted(offers) if offer.name not in MAKERS}
 
 
 def makers() -> tuple[MakerName, ...]:
