@@ -25,6 +25,7 @@ import math
 import os
 import select
 import socket
+import struct
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
@@ -43,6 +44,8 @@ DEAD_S = 10.0
 _REPORT_EVERY_S = 1.0
 _COARSE_S = 0.02
 """Minimum duration of waits that may end a millisecond late."""
+WAIT_S = 0.2
+"""Longest wait of `read` for data. It lets a stop request take effect and feeds the watchdog on a silent link."""
 
 
 Address = tuple[Any, ...]
@@ -68,25 +71,31 @@ class Link:
         return self._fd
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the available data, waiting at most `timeout_s`; empty after a time-out. Raises LinkLost."""
+        """Return the available data, waiting at most `timeout_s`, up to `WAIT_S`; empty after a time-out.
+
+        Raises LinkLost.
+        """
         try:
-            if timeout_s < _COARSE_S:
-                came = bool(select.select([self._fd], [], [], max(0.0, timeout_s))[0])
-            else:  # takes half the time of `select`, but waits in whole milliseconds
-                came = bool(self._poll.poll(1e3 * timeout_s))
-            if not came:
-                if clock.now_s() - self._heard_s > self._dead_s:
-                    raise LinkLost(f"nothing arrived for {self._dead_s:g} s; the other end may be disconnected")
-                return b""
-            data = os.read(self._fd, 65536)
+            data = os.read(self._fd, 65536) if self.is_ready(timeout_s) else None
         except BlockingIOError:
-            return b""
+            data = None
         except (OSError, ValueError) as error:
             raise LinkLost(str(error)) from None
+        if data is None:
+            if clock.now_s() - self._heard_s > self._dead_s:
+                raise LinkLost(f"nothing arrived for {self._dead_s:g} s; the other end may be disconnected")
+            return b""
         if not data:
             raise LinkLost("the other end closed the connection")
         self._heard_s = clock.now_s()
         return data
+
+    def is_ready(self, timeout_s: float) -> bool:
+        """Wait for data, and return whether `read` may read them."""
+        if timeout_s < _COARSE_S:
+            return bool(select.select([self._fd], [], [], max(0.0, timeout_s))[0])
+        # This takes half the time of `select`, but waits in whole milliseconds.
+        return bool(self._poll.poll(1e3 * timeout_s))
 
     @cached_property
     def _poll(self) -> select.poll:
@@ -120,6 +129,23 @@ class Link:
     def take_ignored(self) -> list[Fault]:
         """Return the data ignored since the last call as faults: damaged data, or data of other senders."""
         return []
+
+
+class TcpLink(Link):
+    """TCP connection to an instrument.
+
+    If nothing is due soon, a single call of the system waits for the data and reads them. After each call the thread
+    waits for the lock of the interpreter, and a wait before the timestamp makes it late.
+    """
+
+    def __init__(self, name: str, sock: socket.socket, dead_s: float) -> None:
+        super().__init__(name, sock.fileno(), sock.close, dead_s)
+        sock.setblocking(True)
+        for option, limit_s in ((socket.SO_RCVTIMEO, WAIT_S), (socket.SO_SNDTIMEO, 0.001)):  # `write` waits by itself
+            sock.setsockopt(socket.SOL_SOCKET, option, struct.pack("@ll", 0, round(1e6 * limit_s)))
+
+    def is_ready(self, timeout_s: float) -> bool:
+        return timeout_s >= WAIT_S or super().is_ready(timeout_s)
 
 
 class SerialLink(Link):
@@ -368,7 +394,7 @@ def _open_tcp(name: str, address: tuple[str, int], dead_s: float) -> Link:
     except OSError as error:
         raise CellError(where, error.strerror or str(error), "check address and network") from None
     set_up_tcp(sock, dead_s)
-    return Link(name, sock.fileno(), sock.close, dead_s)
+    return TcpLink(name, sock, dead_s)
 
 
 def _listen(name: str, address: tuple[str, int], dead_s: float) -> Link:
