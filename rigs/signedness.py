@@ -76,10 +76,7 @@ def unsigned_readings(values: NDArray[np.float64], scales: Iterable[float] = ())
 
 
 def _is_wrapped(lower: NDArray[np.float64], upper: NDArray[np.float64], jump: float, near: float) -> bool:
-    """Return whether the upper readings, reduced by the jump, continue the lower readings below zero.
-
-    near: largest distance between them.
-    """
+    """Return whether the upper readings minus the jump continue the lower ones below zero, at most `near` away."""
     first, last = float(upper[0] - jump), float(upper[-1] - jump)
     span = max(float(lower[-1]), last) - min(float(lower[0]), first)
     meets = float(lower[0]) - last

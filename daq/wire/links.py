@@ -57,10 +57,12 @@ class LinkLost(Exception):
 
 
 class Link:
-    """Open byte stream in both directions."""
+    """Open byte stream in both directions. waits: True if the system waits for data up to `WAIT_S` in each read."""
 
-    def __init__(self, name: str, fd: int, close: Callable[[], None], dead_s: float = math.inf) -> None:
-        self.name = name
+    def __init__(
+        self, name: str, fd: int, close: Callable[[], None], dead_s: float = math.inf, *, waits: bool = False
+    ) -> None:
+        self.name, self._waits = name, waits
         self._fd = fd
         self._close = close
         self._dead_s = dead_s
@@ -71,12 +73,18 @@ class Link:
         return self._fd
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the available data, waiting at most `timeout_s`, up to `WAIT_S`; empty after a time-out.
+        """Return the available data, waiting at most `timeout_s`, or `WAIT_S`; empty after a time-out.
 
         Raises LinkLost.
         """
         try:
-            data = os.read(self._fd, 65536) if self.is_ready(timeout_s) else None
+            if self._waits and timeout_s >= WAIT_S:
+                came = True  # each call of the system gives Python's lock to another thread, so there is only one
+            elif timeout_s < _COARSE_S:
+                came = bool(select.select([self._fd], [], [], max(0.0, timeout_s))[0])
+            else:  # takes half the time of `select`, but waits in whole milliseconds
+                came = bool(self._poll.poll(1e3 * timeout_s))
+            data = os.read(self._fd, 65536) if came else None
         except BlockingIOError:
             data = None
         except (OSError, ValueError) as error:
@@ -89,13 +97,6 @@ class Link:
             raise LinkLost("the other end closed the connection")
         self._heard_s = clock.now_s()
         return data
-
-    def is_ready(self, timeout_s: float) -> bool:
-        """Wait for data, and return whether `read` may read them."""
-        if timeout_s < _COARSE_S:
-            return bool(select.select([self._fd], [], [], max(0.0, timeout_s))[0])
-        # This takes half the time of `select`, but waits in whole milliseconds.
-        return bool(self._poll.poll(1e3 * timeout_s))
 
     @cached_property
     def _poll(self) -> select.poll:
@@ -129,23 +130,6 @@ class Link:
     def take_ignored(self) -> list[Fault]:
         """Return the data ignored since the last call as faults: damaged data, or data of other senders."""
         return []
-
-
-class TcpLink(Link):
-    """TCP connection to an instrument.
-
-    If nothing is due soon, a single call of the system waits for the data and reads them. After each call the thread
-    waits for the lock of the interpreter, and a wait before the timestamp makes it late.
-    """
-
-    def __init__(self, name: str, sock: socket.socket, dead_s: float) -> None:
-        super().__init__(name, sock.fileno(), sock.close, dead_s)
-        sock.setblocking(True)
-        for option, limit_s in ((socket.SO_RCVTIMEO, WAIT_S), (socket.SO_SNDTIMEO, 0.001)):  # `write` waits by itself
-            sock.setsockopt(socket.SOL_SOCKET, option, struct.pack("@ll", 0, round(1e6 * limit_s)))
-
-    def is_ready(self, timeout_s: float) -> bool:
-        return timeout_s >= WAIT_S or super().is_ready(timeout_s)
 
 
 class SerialLink(Link):
@@ -329,7 +313,7 @@ def _address_text(address: Address | None) -> str:
 
 
 def set_up_tcp(sock: socket.socket, dead_s: float) -> None:
-    """Make a TCP socket non-blocking, send without delay, and detect a dead peer within `dead_s`."""
+    """Limit the waits of a TCP socket, send without delay, and detect a dead peer within `dead_s`."""
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     part_s = max(1, round(dead_s / 5))
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -337,7 +321,9 @@ def set_up_tcp(sock: socket.socket, dead_s: float) -> None:
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, part_s)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(dead_s * 800))
-    sock.setblocking(False)
+    sock.setblocking(True)
+    for option, limit_s in ((socket.SO_RCVTIMEO, WAIT_S), (socket.SO_SNDTIMEO, 0.001)):  # `write` waits by itself
+        sock.setsockopt(socket.SOL_SOCKET, option, struct.pack("@ll", 0, round(1e6 * limit_s)))
 
 
 _CONNECT_S = 3.0
@@ -394,7 +380,7 @@ def _open_tcp(name: str, address: tuple[str, int], dead_s: float) -> Link:
     except OSError as error:
         raise CellError(where, error.strerror or str(error), "check address and network") from None
     set_up_tcp(sock, dead_s)
-    return TcpLink(name, sock, dead_s)
+    return Link(name, sock.fileno(), sock.close, dead_s, waits=True)
 
 
 def _listen(name: str, address: tuple[str, int], dead_s: float) -> Link:
