@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import difflib
 import re
-from dataclasses import dataclass
 from typing import Any, get_args
 
 import yaml
@@ -15,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from rigs.errors import FileError
+from rigs.quick_dataclass import dataclass
 from rigs.rig import Rig
 from rigs.schema.plugins import BROKEN
 

@@ -7,10 +7,11 @@ With 16 bits and 0.001 mm per count, -0.019 mm is read as 65.517 mm.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rigs.quick_dataclass import dataclass
 
 _BITS = (8, 12, 16, 24, 32)
 """Widths of registers and of converters."""
@@ -66,19 +67,18 @@ def unsigned_readings(values: NDArray[np.float64], scales: Iterable[float] = ())
     lower, upper = seen[: edge + 1], seen[edge + 1 :]
     if min(len(lower), len(upper)) < _FEWEST:
         return None
+    step = float(np.median(np.concatenate([np.diff(lower), np.diff(upper)])))
     for bits in _BITS:
         for scale in (*(abs(scale) for scale in scales), *(10.0**-digits for digits in _DECIMALS)):
             jump = scale * 2**bits
-            if _is_wrapped(lower, upper, jump, scale):
+            if _is_wrapped(lower, upper, jump, 10 * max(step, scale)):
                 return UnsignedReadings(bits, jump, float(upper[-1]), float(upper[-1] - jump))
     return None
 
 
-def _is_wrapped(lower: NDArray[np.float64], upper: NDArray[np.float64], jump: float, count: float) -> bool:
-    """Return whether the upper readings, reduced by the jump, continue the lower readings below zero."""
-    back = upper - jump
-    span = max(float(lower[-1]), float(back[-1])) - min(float(lower[0]), float(back[0]))
-    meets = float(lower[0]) - float(back[-1])
-    steps = np.concatenate([np.diff(lower), np.diff(upper)])
-    near = max(10 * float(np.median(steps)) if len(steps) else 0.0, 10 * count)
+def _is_wrapped(lower: NDArray[np.float64], upper: NDArray[np.float64], jump: float, near: float) -> bool:
+    """Return whether the upper readings minus the jump continue the lower ones below zero, at most `near` away."""
+    first, last = float(upper[0] - jump), float(upper[-1] - jump)
+    span = max(float(lower[-1]), last) - min(float(lower[0]), first)
+    meets = float(lower[0]) - last
     return 0 < span <= _MOST_SHARE * jump and -_EXACT * span <= meets <= near and float(lower[0]) > -near

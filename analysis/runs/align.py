@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from analysis.runs.clocks import Columns, Instants, TimingDoubt, gauge_instants,
 from analysis.runs.lower_hull import Mask
 from daq.store import Run
 from rigs.errors import FileError
+from rigs.quick_dataclass import dataclass, replace
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, TestName
 from rigs.text import counted
@@ -336,7 +336,7 @@ def _columns_at(rows_ns: Array, tracks: Sequence[InstrumentTrack]) -> Array:
 
     Each track must span the times. The computation is done in blocks.
     """
-    at_rows = np.empty((len(rows_ns), sum(track.values.shape[1] for track in tracks)))
+    at_rows = np.empty((len(rows_ns), sum(track.values.shape[1] for track in tracks)), order="F")
     first = 0
     for track in tracks:
         columns = slice(first, first := first + track.values.shape[1])
@@ -387,7 +387,9 @@ def _gauge(
     sound = is_reading(values, LONGEST_MM)
     if test in CIRCLES and rig.tests.circle:
         # The ball is inside the circle, so the distance to it is never more than twice the radius.
-        sound &= is_reading(values - np.median(values[sound]), 2 * rig.tests.circle.radius_mm)
+        most = 2 * rig.tests.circle.radius_mm
+        if not np.ptp(values) <= most:  # otherwise no reading is further from the median than that
+            sound &= is_reading(values - np.median(values[sound]), most)
     track, seen = _track(instants, values, sound, inside)
     return track, replace(seen, doubtful=_count(stream["status"] != 0, inside))
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ import numpy as np
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.own_clock import FittedClock, is_stalled, through_clock, through_pace
 from analysis.runs.own_cycle import anywhere_in_a_cycle, changes, repeats, through_cycle
+from rigs.quick_dataclass import dataclass, replace
 from rigs.schema.gauges import Gauge
 from rigs.schema.links import tcp_address
 from rigs.schema.probe import Timing
@@ -250,11 +250,11 @@ def _keeps_pace(late: Array, timer_ns: float) -> bool:
     """
     if len(late) < 2 or not late.any():
         return len(late) < 2
-    spread = float(np.ptp(np.quantile(late, _MOST)))
-    if timer_ns:
-        return spread < timer_ns
-    if spread < _TIMER_NS:
+    most_ns = timer_ns or _TIMER_NS
+    if np.ptp(late) < most_ns or np.ptp(np.quantile(late, _MOST)) < most_ns:  # the quantiles only if necessary
         return True
+    if timer_ns:
+        return False
     from_one_to_next = float(np.median(np.abs(np.diff(late))))
     about = float(np.median(np.abs(late - np.median(late))))
     return from_one_to_next > _DRIFTING * about

@@ -15,8 +15,7 @@ import math
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from numpy.typing import NDArray
 
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.lower_hull import TICK_S, Mask, floor
+from rigs.quick_dataclass import dataclass, replace
 
 _LEAP_S = 1.0
 """Smallest jump of a clock. A network or serial connection does not survive a delay of this length, although a busy
@@ -371,8 +371,8 @@ def _counted(least: Array, behind: Array, period_ns: float) -> list[int]:
     """
     before, counts, alike = deque(behind.tolist(), maxlen=_AHEAD), list[int](), 0
     lowest = min(before)
-    for row in range(len(least)):
-        ahead = float(least[row])
+    batches = (least[begin : begin + 2 * _AHEAD].tolist() for begin in range(0, len(least), 2 * _AHEAD))
+    for ahead in chain.from_iterable(batches):  # Python's own numbers are four times as fast as those of numpy
         count = math.floor((ahead - lowest) / period_ns + _EARLY)
         leaves, comes = before[0], ahead - count * period_ns
         before.append(comes)

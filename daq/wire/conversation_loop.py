@@ -11,10 +11,8 @@ from typing import Protocol
 
 from daq import clock
 from daq.protocol.conversation import Arrival, Conversation, ConversationStep, Gathering, Item
-from daq.wire.links import LinkLost
+from daq.wire.links import WAIT_S, LinkLost
 
-_LONGEST_WAIT_S = 0.2
-"""Longest wait. It lets a stop request take effect and feeds the watchdog on a silent link."""
 _ALIVE_NS = 5_000_000
 """Shortest interval between calls of `alive` in a fast loop.
 
@@ -65,8 +63,8 @@ def run_conversation(
         if now_ns >= alive_ns:
             alive()
             alive_ns = now_ns + _ALIVE_NS
-        due_s = _LONGEST_WAIT_S if step.wake_ns is None else max(0.0, (step.wake_ns - clock.now_ns()) / 1e9)
-        data = link.read(min(_LONGEST_WAIT_S, due_s))
+        due_s = WAIT_S if step.wake_ns is None else max(0.0, (step.wake_ns - clock.now_ns()) / 1e9)
+        data = link.read(min(WAIT_S, due_s))
         now_ns = clock.now_ns()
         if data and gathering:
             arrivals, lost = _gathered(link, (data, now_ns), gathering.gather_ns)

@@ -25,6 +25,7 @@ import math
 import os
 import select
 import socket
+import struct
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
@@ -43,6 +44,8 @@ DEAD_S = 10.0
 _REPORT_EVERY_S = 1.0
 _COARSE_S = 0.02
 """Minimum duration of waits that may end a millisecond late."""
+WAIT_S = 0.2
+"""Longest wait of `read` for data. It lets a stop request take effect and feeds the watchdog on a silent link."""
 
 
 Address = tuple[Any, ...]
@@ -54,10 +57,12 @@ class LinkLost(Exception):
 
 
 class Link:
-    """Open byte stream in both directions."""
+    """Open byte stream in both directions. waits: True if the system waits for data up to `WAIT_S` in each read."""
 
-    def __init__(self, name: str, fd: int, close: Callable[[], None], dead_s: float = math.inf) -> None:
-        self.name = name
+    def __init__(
+        self, name: str, fd: int, close: Callable[[], None], dead_s: float = math.inf, *, waits: bool = False
+    ) -> None:
+        self.name, self._waits = name, waits
         self._fd = fd
         self._close = close
         self._dead_s = dead_s
@@ -68,21 +73,26 @@ class Link:
         return self._fd
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the available data, waiting at most `timeout_s`; empty after a time-out. Raises LinkLost."""
+        """Return the available data, waiting at most `timeout_s`, or `WAIT_S`; empty after a time-out.
+
+        Raises LinkLost.
+        """
         try:
-            if timeout_s < _COARSE_S:
+            if self._waits and timeout_s >= WAIT_S:
+                came = True  # each call of the system gives Python's lock to another thread, so there is only one
+            elif timeout_s < _COARSE_S:
                 came = bool(select.select([self._fd], [], [], max(0.0, timeout_s))[0])
             else:  # takes half the time of `select`, but waits in whole milliseconds
                 came = bool(self._poll.poll(1e3 * timeout_s))
-            if not came:
-                if clock.now_s() - self._heard_s > self._dead_s:
-                    raise LinkLost(f"nothing arrived for {self._dead_s:g} s; the other end may be disconnected")
-                return b""
-            data = os.read(self._fd, 65536)
+            data = os.read(self._fd, 65536) if came else None
         except BlockingIOError:
-            return b""
+            data = None
         except (OSError, ValueError) as error:
             raise LinkLost(str(error)) from None
+        if data is None:
+            if clock.now_s() - self._heard_s > self._dead_s:
+                raise LinkLost(f"nothing arrived for {self._dead_s:g} s; the other end may be disconnected")
+            return b""
         if not data:
             raise LinkLost("the other end closed the connection")
         self._heard_s = clock.now_s()
@@ -303,7 +313,7 @@ def _address_text(address: Address | None) -> str:
 
 
 def set_up_tcp(sock: socket.socket, dead_s: float) -> None:
-    """Make a TCP socket non-blocking, send without delay, and detect a dead peer within `dead_s`."""
+    """Limit the waits of a TCP socket, send without delay, and detect a dead peer within `dead_s`."""
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     part_s = max(1, round(dead_s / 5))
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -311,7 +321,9 @@ def set_up_tcp(sock: socket.socket, dead_s: float) -> None:
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, part_s)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(dead_s * 800))
-    sock.setblocking(False)
+    sock.setblocking(True)
+    for option, limit_s in ((socket.SO_RCVTIMEO, WAIT_S), (socket.SO_SNDTIMEO, 0.001)):  # `write` waits by itself
+        sock.setsockopt(socket.SOL_SOCKET, option, struct.pack("@ll", 0, round(1e6 * limit_s)))
 
 
 _CONNECT_S = 3.0
@@ -368,7 +380,7 @@ def _open_tcp(name: str, address: tuple[str, int], dead_s: float) -> Link:
     except OSError as error:
         raise CellError(where, error.strerror or str(error), "check address and network") from None
     set_up_tcp(sock, dead_s)
-    return Link(name, sock.fileno(), sock.close, dead_s)
+    return Link(name, sock.fileno(), sock.close, dead_s, waits=True)
 
 
 def _listen(name: str, address: tuple[str, int], dead_s: float) -> Link:

@@ -18,7 +18,7 @@ from rigs.schema.modbus import SLOWEST_HZ, RegisterBlock, StatusRegister, ValueR
 from rigs.schema.part import Origin, Part
 from rigs.schema.plugins import extended
 
-AxisName = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]{1,200}$")]
+AxisName = Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
 _NODE = re.compile(r"(ns=\d{1,5};)?(i=\d{1,10}|s=.+)")
 
 
@@ -77,7 +77,8 @@ def are_nodes(axes: Sequence[str]) -> bool:
     return all(_NODE.fullmatch(axis) for axis in axes)
 
 
-JointName = Annotated[str, Field(pattern=r"^[\w./-]{1,100}$")]
+# A repetition of \w with a limit takes the regular expressions of pydantic 25 ms to compile.
+JointName = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[\w./-]+$")]
 
 
 class ROS2JointStates(Part):

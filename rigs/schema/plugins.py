@@ -10,15 +10,14 @@ An unusable class is left out, and the reason is reported if a rig file names it
 
 from __future__ import annotations
 
-from functools import cache, reduce
-from importlib.metadata import EntryPoint, entry_points
+from functools import reduce
 from operator import or_
 from typing import Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, Field
 
-MAKERS = "rig.makers"
-"""Group of makers. A package here offers a package instead of a class, with a module per question."""
+from rigs.schema.vocabulary import ENTRY_POINTS
+
 Group = Literal["rig.gauges", "rig.robots", "rig.effects"]
 _KEY: dict[Group, str] = {"rig.gauges": "interface", "rig.robots": "interface", "rig.effects": "effect"}
 """Key of a rig file with the class name, by group."""
@@ -27,21 +26,11 @@ BROKEN: dict[str, str] = {}
 C = TypeVar("C", bound=BaseModel)
 
 
-@cache
-def _offers() -> tuple[EntryPoint, ...]:
-    """Return the entry points of all packages.
-
-    Scanning an environment of a hundred packages once takes some hundredths of a second.
-    """
-    of_packages = entry_points()
-    return tuple(offer for group in (*_KEY, MAKERS) for offer in of_packages.select(group=group))
-
-
 def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, type[C]]:
     """Return the classes offered for a group by name. base: required base class. taken: names used by rig."""
     classes: dict[str, type[C]] = {}
     key = _KEY[group]
-    for offer in sorted((offer for offer in _offers() if offer.group == group), key=lambda offer: offer.name):
+    for offer in sorted(ENTRY_POINTS.select(group=group), key=lambda offer: offer.name):
         package = offer.dist.name if offer.dist else offer.value
         try:
             if offer.name in taken or offer.name in classes:
@@ -57,11 +46,6 @@ def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, typ
         except Exception as reason:  # noqa: BLE001 - whatever a foreign module raises as it is imported
             BROKEN[offer.name] = f"package {package} offers {offer.name}, which cannot be used: {reason}"
     return classes
-
-
-def packages_of_makers() -> dict[str, str]:
-    """Return the packages offered for makers by the name of the maker."""
-    return {offer.name: offer.value for offer in sorted(_offers()) if offer.group == MAKERS}
 
 
 def extended(union: Any, group: Group, base: type[BaseModel]) -> Any:

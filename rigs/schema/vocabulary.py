@@ -7,9 +7,11 @@ TestName = Literal["yaw", "roll", "radial", "repeatability", "pose", "touch", "p
 """Kinds of tests. Packages may offer others as entry points `rig.tests`."""
 _RIGS_OWN = "analysis.procedures."
 """Common prefix of the packages that contain rig's tests."""
+ENTRY_POINTS = entry_points()
+"""Entry points of all installed packages. Scanning an environment of a hundred packages takes 5 ms."""
 TEST_PACKAGES = {
     offer.name: offer
-    for offer in entry_points(group="rig.tests")
+    for offer in ENTRY_POINTS.select(group="rig.tests")
     if offer.name not in get_args(TestName) or offer.value.startswith(_RIGS_OWN)
 }
 """Packages of all tests by name. No other package can take over a name of rig's own tests."""
@@ -76,10 +78,9 @@ MAKERS: tuple[MakerName, ...] = tuple(_ALSO_NAMED)
 
 
 def offered_makers() -> dict[MakerName, str]:
-    """Return the makers of other packages, each with the package."""
-    from rigs.schema.plugins import packages_of_makers  # noqa: PLC0415 - no command line waits for pydantic
-
-    return {name: package for name, package in packages_of_makers().items() if name not in MAKERS}
+    """Return the makers of other packages, each with a package that has a module per question."""
+    offers = ENTRY_POINTS.select(group="rig.makers")
+    return {offer.name: offer.value for offer in sorted(offers) if offer.name not in MAKERS}
 
 
 def makers() -> tuple[MakerName, ...]:

@@ -35,7 +35,7 @@ If the curve changes by about a step between readings, noise-free readings appea
 """
 _HARMONICS = 5
 """Number of harmonics of a sawtooth: five contain nine tenths of the energy."""
-_BLOCK = 1 << 16
+_BLOCK = 1 << 13
 """Number of rows processed at a time, to fit into the cache of the processor."""
 
 

@@ -121,7 +121,7 @@ def rig_text(gauge: Mapping[str, object], robot: Mapping[str, object] | None = N
 def cell(folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
     """The instruments; the rig file of the folder gets their ports."""
     rig = folder / "rig.yaml"
-    with _process(folder, sys.executable, HERE / "_pace_cell.py", rig, folder / "sent.npz", *options) as process:
+    with _process(folder, sys.executable, HERE / "pace_cell.py", rig, folder / "sent.npz", *options) as process:
         assert process.stdout is not None
         text = ""
         while not text.endswith("\0"):
@@ -188,7 +188,7 @@ def _settle(client: Client) -> None:
 
 def by_plain_loop(folder: Path, instruments: subprocess.Popen[str], seconds: float) -> Taken:
     """Read with a plain loop of threads."""
-    with _process(folder, sys.executable, HERE / "_pace_plain.py", "rig.yaml", "kept.npz") as loop:
+    with _process(folder, sys.executable, HERE / "plain_loop.py", "rig.yaml", "kept.npz") as loop:
         assert loop.stdout is not None
         loop.stdout.readline()
         window_ns, cpu = _window(loop.pid, seconds)

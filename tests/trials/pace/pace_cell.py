@@ -1,6 +1,6 @@
 """The instruments of `pace`, in a process of their own: it notes when each message was handed to the system.
 
-    _pace_cell.py RIG OUT [--rate HZ] [--answer-ms MS] [--flood]
+    pace_cell.py RIG OUT [--rate HZ] [--answer-ms MS] [--flood]
 
 Two ILD1420 on ptys that stream at `--rate`, or without it two gauges on Modbus TCP that answer; a controller
 that streams RTDE, or with `--flood` one that sends lines as fast as they are taken. Every reading is its own number.

@@ -1,6 +1,6 @@
 """What `pace` holds rigd against: the loop that anyone would write, a thread for each instrument, and nothing stored.
 
-    _pace_plain.py RIG OUT
+    plain_loop.py RIG OUT
 
 pyserial for the gauges that stream, pymodbus for those on Modbus TCP, a socket for RTDE. Each reading is stamped right
 after the read, decoded and kept in a list. A line of input ends it, and then OUT has what was kept.
