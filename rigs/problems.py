@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from dataclasses import dataclass
 from typing import Any, get_args
 
 import yaml
@@ -14,7 +15,6 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from rigs.errors import FileError
-from rigs.quick_dataclass import dataclass
 from rigs.rig import Rig
 from rigs.schema.plugins import BROKEN
 

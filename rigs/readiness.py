@@ -7,10 +7,10 @@ then reported immediately, not after ten programs.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 from typing import TypeVar, get_args
 
 from rigs.errors import FileError, RigPlace
-from rigs.quick_dataclass import dataclass
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, DRIVEN_AXES, TEST_PARTS, DrivenTest, PartName, TestName
 

@@ -7,11 +7,10 @@ With 16 bits and 0.001 mm per count, -0.019 mm is read as 65.517 mm.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from rigs.quick_dataclass import dataclass
 
 _BITS = (8, 12, 16, 24, 32)
 """Widths of registers and of converters."""

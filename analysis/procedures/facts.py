@@ -6,10 +6,10 @@ Each test provides them as `FACTS` and `LABELS` in its package. A test without t
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from analysis.runs.parts_of_tests import package_of
 from rigs.errors import FileError
-from rigs.quick_dataclass import dataclass
 from rigs.schema.vocabulary import TestName
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -22,7 +23,6 @@ from analysis.robot.kinematics.joint_limits import wrapped
 from analysis.runs.noise.cell_noise import BALL_ELSEWHERE_MM, BALL_MM, JOINT_DEG, least_known
 from analysis.runs.tables import PlaceTable
 from rigs.errors import FileError
-from rigs.quick_dataclass import dataclass
 
 ONE_RUN = (
     "single run: u does not include the scatter between runs (typically "

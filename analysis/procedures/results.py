@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,6 @@ from analysis.runs.tables import CircleTable
 from analysis.runs.tabular import Tabular, for_json, table_of_rows
 from daq.store import read_run
 from rigs.errors import DirectionError, FileError
-from rigs.quick_dataclass import asdict, dataclass, replace
 from rigs.schema.vocabulary import WITHOUT_GAUGES, Direction
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,6 @@ from analysis.runs.clocks import Columns, Instants, TimingDoubt, gauge_instants,
 from analysis.runs.lower_hull import Mask
 from daq.store import Run
 from rigs.errors import FileError
-from rigs.quick_dataclass import dataclass, replace
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, TestName
 from rigs.text import counted

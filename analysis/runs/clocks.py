@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,6 @@ import numpy as np
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.own_clock import FittedClock, is_stalled, through_clock, through_pace
 from analysis.runs.own_cycle import anywhere_in_a_cycle, changes, repeats, through_cycle
-from rigs.quick_dataclass import dataclass, replace
 from rigs.schema.gauges import Gauge
 from rigs.schema.links import tcp_address
 from rigs.schema.probe import Timing

@@ -7,6 +7,7 @@ robot.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from weakref import ref
 
@@ -19,7 +20,6 @@ from analysis.runs.noise.readings import rms
 from analysis.runs.stands import STILL_RUN_RAD
 from analysis.runs.tables import CircleTable
 from rigs.errors import DirectionError, FileError
-from rigs.quick_dataclass import dataclass, replace
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle
 from rigs.schema.robot import Robot

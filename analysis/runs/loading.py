@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -33,7 +34,6 @@ from analysis.runs.tabular import Tabular
 from daq.store import Run, read_run
 from rigs.errors import FileError
 from rigs.load import calibrated_beside, parse
-from rigs.quick_dataclass import dataclass, replace
 from rigs.readiness import missing_gauges
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction

@@ -15,6 +15,7 @@ import math
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 from typing import Any
 
@@ -23,7 +24,6 @@ from numpy.typing import NDArray
 
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.lower_hull import TICK_S, Mask, floor
-from rigs.quick_dataclass import dataclass, replace
 
 _LEAP_S = 1.0
 """Smallest jump of a clock. A network or serial connection does not survive a delay of this length, although a busy

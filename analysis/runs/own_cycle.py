@@ -14,11 +14,11 @@ is the maximum-likelihood estimate.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from analysis.robot.kinematics.arm import Array, Integers, Mask
-from rigs.quick_dataclass import dataclass, replace
 
 FEW = 16
 """Smallest number of changes sufficient for a period, a phase and a scatter."""

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,6 @@ import numpy as np
 from analysis.robot.geometry.circle import peaks
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.lower_hull import Mask
-from rigs.quick_dataclass import dataclass
 from rigs.schema.condition import (
     CURRENTS,
     FULL_PERCENT,

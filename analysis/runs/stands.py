@@ -13,6 +13,7 @@ RP of 0.008 mm, and tripled the data in calibration fits and held-out sets.
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,7 +23,6 @@ from analysis.robot.model.motion import standing
 from analysis.runs.table_format import format_of
 from analysis.runs.tables import Table
 from rigs.errors import FileError
-from rigs.quick_dataclass import dataclass
 from rigs.rig import Rig
 
 STANDSTILL_RAD = float(np.radians(0.01))

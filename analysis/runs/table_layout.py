@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
-
-from rigs.quick_dataclass import dataclass
 
 
 def joint_columns(axes: int) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import takewhile
 
@@ -13,7 +14,6 @@ from numpy.typing import NDArray
 from analysis.robot.kinematics.arm import RAIL_MM, Array, Integers
 from analysis.runs.table_layout import RAIL, joint_columns
 from daq.store.chunk import array_of
-from rigs.quick_dataclass import dataclass
 from rigs.schema.vocabulary import DRIVEN_AXES, FEWEST_AXES, MOST_AXES
 
 

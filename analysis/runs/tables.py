@@ -7,13 +7,13 @@ are in rad and lengths in mm, but files contain degrees and mm (`analysis.runs.c
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.robot.kinematics.arm import Array, Integers, Mask
-from rigs.quick_dataclass import dataclass, replace
 from rigs.schema.vocabulary import CircleTest, Direction, TestName
 
 SAME_RAD = 3e-4

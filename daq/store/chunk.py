@@ -27,6 +27,7 @@ import json
 import struct
 import zlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -34,7 +35,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from daq.protocol.conversation import Fault, Sample, SampleBlock
-from rigs.quick_dataclass import dataclass, replace
 
 Array: TypeAlias = "pa.Array[Any]"
 FAULTS = "faults"

@@ -13,6 +13,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -23,7 +24,6 @@ from daq.store import durable
 from daq.store.chunk import ColumnType, storable
 from rigs.errors import FileError
 from rigs.files import read_bytes
-from rigs.quick_dataclass import dataclass
 from rigs.text import as_argument
 
 Ending = Literal["complete", "interrupted", "failed"]

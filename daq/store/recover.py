@@ -11,6 +11,7 @@ import errno
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
 
@@ -40,7 +41,6 @@ from daq.store.run import left_over, read_chunk
 from daq.store.stream_writer import describe, store_chunk
 from rigs.errors import CellError, FileError
 from rigs.files import read_bytes
-from rigs.quick_dataclass import dataclass, field
 
 TORN = ".torn"
 

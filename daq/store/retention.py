@@ -12,6 +12,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -20,7 +21,6 @@ from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST, Manifest, is_run, load_manifest
 from daq.store.marks import RunMarks, load_marks
 from rigs.errors import FileError
-from rigs.quick_dataclass import dataclass
 from rigs.schema.declared_tests import Retention
 
 _DELETED = ".deleted"

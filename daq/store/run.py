@@ -6,6 +6,7 @@ A wrong number is worse than a missing one. The SHA-256 and row count of each ch
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,6 @@ from daq.store.ledger import BEING_RECORDED, Chunk, sha256, to_recover
 from daq.store.manifest import Manifest, load_manifest, unreadable
 from rigs.errors import FileError
 from rigs.files import read_bytes
-from rigs.quick_dataclass import dataclass
 
 
 @dataclass(frozen=True)

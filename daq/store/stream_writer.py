@@ -12,6 +12,7 @@ from __future__ import annotations
 import errno
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
 
@@ -22,7 +23,6 @@ from daq.protocol.conversation import SampleBlock
 from daq.store import durable
 from daq.store.chunk import END, FAULTS, TABLE, Row, Salvage, batch_of, frame, head, salvage, table_of, to_parquet
 from daq.store.ledger import Chunk, chunk_name, sha256
-from rigs.quick_dataclass import dataclass, field
 
 
 @dataclass

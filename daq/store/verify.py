@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,6 @@ from daq.store.run import left_over, read_chunk
 from rigs.calibration import CALIBRATION, MOST_CALIBRATION_BYTES
 from rigs.errors import FileError
 from rigs.files import read_bytes
-from rigs.quick_dataclass import dataclass, field
 
 END_UNKNOWN = "before the end, which was never sealed: rows after the last one may be missing"
 """Description of the end of an interrupted run."""

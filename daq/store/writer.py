@@ -15,6 +15,7 @@ import os
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -36,7 +37,6 @@ from daq.store.run_directory import (
 )
 from daq.store.stream_writer import StreamWriter
 from rigs.errors import CellError
-from rigs.quick_dataclass import dataclass, field
 from rigs.text import as_argument
 
 CHUNK_ROWS = 200_000

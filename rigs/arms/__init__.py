@@ -7,6 +7,7 @@ pasting.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -14,7 +15,6 @@ from pydantic import Field, ValidationError, model_validator
 
 from rigs.errors import FileError
 from rigs.problems import RigFileError, problems_of
-from rigs.quick_dataclass import dataclass
 from rigs.schema.part import Part
 from rigs.schema.robot import Robot
 from rigs.text import nearest, the_same

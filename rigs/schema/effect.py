@@ -11,6 +11,7 @@ import datetime as dt
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Self, TypeVar
@@ -18,7 +19,6 @@ from typing import Any, ClassVar, Literal, Self, TypeVar
 import numpy as np
 from pydantic import Field
 
-from rigs.quick_dataclass import dataclass, field
 from rigs.schema.part import Part
 from rigs.schema.scene import Array, S, Stage
 from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES, Build

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_serializer, model_validator
 
-from rigs.quick_dataclass import dataclass
 from rigs.schema.part import Part
 
 _LINE = re.compile(r"(\d+) ([78])([NEO])([12])")

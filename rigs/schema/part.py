@@ -5,11 +5,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
-
-from rigs.quick_dataclass import dataclass
 
 MM_PER_M = 1000
 """Factor between a length in mm and the same length written in metres."""

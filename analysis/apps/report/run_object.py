@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,6 @@ from analysis.procedures.shared.quantity import Quantity
 from analysis.runs.tabular import for_json
 from rigs.errors import FileError
 from rigs.files import read_bytes
-from rigs.quick_dataclass import asdict, dataclass
 from rigs.text import counted
 
 _LARGEST_OF_NOISE = ("hysteresis_max_deg", "hysteresis_max_mm")

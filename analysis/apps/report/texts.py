@@ -7,13 +7,13 @@ composed by the analysis, such as doubts and remedies, stay English.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from typing import Literal, get_args
 
 import yaml
 
-from rigs.quick_dataclass import dataclass
 from rigs.schema.robot import Robot
 
 LEADING = frozenset({"band_deg", "band_mm", "uni_mm", "bi_mm", "rms_mm", "radius_mm", "line_at_mm"})

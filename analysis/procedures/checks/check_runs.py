@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 from weakref import finalize
 
@@ -18,7 +19,6 @@ from analysis.procedures.facts import labels_of, shows_joints
 from analysis.runs.loading import Measured
 from analysis.runs.table_format import format_of
 from rigs.errors import FileError
-from rigs.quick_dataclass import dataclass, replace
 
 Runs = Sequence[Measured]
 

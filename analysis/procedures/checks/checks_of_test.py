@@ -6,6 +6,7 @@ A test implements them as `PART` in the module `checks` of its package. A test w
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import cache
 from typing import Protocol, TypeVar
 
@@ -16,7 +17,6 @@ from analysis.procedures.facts import labels_of, no_joints_error
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.parts_of_tests import TestPart, part_of
 from analysis.runs.tables import Table
-from rigs.quick_dataclass import dataclass
 from rigs.rig import Rig
 from rigs.schema.vocabulary import TestName
 

@@ -7,6 +7,7 @@ difference correlated with the speed is a following error. rig uses the measured
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from analysis.robot.kinematics.arm import Array, arm_of
 from analysis.robot.model.scene import load_of, pull
 from analysis.runs.loading import Measured
 from analysis.runs.table_rows import Rows
-from rigs.quick_dataclass import dataclass
 
 COMMANDS = "commands"
 _LEAST_DEG = 0.01

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from analysis.runs.loading import Measured
 from analysis.runs.tabular import for_json
-from rigs.quick_dataclass import dataclass
 
 Strength = Literal["impossible", "decisive", "likely"]
 """Certainty of a finding.

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -38,7 +39,6 @@ from analysis.runs.noise.readings import rms
 from analysis.runs.table_format import format_of
 from analysis.runs.tables import CircleTable, Table
 from rigs.errors import FileError
-from rigs.quick_dataclass import dataclass, replace
 from rigs.rig import Rig
 from rigs.schema.scene import play
 from rigs.schema.vocabulary import TestName

@@ -19,6 +19,7 @@ concatenated with itself.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,7 +31,6 @@ from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, arm_of, fo
 from analysis.runs.noise.cell_noise import TARGET_MM
 from analysis.runs.noise.outliers import FITTED_SPREADS, NEAR, SPREADS, STEPS, by_accident, far_from_fit, spreads_of
 from analysis.runs.tables import PathTable, PoseTable, Table, TouchTable
-from rigs.quick_dataclass import dataclass, replace
 from rigs.rig import Rig
 from rigs.text import listed
 

@@ -14,6 +14,7 @@ ignored: its effect is below 1 µm for angles below 1° and gauges within 5 mm o
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,7 +25,6 @@ from analysis.procedures.shared.reduction import PHI, Reduced, nodes_of
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.laps import Laps
 from analysis.runs.noise.spectrum import DRAWS, NODES, LapNoise
-from rigs.quick_dataclass import dataclass
 
 RANGES = frozenset({"circular_deviation_mm"})
 _ROUNDS = 4

@@ -14,6 +14,7 @@ the worst case.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,6 @@ from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.cell_noise import BALL_ELSEWHERE_MM, BALL_MM, JOINT_DEG
 from analysis.runs.noise.spectrum import DRAWS, NODES
 from rigs.errors import FileError
-from rigs.quick_dataclass import dataclass, replace
 
 _SURE = 0.9545
 """Share of the draws covered by 2 u."""

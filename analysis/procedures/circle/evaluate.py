@@ -7,6 +7,7 @@ range the error band. Yaw and roll define their additional figures.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from typing import cast
@@ -35,7 +36,6 @@ from analysis.runs.laps import Laps, laps_of
 from analysis.runs.noise.spectrum import DRAWS, NODES, LapNoise
 from analysis.runs.tables import CircleTable
 from rigs.errors import FileError
-from rigs.quick_dataclass import dataclass, replace
 from rigs.readiness import require_test
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CircleTest, Direction, TestName

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
 
@@ -45,7 +46,6 @@ from analysis.runs.tables import CircleTable
 from daq.store import Manifest, Run, chunks_of, closed_manifest
 from rigs.errors import FileError
 from rigs.load import calibrated_beside
-from rigs.quick_dataclass import dataclass
 from rigs.rig import Rig
 from rigs.schema.condition import MOTORS, PROGRAM, SAFETY, SPEED
 from rigs.schema.vocabulary import CIRCLES

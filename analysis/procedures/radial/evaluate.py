@@ -21,6 +21,7 @@ between is included in its uncertainty, as a distribution concentrated at both e
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,6 @@ from analysis.runs.noise.readings import step_of_stops
 from analysis.runs.noise.target_scatter import Scatter, SphereLevel, scatter_of
 from analysis.runs.tables import RadialTable
 from rigs.errors import FileError
-from rigs.quick_dataclass import dataclass, replace
 from rigs.readiness import require_test
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction

@@ -10,13 +10,14 @@ model is needed, only the angles and directions of the joint.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from analysis.procedures.shared.lap_curve import SEED
 from analysis.procedures.shared.quantity import Quantity, figures_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.noise.spectrum import DRAWS
-from rigs.quick_dataclass import dataclass
 
 _FEWEST_ANGLES, _LEAST_RAD = 5, np.radians(10)
 """Minimum number of joint angles, and minimum range, for a circle: it has seven parameters, and each angle three

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
@@ -19,7 +20,6 @@ from analysis.runs.noise.spectrum import LapNoise
 from analysis.runs.parts_of_tests import TestPart, part_of
 from analysis.runs.tables import Table
 from rigs.errors import FileError
-from rigs.quick_dataclass import dataclass
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName
 

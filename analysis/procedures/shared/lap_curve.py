@@ -10,6 +10,7 @@ wavelength of
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -23,7 +24,6 @@ from analysis.runs.noise.cell_noise import least_known
 from analysis.runs.noise.lap_changes import power_of_ramp, without_drift, without_level_steps
 from analysis.runs.noise.readings import rounding_error
 from analysis.runs.noise.spectrum import DRAWS, NODES, ORDERS, LapNoise, noise_of
-from rigs.quick_dataclass import dataclass, replace
 
 SEED = 0
 """Seed of the noise draws, fixed so that a run always gives the same report."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.cell_noise import NoiseSource
 from rigs.effects import Effect
-from rigs.quick_dataclass import dataclass
 from rigs.schema.effect import SEATS, label_of, size_field
 
 _TWO_SIGMA = 0.9545

@@ -7,6 +7,8 @@ The cost here is linear in the rows; all later steps use 720 numbers per lap.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from analysis.robot.geometry.circle import SENSE
@@ -15,7 +17,6 @@ from analysis.runs.laps import Laps
 from analysis.runs.noise.lap_changes import bursts, changes, following, without_slips
 from analysis.runs.noise.readings import Mask, beyond_neighbours, is_outlier, noise_beneath, step_of
 from analysis.runs.noise.spectrum import NODES, Integers, node_response
-from rigs.quick_dataclass import dataclass
 
 PHI = 2 * np.pi * np.arange(NODES) / NODES
 """Circle angles (NODES,) rad of a curve."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
@@ -11,7 +13,6 @@ from analysis.robot.geometry.circle import reversals
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import Array, Integers, arm_of
 from analysis.runs.tabular import Tabular
-from rigs.quick_dataclass import dataclass
 from rigs.rig import Rig
 
 

@@ -7,6 +7,7 @@ runs.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import accumulate, islice
 
 import numpy as np
@@ -16,7 +17,6 @@ from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import SetUp, model_of
 from analysis.runs.tables import GaugeTable
 from rigs.effects import Effect, turned
-from rigs.quick_dataclass import dataclass, replace
 from rigs.rig import Rig
 
 _DWELL_S = 4.0

@@ -14,13 +14,13 @@ errors dC, dn and dR of the circle: two regressions on the same columns 1, cos(p
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
 from analysis.robot.kinematics.arm import Arm, Array, Integers
 from analysis.robot.kinematics.follow import follow
-from rigs.quick_dataclass import dataclass, replace
 from rigs.schema.declared_tests import Circle
 from rigs.schema.scene import play
 from rigs.schema.vocabulary import CircleTest, Direction

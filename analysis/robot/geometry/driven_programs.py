@@ -7,6 +7,7 @@ side.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,7 +21,6 @@ from analysis.robot.kinematics.follow import follow
 from analysis.robot.kinematics.newton import newton
 from rigs.errors import FileError, PathError, RigPlace
 from rigs.load import named_by
-from rigs.quick_dataclass import dataclass
 from rigs.readiness import missing_arm, require_part
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, Hemisphere, Repeatability

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from analysis.robot.kinematics.arm import Array, Integers
-from rigs.quick_dataclass import dataclass
 from rigs.schema.declared_tests import Hemisphere
 
 _TILT_RAD = np.radians(20.0)

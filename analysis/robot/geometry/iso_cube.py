@@ -13,6 +13,7 @@ is driven in both directions, as required by ISO 230-4. All positions are in mm,
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from typing import Literal
@@ -26,7 +27,6 @@ from analysis.robot.kinematics.inverse import inverse
 from analysis.robot.kinematics.joint_limits import within_limits
 from analysis.robot.kinematics.newton import conditioning, newton
 from rigs.errors import FileError, PathError, RigPlace
-from rigs.quick_dataclass import dataclass
 from rigs.readiness import require_part
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Iso9283

@@ -10,12 +10,12 @@ reproduced to the last digit, unlike measured ones.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.robot.kinematics.arm import Arm, Array, Integers, forward, rotation
-from rigs.quick_dataclass import dataclass, replace
 
 
 def socket_design(T: Array, socket: Integers, sockets: int) -> Array:

@@ -8,12 +8,12 @@ The arm is an immutable value, and all functions are pure. Angles are in radians
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigs.quick_dataclass import dataclass, replace
 from rigs.schema.robot import Pose, Robot
 
 Array = NDArray[np.float64]

@@ -25,13 +25,13 @@ closed form of the snapped arm gives the start values for Newton's method on the
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from analysis.robot.kinematics.arm import Arm, Array, cos_sin
 from analysis.robot.kinematics.newton import LENGTH_MM
-from rigs.quick_dataclass import dataclass
 
 Kind = Literal["spherical wrist", "parallel axes"]
 

@@ -10,6 +10,7 @@ both sides of each solution near a singularity.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -18,7 +19,6 @@ from analysis.robot.kinematics.arm import Arm, Array, Mask, blocks
 from analysis.robot.kinematics.closed_form import Canonical, branches, canonical
 from analysis.robot.kinematics.joint_limits import distinct, good, may_have_duplicates, off_by, wrapped
 from analysis.robot.kinematics.newton import TOLERANCE_MM, from_nearby, newton, null_motion
-from rigs.quick_dataclass import dataclass
 
 _SEEDS, _MOST = 96, 16
 """Number of start values, and largest number of solutions of a general six-axis arm (Raghavan and Roth 1993)."""

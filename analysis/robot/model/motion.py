@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from analysis.robot.kinematics.arm import Array, Integers
-from rigs.quick_dataclass import dataclass, field
 from rigs.schema.scene import play
 
 _TURN_RAD = np.radians(0.003)

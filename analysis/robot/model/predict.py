@@ -12,6 +12,7 @@ rigid arms can use them completely. Compliance, waves, backlash, growth and lag 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,7 +20,6 @@ from analysis.robot.kinematics.arm import Arm, Array, Integers, arm_of, forward
 from analysis.robot.model.motion import Motion
 from analysis.robot.model.scene import Load, ModelScene, apply, load_of
 from rigs.effects import Effect
-from rigs.quick_dataclass import dataclass, field, replace
 from rigs.rig import Rig
 from rigs.schema.scene import STAGES
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -21,7 +22,6 @@ from analysis.robot.kinematics.arm import (
 )
 from analysis.robot.model.motion import Motion
 from rigs.effects import Effect
-from rigs.quick_dataclass import dataclass, replace
 from rigs.schema.robot import Robot
 from rigs.schema.scene import Stage
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from rigs.errors import CellError, FileError, RigError
-from rigs.quick_dataclass import dataclass
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")

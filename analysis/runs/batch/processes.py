@@ -13,13 +13,13 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
 from analysis.runs.batch.outcomes import FailedItem, Item, Outcome, Value, attempt, outcome_of
 from rigs.errors import CellError
-from rigs.quick_dataclass import dataclass
 
 _CONTEXT = mp.get_context("fork") if sys.platform == "linux" else mp.get_context("spawn")
 """A fork has all modules imported already. Outside Linux it is unsafe or missing."""

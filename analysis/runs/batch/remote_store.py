@@ -14,6 +14,7 @@ import errno
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from typing import Any
 
 from analysis.runs.batch.outcomes import FailedItem
@@ -26,7 +27,6 @@ from daq.store.marks import MARKS
 from rigs.calibration import CALIBRATION
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError, RigError
-from rigs.quick_dataclass import dataclass
 
 NO_RUNS = "lost+found"
 """A directory at the top of a file system with access for root only."""

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Literal, get_args
-
-from rigs.quick_dataclass import dataclass
 
 NoiseSource = Literal["measured", "borrowed", "assumed"]
 """The source of a noise level: measured from repeats in this run, borrowed from another run of the cell, or assumed

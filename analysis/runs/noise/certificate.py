@@ -10,11 +10,11 @@ from __future__ import annotations
 import datetime as dt
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from analysis.robot.kinematics.arm import Array
-from rigs.quick_dataclass import dataclass
 from rigs.rig import Rig
 from rigs.schema.probe import Certificate, GaugeCertificate, Temperature
 

@@ -9,6 +9,7 @@ from above, and the prior determines the rest.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -16,7 +17,6 @@ from numpy.typing import NDArray
 
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.cell_noise import DRIFT_MM_PER_S, LEVELS_APART, SLOW_MM, WHITE_MM, NoiseSource
-from rigs.quick_dataclass import dataclass
 
 NODES = 720
 """Number of angles of a reduced lap, half a degree apart. Chosen: finer than the stated resolution of 80 undulations

@@ -25,13 +25,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.cell_noise import DRIFT_MM_PER_S, TARGET_MM, NoiseSource
 from analysis.runs.noise.readings import rms, shared_rounding
-from rigs.quick_dataclass import dataclass, field, replace
 
 _SEED = 0
 """Seed of the sampler, fixed so that a run always gives the same report."""

@@ -32,7 +32,7 @@ OURS = {"analysis", "rigs"}
 WORDS = {
     *("analysis", "analysis.runs.batch", "analysis.runs.batch.outcomes", "analysis.runs", "analysis.runs.table_layout"),
     *("rigs", "rigs.distribution", "rigs.errors", "rigs.schema", "rigs.schema.part"),
-    *("rigs.quick_dataclass", "rigs.signals", "rigs.text"),
+    *("rigs.signals", "rigs.text"),
 }
 """What every command imports of rig: the words that its options take, its errors, its outcomes."""
 
