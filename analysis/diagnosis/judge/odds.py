@@ -39,19 +39,25 @@ def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
     named = [_without_use(name, train) if name.stands else name for name in named]
     if train.after_um < train.before_um:
         return list(named)
-    return [replace(name, doubt="unsure") if name.stands and name.posterior < _SURE_ODDS else name for name in named]
+    return [_cancelling(name, "unsure") if name.stands and name.posterior < _SURE_ODDS else name for name in named]
 
 
 def _without_use(name: Named, train: Gap) -> Named:
     """Return a named effect, not confirmed if a single direction shows it and the gap is smaller without it.
 
-    It then only cancels others, and is at most as likely as another cause; constants of the arm cancel each other in
-    every arm. In several directions, errors do not cancel by chance: a ball form of 65 usual sizes cancelled usual
-    twists of the arm.
+    In several directions, errors do not cancel by chance: a ball form of 65 usual sizes cancelled usual twists of the
+    arm.
     """
-    if name.gap_without_um >= NO_WORSE * train.after_um or name.directions >= 2:
-        return name
-    return replace(name, doubt="no_better") if name.effect.part == "constants" else doubted(name, "no_better")
+    is_useful = name.gap_without_um >= NO_WORSE * train.after_um or name.directions >= 2
+    return name if is_useful else _cancelling(name, "no_better")
+
+
+def _cancelling(name: Named, doubt: Doubt) -> Named:
+    """Return a named effect that only cancels others: not confirmed, and at most as likely as another cause.
+
+    Constants of the arm keep their odds, because they cancel each other in every arm.
+    """
+    return replace(name, doubt=doubt) if name.effect.part == "constants" else doubted(name, doubt)
 
 
 def without_cancelling(named: Sequence[Named], before_um: float) -> list[Named]:
