@@ -129,7 +129,7 @@ def _named_in(
     named = [
         replace(name, alone_um=fitted.residual_um([name.effect])) if name.stands or given else name for name in named
     ]
-    named = without_cancelling(named, train.before_um)
+    named = without_cancelling(named, train)
     return sorted(named, key=lambda name: (not name.stands, -name.worth_um)), doubts
 
 

@@ -45,11 +45,11 @@ def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
 def _without_use(name: Named, train: Gap) -> Named:
     """Return a named effect, not confirmed if a single direction shows it and the gap is smaller without it.
 
-    In several directions, errors do not cancel by chance: a ball form of 65 usual sizes cancelled usual twists of the
-    arm.
+    In several directions, an error of an instrument does not cancel errors of the arm by chance: a ball form of 65
+    usual sizes cancelled usual twists.
     """
-    is_useful = name.gap_without_um >= NO_WORSE * train.after_um or name.directions >= 2
-    return name if is_useful else _cancelling(name, "no_better")
+    is_shown = name.directions >= 2 and name.effect.STAGE in OUTSIDE_ARM
+    return name if is_shown or name.gap_without_um >= NO_WORSE * train.after_um else _cancelling(name, "no_better")
 
 
 def _cancelling(name: Named, doubt: Doubt) -> Named:
@@ -60,17 +60,18 @@ def _cancelling(name: Named, doubt: Doubt) -> Named:
     return replace(name, doubt=doubt) if name.effect.part == "constants" else doubted(name, doubt)
 
 
-def without_cancelling(named: Sequence[Named], before_um: float) -> list[Named]:
+def without_cancelling(named: Sequence[Named], train: Gap) -> list[Named]:
     """Return the named effects, with errors of instruments that cancel errors of the arm no longer confirmed: shown by
-    one direction, such an effect increases the gap of `before_um` by itself. The other explanation, in which both are
-    absent, is at least as likely. Constants of the arm cancel each other in every arm. A vibration has another phase in
-    each run, so its model with a common phase increases the gap in any case.
+    one direction, such an effect increases the initial gap by itself, clearly or if it is below the noise. The other
+    explanation, in which both are absent, is at least as likely. Constants of the arm cancel each other in every arm. A
+    vibration has another phase in each run, so its model with a common phase increases the gap in any case.
     """
 
     def only_cancels(name: Named) -> bool:
         has_own_phase = name.effect.swinging(1.0, 1e-3) is not None  # in each run
-        may_cancel = name.effect.STAGE in OUTSIDE_ARM and not has_own_phase
-        return may_cancel and name.directions < 2 and NO_WORSE * name.alone_um > before_um
+        may_cancel = name.effect.STAGE in OUTSIDE_ARM and not has_own_phase and name.directions < 2
+        least = 1.0 if name.worth_um < train.noise_floor_um else NO_WORSE
+        return may_cancel and least * name.alone_um > train.before_um
 
     return [doubted(name, "cancels") if name.stands and only_cancels(name) else name for name in named]
 

@@ -107,21 +107,23 @@ def test_an_effect_that_only_cancels_others_is_at_most_as_likely_as_not() -> Non
 
 
 @pytest.mark.parametrize(
-    ("effect", "alone_um", "stands"),
+    ("effect", "alone_um", "worth_um", "stands"),
     [
-        (BallForm(lobes=2, amplitude_mm=0.02), 20.0, False),
-        (BallForm(lobes=2, amplitude_mm=0.02), 15.1, True),
-        (Vibration(frequency_hz=8.0, amplitude_mm=0.02), 20.0, True),
-        (TransmissionError(axis=6, order=2, amplitude_deg=0.05), 20.0, True),
+        (BallForm(lobes=2, amplitude_mm=0.02), 20.0, 20.0, False),
+        (BallForm(lobes=2, amplitude_mm=0.02), 15.1, 20.0, True),
+        (BallForm(lobes=2, amplitude_mm=0.02), 15.1, 1.0, False),
+        (Vibration(frequency_hz=8.0, amplitude_mm=0.02), 20.0, 20.0, True),
+        (TransmissionError(axis=6, order=2, amplitude_deg=0.05), 20.0, 20.0, True),
     ],
-    ids=["ball", "ball within a set-up's gain", "vibration", "gear"],
+    ids=["ball", "ball within a set-up's gain", "ball below the noise", "vibration", "gear"],
 )
 def test_an_error_of_an_instrument_that_increases_the_error_is_doubted(
-    effect: Effect, alone_um: float, stands: bool
+    effect: Effect, alone_um: float, worth_um: float, stands: bool
 ) -> None:
     """A model of a vibration has a common phase, and increases the error of runs with other phases in any case."""
-    named = replace(_named(20.0, 30.0), effect=effect, alone_um=alone_um)
-    (judged,) = without_cancelling([named], before_um=15.0)
+    gap = Gap(("a",), before_um=15.0, after_um=10.3, noise_floor_um=4.0, calibrated_um=4.1)
+    named = replace(_named(worth_um, 30.0), effect=effect, alone_um=alone_um)
+    (judged,) = without_cancelling([named], gap)
     assert judged.stands is stands and (judged.posterior > 0.5) is stands
 
 
