@@ -81,10 +81,14 @@ class Refined:
     departures: tuple[Response, ...]
     free: Response
 
+    def fitted_sd(self, effect: int) -> dict[str, float]:
+        """Return the standard uncertainty of each fitted parameter of an effect with the form of its formula."""
+        sds = np.sqrt(np.diag(self.covariance))
+        return {u.field: float(sd) for u, sd in zip(self.unknowns, sds, strict=True) if u.effect == effect}
+
     def sd(self, effect: int) -> dict[str, float]:
         """Return the standard uncertainty of each fitted parameter of an effect, including that of the form."""
-        sds = np.sqrt(np.diag(self.covariance))
-        stated = {u.field: float(sd) for u, sd in zip(self.unknowns, sds, strict=True) if u.effect == effect}
+        stated = self.fitted_sd(effect)
         whole, name = self.effects[effect], size_field(self.effects[effect])
         if name in stated:
             stated[name] = float(np.hypot(stated[name], whole.FORM_U * getattr(whole, name)))

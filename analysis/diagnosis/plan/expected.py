@@ -285,7 +285,7 @@ class ExpectedPosterior:
         shapes = {free.field: free.expected for free in effect.free(self.linear.payload_kg)}
         fault = scaled(healthy(effect), size, **shapes)
         refined = refine(self.linear.simulated_with((fault,)), self._background_with_effects((fault,)), [fault])
-        return refined.sd(0)[size_field(effect)] / healthy_size(effect)
+        return refined.fitted_sd(0)[size_field(effect)] / healthy_size(effect)  # of detection, not of the form
 
     def sd_of_name(self, name: str) -> float:
         """Return the standard uncertainty of an effect's size, in healthy sizes, in the best detected form."""
