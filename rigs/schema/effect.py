@@ -222,7 +222,7 @@ class Effect(Part, ABC):
     """Part of the error of the arm, unless the stage determines it."""
     FORM_U: ClassVar[float] = 0.01
     """Relative standard uncertainty of the size caused by a form that differs from that of a real part; 0 where the
-    form is a definition. Source: 20 faults of an independent world with other forms, whose sizes were known to better
+    form is a definition. Source: 21 faults of an independent world with other forms, whose sizes were known to better
     than 1 %, deviated by 0.0 to 1.7 %.
     """
     FREE: ClassVar[tuple[FreeShape, ...]] = ()
@@ -407,6 +407,11 @@ def phases(effect: _E) -> tuple[_E, ...]:
 def is_wave(effect: Effect) -> bool:
     """Return whether an effect has a free phase."""
     return hasattr(effect, PHASE)
+
+
+def is_vibration(effect: Effect) -> bool:
+    """Return whether an effect has another phase in each run, so that no model of several runs contains it."""
+    return effect.swinging(1.0, 1e-3) is not None
 
 
 def is_play(effect: Effect) -> bool:

@@ -117,7 +117,7 @@ def closed(gap: Gap) -> float:
 
 
 def held_out_rows(diagnosis: Diagnosis, texts: Texts) -> str:
-    """Return a sentence with the number of rows that rig held out of each run; empty if it held out none."""
+    """Return a sentence with the number of validation rows of each run; empty if rig did not select such rows."""
     rows = diagnosis.held_out.rows if diagnosis.held_out else {}
     counts = ", ".join(f"{name} {len(numbers)}" for name, numbers in rows.items())
     return texts("validation_rows", counts=counts, keys="gap.held_out.rows") if rows else ""

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.evidence.setups import FittedRuns
 from analysis.diagnosis.judge.acts import FOUND, Act, Against, Cost, JudgedOn, NamingTest, Reason
+from analysis.diagnosis.judge.remains import independent_um
 from analysis.diagnosis.judge.result import (
     LARGE_SHARE,
     BudgetPart,
@@ -134,8 +135,8 @@ def in_order(acts: Sequence[Act], now_um: float) -> list[Act]:
     ordered: list[Act] = []
 
     def weight_um(act: Act) -> float:
-        without_um = math.sqrt(max(now_um**2 - act.residual_um**2, 0.0))
-        return now_um - without_um if act.kind == "approach" and act.removes_um is None else act.gain_um
+        is_unknown = act.kind == "approach" and act.removes_um is None
+        return now_um - independent_um(now_um, act.residual_um) if is_unknown else act.gain_um
 
     by_weight = sorted(acts, key=weight_um, reverse=True)
     for act in [act for act in by_weight if act not in late]:

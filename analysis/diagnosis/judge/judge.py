@@ -43,8 +43,7 @@ from analysis.diagnosis.judge.verdict import (
     standing_of,
     standing_within,
 )
-from rigs.effects import swing as vibration_at
-from rigs.schema.effect import name_of
+from rigs.schema.effect import is_vibration, name_of
 
 
 @dataclass(frozen=True)
@@ -116,7 +115,7 @@ def _named_in(
     named = named_effects(result, fitted, held_out_gains(result, validation.judges), changes)
     named = without_useless(named, train)
     doubts = doubts_of_limits(named)
-    vibrations = [name for name in named if given and isinstance(name.effect, type(vibration_at(1.0, 0.0)))]
+    vibrations = [name for name in named if given and is_vibration(name.effect)]
     swing = None
     if vibrations or not given:
         swing = find_vibration(with_effects(evidence.runs, result.effects), result.linear.setups)

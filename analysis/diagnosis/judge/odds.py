@@ -9,6 +9,7 @@ import numpy as np
 
 from analysis.diagnosis.judge.acts import Doubt
 from analysis.diagnosis.judge.result import Gap, Named
+from rigs.schema.effect import is_vibration
 from rigs.schema.scene import OUTSIDE_ARM
 
 _SURE_ODDS = 0.999
@@ -30,9 +31,9 @@ def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
     """Return the named effects with none confirmed if the calibrated model explains the runs used no better than no
     named effects: the cause is then not an effect, but for example exchanged gauges.
 
-    A named effect that increases the gap when added to the others is never confirmed, whatever the odds: it cancels a
-    different effect that may also be absent. If the named effects by themselves do not reduce the gap, only almost
-    certain named effects are confirmed: the others cancel each other or usual errors.
+    A named effect that increases the gap when added to the others is not confirmed, whatever the odds: it cancels a
+    different effect that may also be absent. The exception are errors of instruments shown in several directions. If
+    the named effects by themselves do not reduce the gap, only almost certain named effects are confirmed.
     """
     if train.calibrated_um >= train.before_um:
         return [doubted(name, "no_better") if name.stands else name for name in named]
@@ -68,8 +69,7 @@ def without_cancelling(named: Sequence[Named], train: Gap) -> list[Named]:
     """
 
     def only_cancels(name: Named) -> bool:
-        has_own_phase = name.effect.swinging(1.0, 1e-3) is not None  # in each run
-        may_cancel = name.effect.STAGE in OUTSIDE_ARM and not has_own_phase and name.directions < 2
+        may_cancel = name.effect.STAGE in OUTSIDE_ARM and not is_vibration(name.effect) and name.directions < 2
         least = 1.0 if name.worth_um < train.noise_floor_um else NO_WORSE
         return may_cancel and least * name.alone_um > train.before_um
 

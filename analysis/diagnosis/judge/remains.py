@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -75,3 +76,8 @@ class Unexplained:
     def to_dict(self) -> dict[str, Any]:
         """Return plain types."""
         return asdict(self)
+
+
+def independent_um(um: float, part_um: float) -> float:
+    """Return the remainder in µm of an rms after a part of it that is independent of the remainder is removed."""
+    return math.sqrt(max(um**2 - part_um**2, 0.0))

@@ -12,7 +12,7 @@ import pyarrow as pa
 from analysis.diagnosis.evidence.contradiction import Contradiction
 from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.judge.acts import Act, Doubt, JudgedOn
-from analysis.diagnosis.judge.remains import ResidualSummary, Unexplained
+from analysis.diagnosis.judge.remains import ResidualSummary, Unexplained, independent_um
 from analysis.diagnosis.judge.residuals import Curve, Map, ResidualBand, ResidualPlace
 from analysis.diagnosis.judge.staircase import Staircase
 from analysis.procedures.facts import facts_of
@@ -182,7 +182,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Rival:
-    """A rival effect that could replace a named effect, with standard uncertainties and its share of the evidence."""
+    """An effect that may explain the readings instead of a named effect. `posterior` is its share of the evidence."""
 
     effect: Effect
     sd: dict[str, float]
@@ -360,7 +360,7 @@ class Gap:
     def left_u_um(self) -> float:
         """Standard uncertainty in µm of the residual of a model. It combines `u_um` with half of the residual of the
         calibrated model beyond the noise, because that part may differ in the next run."""
-        missed_um = math.sqrt(max(self.calibrated_um**2 - self.noise_floor_um**2, 0.0))
+        missed_um = independent_um(self.calibrated_um, self.noise_floor_um)
         return math.hypot(self.u_um, missed_um / math.sqrt(2 * _SHAPES))
 
     def to_dict(self) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from analysis.diagnosis.judge.acts import IMITATED, Doubt, JudgedOn
 from analysis.diagnosis.judge.budget import EffectChange, GapMeasure, sizes_by_setup
 from analysis.diagnosis.judge.imitations import imitation_of, shows_waves
 from analysis.diagnosis.judge.odds import NO_WORSE, doubted
+from analysis.diagnosis.judge.remains import independent_um
 from analysis.diagnosis.judge.residuals import bands_above_noise
 from analysis.diagnosis.judge.result import (
     CERTAIN_ODDS,
@@ -46,7 +47,7 @@ from rigs.calibration import ModelAssessment
 from rigs.effect_names import name_in_words
 from rigs.errors import RigError
 from rigs.rig import Rig
-from rigs.schema.effect import label_of, name_of, size_field, size_of
+from rigs.schema.effect import is_vibration, label_of, name_of, size_field, size_of
 from rigs.schema.limits import Limit, Limits, Standing
 from rigs.schema.vocabulary import TestName
 
@@ -343,14 +344,13 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
     unexplained = beyond + linear.without_set_up(imitated)
     um = min(GapMeasure(linear).um(unexplained), train.before_um)
     # No model contains vibrations, because each run has another phase.
-    vibrations = [name for name in named if name.doubt in _SURE and name.effect.swinging(1.0, 1e-3) is not None]
+    vibrations = [name for name in named if name.doubt in _SURE and is_vibration(name.effect)]
     vibration_um = float(np.linalg.norm([name.worth_um for name in vibrations]))
     is_material = plain_rms_by_block(linear, unexplained).is_material(np.maximum(limits, LEAST_MATERIAL_UM))
     if vibrations:  # the mean of repeats contains a part of them
-        um = _rest_um(vibration_um, um)
+        um = independent_um(um, vibration_um)
         is_material &= um > LEAST_MATERIAL_UM
-    single_um = _single_runs_um(train, float(np.hypot(_accounted_um(result, named), vibration_um)))
-    missed_um = _missed_elsewhere_um(gaps)
+    single_um, missed_um = _single_runs_um(result, named, train, vibration_um), _missed_elsewhere_um(gaps)
     if max(single_um, missed_um) > max(um, LEAST_MATERIAL_UM):
         um, is_material = max(single_um, missed_um), True
     share = (um / train.before_um) ** 2 if train.before_um else 0.0
@@ -361,31 +361,29 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
     return Remainder(um, share, words, healthy.whole_um, um == missed_um > 0, bool(is_material))
 
 
-def _single_runs_um(train: Gap, accounted_um: float) -> float:
-    """Return the rms in µm by which single runs exceed the noise and an error that is accounted for; 0 for a small
-    excess, as the noise is uncertain.
+def _single_runs_um(result: SearchResult, named: Sequence[Named], train: Gap, vibration_um: float) -> float:
+    """Return the rms in µm by which the residual of single runs exceeds the noise and all parts with a known cause; 0
+    for a small excess, as the noise is uncertain.
     """
-    left_um = _rest_um(accounted_um, min(train.calibrated_um, train.before_um))
-    return _rest_um(train.noise_floor_um, left_um) if left_um > _FAR * train.noise_floor_um else 0.0
+    um = independent_um(min(train.calibrated_um, train.before_um), vibration_um)
+    if um > _FAR * train.noise_floor_um:
+        um = independent_um(um, _missing_in_export_um(result, named))
+    return independent_um(um, train.noise_floor_um) if um > _FAR * train.noise_floor_um else 0.0
 
 
-def _rest_um(known_um: float, um: float) -> float:
-    """Return the part of an rms in µm that is independent of a known part in µm."""
-    return float(np.sqrt(max(um**2 - known_um**2, 0.0)))
+def _missing_in_export_um(result: SearchResult, named: Sequence[Named]) -> float:
+    """Return the rms error in µm of the exported model that the fitted model explains.
 
-
-def _accounted_um(result: SearchResult, named: Sequence[Named]) -> float:
-    """Return the rms error in µm that the exported model leaves although its cause is known: departures of effects not
-    in doubt from their ideal forms, and terms of the set-ups that readings hardly determine and a gap therefore limits.
-
-    Example: backlash of 0.45° at a ball 0.8 mm higher left 34 µm, of which 8 µm have no cause.
+    The exported model contains neither the departures of effects from their ideal forms, counted here for effects not
+    in doubt, nor terms of the set-ups that readings hardly determine. Example: for backlash of 0.45° and a ball 0.8 mm
+    higher, the exported model left 34 µm, and the fitted model 8 µm.
     """
     measure, effects = GapMeasure(result.linear), (*result.effects, *background_effects(result.calibrated_posterior))
     residual = result.linear.residual(effects)
     sure = [name.effect for name in named if name.doubt in _SURE]
     departures = [change for effect, change in zip(result.effects, result.departures, strict=True) if effect in sure]
-    without_cause = residual - sum(departures, np.zeros_like(residual))
-    return _rest_um(measure.with_free_set_ups_um(without_cause), measure.um(residual))
+    fitted = residual - sum(departures, np.zeros_like(residual))
+    return independent_um(measure.um(residual), measure.with_free_set_ups_um(fitted))
 
 
 def _missed_elsewhere_um(gaps: Gaps) -> float:
@@ -495,9 +493,8 @@ def judged_of(verdict: Verdict, whole: Gaps, gaps: Gaps, unexplained_mm: float |
     unexplained_mm: per coordinate; if no places show it, the residual at the validation runs is used.
     """
     judged = gaps.judged
-    excess_um2 = max(judged.calibrated_um**2 - judged.noise_floor_um**2, 0.0)
-    if unexplained_mm is None or any(not facts_of(tested.test).of_places for tested in judged.tests):
-        unexplained_mm = 1e-3 * float(np.sqrt(excess_um2))
+    if unexplained_mm is None or not judged.of_places:
+        unexplained_mm = 1e-3 * independent_um(judged.calibrated_um, judged.noise_floor_um)
     return ModelAssessment(
         condition=verdict.condition, place=verdict.accuracy.place,
         before_um=judged.before_um, names_um=judged.after_um,

@@ -311,7 +311,7 @@ def test_repeats_precede_a_correction_only_if_the_scatter_is_large() -> None:
 
 
 def test_a_figure_that_was_not_computed_is_null_and_never_zero() -> None:
-    """The JSON of a measurement said that 0 µm remained after it, and of a check without figures its sentence did."""
+    """A measurement had `remains_um` 0 in the JSON, and a check without figures had 0 µm in its sentence."""
     for acts in ACTS.values():
         for act in acts:
             plain = act.to_dict()
