@@ -362,9 +362,7 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
 
 
 def _single_runs_um(result: SearchResult, named: Sequence[Named], train: Gap, vibration_um: float) -> float:
-    """Return the rms in µm by which the residual of single runs exceeds the noise and all parts with a known cause; 0
-    for a small excess, as the noise is uncertain.
-    """
+    """Return the rms in µm of single runs beyond the noise and all parts with a known cause; 0 for a small excess."""
     um = independent_um(min(train.calibrated_um, train.before_um), vibration_um)
     if um > _FAR * train.noise_floor_um:
         um = independent_um(um, _missing_in_export_um(result, named))
