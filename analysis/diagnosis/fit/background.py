@@ -32,26 +32,41 @@ from analysis.robot.kinematics.arm import Array, Integers
 # the prior.
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MarginalValues:
-    """Values (N, k) with the data for products with C⁻¹, marginal over the coefficients of a background: `weighted`
-    (N, k) by the noise, and `absorbed` (p, k), the part absorbed by the columns.
+    """Values (N, k) with the data for products with C⁻¹, marginal over the coefficients of a background: the weights
+    (N,) of the noise, and `absorbed` (p, k), the part absorbed by the columns.
     """
 
     values: Array
-    weighted: Array
+    weight: Array
     absorbed: Array
+
+    @cached_property
+    def weighted(self) -> Array:
+        """Values (N, k) weighted by the noise."""
+        return self.weight[:, None] * self.values
 
     def products(self, right: MarginalValues) -> Array:
         """Return the products (k, l) values' C⁻¹ right of whitened values (N, k) and (N, l)."""
-        return self.weighted.T @ right.values - self.absorbed.T @ right.absorbed
+        return self.values.T @ right.weighted - self.absorbed.T @ right.absorbed
 
     def part(self, columns: slice) -> MarginalValues:
         """Return some of the columns."""
-        return MarginalValues(self.values[:, columns], self.weighted[:, columns], self.absorbed[:, columns])
+        return MarginalValues(self.values[:, columns], self.weight, self.absorbed[:, columns])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class MarginalTerms:
+    """Fitted terms and, last, their residual at the prior means: products with C⁻¹ (q + 1, q + 1), and the part (p,
+    q + 1) absorbed by the columns.
+    """
+
+    products: Array
+    absorbed: Array
+
+
+@dataclass(frozen=True, eq=False)
 class FittedTerms:
     """Terms fitted in addition to the background: q columns in responses, with prior precision (q, q) and prior mean
     (q,), and the residual r (N,) of the model at zero terms.
@@ -66,9 +81,14 @@ class FittedTerms:
     held: Array
 
     @cached_property
+    def with_residual(self) -> Array:
+        """Columns and, last, the residual (N, q + 1)."""
+        return np.concatenate([*(response.columns for response in self.responses), self.r[:, None]], axis=1)
+
+    @property
     def T(self) -> Array:  # noqa: N802 - a matrix
         """Columns (N, q)."""
-        return np.concatenate([np.empty((len(self.r), 0)), *(response.columns for response in self.responses)], axis=1)
+        return self.with_residual[:, :-1]
 
     def best(self, normal: Array, right: Array) -> Array:
         """Solve normal (q, q) times terms = right (q,) for whitened columns, with the terms at limits fixed."""
@@ -91,7 +111,7 @@ class Background:
     variance: Array
     mean: Array
     weighted_gram: Callable[[], Array]
-    _latest: list[tuple[FittedTerms, MarginalValues]] = field(default_factory=list, init=False, repr=False)
+    _latest: list[tuple[FittedTerms, MarginalTerms]] = field(default_factory=list, init=False, repr=False)
     _marginals: WeakKeyDictionary[Response, MarginalValues] = field(
         default_factory=WeakKeyDictionary, init=False, repr=False
     )
@@ -126,21 +146,21 @@ class Background:
 
     def marginal(self, values: Array) -> MarginalValues:
         """Return whitened values (N, k) prepared for products with C⁻¹."""
-        weighted = self.weight[:, None] * values
         # this order of products takes a third of the time
-        return self._absorbing(values, weighted, weighted.T @ self.columns.X)
+        return MarginalValues(values, self.weight, self._absorbed((self.weight[:, None] * values).T @ self.columns.X))
 
-    def _absorbing(self, values: Array, weighted: Array, products: Array) -> MarginalValues:
-        """Return prepared values (N, k), given their products (k, p) with the weighted columns."""
+    def _absorbed(self, products: Array) -> Array:
+        """Return the part (p, k) absorbed by the columns of values with products (k, p) with the weighted columns."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
         right = self._root[:, None] * products.T
-        absorbed = solve_triangular(self._chol, right, lower=True, overwrite_b=True, check_finite=False)
-        return MarginalValues(values, weighted, np.asarray(absorbed, dtype=float))
+        solution = solve_triangular(self._chol, right, lower=True, overwrite_b=True, check_finite=False)
+        return np.asarray(solution, dtype=float)
 
     @cached_property
-    def _marginal_means(self) -> MarginalValues:
-        return self.marginal(self.at_mean[:, None])
+    def _absorbed_mean(self) -> Array:
+        """The part (p, 1) absorbed by the columns of the readings at the prior means."""
+        return self._absorbed((self.weighted_gram() @ self.mean)[None])
 
     def _prepare(self, responses: Sequence[Response]) -> list[MarginalValues]:
         """Return responses prepared for products; all that are new are prepared together."""
@@ -148,7 +168,7 @@ class Background:
         if new:
             values = np.concatenate([response.columns for response in new], axis=1)
             products = self.columns.weighted_products(new, self._weights)
-            together = self._absorbing(values, self.weight[:, None] * values, products)
+            together = MarginalValues(values, self.weight, self._absorbed(products))
             ends = np.cumsum([0, *(response.columns.shape[1] for response in new)]).tolist()
             for response, begin, end in zip(new, ends, ends[1:], strict=False):
                 self._marginals[response] = together.part(slice(begin, end))
@@ -159,38 +179,43 @@ class Background:
 
         The part that needs no prior means is cached while the residual is in use.
         """
-        (whole,), mean = self._prepare([self.columns.response_of(residual)]), self._marginal_means
-        weighted, absorbed = whole.weighted - mean.weighted, whole.absorbed - mean.absorbed
-        return MarginalValues(whole.values - mean.values, weighted, absorbed)
+        (whole,) = self._prepare([self.columns.response_of(residual)])
+        values = residual - self.at_mean
+        return MarginalValues(values[:, None], self.weight, whole.absorbed - self._absorbed_mean)
 
-    def marginal_responses(self, responses: Sequence[Response], residual: Array | None = None) -> MarginalValues:
-        """Return the columns of responses and, last, a whitened residual (N,) at the prior means, prepared together."""
-        last = [] if residual is None else [self.columns.response_of(residual)]
-        parts = self._prepare([*responses, *last])[: len(responses)]
-        parts += [] if residual is None else [self.marginal_residual(residual)]
+    def marginal_responses(self, responses: Sequence[Response]) -> MarginalValues:
+        """Return the columns of responses, prepared together."""
+        parts = self._prepare(responses)
         if len(parts) == 1:
             return parts[0]
-        empty = np.empty((len(self.weight), 0))
-        return MarginalValues(
-            np.concatenate([empty, *(part.values for part in parts)], axis=1),
-            np.concatenate([empty, *(part.weighted for part in parts)], axis=1),
-            np.concatenate([np.empty((len(self.variance), 0)), *(part.absorbed for part in parts)], axis=1),
-        )
+        values = [np.empty((len(self.weight), 0)), *(part.values for part in parts)]
+        absorbed = [np.empty((len(self.variance), 0)), *(part.absorbed for part in parts)]
+        return MarginalValues(np.concatenate(values, axis=1), self.weight, np.concatenate(absorbed, axis=1))
 
-    def marginal_terms(self, terms: FittedTerms) -> MarginalValues:
-        """Return the columns (N, q) of fitted terms and, last, the residual at the prior means, prepared.
+    def marginal_terms(self, terms: FittedTerms) -> MarginalTerms:
+        """Return fitted terms and, last, their residual at the prior means, prepared.
 
         The latest result is cached, because a state's evidence and posterior both need it.
         """
         if not self._latest or self._latest[0][0] is not terms:
-            self._latest[:] = [(terms, self.marginal_responses(terms.responses, terms.r))]
+            parts = self._prepare([*terms.responses, self.columns.response_of(terms.r)])
+            absorbed = np.concatenate([part.absorbed for part in parts], axis=1)
+            absorbed[:, -1:] -= self._absorbed_mean
+            products = self.columns.products_among(terms.with_residual, self._weights) - absorbed.T @ absorbed
+            across = (self.weight * self.at_mean) @ terms.with_residual
+            products[-1] -= across
+            products[:, -1] -= across
+            products[-1, -1] += self.weight @ self.at_mean**2
+            self._latest[:] = [(terms, MarginalTerms(products, absorbed))]
         return self._latest[0][1]
 
-    def absorbed_coefficients(self, marginal: MarginalValues) -> Array:
-        """Return the coefficients (p, k) with which the columns absorb as much as possible of the values."""
+    def absorbed_coefficients(self, absorbed: Array) -> Array:
+        """Return the coefficients (p, k) with which the columns absorb as much as possible of values, given the part
+        (p, k) that they absorb.
+        """
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
-        back = solve_triangular(self._chol, marginal.absorbed, lower=True, trans=1, check_finite=False)
+        back = solve_triangular(self._chol, absorbed, lower=True, trans=1, check_finite=False)
         return self._root[:, None] * back
 
     @property
@@ -222,8 +247,7 @@ class Background:
 
     def covariance_times(self, vector: Array) -> Array:
         """Return the product (p,) of the covariance of the coefficients, in healthy sizes, with a vector (p,)."""
-        none = np.empty((0, 1))
-        return self.absorbed_coefficients(self._absorbing(none, none, vector[None]))[:, 0]
+        return self.absorbed_coefficients(self._absorbed(vector[None]))[:, 0]
 
     @cached_property
     def spent(self) -> Array:
@@ -250,8 +274,7 @@ class Background:
     def evidence(self, terms: FittedTerms) -> float:
         """Return the log density of the readings with fitted terms, T (N, q), up to a constant."""
         q = len(terms.mean)
-        marginal = self.marginal_terms(terms)
-        products = marginal.products(marginal)
+        products = self.marginal_terms(terms).products
         normal = products[:q, :q] + terms.precision
         right = products[:q, q] + terms.precision @ terms.mean
         best = terms.best(normal, right)
@@ -282,30 +305,32 @@ class CoefficientPosterior:
     terms: FittedTerms
 
     @cached_property
-    def _marginal(self) -> MarginalValues:
+    def _marginal(self) -> MarginalTerms:
         return self.background.marginal_terms(self.terms)
 
-    @cached_property
-    def _products(self) -> Array:
-        return self._marginal.products(self._marginal)
+    def _products_with(self, marginal: MarginalValues) -> Array:
+        """Return the products (q + 1, k) with C⁻¹ of the fitted terms and, last, the residual with values (N, k)."""
+        products = self.terms.with_residual.T @ marginal.weighted - self._marginal.absorbed.T @ marginal.absorbed
+        products[-1] -= self.background.at_mean @ marginal.weighted
+        return products
 
     @cached_property
     def term_covariance(self) -> Array:
         """Covariance (q, q) of the fitted terms."""
         q = len(self.terms.mean)
-        return np.asarray(np.linalg.inv(self._products[:q, :q] + self.terms.precision), dtype=float)
+        return np.asarray(np.linalg.inv(self._marginal.products[:q, :q] + self.terms.precision), dtype=float)
 
     @cached_property
     def term_means(self) -> Array:
         """Means (q,) of the fitted terms."""
         q, terms = len(self.terms.mean), self.terms
-        normal = self._products[:q, :q] + terms.precision
-        return terms.best(normal, self._products[:q, q] + terms.precision @ terms.mean)
+        normal = self._marginal.products[:q, :q] + terms.precision
+        return terms.best(normal, self._marginal.products[:q, q] + terms.precision @ terms.mean)
 
     @cached_property
     def _absorbed_coefficients(self) -> Array:
         """Coefficients (p, q + 1) with which the columns absorb the fitted terms and, last, the residual."""
-        return self.background.absorbed_coefficients(self._marginal)
+        return self.background.absorbed_coefficients(self._marginal.absorbed)
 
     @cached_property
     def mean(self) -> Array:
@@ -443,7 +468,7 @@ class CoefficientPosterior:
         terms: precision Λ (q, q) and vector η (q,).
         """
         marginal = self.background.marginal(columns)
-        across = self._marginal.products(marginal)
+        across = self._products_with(marginal)
         with_terms, eta = across[:-1], across[-1] - self.term_means @ across[:-1]
         precision: Array = marginal.products(marginal) - with_terms.T @ self.term_covariance @ with_terms
         return precision, eta
@@ -451,8 +476,8 @@ class CoefficientPosterior:
     def left_of(self, columns: Array) -> Array:
         """Return the part of whitened columns (N, q), added to the readings, not absorbed by all other terms."""
         marginal = self.background.marginal(columns)
-        terms = self.term_covariance @ self._marginal.products(marginal)[:-1]
-        taken = self.background.absorbed_coefficients(marginal) - self._absorbed_coefficients[:, :-1] @ terms
+        terms = self.term_covariance @ self._products_with(marginal)[:-1]
+        taken = self.background.absorbed_coefficients(marginal.absorbed) - self._absorbed_coefficients[:, :-1] @ terms
         return columns - self.terms.T @ terms - self.background.columns.X @ taken
 
 

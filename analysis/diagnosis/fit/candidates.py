@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -124,7 +125,7 @@ healthy sizes, with a margin of 1.
 """
 _MEAN = float(np.sqrt(2 / np.pi))
 """Mean magnitude of a standard normal variable: mean of a non-negative effect in a healthy arm."""
-WEIGHT_DIGITS, _UNEVEN, _RESIDUALS = 9, 4, 8
+WEIGHT_DIGITS, _UNEVEN, _RESIDUALS, _AMONG = 9, 4, 8, 3
 """Digits for distinguishing reading weights, number of cached weighted products of a band, about 8 MB each, and of
 residuals.
 """
@@ -242,6 +243,10 @@ class Columns:
     _products: WeakKeyDictionary[Response, tuple[bytes, Array]] = field(
         default_factory=WeakKeyDictionary, init=False, repr=False
     )
+    _weighted: WeakKeyDictionary[Response, tuple[bytes, bytes, Array]] = field(
+        default_factory=WeakKeyDictionary, init=False, repr=False
+    )
+    _among_values: dict[tuple[int, bytes], tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
     _residuals: dict[int, tuple[Array, Response]] = field(default_factory=dict, init=False, repr=False)
     _uneven: dict[tuple[int, bytes], Array] = field(default_factory=dict, init=False, repr=False)
 
@@ -377,12 +382,31 @@ class Columns:
         new = [response for response in responses if self._products.get(response, (b"",))[0] != key]
         if new:
             whole = weights.shape[:, None] * np.concatenate([response.columns for response in new], axis=1)
-            products = np.stack([whole[rows].T @ part for rows, part in zip(self.rows, self.parts, strict=True)])
-            ends = np.cumsum([response.columns.shape[1] for response in new])
-            for response, part in zip(new, np.split(products, ends[:-1], axis=1), strict=True):
-                self._products[response] = key, part.copy()
-        by_band = (self._products[response][1] for response in responses)
-        return np.concatenate([np.tensordot(weights.scale, products, axes=1) for products in by_band])
+            ends = np.cumsum([0, *(response.columns.shape[1] for response in new)]).tolist()
+            by_band = [np.empty((len(self.rows), end - begin, len(self.healthy))) for begin, end in pairwise(ends)]
+            for band, (rows, part) in enumerate(zip(self.rows, self.parts, strict=True)):
+                together = whole[rows].T @ part
+                for of_response, begin, end in zip(by_band, ends, ends[1:], strict=False):
+                    of_response[band] = together[begin:end]
+            self._products.update((response, (key, part)) for response, part in zip(new, by_band, strict=True))
+        scale = weights.scale.tobytes()
+        for response in responses:
+            if self._weighted.get(response, (b"", b""))[:2] != (key, scale):
+                products = np.tensordot(weights.scale, self._products[response][1], axes=1)
+                self._weighted[response] = key, scale, products
+        return np.concatenate([self._weighted[response][2] for response in responses])
+
+    def products_among(self, values: Array, weights: BandWeights) -> Array:
+        """Return the weighted products (k, k) of whitened values (N, k) with each other. The products by band are
+        cached for the latest values.
+        """
+
+        def compute() -> tuple[Array, Array]:
+            whole = values if (weights.shape == 1).all() else np.sqrt(weights.shape)[:, None] * values
+            return values, np.stack([part.T @ part for part in (whole[rows] for rows in self.rows)])
+
+        by_band = recent(self._among_values, (id(values), weights.shape.tobytes()), compute, _AMONG)[1]
+        return np.tensordot(weights.scale, by_band, axes=1)
 
     def level_indices(self, level: Level) -> NDArray[np.int64]:
         """Return the index (p,) of the level of each column in the values of a level."""
