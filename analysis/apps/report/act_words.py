@@ -23,7 +23,7 @@ from rigs.schema.effect import label_of, name_of
 
 _KEYS = {
     "elsewhere": "act_elsewhere", "revisit": "act_revisit", "commanded": "act_commanded",
-    "not_visible": "next_plan", "visits_differ": "act_repeats_differ",
+    "not_visible": "next_plan", "visits_differ": "act_repeats_differ", "gauges_differ": "act_gauges_differ",
 }  # fmt: skip
 """Text keys of the reasons for a measurement whose sentence depends on the reason only."""
 

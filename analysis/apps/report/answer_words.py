@@ -207,10 +207,14 @@ class AnswerWords:
 
     @property
     def visits(self) -> str:
-        """The difference between visits or repeats if it exceeds the usual repeatability; otherwise empty."""
-        visits_um = self.diagnosis.unexplained.visits_um if self.diagnosis.unexplained else None
-        places = "_places" if self.diagnosis.train.of_places else ""
-        return self.texts(f"finding_repeats_differ{places}", um=_length(visits_um)) if visits_um else ""
+        """The difference between visits or repeats, or of two gauges, if it is unusual; otherwise empty."""
+        unexplained = self.diagnosis.unexplained
+        if unexplained and unexplained.visits_um:
+            places = "_places" if self.diagnosis.train.of_places else ""
+            return self.texts(f"finding_repeats_differ{places}", um=_length(unexplained.visits_um))
+        if unexplained and unexplained.gauges_um:
+            return self.texts("finding_gauges_differ", um=_length(unexplained.gauges_um))
+        return ""
 
     @property
     def accuracy(self) -> str:

@@ -321,10 +321,7 @@ def _measurements(
         large = tuple(k for k, part in enumerate(diagnosis.budget) if part.share > LEAST_SHARE)
         acts.append(Act("measure", "commanded", parts=large))
     scatter = tuple(k for k, part in enumerate(diagnosis.budget) if part.kind == "scatter")
-    if _may_repeat(diagnosis, scatter):
-        acts.append(Act("measure", "revisit", parts=scatter))
-    elif diagnosis.unexplained and diagnosis.unexplained.visits_um:
-        acts.append(Act("measure", "visits_differ", parts=scatter))
+    acts += [Act("measure", why, parts=scatter) for why in _reasons_to_repeat(diagnosis, scatter)]
     slow = [named for named in diagnosis.effects if named.doubt == "one_lap"]
     if slow:
         labels = {label_of(named.effect) for named in slow}
@@ -381,6 +378,16 @@ def _is_more_than_scatter(diagnosis: Diagnosis) -> bool:
     return unexplained is not None and (unexplained.scatter_um or unexplained.unrepeated_um) is not None
 
 
+def _reasons_to_repeat(diagnosis: Diagnosis, scatter: tuple[int, ...]) -> list[Reason]:
+    """Return the reason to repeat measurements, if any; the parts of the budget that are scatter are given."""
+    unexplained = diagnosis.unexplained
+    if _may_repeat(diagnosis, scatter):
+        return ["revisit"]
+    if unexplained and unexplained.visits_um:
+        return ["visits_differ"]
+    return ["gauges_differ"] if unexplained and unexplained.gauges_um else []
+
+
 def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) -> bool:
     """Return whether a measurement precedes all actions that reduce the error.
 
@@ -391,6 +398,8 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
         is_largest = measurement.parts[:1] == (0,)
         is_confirmed = bool(acts) and acts[0].why == "fault"  # a fault much larger than the deviations
         return measurement.why != "revisit" or is_largest or (_is_more_than_scatter(diagnosis) and not is_confirmed)
+    if measurement.why == "gauges_differ":
+        return not any(act.why == "fault" for act in acts)
     if measurement.why in ("unexplained", "follows"):
         return not any(act.kind == "load" for act in acts)
     undecided = diagnosis.condition in ("ambiguous", "undecided") and not diagnosis.train.of_places

@@ -44,14 +44,15 @@ rig file has no further test.
 Reason = Literal[
     "fault", "sure_and_large", "not_enough", "correction", "rivals", "group", "few_runs", "one_lap", "unexplained",
     "not_visible", "elsewhere", "scatter", "too_small", "history", "gauges", "sound", "early", "out_of_range",
-    "follows", "revisit", "visits_differ", "moved", "commanded", "contradicted",
+    "follows", "revisit", "visits_differ", "gauges_differ", "moved", "commanded", "contradicted",
 ]  # fmt: skip
 """Reason for an action in the list: a fault; a usual error that is large and cannot be removed otherwise; such an
 error, if the interim correction is insufficient; the interim correction; rivals to separate; a group to identify; too
 few runs; a single lap in each direction, which shows no slow change; an unknown cause; an effect not visible in the
 tests; unknown accuracy elsewhere; joints read too early; a parameter out of range; a test of the dependence of the
 unexplained part; single visits, which do not separate scatter from error; visits of a target that differ by more than
-the usual repeatability; a movement between or within the runs; angles that are only commanded; a stated constant that
+the usual repeatability; two gauges whose difference changes between repeats more than the tool moves; a movement
+between or within the runs; angles that are only commanded; a stated constant that
 the readings contradict.
 
 Reason for no action: the error differs from run to run; the gain of a correction is too small; a target cannot contain

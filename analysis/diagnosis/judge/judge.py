@@ -26,7 +26,12 @@ from analysis.diagnosis.judge.result import (
     Verdict,
     fault_rivals,
 )
-from analysis.diagnosis.judge.unexplained import unrepeated_um, unusual_visits_um, with_dependences
+from analysis.diagnosis.judge.unexplained import (
+    gauges_apart_um,
+    unrepeated_um,
+    unusual_visits_um,
+    with_dependences,
+)
 from analysis.diagnosis.judge.validate import Validation
 from analysis.diagnosis.judge.validation import held_out_gains, shows_noise
 from analysis.diagnosis.judge.verdict import (
@@ -92,7 +97,8 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Verdict
     if condition != "not_testable_here":
         budget = tuple(Budget(result, gaps.train).parts(named, changes))
         condition = "out_of_range" if fit.out_of_range else condition
-    unexplained = Unexplained(remainder.um, visits_um=unusual_visits_um(result), unrepeated_um=unrepeated)
+    visits_um, gauges_um = unusual_visits_um(result), gauges_apart_um(result)
+    unexplained = Unexplained(remainder.um, visits_um=visits_um, unrepeated_um=unrepeated, gauges_um=gauges_um)
     answer = _Answer(condition, accuracy, named, budget, remainder, unexplained)
     if condition == "outside_library":
         answer = _of_unknown_cause(answer, fit, validation)

@@ -59,7 +59,8 @@ class Unexplained:
     otherwise None. `visits_um`: rms distance between a visit of a target and the mean of its visits, or between a
     circle and the mean of its repeats, if it exceeds the usual repeatability of the build; otherwise None.
     `unrepeated_um`: rms deviation of targets from the calibrated model if no target was visited twice and usual scatter
-    is smaller, so that it may be scatter or an error of an unknown cause; otherwise None.
+    is smaller, so that it may be scatter or an error of an unknown cause; otherwise None. `gauges_um`: rms change of
+    the difference of two gauges between repeated circles, if it is larger than movements of the tool; otherwise None.
     """
 
     rms_um: float
@@ -67,6 +68,7 @@ class Unexplained:
     scatter_um: float | None = None
     visits_um: float | None = None
     unrepeated_um: float | None = None
+    gauges_um: float | None = None
 
     @property
     def likeliest(self) -> Followed | None:

@@ -14,8 +14,9 @@ from analysis.diagnosis.judge.misses import share_left_out
 from analysis.diagnosis.judge.remains import Followed, Unexplained
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.robot.kinematics.arm import Array
+from analysis.runs.tables import CircleTable
 from rigs.load import load
-from tests.support.diagnosis_cells import found_in
+from tests.support.diagnosis_cells import circles, found_in
 from tests.support.handmade_diagnosis import diagnosis
 from tests.support.pose_runs import pose_run
 from tests.worlds.arms.independent_arm import cell, none, postures
@@ -61,6 +62,27 @@ def test_deviations_beyond_usual_scatter_may_be_an_unknown_error_unless_targets_
 def test_repeated_circles_that_differ_are_reported_first() -> None:
     differ = diagnosis("undecided", unexplained=Unexplained(0.0, visits_um=43.0))
     assert "Repeated circles differ by 43 µm rms" in AnswerWords(differ).findings
+
+
+@pytest.mark.parametrize(("signs", "sticks"), [((1.0, -0.6), True), ((1.0, 1.0), False)])
+def test_gauges_that_differ_from_repeat_to_repeat_are_reported_first(signs: tuple[float, float], sticks: bool) -> None:
+    """A ball joint that sticks moves the gauges apart: a sawtooth of 30 µm with another phase in each run. A tool that
+    jerks as much moves both.
+    """
+    runs = []
+    for k, run in enumerate(circles(seed=7)):
+        table = run.table
+        assert isinstance(table, CircleTable)
+        teeth = 30 * np.linspace(0, 1, len(table.g_mm)) + np.random.default_rng(k).uniform()
+        off_mm = 0.03 * (teeth % 1 - 0.5)
+        runs.append(replace(run, table=replace(table, g_mm=table.g_mm + off_mm[:, None] * np.array(signs))))
+    found = found_in(runs)
+    assert found.unexplained is not None and (found.unexplained.gauges_um is not None) is sticks
+    if sticks:
+        # 14 µm rms in the difference, less the part that the repeats have in common.
+        assert found.unexplained.gauges_um and 5 < found.unexplained.gauges_um < 15
+        assert "difference of the two gauges changes" in AnswerWords(found).headline.split(". ")[0]
+        assert found.acts[0].why == "gauges_differ" and "grease the balls" in ActWords(found).next
 
 
 def test_a_material_error_without_a_cause_is_stated_beside_the_causes() -> None:
