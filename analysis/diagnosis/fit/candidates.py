@@ -371,13 +371,10 @@ class Columns:
 
     def response_of(self, residual: Array) -> Response:
         """Return a whitened residual (N,) as a response, cached per residual."""
-        kept = recent(self._residuals, id(residual), lambda: (residual, Response(residual[:, None])), _RESIDUALS)
-        return kept[1]
+        return recent(self._residuals, id(residual), lambda: (residual, Response(residual[:, None])), _RESIDUALS)[1]
 
     def weighted_products(self, responses: Sequence[Response], weights: BandWeights) -> Array:
-        """Return the weighted products (k, p) of whitened responses with all columns. The products by band are cached
-        with each response, and those of all new responses are computed together.
-        """
+        """Return the weighted products (k, p) of whitened responses with all columns, cached with each response."""
         key = weights.shape.tobytes()
         new = [response for response in responses if self._products.get(response, (b"",))[0] != key]
         if new:

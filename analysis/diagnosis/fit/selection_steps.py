@@ -16,8 +16,8 @@ from analysis.diagnosis.fit.selection_state import (
     is_alike,
     is_duplicate,
     settled,
-    starting_effects,
 )
+from analysis.diagnosis.fit.starting_effects import starting_effects
 from analysis.diagnosis.fit.state_evidence import StateEvidence
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import Effect

@@ -9,6 +9,7 @@ from analysis.diagnosis.fit.candidates import order_of
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import DRIVEN_WAVES
 from analysis.diagnosis.judge.acts import Doubt
+from analysis.diagnosis.judge.unexplained import gauges_apart_um
 from rigs.schema.effect import is_play, is_wave
 
 _WHOLE_SIGMA = 3.0
@@ -57,11 +58,13 @@ def may_be_friction(result: SearchResult, k: int) -> bool:
     """Return whether friction in the ball joint may have the same effect on the readings as the named effect `k`.
 
     Backlash of an axis that turns one way in each circle, and hardly affects other readings, is a constant difference
-    between cw and acw, as friction is. Simulated friction of 20 to 50 µm was reported as certain backlash of axis 6.
+    between cw and acw, as friction is. Simulated friction of 20 to 50 µm was reported as certain backlash of axis 6,
+    and that of a ball joint that sticks as a lag of axis 6.
     """
     effect, energy = result.effects[k], result.contributions[k] ** 2
     axis = int(getattr(effect, "axis", 0)) - 1
-    if not is_play(effect) or axis < 0:
+    is_lag = effect.STAGE == "joint" and effect.part == "clocks"  # at constant speed a constant difference too
+    if axis < 0 or not (is_play(effect) or (is_lag and gauges_apart_um(result) is not None)):
         return False
     of_circles = 0.0
     for block, rows in zip(result.linear.blocks, result.linear.rows, strict=True):

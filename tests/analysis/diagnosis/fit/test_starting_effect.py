@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.fit.selection import Selection
-from analysis.diagnosis.fit.selection_state import SelectionState, starting_effects
+from analysis.diagnosis.fit.selection_state import SelectionState
+from analysis.diagnosis.fit.starting_effects import starting_effects
 from rigs.effects import Backlash, Effect, JointOffset, TransmissionError
 from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, shown_by, white
 
