@@ -130,18 +130,25 @@ class Widening:
 
     `factor`: multiplies the uncertainty, at least 1. unexplained_mm: constant contribution per coordinate; None if
     there are no validation places. reach_mm: largest validated distance from the touched sockets, None unless all runs
-    are touches. neighbourhoods: number of places that determine the excess.
+    are touches. neighbourhoods: number of places that determine the excess. beyond_mm: error per coordinate beyond the
+    noise and the stated uncertainty.
     """
 
     factor: float = 1.0
     unexplained_mm: float | None = None
     reach_mm: float | None = None
     neighbourhoods: int = 0
+    beyond_mm: float = 0.0
 
     @property
     def unexplained_um(self) -> float:
         """The constant contribution as an rms distance in µm; 0 if too few places show more than an upper limit."""
         return 1e3 * math.sqrt(3) * (self.unexplained_mm or 0.0) * (self.neighbourhoods >= _FEWEST_GROUPS)
+
+    @property
+    def beyond_um(self) -> float:
+        """The whole excess as an rms distance in µm; 0 if too few places show more than an upper limit."""
+        return 1e3 * math.sqrt(3) * self.beyond_mm * (self.neighbourhoods >= _FEWEST_GROUPS)
 
 
 @dataclass(frozen=True)
@@ -203,7 +210,9 @@ class _Neighbourhoods:
         odds = np.exp(fits - fits.max())
         likely = float(odds @ even[:, 0] / odds.sum())
         factor = float(np.sqrt(max(ratio - likely / mean, 1.0)))
-        return Widening(factor, float(np.sqrt(likely)), neighbourhoods=len(weight))
+        excess = float(weight @ (self.missed_mm2 - self.noise_mm2 - self.stated_mm2) / weight.sum())
+        beyond_mm = math.sqrt(max(excess, 0.0))
+        return Widening(factor, float(np.sqrt(likely)), neighbourhoods=len(weight), beyond_mm=beyond_mm)
 
 
 def widening_of(

@@ -58,7 +58,7 @@ def validate(evidence: Evidence, fit: Fit, progress: Callable[[str], None]) -> V
     gaps = _gaps(judged_runs, stages, result, left_out) if whole.names_do_better else whole
     widening = widening_of(left_out, judges, elsewhere, stages, result)
     held_out = gaps.held_out and replace(gaps.held_out, rows=evidence.withheld)
-    gaps = replace(gaps, unexplained_um=widening.unexplained_um, held_out=held_out)
+    gaps = replace(gaps, unexplained_um=widening.unexplained_um, beyond_um=widening.beyond_um, held_out=held_out)
     doubts = (*wild, *judges_with_outliers, *outliers_elsewhere)
     return Validation(sound, judges, elsewhere, fitted, stages, left_out, whole, gaps, widening, doubts)
 

@@ -18,7 +18,11 @@ from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.judge.budget import GapMeasure
 from analysis.diagnosis.judge.odds import within_commanded, within_unexplained, without_cancelling, without_useless
 from analysis.diagnosis.judge.result import Gap, Named
-from analysis.diagnosis.judge.verdict import is_undecided
+from analysis.diagnosis.judge.verdict import (
+    Gaps,
+    _missed_elsewhere_um,  # private: the rest of the remainder needs a search
+    is_undecided,
+)
 from analysis.procedures.simulate import simulate
 from rigs.effects import Backlash, BallForm, Effect, JointOffset, TransmissionError
 from rigs.effects.vibration import Vibration
@@ -113,11 +117,13 @@ def test_an_effect_that_only_cancels_others_is_at_most_as_likely_as_not() -> Non
         (BallForm(lobes=2, amplitude_mm=0.02), 15.1, 20.0, True),
         (BallForm(lobes=2, amplitude_mm=0.02), 15.1, 1.0, False),
         (Vibration(frequency_hz=8.0, amplitude_mm=0.02), 20.0, 20.0, True),
-        (TransmissionError(axis=6, order=2, amplitude_deg=0.05), 20.0, 20.0, True),
+        (TransmissionError(axis=6, order=2, amplitude_deg=0.05), 20.0, 20.0, False),
+        (TransmissionError(axis=6, order=2, amplitude_deg=0.05), 15.1, 20.0, True),
+        (JointOffset(axis=3, offset_deg=0.1), 20.0, 20.0, True),
     ],
-    ids=["ball", "ball within a set-up's gain", "ball below the noise", "vibration", "gear"],
+    ids=["ball", "ball within a set-up's gain", "ball below the noise", "vibration", "gear", "useful gear", "zero"],
 )
-def test_an_error_of_an_instrument_that_increases_the_error_is_doubted(
+def test_an_error_of_an_instrument_or_a_gear_that_increases_the_error_is_doubted(
     effect: Effect, alone_um: float, worth_um: float, stands: bool
 ) -> None:
     """A model of a vibration has a common phase, and increases the error of runs with other phases in any case."""
@@ -125,6 +131,17 @@ def test_an_error_of_an_instrument_that_increases_the_error_is_doubted(
     named = replace(_named(worth_um, 30.0), effect=effect, alone_um=alone_um)
     (judged,) = without_cancelling([named], gap)
     assert judged.stands is stands and (judged.posterior > 0.5) is stands
+
+
+def test_errors_at_other_places_are_unexplained_if_repeats_state_the_noise() -> None:
+    gap = Gap(("a",), before_um=200.0, after_um=90.0, noise_floor_um=50.0, calibrated_um=50.0)
+    (block, *_) = healthy().blocks
+    repeated, once = [replace(block, measured=True)], [replace(block, measured=False)]
+    missed = Gaps(gap, None, None, unexplained_um=30.0, beyond_um=45.0)
+    assert _missed_elsewhere_um(missed, repeated) == 45.0
+    assert _missed_elsewhere_um(missed, once) == 0.0, "it may be scatter"
+    assert _missed_elsewhere_um(replace(missed, beyond_um=40.0), repeated) == 0.0, "sound cells have as much"
+    assert _missed_elsewhere_um(replace(missed, unexplained_um=60.0), once) == 60.0
 
 
 @pytest.mark.parametrize(

@@ -37,17 +37,19 @@ def test_misses_that_grow_with_what_is_stated_are_a_factor() -> None:
     wider = missed(4 * STATED).parted()
     assert 1.6 < wider.factor < 2.7
     assert wider.unexplained_mm is not None and wider.unexplained_mm < 0.12
+    assert wider.beyond_mm == pytest.approx(np.sqrt(3 * STATED.mean()), rel=0.3)
 
 
 def test_misses_that_are_the_same_everywhere_are_unexplained() -> None:
     wider = missed(STATED + 0.3**2).parted()
     assert wider.factor < 1.8  # a wide share of the places states nearly as much
     assert wider.unexplained_mm == pytest.approx(0.3, rel=0.35)
+    assert wider.beyond_mm == pytest.approx(0.3, rel=0.2)
 
 
 def test_a_model_that_states_enough_is_not_narrowed() -> None:
     wider = missed(0.3 * STATED).parted()
-    assert wider.factor == 1.0 and wider.unexplained_mm == 0.0
+    assert wider.factor == 1.0 and wider.unexplained_mm == wider.beyond_mm == 0.0
 
 
 def test_one_place_far_off_does_not_decide() -> None:

@@ -33,7 +33,7 @@ from analysis.diagnosis.plan.further_tests import PossibleTest
 from analysis.diagnosis.plan.naming_tests import NamingTests, naming_tests
 from analysis.runs.tables import CircleTable
 from rigs.calibration import ModelAssessment, ground_of, verdict_of
-from rigs.effects import VOCABULARY, Backlash, Compliance, Effect, JointOffset, LinkGeometry
+from rigs.effects import VOCABULARY, Backlash, BallForm, Compliance, Effect, JointOffset, LinkGeometry
 from rigs.load import load
 from rigs.schema.effect import name_of, whole_order
 from rigs.schema.vocabulary import Direction
@@ -308,6 +308,15 @@ def test_repeats_precede_a_correction_only_if_the_scatter_is_large() -> None:
     assert _comes_first(revisit, [load], unusual), "the scatter exceeds the usual one of arms and trackers"
     fault = replace(load, kind="repair", why="fault")
     assert not _comes_first(revisit, [fault], unusual), "a fault much larger than the deviations"
+
+
+def test_circles_that_show_faults_of_the_instrument_only_are_judged_elsewhere_first() -> None:
+    """A form of the ball named for an axis that wanders: the correction made other places worse."""
+    measurement, load = Act("measure", "elsewhere"), Act("load", "correction")
+    play = diagnosis("named")
+    ball = replace(play.effects[0], effect=BallForm(lobes=2, amplitude_mm=0.02))
+    assert _comes_first(measurement, [load], diagnosis("named", effects=(ball,)))
+    assert not _comes_first(measurement, [load], play)
 
 
 def test_a_figure_that_was_not_computed_is_null_and_never_zero() -> None:
