@@ -175,7 +175,7 @@ class ReferenceComparison:
 
     @property
     def can_clear(self) -> bool:
-        """True if the number of new readings is sufficient for the conclusion that nothing moved."""
+        """True if there are enough new readings to conclude that nothing moved."""
         return self.count >= FEWEST_TO_CLEAR
 
     @property

@@ -61,7 +61,7 @@ class VerificationResult:
 
     @property
     def summary(self) -> str:
-        """Line with the path and the state of the run, for example `runs/a: whole` or `runs/a: not whole`."""
+        """One line with the path and the state of the run, such as `runs/a: whole`."""
         missing = sum(gap.rows for gap in self.gaps)
         if self.problems or (missing and not self.is_recovered):
             return f"{self.path}: not whole"

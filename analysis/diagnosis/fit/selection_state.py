@@ -383,45 +383,47 @@ class Hyperparameters:
                 state = tried
                 break
 
-        def with_level(values: Array) -> tuple[SelectionState, float]:
-            tried = replace(state, level=Level.of_values(values))
-            return tried, evidence(tried) - _level_costs(values).sum()
+        def with_prior(tried: SelectionState) -> float:
+            return evidence(tried) - float(_level_costs(tried.level.values).sum())
 
         for _ in range(_LEVEL_ROUNDS):
             level, now = self.level(state, posterior).values, state.level.values
             # Effects not yet named look like an arm with a higher level.
-            if (level > now).any() and with_level(level)[1] <= with_level(now)[1]:
+            raised = replace(state, level=Level.of_values(level))
+            if (level > now).any() and with_prior(raised) <= with_prior(state):
                 level = np.minimum(level, now)
             if np.abs(np.log(level / now)).max() < _SAME_LEVEL:
                 break
-            state = with_level(level)[0]
+            state = replace(state, level=Level.of_values(level))
             posterior = posterior_of(state)
-        return self._at_quieter_level(state, posterior, evidence)
+        return state if state.free_forms else self._at_quieter_level(state, posterior, with_prior)
 
     def _at_quieter_level(
-        self, state: SelectionState, posterior: CoefficientPosterior, evidence: Callable[[SelectionState], float]
+        self, state: SelectionState, posterior: CoefficientPosterior, with_prior: Callable[[SelectionState], float]
     ) -> SelectionState:
-        """Return the state with the likeliest level, at most the present level, whose posterior is given.
+        """Return the state with the most likely level up to the present one.
 
+        `posterior` is the latest one, and `with_prior` returns the log evidence of a state and of the level.
         Estimates from the posterior converge ever more slowly to a quiet level. At 2.5 times too high a level, wrong
         named effects were confirmed against a right effect that gained 100 more in log evidence at the right level.
         """
-        whole = evidence(state) - _level_costs(state.level.values).sum()
+        whole = with_prior(state)
         for k in range(state.level.values.size):
             if self._gain_when_quieter(state, posterior, k) < _NO_GAIN:
                 continue
-            while state.level.values[k] / _QUIETER >= _QUIETEST and not state.free_forms:
+            while state.level.values[k] / _QUIETER >= _QUIETEST:
                 levels = state.level.values
                 levels[k] /= _QUIETER
                 tried = replace(state, level=Level.of_values(levels))
-                if (gained := evidence(tried) - _level_costs(levels).sum() - whole) <= 0:
+                if (quieter := with_prior(tried)) <= whole:
                     break
-                state, whole = tried, whole + gained
+                state, whole = tried, quieter
         return state
 
     def _gain_when_quieter(self, state: SelectionState, posterior: CoefficientPosterior, k: int) -> float:
-        """Return approximately the log evidence gained by the next lower value of level k: that of each coefficient
-        with its own prior changed and all others unchanged.
+        """Return the approximate log evidence that the next lower value of level k gains.
+
+        It is the sum over the coefficients, each with its own prior changed while all others stay.
         """
         background, columns = posterior.background, self.columns
         cols = self._leveled(state, background) & (columns.level_indices(state.level) == k)

@@ -107,7 +107,7 @@ class SelectionSteps(StateEvidence):
         return gain
 
     def step_from_noise(self, state: SelectionState) -> SelectionState | None:
-        """Return the likelier state in which an effect explains a residual that counted as noise, or None.
+        """Return a state in which an effect explains a residual that counted as noise, or None if none is more likely.
 
         If the complete residual of a band counts as noise, no effect gains any more: a local optimum. A gear error of
         3 µm under yaw was therefore reported as an unknown cause, although its evidence was 360 times larger.

@@ -99,8 +99,9 @@ def _waves(columns: Columns, linear: Linearisation, posterior: CoefficientPoster
 
 
 def _best_of_pairs(effects: Sequence[Effect], precision: Array, eta: Array) -> Effect:
-    """Return the wave that explains most, from pairs of effects that differ in phase, given the precision (2 n, 2 n)
-    and the vector eta (2 n,) of their sizes.
+    """Return the wave that explains most. Each two consecutive effects are a wave in two phases.
+
+    `precision` (2 n, 2 n) and `eta` (2 n,) contain the information of the readings about the sizes.
     """
     pairs = [slice(2 * i, 2 * i + 2) for i in range(len(effects) // 2)]
     sizes = [np.linalg.solve(precision[pair, pair] + np.eye(2) / LARGEST_FAULT**2, eta[pair]) for pair in pairs]

@@ -62,7 +62,7 @@ def _cancelling(name: Named, doubt: Doubt) -> Named:
 
 
 def without_cancelling(named: Sequence[Named], train: Gap) -> list[Named]:
-    """Return the named effects, with errors of instruments and waves that cancel other errors no longer confirmed.
+    """Return the named effects. Errors of instruments and waves that only cancel other errors are no longer confirmed.
 
     Shown by one direction, such an effect increases the initial gap by itself, clearly or if it is below the noise. The
     other explanation, in which both are absent, is at least as likely. Constants of the arm cancel each other in every

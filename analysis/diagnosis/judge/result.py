@@ -182,7 +182,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Rival:
-    """An effect that may explain the readings instead of a named effect. `posterior` is its share of the evidence."""
+    """Alternative to a named effect, with the odds `posterior`."""
 
     effect: Effect
     sd: dict[str, float]

@@ -46,7 +46,8 @@ _FOLDS = 5
 """Number of parts of a circle's spectrum, each held out once."""
 _FAST, _APART = (8, 120), 1.5
 """Waves a lap of fast changes between repeats, and the ratio of difference to sum of two gauges from which the
-difference is unusual. Chosen: 0.2 to 0.9 in 16 cells with all noise of real cells, 2.1 to 5 with a sticking ball joint.
+difference is unusual. Chosen: at most 0.9 in 95 of 96 circles with all noise of real cells, 1.49 in one; 1.6 to 4.1 in
+8 cells with a sticking ball joint.
 """
 _NOTHING = 0.06
 """Share below which the residual depends on no quantity, and readings without repeats may be scatter. Source: plain

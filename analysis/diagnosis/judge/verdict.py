@@ -168,7 +168,7 @@ _SMALL_UM = 8.0
 to 9 µm under yaw alone were mistaken for others at odds of 97 to 100 %."""
 _BEYOND = 0.85
 """Error at held-out places beyond the stated uncertainty, relative to the noise of repeats, from which a cause is
-unknown. Source: at most 0.71 in 32 sound cells of poses, 0.9 to 7 in 17 of 32 with a cause outside the library.
+unknown. Source: at most 0.71 in 37 sound cells of poses, 0.91 to 7.35 in 16 of 33 with a cause outside the library.
 """
 _SIGMA = 2.0
 """Uncertainties of the contribution up to which a named effect is not confirmed. With gauges exchanged in all runs,
@@ -355,10 +355,8 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
     if vibrations:  # the mean of repeats contains a part of them
         um = independent_um(um, vibration_um)
         is_material &= um > LEAST_MATERIAL_UM
-    single_um, missed_um = (
-        _single_runs_um(result, named, train, vibration_um),
-        _missed_elsewhere_um(gaps, linear.blocks),
-    )
+    single_um = _single_runs_um(result, named, train, vibration_um)
+    missed_um = _missed_elsewhere_um(gaps, linear.blocks)
     if max(single_um, missed_um) > max(um, LEAST_MATERIAL_UM):
         um, is_material = max(single_um, missed_um), True
     share = (um / train.before_um) ** 2 if train.before_um else 0.0
@@ -378,7 +376,7 @@ def _single_runs_um(result: SearchResult, named: Sequence[Named], train: Gap, vi
 
 
 def _missing_in_export_um(result: SearchResult, named: Sequence[Named]) -> float:
-    """Return the rms error in µm of the exported model that the fitted model explains.
+    """Return the rms error in µm that remains with the exported model, but not with the fitted model.
 
     The exported model contains neither the departures of effects from their ideal forms, counted here for effects not
     in doubt, nor terms of the set-ups that readings hardly determine. Example: for backlash of 0.45° and a ball 0.8 mm

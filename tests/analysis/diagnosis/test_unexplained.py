@@ -66,8 +66,9 @@ def test_repeated_circles_that_differ_are_reported_first() -> None:
 
 @pytest.mark.parametrize(("signs", "sticks"), [((1.0, -0.6), True), ((1.0, 1.0), False)])
 def test_gauges_that_differ_from_repeat_to_repeat_are_reported_first(signs: tuple[float, float], sticks: bool) -> None:
-    """A ball joint that sticks moves the gauges apart: a sawtooth of 30 µm with another phase in each run. A tool that
-    jerks as much moves both.
+    """The readings have a sawtooth of 30 µm, with a different phase in each run.
+
+    A ball joint that sticks moves the gauges in opposite directions. Movements of the tool move both equally.
     """
     runs = []
     for k, run in enumerate(circles(seed=7)):
