@@ -236,7 +236,9 @@ def ground_of(calibrated: CalibratedModel) -> Ground:
     if judged.condition == "not_testable_here":
         return "not_shown"
     if judged.place == "used":
-        return "unknown_cause" if judged.condition == "outside_library" else "explained"
+        # Deviations beyond the noise, of places that were measured once, are scatter or an error of an unknown cause.
+        may_be_error = judged.condition == "nothing_unusual" and judged.unexplained_um > judged.noise_um
+        return "unknown_cause" if may_be_error or judged.condition == "outside_library" else "explained"
     if judged.handed_um >= judged.before_um:
         return "no_gain_elsewhere"
     if judged.condition == "outside_library" and judged.gained < _LEAST_GAIN:

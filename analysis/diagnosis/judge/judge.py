@@ -14,7 +14,13 @@ from analysis.diagnosis.fit.search import early_readings
 from analysis.diagnosis.judge.budget import Budget, EffectChange, GapMeasure, effect_changes
 from analysis.diagnosis.judge.doubts import doubts_of_limits
 from analysis.diagnosis.judge.named_swing import doubts_of_phases, named_vibration
-from analysis.diagnosis.judge.odds import within_commanded, within_unexplained, without_cancelling, without_useless
+from analysis.diagnosis.judge.odds import (
+    within_chance,
+    within_commanded,
+    within_unexplained,
+    without_cancelling,
+    without_useless,
+)
 from analysis.diagnosis.judge.remains import Unexplained
 from analysis.diagnosis.judge.residuals import bands_above_noise, curves_of, maps_of, places
 from analysis.diagnosis.judge.result import (
@@ -119,7 +125,7 @@ def _named_in(
     """
     result, fitted, train, given = fit.result, validation.fitted, validation.gaps.train, fit.is_given
     named = named_effects(result, fitted, held_out_gains(result, validation.judges), changes)
-    named = without_useless(named, train)
+    named = within_chance(without_useless(named, train), len(result.columns.forms))
     doubts = doubts_of_limits(named)
     vibrations = [name for name in named if given and is_vibration(name.effect)]
     swing = None

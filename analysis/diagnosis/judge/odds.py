@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from analysis.diagnosis.judge.acts import Doubt
 from analysis.diagnosis.judge.result import Gap, Named
-from rigs.schema.effect import is_vibration, is_wave
+from rigs.schema.effect import is_vibration, is_wave, size_field
 from rigs.schema.scene import OUTSIDE_ARM
 
 _SURE_ODDS = 0.999
@@ -97,6 +98,23 @@ def within_unexplained(named: Sequence[Named], unexplained_um: float, noise_um: 
         weakened(name) if name.worth_um < (_MUCH_MORE if name.directions < 2 else _MORE) * unexplained_um else name
         for name in named
     ]
+
+
+def within_chance(named: Sequence[Named], tried: int) -> list[Named]:
+    """Return the named effects. A size that noise may reach in one of the `tried` forms has lower odds.
+
+    Among n independent forms, noise reaches z standard uncertainties in n erfc(z/√2) cases at most (Bonferroni). The
+    odds of an effect shown by a single direction are one minus this, but may be one half. Example: an axis that wanders
+    by 9 µm had a form of the ball of 0.016 ± 0.0045 mm, one of 300 forms, at odds of 99.9 %.
+    """
+
+    def limited(name: Named) -> Named:
+        size, u = (values.get(size_field(name.effect), 0.0) for values in (vars(name.effect), name.sd))
+        if name.directions > 1 or not u > 0:
+            return name
+        return _with_odds_at_most(max(0.5, 1 - tried * math.erfc(abs(size) / u / math.sqrt(2))), name)
+
+    return [limited(name) for name in named]
 
 
 def within_commanded(named: Sequence[Named]) -> list[Named]:

@@ -16,7 +16,13 @@ from analysis.diagnosis.fit.free_forms import discrepancy_evidence, discrepancy_
 from analysis.diagnosis.fit.search import SearchResult, search
 from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.judge.budget import GapMeasure
-from analysis.diagnosis.judge.odds import within_commanded, within_unexplained, without_cancelling, without_useless
+from analysis.diagnosis.judge.odds import (
+    within_chance,
+    within_commanded,
+    within_unexplained,
+    without_cancelling,
+    without_useless,
+)
 from analysis.diagnosis.judge.result import Gap, Named
 from analysis.diagnosis.judge.verdict import (
     Gaps,
@@ -156,6 +162,16 @@ def test_a_name_stands_that_does_more_than_the_unexplained_error(
     assert within_unexplained([_named(worth_um, 100.0, directions)], 0.0, noise_um=2.0)[0].stands, "all is explained"
     share = worth_um**2 / (worth_um**2 + 10.0**2)  # of the energy; 9999 to the 1/26th is 1.425
     assert name.posterior == pytest.approx(0.9999 if stands else min(0.588, share), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("sigmas", "tried", "most"), [(2.0, 300, 0.5), (3.6, 300, 0.905), (3.6, 3, 0.9990), (6.0, 300, 1)]
+)
+def test_a_size_that_noise_reaches_in_one_of_many_forms_has_lower_odds(sigmas: float, tried: int, most: float) -> None:
+    once, twice = (replace(_named(30.0, 100.0, n), sd={"amplitude_mm": 0.02 / sigmas}) for n in (1, 2))
+    limited, kept = within_chance([once, twice], tried)
+    assert limited.posterior == pytest.approx(min(most, once.posterior), abs=2e-3)
+    assert kept == twice, "two directions agree"
 
 
 def test_commanded_angles_confirm_no_fault_of_the_arm() -> None:
