@@ -125,7 +125,9 @@ def _named_in(
     """
     result, fitted, train, given = fit.result, validation.fitted, validation.gaps.train, fit.is_given
     named = named_effects(result, fitted, held_out_gains(result, validation.judges), changes)
-    named = within_chance(without_useless(named, train), len(result.columns.forms))
+    named = without_useless(named, train)
+    if not given:  # effects given by the user were not chosen among forms
+        named = within_chance(named, len(result.columns.forms))
     doubts = doubts_of_limits(named)
     vibrations = [name for name in named if given and is_vibration(name.effect)]
     swing = None

@@ -101,18 +101,21 @@ def within_unexplained(named: Sequence[Named], unexplained_um: float, noise_um: 
 
 
 def within_chance(named: Sequence[Named], tried: int) -> list[Named]:
-    """Return the named effects. A size that noise may reach in one of the `tried` forms has lower odds.
+    """Return the named effects. Odds are limited if noise alone may reach the size of an effect.
 
-    Among n independent forms, noise reaches z standard uncertainties in n erfc(z/√2) cases at most (Bonferroni). The
-    odds of an effect shown by a single direction are one minus this, but may be one half. Example: an axis that wanders
-    by 9 µm had a form of the ball of 0.016 ± 0.0045 mm, one of 300 forms, at odds of 99.9 %.
+    In at least one of `tried` forms, noise reaches z standard uncertainties with a probability of at most
+    tried · erfc(z/√2) (Bonferroni). The odds of an effect shown by a single direction are at most one minus this
+    probability, but this limit is not below one half. Example: for an axis that wanders by 9 µm, the odds of a form of
+    the ball of 0.016 ± 0.0045 mm, one of 403 forms, were 99.9 % and are now 89 %.
     """
 
     def limited(name: Named) -> Named:
-        size, u = (values.get(size_field(name.effect), 0.0) for values in (vars(name.effect), name.sd))
-        if name.directions > 1 or not u > 0:
+        size = size_field(name.effect)
+        u = name.sd.get(size, 0.0)
+        if name.directions > 1 or u <= 0:
             return name
-        return _with_odds_at_most(max(0.5, 1 - tried * math.erfc(abs(size) / u / math.sqrt(2))), name)
+        by_chance = tried * math.erfc(abs(getattr(name.effect, size)) / u / math.sqrt(2))
+        return _with_odds_at_most(max(0.5, 1 - by_chance), name)
 
     return [limited(name) for name in named]
 

@@ -237,8 +237,10 @@ def judged(**changed: object) -> ModelAssessment:
         (judged(), "gains_elsewhere", "correct"),
         (judged(place="used"), "explained", "correct"),
         (judged(place="used", condition="outside_library"), "unknown_cause", "nothing"),
-        (judged(place="used", condition="nothing_unusual"), "unknown_cause", "nothing"),  # scatter, or no scatter
-        (judged(place="used", condition="nothing_unusual", unexplained_um=2.0), "explained", "correct"),
+        # Deviations that may be scatter or an error: large, beyond the noise but small, within the noise.
+        (judged(place="used", condition="nothing_unusual", handed_um=40.0), "unknown_cause", "nothing"),
+        (judged(place="used", condition="nothing_unusual", handed_um=20.0), "explained", "correct"),
+        (judged(place="used", condition="nothing_unusual", handed_um=40.0, unexplained_um=2.0), "explained", "correct"),
         (judged(condition="outside_library", handed_um=90.0), "unknown_cause", "nothing"),
         (judged(condition="outside_library", names_um=54.0, handed_um=54.0), "gains_elsewhere", "correct"),
         (judged(place="used", condition="not_testable_here"), "not_shown", "nothing"),
