@@ -392,8 +392,8 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
     """Return whether a measurement precedes all actions that reduce the error.
 
     This is the case if correction is not allowed, if the runs are too few, if the repair is undecided because of
-    rivals of the largest part, or if circles leave the causes undecided, or show faults of the instrument only, and no
-    other place has judged the correction.
+    rivals of the largest part, or if circles show no certain fault of the arm, and no other place has judged the
+    correction.
     """
     if measurement.why in ("commanded", "visits_differ", "revisit"):
         is_largest = measurement.parts[:1] == (0,)
@@ -404,12 +404,13 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
     if measurement.why in ("unexplained", "follows"):
         return not any(act.kind == "load" for act in acts)
     of_instrument = all(named.effect.part in ("gauges", "clocks") for named in diagnosis.standing)
-    is_open = diagnosis.condition in ("ambiguous", "undecided") or (diagnosis.condition == "named" and of_instrument)
-    undecided = is_open and not diagnosis.train.of_places
+    no_fault = diagnosis.condition in ("ambiguous", "undecided", "nothing_unusual", "uncalibrated")
+    no_fault |= diagnosis.condition == "named" and of_instrument
+    only_circles = not diagnosis.train.of_places
     first: dict[Reason, bool] = {
         "one_lap": not any(act.why == "fault" and act.gain_um > measurement.residual_um for act in acts),
         "few_runs": not any(act.kind == "load" and act.place != "used" for act in acts),
-        "elsewhere": undecided and any(act.kind == "load" for act in acts),
+        "elsewhere": only_circles and no_fault and any(act.kind == "load" for act in acts),
         "rivals": diagnosis.condition == "undecided" or (bool(acts) and acts[0].parts == measurement.parts),
         "group": not acts,
     }
