@@ -25,14 +25,14 @@ Doubt = Literal[
     "usual", "one_lap", "healthy_shows_it", "rival", "held_out", "unsure", "contradicted", "series", "no_better",
     "unexplained", "commanded", "small", "one_speed", "cancels", "friction", "no_gear",
 ]  # fmt: skip
-"""Reason for not confirming an effect: no larger than elsewhere in this arm or in healthy arms; slow, and a single
-lap in each direction shows no time dependence; a healthy arm may show it by chance; a rival is likelier; it makes
-held-out runs worse; the contribution is uncertain by more than half; set-ups show different shares; it is part of
-a series of more waves than a joint has; the model explains the runs no better with it; it may imitate an
+"""Reason for not confirming an effect: no larger than elsewhere in this arm or in healthy arms; slow, and a single lap
+in each direction shows no time dependence; a healthy arm may show it by chance; a rival is likelier; it makes held-out
+runs worse; the contribution is uncertain by more than half, or the size may be usual; set-ups show different shares; it
+is part of a series of more waves than a joint has; the model explains the runs no better with it; it may imitate an
 unexplained error of similar size; only commanded angles are known, and the arm may not have reached them; a small
-change in a single set-up, which many causes may have; a wave in circles of a single speed, which may follow the
-angle instead of the time; it increases the error by itself and reduces it only together with others; friction in
-the ball joint of the link has the same effect on these circles; or its waves are no whole number per turn.
+change in a single set-up, which many causes may have; a wave in circles of a single speed, which may follow the angle
+instead of the time; it increases the error by itself and reduces it only together with others; friction in the ball
+joint of the link has the same effect on these circles; or its waves are no whole number per turn.
 """
 IMITATED: tuple[Doubt, ...] = ("no_better", "unexplained", "commanded", "one_speed", "cancels", "friction", "no_gear")
 """Doubts about an effect of the size of a fault that a different cause may imitate."""

@@ -315,8 +315,9 @@ def _doubt(
     """
     state, healthy_odds = result.state, result.rival_odds[k].healthy_odds
     effect = state.effects[k]
+    times, least = abs(size_of(effect)), least_fault(effect, result.design)
     reasons: tuple[tuple[bool, Doubt], ...] = (
-        (abs(size_of(effect)) - _PROVEN * u / healthy_size(effect) <= least_fault(effect, result.design), "usual"),
+        (times <= least, "usual"),
         (effect.NEEDS_REPEATS and not shows_time(result.linear.blocks), "one_lap"),
         (gain is not None and gain <= 0, "held_out"),
         (healthy_odds >= _HEALTHY, "healthy_shows_it"),
@@ -326,6 +327,7 @@ def _doubt(
         # A size compatible with zero is not a fault, however certain the shape, such as backlash resting on the same
         # flank in nearly every pose.
         (abs(getattr(effect, size_field(effect))) <= _SIGMA * u, "unsure"),
+        (times - _PROVEN * u / healthy_size(effect) <= least, "unsure"),
     )
     return next((doubt for holds, doubt in reasons if holds), None)
 

@@ -91,7 +91,7 @@ def judge(cell: Cell, answer: Mapping[str, Any], found: Path) -> Verdict:
 def was_told(answer: Mapping[str, Any]) -> bool:
     """Return whether the answer reports an unknown cause: an unexplained error, a movement, or unusual scatter."""
     unexplained, remainder = answer.get("unexplained") or {}, answer.get("remainder") or {}
-    unusual = any(unexplained.get(name) for name in ("visits_um", "unrepeated_um", "gauges_um"))
+    unusual = any(unexplained.get(name) for name in ("visits_um", "unrepeated_um", "gauges_um", "scatter_um"))
     if unusual or remainder.get("is_material"):
         return True
     if answer.get("condition") in _TOLD or answer.get("movements"):
