@@ -19,13 +19,14 @@ import yaml
 from typer.testing import CliRunner
 
 import analysis
-from analysis.cli.commands import all_imported, app
+from analysis.cli.commands import app
 from daq.service.rigd import app as rigd_app
 from rigs.arms import arm_names
 from rigs.interfaces import NO_DEFAULT, Interface, list_interfaces, models, name_of
 from rigs.load import SHIPPED, parse
 from rigs.rig import Rig
 from rigs.schema.gauges import Gauge
+from tests.support.command_line import all_imported
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/**/*.md"))]

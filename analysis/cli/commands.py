@@ -292,13 +292,6 @@ def imported(name: str) -> TyperCommand | TyperGroup:
     return get_group(narrow).commands[name]  # type: ignore[return-value]  # commands are typer's
 
 
-def all_imported() -> TyperGroup:
-    """Return the group `rig` with every command and group as declared in its module."""
-    program = get_group(app)
-    program.commands = {name: imported(name) for name in program.commands}
-    return program
-
-
 def command(
     group: typer.Typer, example: str, *, name: str | None = None, cls: type[Command] = Command
 ) -> Callable[[F], F]:

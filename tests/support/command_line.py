@@ -16,11 +16,20 @@ from subprocess import CompletedProcess
 
 import pytest
 import typer.main
+from typer.core import TyperGroup
 
 from analysis import cli
+from analysis.cli.commands import app, imported
 
 # evaluated again for every command line
 typer.main.get_params_from_function = cache(typer.main.get_params_from_function)
+
+
+def all_imported() -> TyperGroup:
+    """Return the group `rig` with every command and group as declared in its module."""
+    program = typer.main.get_group(app)
+    program.commands = {name: imported(name) for name in program.commands}
+    return program
 
 
 def ended(*words: str | Path) -> int:

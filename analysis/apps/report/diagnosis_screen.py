@@ -123,7 +123,7 @@ def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
         table.add_row(
             f"{counted(len(small), 'smaller part')} (--json lists all)", "", percent(share), "", "", style="dim"
         )
-    cut_off = f"× usual: multiple of the typical size in a healthy arm; a size is unusual if it is certainly above {FAULT:g}"
+    cut_off = f"× usual: multiple of the typical size in a healthy arm; a size certainly above {FAULT:g} is unusual"
     return [table, Text(cut_off, style="dim")]
 
 

@@ -18,6 +18,7 @@ from analysis.diagnosis.judge.odds import (
     within_chance,
     within_commanded,
     within_unexplained,
+    within_use,
     without_cancelling,
     without_useless,
 )
@@ -139,10 +140,9 @@ def _named_in(
         circles = [block.sampling is not None for block in result.linear.blocks]
         limits = limits_um(result.linear, swing.scatter_um)
         named += named_vibration(swing, limits[circles], train.after_um)
-    named = [
-        replace(name, alone_um=fitted.residual_um([name.effect])) if name.stands or given else name for name in named
-    ]
+    named = [replace(name, alone_um=fitted.residual_um([name.effect])) for name in named]
     named = without_cancelling(named, train)
+    named = named if given else within_use(named, train)
     return sorted(named, key=lambda name: (not name.stands, -name.worth_um)), doubts
 
 

@@ -45,7 +45,6 @@ from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import Measured
 from rigs.calibration import ModelAssessment
 from rigs.effect_names import name_in_words
-from rigs.effects import healthy_size
 from rigs.errors import RigError
 from rigs.rig import Rig
 from rigs.schema.effect import is_vibration, label_of, name_of, size_field, size_of
@@ -172,9 +171,8 @@ _BEYOND = 0.85
 unknown. Source: at most 0.71 in 37 sound cells of poses, 0.91 to 7.35 in 16 of 33 with a cause outside the library.
 """
 _PROVEN = 1.645
-"""Standard uncertainties by which the size of a fault must exceed the largest usual size: the guard band of ISO
-14253-1:2017 for a probability of 95 %. Of 24 sound cells two had an effect of 5.1 and 6.6 times the usual size, whose
-limit is 5, with an uncertainty of 12 and 16 %.
+"""Standard uncertainties by which a fault exceeds the usual size: the guard band of ISO 14253-1:2017 for 95 %. Two of
+24 sound cells had an effect of 5.1 and 6.6 times the usual size (limit 5), with an uncertainty of 12 and 16 %.
 """
 _SIGMA = 2.0
 """Uncertainties of the contribution up to which a named effect is not confirmed. With gauges exchanged in all runs,
@@ -315,7 +313,8 @@ def _doubt(
     """
     state, healthy_odds = result.state, result.rival_odds[k].healthy_odds
     effect = state.effects[k]
-    times, least = abs(size_of(effect)), least_fault(effect, result.design)
+    size, times = abs(getattr(effect, size_field(effect))), abs(size_of(effect))
+    least = least_fault(effect, result.design)
     reasons: tuple[tuple[bool, Doubt], ...] = (
         (times <= least, "usual"),
         (effect.NEEDS_REPEATS and not shows_time(result.linear.blocks), "one_lap"),
@@ -326,8 +325,7 @@ def _doubt(
         (change.um <= _SIGMA * change.u_um, "unsure"),
         # A size compatible with zero is not a fault, however certain the shape, such as backlash resting on the same
         # flank in nearly every pose.
-        (abs(getattr(effect, size_field(effect))) <= _SIGMA * u, "unsure"),
-        (times - _PROVEN * u / healthy_size(effect) <= least, "unsure"),
+        (size <= _SIGMA * u or times * (size - _PROVEN * u) <= least * size, "unsure"),
     )
     return next((doubt for holds, doubt in reasons if holds), None)
 

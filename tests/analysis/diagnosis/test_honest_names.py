@@ -20,6 +20,7 @@ from analysis.diagnosis.judge.odds import (
     within_chance,
     within_commanded,
     within_unexplained,
+    within_use,
     without_cancelling,
     without_useless,
 )
@@ -137,6 +138,30 @@ def test_an_error_of_an_instrument_or_a_gear_that_increases_the_error_is_doubted
     named = replace(_named(worth_um, 30.0), effect=effect, alone_um=alone_um)
     (judged,) = without_cancelling([named], gap)
     assert judged.stands is stands and (judged.posterior > 0.5) is stands
+
+
+@pytest.mark.parametrize(
+    ("effect", "alone_um", "directions", "most"),
+    [
+        (Backlash(axis=3, width_deg=0.01), 20.0, 1, 0.5),
+        (Backlash(axis=3, width_deg=0.01), 14.0, 1, 1.0),
+        (Backlash(axis=3, width_deg=0.01), 20.0, 2, 1.0),
+        (JointOffset(axis=3, offset_deg=0.01), 20.0, 1, 1.0),
+    ],
+    ids=["cancels", "reduces the error", "two directions", "constant of the arm"],
+)
+def test_an_effect_of_usual_size_that_increases_the_error_is_not_certain(
+    effect: Effect, alone_um: float, directions: int, most: float
+) -> None:
+    """For an unknown coupling, a spike of axis 3 had odds of 100 %, and increases the error from 21 to 25 µm.
+
+    Correct names of usual size may increase the error alone, if together with others they reduce it.
+    """
+    gap = Gap(("a",), before_um=15.0, after_um=15.3, noise_floor_um=4.0, calibrated_um=4.1)
+    named = replace(_named(20.0, 30.0, directions), effect=effect, alone_um=alone_um, doubt="usual")
+    (judged,) = within_use([named], gap)
+    assert judged.doubt == "usual" and judged.posterior == pytest.approx(min(most, named.posterior))
+    assert within_use([named], replace(gap, after_um=10.3)) == [named]
 
 
 def test_errors_at_other_places_are_unexplained_if_repeats_state_the_noise() -> None:

@@ -20,11 +20,10 @@ from typing import Any
 import typer
 from typer.exceptions import TyperException
 
-from analysis.cli.commands import all_imported
 from daq.service.rigd import app as rigd_app
 from rigs.arms import arm_names
 from rigs.load import shipped
-from tests.support.command_line import ran
+from tests.support.command_line import all_imported, ran
 
 _DEEPEST = 3
 """Errors one after the other: who has followed three remedies in vain gives up."""
