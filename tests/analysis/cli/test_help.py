@@ -16,7 +16,8 @@ from typer.testing import CliRunner
 
 from analysis import cli
 from analysis.cli import app
-from analysis.cli.commands import JOBS, all_imported
+from analysis.cli.commands import JOBS
+from tests.support.command_line import all_imported
 
 BIN = Path(sys.executable).parent
 ROOT = all_imported()

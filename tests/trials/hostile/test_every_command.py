@@ -23,9 +23,8 @@ import typer
 import yaml
 
 from analysis import cli
-from analysis.cli.commands import all_imported
 from rigs.load import SHIPPED
-from tests.support.command_line import ended
+from tests.support.command_line import all_imported, ended
 from tests.support.second_sources import SOURCES, Chain
 from tests.support.store_cases import edit_manifest, ledger_records, put_ledger
 
