@@ -6,11 +6,13 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.diagnosis.fit.candidates import order_of
+from analysis.diagnosis.fit.refine import ended_at_limit
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import DRIVEN_WAVES
 from analysis.diagnosis.judge.acts import Doubt
 from analysis.diagnosis.judge.unexplained import gauges_apart_um
 from rigs.schema.effect import is_play, is_wave
+from rigs.schema.scene import OUTSIDE_ARM
 
 _WHOLE_SIGMA = 3.0
 """Standard uncertainties between an order and the nearest whole number above which a wave is not one of a gear."""
@@ -36,9 +38,14 @@ def shows_waves(result: SearchResult, k: int) -> bool:
 def imitation_of(result: SearchResult, k: int, directions: int) -> Doubt | None:
     """Return the doubt that another cause may have the effect of the named effect `k`, shown by a number of independent
     directions; None without such a cause.
+
+    For a coupling that rig does not know, the rate of the clock had odds of 100 %, with a size at the limit of the fit.
     """
     if is_no_gear(result, k):
         return "no_gear"
+    effect = result.effects[k]
+    if directions < 2 and effect.STAGE in OUTSIDE_ARM and ended_at_limit(effect):
+        return "at_limit"
     return "friction" if directions < 2 and may_be_friction(result, k) else None
 
 

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from analysis import diagnose, read_table
-from analysis.diagnosis.judge.imitations import is_no_gear, may_be_friction
+from analysis.diagnosis.judge.imitations import imitation_of, is_no_gear, may_be_friction
 from analysis.diagnosis.judge.odds import within_unexplained
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.plan.further_tests import sigma_between
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import Effect
 from rigs.effects.backlash import Backlash
+from rigs.effects.clock_rate import ClockRate
 from rigs.effects.transmission_error import TransmissionError
 from rigs.schema.effect import name_of
 from tests.support.handmade_diagnosis import diagnosis
@@ -134,3 +135,22 @@ def test_a_piece_of_a_wave_that_is_not_whole_is_no_gear(order: float, u: float, 
     fit = SimpleNamespace(sd=lambda _: {"order": u})
     result = SimpleNamespace(effects=[effect], linear=linear, fit=fit)
     assert is_no_gear(result, 0) is is_none  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("effect", "directions", "doubt"),
+    [
+        (ClockRate(ppm=2400.0), 1, "at_limit"),
+        (ClockRate(ppm=2000.0), 1, None),
+        (ClockRate(ppm=2400.0), 2, None),
+        (Backlash(axis=1, width_deg=2.0), 2, None),
+    ],
+    ids=["at the limit", "within the limit", "two directions", "a fault of the arm"],
+)
+def test_an_error_of_an_instrument_at_the_limit_of_the_fit_is_doubted(
+    effect: Effect, directions: int, doubt: str | None
+) -> None:
+    """For a coupling from axis 6 to axis 4, the rate of the clock was a certain fault, 120 times its usual size."""
+    linear = SimpleNamespace(blocks=[], rows=[])
+    result = SimpleNamespace(effects=[effect], contributions=[np.ones(3)], linear=linear)
+    assert imitation_of(result, 0, directions) == doubt  # type: ignore[arg-type]
