@@ -69,8 +69,10 @@ def find_out_of_range(result: SearchResult, runs: Sequence[ObservedRun]) -> OutO
     most_um = min(fitted.residual_um(result.effects), _EXPLAINS * fitted.residual_um(()))
     if not fits or fits[0][0] >= most_um:
         return None
-    (least_um, best), *others = fits
-    return OutOfRange(best, tuple(effect for um, effect in others if um <= _ALIKE * least_um))
+    alike = [effect for um, effect in fits if um <= _ALIKE * fits[0][0]]
+    # A play of many degrees that always rests on one flank is a zero.
+    best, *twins = list(filter(_is_constant, alike)) or alike
+    return OutOfRange(best, tuple(twins))
 
 
 def _is_constant(effect: Effect) -> bool:

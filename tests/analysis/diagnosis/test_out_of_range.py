@@ -46,10 +46,14 @@ def _found(wrong: Wrong, seed: int) -> Diagnosis:
     return found_in([pose_run("ur10e", q, places)], load("ur10e")[0])
 
 
-_FAR_OFF = (("a", 3, -30.0, "link_geometry 3.a"), ("offset", 2, np.radians(-10.0), "joint_offset 2"))
+_FAR_OFF = (
+    ("a", 3, -30.0, "link_geometry 3.a"),
+    ("offset", 3, np.radians(10.0), "joint_offset 3"),
+    ("offset", 2, np.radians(-10.0), "joint_offset 2"),
+)
 
 
-@pytest.mark.parametrize(("field", "axis", "value", "name"), cases(_FAR_OFF, _FAR_OFF[:1]))
+@pytest.mark.parametrize(("field", "axis", "value", "name"), cases(_FAR_OFF, _FAR_OFF[:2]))
 def test_one_parameter_beyond_its_limit_is_the_only_name_with_its_estimate(
     field: str, axis: int, value: float, name: str
 ) -> None:
