@@ -57,13 +57,14 @@ class Cause:
         return np.full(3, SHIFT_MM) if self.what in ("socket", "target", "tool") else np.empty(0)
 
 
-def look_alike(cause: Cause, axes: int, *, of_tracker: bool) -> Literal["instrument", "base", "tool"] | None:
+def look_alike(cause: Cause, axes: int, *, of_tracker: bool) -> Literal["instrument", "plate", "base", "tool"] | None:
     """Return the part with the same change of every reading as a cause, or None.
 
-    The instrument looks like the base to a tracker, a rotation about the first or last axis like the zero.
+    The instrument looks like the base to a tracker, the plate of all sockets looks like it to touches, and a rotation
+    about the first or last axis looks like the zero.
     """
     if cause.what == "base":
-        return "instrument" if of_tracker else None
+        return "instrument" if of_tracker else "plate"
     return "base" if cause.axis == 1 else "tool" if cause.axis == axes else None
 
 

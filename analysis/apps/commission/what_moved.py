@@ -59,7 +59,7 @@ class MovementResult:
     """Largest error of each zero compatible with the new readings if only that zero moved: |size| + 2 u."""
     doubts: tuple[str, ...] = ()
 
-    def alike(self, cause: Cause) -> Literal["instrument", "base", "tool"] | None:
+    def alike(self, cause: Cause) -> Literal["instrument", "plate", "base", "tool"] | None:
         """Return the part with the same readings as a cause, or None."""
         return look_alike(cause, len(self.zero_bounds_deg), of_tracker=self.of_tracker)
 

@@ -21,7 +21,7 @@ def name_of(cause: Cause, texts: Texts = _ENGLISH, *, of_tracker: bool = False) 
     if cause.members:
         first, second = (name_of(member, texts, of_tracker=of_tracker) for member in cause.members)
         return texts("cause_pair", first=first, second=second)
-    kind = "base_or_instrument" if cause.what == "base" and of_tracker else cause.what
+    kind = _kind(cause.what, ("instrument" if of_tracker else "plate") if cause.what == "base" else None)
     return texts(f"cause_{kind}", axis=cause.axis or "", name=short_name(cause)).rstrip()
 
 

@@ -32,7 +32,7 @@ class Movement:
     u_rotation_deg: float | None = None
     run: str = ""
     row: int | None = None
-    alike: Literal["instrument", "base", "tool"] | None = None
+    alike: Literal["instrument", "plate", "base", "tool"] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain types for JSON."""

@@ -214,7 +214,7 @@ def _repairs(diagnosis: Diagnosis, judged: JudgedPlace) -> tuple[list[Act], list
                 first.remove(act)
                 following.append(after)
                 done.append(named.effect)
-    return first, following
+    return [act for act in first if act.why == "fault" or act.gain_um > 0], following
 
 
 def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
@@ -391,14 +391,17 @@ def _reasons_to_repeat(diagnosis: Diagnosis, scatter: tuple[int, ...]) -> list[R
 def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) -> bool:
     """Return whether a measurement precedes all actions that reduce the error.
 
-    This is the case if correction is not allowed, if the runs are too few, if the repair is undecided because of
-    rivals of the largest part, or if circles show no certain fault of the arm, and no other place has judged the
-    correction.
+    This is the case if correction is not allowed, if the runs are too few, if repeats differ by more than the error
+    that a certain fault causes, if the repair is undecided because of rivals of the largest part, or if only circles
+    at one place judged a correction that comes first, or show no certain fault of the arm.
     """
-    if measurement.why in ("commanded", "visits_differ", "revisit"):
+    if measurement.why == "visits_differ" and diagnosis.unexplained:
+        visits_um = diagnosis.unexplained.visits_um or 0.0
+        return not any(act.why == "fault" and act.gain_um > visits_um for act in acts)
+    if measurement.why in ("commanded", "revisit"):
         is_largest = measurement.parts[:1] == (0,)
         is_confirmed = bool(acts) and acts[0].why == "fault"  # a fault much larger than the deviations
-        return measurement.why != "revisit" or is_largest or (_is_more_than_scatter(diagnosis) and not is_confirmed)
+        return measurement.why == "commanded" or is_largest or (_is_more_than_scatter(diagnosis) and not is_confirmed)
     if measurement.why == "gauges_differ":
         return not any(act.why == "fault" for act in acts)
     if measurement.why in ("unexplained", "follows"):
@@ -407,6 +410,7 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
     no_fault = diagnosis.condition in ("ambiguous", "undecided", "nothing_unusual", "uncalibrated")
     no_fault |= diagnosis.condition == "named" and of_instrument
     only_circles = not diagnosis.train.of_places
+    no_fault |= bool(acts) and acts[0].kind == "load" and acts[0].place == "used"
     first: dict[Reason, bool] = {
         "one_lap": not any(act.why == "fault" and act.gain_um > measurement.residual_um for act in acts),
         "few_runs": not any(act.kind == "load" and act.place != "used" for act in acts),

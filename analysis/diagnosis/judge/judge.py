@@ -20,6 +20,7 @@ from analysis.diagnosis.judge.odds import (
     within_unexplained,
     within_use,
     without_cancelling,
+    without_many,
     without_useless,
 )
 from analysis.diagnosis.judge.remains import Unexplained
@@ -142,7 +143,8 @@ def _named_in(
         named += named_vibration(swing, limits[circles], train.after_um)
     named = [replace(name, alone_um=fitted.residual_um([name.effect])) for name in named]
     named = without_cancelling(named, train)
-    named = named if given else within_use(named, train)
+    if not given:
+        named = without_many(within_use(named, train))
     return sorted(named, key=lambda name: (not name.stands, -name.worth_um)), doubts
 
 

@@ -22,6 +22,7 @@ from analysis.diagnosis.judge.odds import (
     within_unexplained,
     within_use,
     without_cancelling,
+    without_many,
     without_useless,
 )
 from analysis.diagnosis.judge.result import Gap, Named
@@ -162,6 +163,19 @@ def test_an_effect_of_usual_size_that_increases_the_error_is_not_certain(
     (judged,) = within_use([named], gap)
     assert judged.doubt == "usual" and judged.posterior == pytest.approx(min(most, named.posterior))
     assert within_use([named], replace(gap, after_um=10.3)) == [named]
+
+
+def test_faults_of_more_than_three_kinds_are_not_confirmed() -> None:
+    """Circles of an arm with a wandering axis confirmed a zero, a gear error, a coupling and a gauge error."""
+    kinds: tuple[Effect, ...] = (
+        Backlash(axis=3, width_deg=0.2), JointOffset(axis=3, offset_deg=0.1), _GEAR,
+        BallForm(lobes=2, amplitude_mm=0.1),
+    )  # fmt: skip
+    named = [replace(_named(20.0, 30.0), effect=effect) for effect in kinds]
+    assert without_many(named[:3]) == named[:3]
+    worn = [replace(named[0], effect=Backlash(axis=axis, width_deg=0.2)) for axis in range(1, 6)]
+    assert without_many(worn) == worn, "wear is one kind of fault"
+    assert [(name.doubt, name.posterior <= 0.5) for name in without_many(named)] == [("many", True)] * 4
 
 
 def test_errors_at_other_places_are_unexplained_if_repeats_state_the_noise() -> None:

@@ -91,4 +91,4 @@ def test_odds_and_the_part_that_looks_the_same_have_one_definition() -> None:
         for cause in (Cause("base"), Cause("tool"), *(Cause("zero", axis=axis) for axis in (1, 3, 6)))
         for of_tracker in (True, False)
     }
-    assert list(alike.values()) == ["instrument", None, None, None, "base", "base", None, None, "tool", "tool"]
+    assert list(alike.values()) == ["instrument", "plate", None, None, "base", "base", None, None, "tool", "tool"]

@@ -158,7 +158,7 @@ def test_a_diagnosis_of_both_runs_begins_with_the_movement(tmp_path: Path) -> No
     drawn = case("base")
     _write_runs(tmp_path, drawn, {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(8)})
     summary = summarise(diagnose([tmp_path / "before", tmp_path / "after"]))
-    assert summary.badge.startswith("MOVED") and summary.headline.startswith("The base moved by")
+    assert summary.badge.startswith("MOVED") and summary.headline.startswith("The base or the plate of the sockets moved by")
     assert "Then fasten the plate or the base" in summary.next
 
 
@@ -168,8 +168,8 @@ def test_the_command_says_what_moved(tmp_path: Path) -> None:
     page = tmp_path / "moved.html"
     words = ["moved", str(tmp_path / "before"), "--new", str(tmp_path / "after")]
     done = CliRunner().invoke(app, [*words, "-o", str(page)])
-    assert done.exit_code == 0 and done.stdout.startswith("The base moved by")
-    assert "The base moved by" in page.read_text(encoding="utf-8")
+    assert done.exit_code == 0 and done.stdout.startswith("The base or the plate of the sockets moved by")
+    assert "The base or the plate of the sockets moved by" in page.read_text(encoding="utf-8")
     said = json.loads(CliRunner().invoke(app, [*words, "--json"]).stdout)
     assert said["causes"][0]["what"] == "base" and len(said["causes"][0]["translation_mm"]) == 3
     tables = ["moved", str(tmp_path / "before.csv"), "--new", str(tmp_path / "after.csv"), "--json"]

@@ -32,7 +32,7 @@ from tests.support.handmade_diagnosis import ACTS, APART, LOAD, PLAY, REMASTER, 
 EN = texts_of("en")
 CONDITIONS: tuple[Condition, ...] = get_args(Condition)
 MOST_FIGURES = 3
-MOVED = Movement("a", "b", "base", 0.999, translation_mm=np.array([0.4, 0.0, 0.0]), u_mm=0.01)
+MOVED = Movement("a", "b", "base", 0.999, translation_mm=np.array([0.4, 0.0, 0.0]), u_mm=0.01, alike="plate")
 
 
 def shown(found: Diagnosis, width: int = 80) -> str:
@@ -226,7 +226,7 @@ def test_the_headline_names_the_largest_cause_also_if_it_is_no_fault() -> None:
         ({"condition": "out_of_range"}, "out of range"),
         ({"condition": "not_testable_here"}, "cannot show"),
         ({"condition": "named", "only_commanded": True}, "only commanded angles"),
-        ({"condition": "named", "movements": (MOVED,)}, "The base moved"),
+        ({"condition": "named", "movements": (MOVED,)}, "The base or the plate of the sockets moved"),
         ({"condition": "ambiguous", "acts": (REMASTER, APART)}, "Uncertain: "),
     ],
 )
@@ -243,7 +243,7 @@ def test_a_movement_comes_first_in_badge_headline_and_next_step() -> None:
     sound = diagnosis("nothing_unusual", acts=())
     moved = summarise(with_movements(sound, [MOVED], []))
     assert (moved.badge, moved.standing) == ("MOVED", "moved") and moved.headline.startswith(
-        "The base moved by 0.40 ± 0.01 mm"
+        "The base or the plate of the sockets moved by 0.40 ± 0.01 mm"
     )
     assert moved.next.startswith("If all sockets are on one plate, check first")
     assert summarise(with_movements(diagnosis("named"), [MOVED], [])).badge == "MOVED, FAULT FOUND"

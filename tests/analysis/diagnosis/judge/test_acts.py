@@ -319,8 +319,23 @@ def test_circles_that_show_faults_of_the_instrument_only_are_judged_elsewhere_fi
     measurement, load = Act("measure", "elsewhere"), Act("load", "correction")
     play = diagnosis("named")
     ball = replace(play.effects[0], effect=BallForm(lobes=2, amplitude_mm=0.02))
-    assert _comes_first(measurement, [load], diagnosis("named", effects=(ball,)))
-    assert not _comes_first(measurement, [load], play)
+    repair = Act("repair", "fault", removes_um=10.0)
+    assert _comes_first(measurement, [repair, load], diagnosis("named", effects=(ball,)))
+    assert not _comes_first(measurement, [repair, load], play)
+
+
+def test_no_correction_that_only_its_own_circles_judged_comes_first() -> None:
+    """Four faults named for an axis that wanders: the correction increased the error elsewhere from 157 to 713 µm."""
+    measurement, found = Act("measure", "elsewhere"), diagnosis("named")
+    assert _comes_first(measurement, [Act("load", "correction", place="used")], found)
+    assert not _comes_first(measurement, [Act("load", "correction", place="unseen")], found)
+
+
+def test_the_repair_of_a_fault_larger_than_the_scatter_of_repeats_comes_first() -> None:
+    repeat, found = Act("measure", "visits_differ"), diagnosis("named", unexplained=Unexplained(0.0, visits_um=50.0))
+    for removes_um, is_first in ((60.0, False), (40.0, True)):
+        assert _comes_first(repeat, [Act("repair", "fault", removes_um=removes_um)], found) is is_first
+    assert _comes_first(repeat, [Act("load", "correction", removes_um=60.0)], found)
 
 
 def test_a_figure_that_was_not_computed_is_null_and_never_zero() -> None:
