@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from analysis.apps.report.answer_words import AnswerWords
-from analysis.apps.report.diagnosis_words import measured_u, micrometres, percent, sure, with_uncertainty
+from analysis.apps.report.diagnosis_words import measured_u, micrometres, percent, with_uncertainty
 from analysis.apps.report.movement_words import act_after
 from analysis.apps.report.texts import Texts, texts_of
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
@@ -187,13 +187,10 @@ class ActWords:
             return texts(key, parts=self.parts(act))
         share = percent(sum(self.diagnosis.budget[k].share for k in act.parts))
         if test.test == JOINED:
-            return texts("act_joined", parts=self.parts(act), odds=sure(test.odds_then), share=share)
+            return texts("act_joined", parts=self.parts(act), share=share)
         minutes = texts("minutes", count=f"{act.cost.minutes:.0f}") if act.cost.minutes else texts("zero_minutes")
         which = "act_rivals" if act.why == "rivals" else "act_group"
-        return texts(
-            which, test=test.test, minutes=minutes, parts=self.parts(act),
-            odds=sure(test.odds_then), share=share,
-        )  # fmt: skip
+        return texts(which, test=test.test, minutes=minutes, parts=self.parts(act), share=share)
 
     def _of_places(self, key: str) -> str:
         """Return the key of a text, or its variant for runs of poses or touches, which have no ball and gauges."""

@@ -158,7 +158,8 @@ def test_a_diagnosis_of_both_runs_begins_with_the_movement(tmp_path: Path) -> No
     drawn = case("base")
     _write_runs(tmp_path, drawn, {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(8)})
     summary = summarise(diagnose([tmp_path / "before", tmp_path / "after"]))
-    assert summary.badge.startswith("MOVED") and summary.headline.startswith("The base or the plate of the sockets moved by")
+    assert summary.badge.startswith("MOVED")
+    assert summary.headline.startswith("The base or the plate of the sockets moved by")
     assert "Then fasten the plate or the base" in summary.next
 
 

@@ -149,7 +149,8 @@ def test_an_answer_is_stored_with_new_runs_only_if_asked(tmp_path: Path) -> None
     assert load_marks(tmp_path / "runs" / "after").moved is None
     assert CliRunner().invoke(app, [*words, "--mark"]).exit_code == 0
     marked = load_marks(tmp_path / "runs" / "after").moved
-    assert marked is not None and marked.what == "base" and marked.answer.startswith("The base or the plate of the sockets moved by")
+    assert marked is not None and marked.what == "base"
+    assert marked.answer.startswith("The base or the plate of the sockets moved by")
     table = [*words[:-1], str(tmp_path / "after.csv"), "--rig", str(tmp_path / "cell.yaml"), "--mark"]
     assert isinstance(CliRunner().invoke(app, table).exception, UseError)
 

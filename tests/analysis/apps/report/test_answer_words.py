@@ -147,8 +147,7 @@ def test_a_group_above_a_third_names_its_likeliest_members_and_the_test_that_nam
     none = replace(part, members=(replace(members[1], odds=0.004),))
     assert AnswerWords(replace(found, budget=(none,))).headline == "77 % of the error is geometry and zeros."
     assert ActWords(found).next == (
-        "Run roll on the circle (5 min) to find the single cause of geometry and zeros, 77 % of the error. The "
-        "expected probability of that cause is 99.8 %."
+        "Run roll on the circle (5 min) to find the single cause of geometry and zeros, 77 % of the error."
     )
 
 
