@@ -38,6 +38,10 @@ _WORTH = 0.8
 """Largest remaining share of the error for a worthwhile correction. Chosen: a reduction by a fifth."""
 _REPEATS = 2
 """Runs per direction needed to show changes with time."""
+_WRONG = 25.0
+"""Ratio to the usual size above which a constant of the arm is checked in the rig file before it is corrected: 5 mm of
+an industrial, 10 mm of a light arm. Chosen: the nominal constants of the right arm are accurate to 10 mm.
+"""
 _RARE = 3.0
 """Ratio to the usual size above which an effect causing much of the error is repaired: 0.3 % of healthy arms."""
 
@@ -246,6 +250,7 @@ def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, don
     is_own = part.index is not None and diagnosis.effects[part.index] is named
     u_um, um = (part.u_um, part.um) if is_own else (named.u_um, named.worth_um)
     figures = judged.removed([*done, named.effect], u_um / um if um > 0 else 1.0)
+    is_wrong = named.stands and named.effect.DEED == "enter" and (named.times_usual or 0.0) >= _WRONG
     rivals = tuple(name_of(rival.effect) for rival in likely_rivals(named))
     against = [Against("rivals", names=rivals)] if rivals else []
     if named.doubt is not None and named.doubt != "usual":
@@ -254,7 +259,7 @@ def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, don
         figures = replace(figures, removes_um=judged.removed(done).residual_um - figures.residual_um)
     return replace(
         figures,
-        kind=named.effect.DEED,
+        kind="check" if is_wrong else named.effect.DEED,
         why="fault" if named.stands else "sure_and_large",
         parts=(k,),
         effect=named.effect,

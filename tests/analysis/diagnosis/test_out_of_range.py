@@ -72,6 +72,7 @@ def test_one_parameter_beyond_its_limit_is_the_only_name_with_its_estimate(
 def test_a_large_error_within_the_limits_is_an_ordinary_fault() -> None:
     found = _found(replace(none(), a=np.array([0, 0, -15.0, 0, 0, 0])), seed=5)
     assert found.condition == "named" and found.calibrated is not None
+    assert [act.kind for act in found.acts][:2] == ["check", "load"], "a correction would hide a wrong rig file"
     assert [name_of(name.effect) for name in found.standing] == ["link_geometry 3.a"]
 
 
