@@ -58,7 +58,7 @@ def turns_further(angle: Array, limits: Array) -> Integers:
     gaps = np.diff(places, append=places[:1] + _TURN)
     widest = int(np.argmax(gaps))
     if len(angle) * (1 - gaps[widest] / _TURN) ** (len(angle) - 1) > _BY_CHANCE:
-        return _turns_beyond(angle, limits)
+        return _with_neighbours(angle, _turns_beyond(angle, limits))
     turn = np.floor((angle - places[widest] - gaps[widest] / 2) / _TURN).astype(np.int64)
 
     def worse(usual: int) -> tuple[bool, int, int]:
@@ -67,6 +67,18 @@ def turns_further(angle: Array, limits: Array) -> Integers:
 
     turns: Integers = turn - min(range(int(turn.min()) - 1, int(turn.max()) + 2), key=worse)
     return turns
+
+
+def _with_neighbours(angle: Array, turns: Integers) -> Integers:
+    """Return the excess turns of angles (n,) rad, with those of fewer angles within the limits, but outside the turn
+    that contains most angles. Example: of seven rows a turn lower, one is at -354°, and the others are below -360°.
+    """
+    counted = angle - _TURN * turns
+    ordered = np.sort(counted)
+    inside = np.searchsorted(ordered, ordered + _TURN) - np.arange(len(ordered))
+    begin = ordered[np.argmax(inside)]
+    further: Integers = np.floor((counted - begin) / _TURN).astype(np.int64)
+    return turns + further if np.count_nonzero(further) < np.count_nonzero(turns) else turns
 
 
 def _turns_beyond(angle: Array, limits: Array) -> Integers:

@@ -28,5 +28,5 @@ LABELS = Labels(
     rows="touches",
     joints_fit="touches return to their sockets",
     distance_from="from its socket",
-    outlier_check="check that the ball was seated when the joints were read",
+    outlier_check="check that the ball was seated when the joints were read, and that nothing moved",
 )

@@ -34,6 +34,14 @@ def test_a_joint_that_turns_all_over_its_range_has_really_turned() -> None:
     assert turns_further(beyond, np.radians([-180.0, 180.0])).tolist() == [0] * 60 + [1]
 
 
+def test_rows_a_turn_lower_are_counted_back_together_even_if_one_is_within_the_limits() -> None:
+    """Seven rows of a joint that moves by 350° were a turn lower; one of them, at -354°, was within the limits."""
+    angle = np.concatenate([RNG.uniform(-170, 170, 40), [-466.8, -400.0, -380.0, -354.1]])
+    assert turns_further(np.radians(angle), LIMITS).tolist() == [0] * 40 + [-1] * 4
+    typo = np.radians(np.append(RNG.uniform(-350, 350, 60), 400.0))
+    assert turns_further(typo, LIMITS).tolist() == [0] * 60 + [1], "the joint really turns"
+
+
 def test_angles_within_less_than_a_turn_are_as_they_stand() -> None:
     """Two ranges of a joint with a wide gap behind: counted back, they were 360° off, and outside of the limits."""
     apart = np.radians(np.concatenate([RNG.uniform(-136, -81, 30), RNG.uniform(56, 138, 30)]))
