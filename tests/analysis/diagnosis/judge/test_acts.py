@@ -101,9 +101,9 @@ def test_the_correction_is_offered_as_the_arm_can_take_it_and_named_once() -> No
     )
     assert not any(word in of_five.next for word in ("program", "--for", "values"))
     approach = Act("approach", "history", effect=Backlash(axis=1, width_deg=0.1))
-    same_side = "Until the play of axis 1 (Theta) is repaired, let the robot reach every point from the same side."
+    same_side = "Let the robot reach every point from the same side, because programs cannot remove the play of axis 1"
     for words in (of_six, of_five):
-        assert words.what(approach) == f"{same_side} Play cannot be programmed away."
+        assert words.what(approach) == f"{same_side} (Theta)."
 
 
 def test_mounting_anew_that_changes_nothing_is_not_asked_for() -> None:
