@@ -20,6 +20,7 @@ from analysis.diagnosis.judge.odds import (
     within_unexplained,
     within_use,
     without_cancelling,
+    without_imitating_waves,
     without_many,
     without_useless,
 )
@@ -144,7 +145,7 @@ def _named_in(
     named = [replace(name, alone_um=fitted.residual_um([name.effect])) for name in named]
     named = without_cancelling(named, train)
     if not given:
-        named = without_many(within_use(named, train))
+        named = without_many(within_use(without_imitating_waves(named, train), train))
     return sorted(named, key=lambda name: (not name.stands, -name.worth_um)), doubts
 
 

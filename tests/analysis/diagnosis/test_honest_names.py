@@ -22,6 +22,7 @@ from analysis.diagnosis.judge.odds import (
     within_unexplained,
     within_use,
     without_cancelling,
+    without_imitating_waves,
     without_many,
     without_useless,
 )
@@ -163,6 +164,17 @@ def test_an_effect_of_usual_size_that_increases_the_error_is_not_certain(
     (judged,) = within_use([named], gap)
     assert judged.doubt == "usual" and judged.posterior == pytest.approx(min(most, named.posterior))
     assert within_use([named], replace(gap, after_um=10.3)) == [named]
+
+
+def test_waves_that_increase_the_error_by_themselves_are_a_series() -> None:
+    """Four waves of gears for an axis that wanders increased the error from 62 to 65, 71, 65 and 78 µm."""
+    gap = Gap(("a",), before_um=62.0, after_um=48.0, noise_floor_um=9.0, calibrated_um=19.0)
+    waves = [replace(_named(30.0, 50.0, 2), effect=_GEAR, alone_um=um) for um in (65.0, 71.0, 78.0)]
+    useful = replace(waves[0], alone_um=60.0)
+    assert without_imitating_waves([*waves[:2], useful], gap) == [*waves[:2], useful]
+    *series, kept = without_imitating_waves([*waves, useful], gap)
+    assert [(name.doubt, name.contradicted, name.posterior <= 0.5) for name in series] == [("series", True, True)] * 3
+    assert kept == useful
 
 
 def test_faults_of_more_than_three_kinds_are_not_confirmed() -> None:
