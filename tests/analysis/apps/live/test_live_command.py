@@ -31,7 +31,7 @@ def test_a_run_is_played_in_lines_to_its_end(run: Path) -> None:
     done = ran("live", "--run", run, "--speed", "64", "--plain")
     assert done.returncode == 0 and done.stderr == ""
     first, *_, last = done.stdout.splitlines()
-    assert first.startswith("at 0.") and last.startswith("at 48.2 s; g1 ") and "reversals" in last
+    assert float(first.split()[1]) < 10 and last.startswith("at 48.2 s; g1 ") and "reversals" in last
     assert all(line.isprintable() for line in done.stdout.splitlines())
 
 
