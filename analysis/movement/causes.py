@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from analysis.diagnosis.evidence.movements import Alike
 from analysis.robot.kinematics.arm import Array
 
 What = Literal["nothing", "base", "instrument", "socket", "target", "tool", "zero", "pair", "other"]
@@ -57,7 +58,7 @@ class Cause:
         return np.full(3, SHIFT_MM) if self.what in ("socket", "target", "tool") else np.empty(0)
 
 
-def look_alike(cause: Cause, axes: int, *, of_tracker: bool) -> Literal["instrument", "plate", "base", "tool"] | None:
+def look_alike(cause: Cause, axes: int, *, of_tracker: bool) -> Alike | None:
     """Return the part with the same change of every reading as a cause, or None.
 
     The instrument looks like the base to a tracker, the plate of all sockets looks like it to touches, and a rotation

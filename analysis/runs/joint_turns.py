@@ -70,8 +70,8 @@ def turns_further(angle: Array, limits: Array) -> Integers:
 
 
 def _with_neighbours(angle: Array, turns: Integers) -> Integers:
-    """Return the excess turns of angles (n,) rad, with those of fewer angles within the limits, but outside the turn
-    that contains most angles. Example: of seven rows a turn lower, one is at -354°, and the others are below -360°.
+    """Return the excess turns of angles (n,) rad, given those of angles beyond the limits: also of fewer angles within
+    the limits, but outside the turn of most angles, such as one at -354° and six below -360°.
     """
     counted = angle - _TURN * turns
     ordered = np.sort(counted)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from analysis.apps.commission.next_touch import (
     hidden_causes,
     next_posture,
 )
+from analysis.diagnosis.evidence.movements import Alike
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.movement.between import observed
 from analysis.movement.cause_odds import CauseOdds, causes_by_odds, short_name, vector_of
@@ -59,7 +60,7 @@ class MovementResult:
     """Largest error of each zero compatible with the new readings if only that zero moved: |size| + 2 u."""
     doubts: tuple[str, ...] = ()
 
-    def alike(self, cause: Cause) -> Literal["instrument", "plate", "base", "tool"] | None:
+    def alike(self, cause: Cause) -> Alike | None:
         """Return the part with the same readings as a cause, or None."""
         return look_alike(cause, len(self.zero_bounds_deg), of_tracker=self.of_tracker)
 

@@ -7,6 +7,8 @@ from typing import Any, Literal
 
 from rigs.schema.part import Vector
 
+Alike = Literal["instrument", "plate", "base", "tool"]
+
 
 @dataclass(frozen=True)
 class Movement:
@@ -32,7 +34,7 @@ class Movement:
     u_rotation_deg: float | None = None
     run: str = ""
     row: int | None = None
-    alike: Literal["instrument", "plate", "base", "tool"] | None = None
+    alike: Alike | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain types for JSON."""

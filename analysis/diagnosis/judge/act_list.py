@@ -415,11 +415,11 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
     no_fault = diagnosis.condition in ("ambiguous", "undecided", "nothing_unusual", "uncalibrated")
     no_fault |= diagnosis.condition == "named" and of_instrument
     only_circles = not diagnosis.train.of_places
-    no_fault |= bool(acts) and acts[0].kind == "load" and acts[0].place == "used"
+    is_unjudged = bool(acts) and acts[0].kind == "load" and acts[0].place == "used"
     first: dict[Reason, bool] = {
         "one_lap": not any(act.why == "fault" and act.gain_um > measurement.residual_um for act in acts),
         "few_runs": not any(act.kind == "load" and act.place != "used" for act in acts),
-        "elsewhere": only_circles and no_fault and any(act.kind == "load" for act in acts),
+        "elsewhere": only_circles and (is_unjudged or (no_fault and any(act.kind == "load" for act in acts))),
         "rivals": diagnosis.condition == "undecided" or (bool(acts) and acts[0].parts == measurement.parts),
         "group": not acts,
     }

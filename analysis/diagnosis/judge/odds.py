@@ -84,10 +84,10 @@ def without_cancelling(named: Sequence[Named], train: Gap) -> list[Named]:
 
 
 def without_imitating_waves(named: Sequence[Named], train: Gap) -> list[Named]:
-    """Return the named effects, with waves of gears as a series if three or more clearly increase the gap alone.
+    """Return the named effects. If three or more waves of gears each increase the gap, they are not confirmed.
 
     Together they approximate an error of a different form. Of 131 sound cells none had more than one such wave; of 15
-    circles of an axis that wanders four had three or four, all certain, and the model was twice called complete.
+    cells with an axis that wanders, four had three or four.
     """
 
     def only_helps_others(name: Named) -> bool:
@@ -101,18 +101,18 @@ def without_imitating_waves(named: Sequence[Named], train: Gap) -> list[Named]:
 
 
 def without_many(named: Sequence[Named]) -> list[Named]:
-    """Return the named effects, none confirmed if faults of more than three different kinds would be.
+    """Return the named effects. If the faults are of more than three kinds, no fault is confirmed.
 
-    So many independent faults are less likely than one unknown cause that all of them imitate. For an axis that wanders
-    by 16 µm, circles confirmed four faults; the correction increased the error elsewhere from 157 to 713 µm.
+    So many independent faults are less likely than one unknown cause that all of them imitate. If an axis wandered,
+    circles confirmed four faults, and the correction increased the error elsewhere from 157 to 713 µm.
     """
     kinds = {type(name.effect) for name in named if name.stands}
     return [doubted(name, "many") if name.stands and len(kinds) > _MOST_KINDS else name for name in named]
 
 
 def within_use(named: Sequence[Named], train: Gap) -> list[Named]:
-    """Return the named effects. If they together increase the gap, those that only cancel others are at most as likely
-    as not.
+    """Return the named effects. If the gap is larger with all of them, the odds of effects that only cancel others are
+    at most one half.
 
     For a coupling that rig does not know, a spike of axis 3 and its strain-wave gear, both of usual size, had odds of
     100 %. They increase the gap from 21 to 25 and 33 µm, and to 35 µm together.
@@ -151,7 +151,7 @@ def within_unexplained(named: Sequence[Named], unexplained_um: float, noise_um: 
 
 
 def within_chance(named: Sequence[Named], tried: int) -> list[Named]:
-    """Return the named effects. Odds are limited if noise alone may reach the size of an effect.
+    """Return the named effects, with lower odds for sizes that noise alone may reach.
 
     In at least one of `tried` forms, noise reaches z standard uncertainties with a probability of at most
     tried · erfc(z/√2) (Bonferroni). The odds of an effect shown by a single direction are at most one minus this

@@ -35,7 +35,7 @@ def test_a_joint_that_turns_all_over_its_range_has_really_turned() -> None:
 
 
 def test_rows_a_turn_lower_are_counted_back_together_even_if_one_is_within_the_limits() -> None:
-    """Seven rows of a joint that moves by 350° were a turn lower; one of them, at -354°, was within the limits."""
+    """The angle of -354° is a turn too low, like those below -360°, but within the limits of 360°."""
     angle = np.concatenate([RNG.uniform(-170, 170, 40), [-466.8, -400.0, -380.0, -354.1]])
     assert turns_further(np.radians(angle), LIMITS).tolist() == [0] * 40 + [-1] * 4
     typo = np.radians(np.append(RNG.uniform(-350, 350, 60), 400.0))
