@@ -13,6 +13,7 @@ from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_
 from rigs.calibration import CalibratedModel, CalibrationFile
 from rigs.effects import AnyEffect
 from rigs.errors import FileError
+from rigs.schema.controllers import practice_of
 from rigs.schema.declared_tests import Automatic, KnownSocketDistance, Retention, Tests
 from rigs.schema.effect import name_of
 from rigs.schema.feedback import Feedback, NoFeedback, carries_signal
@@ -20,7 +21,7 @@ from rigs.schema.gauges import NO_GAUGES, Gauges
 from rigs.schema.limits import Limits
 from rigs.schema.part import Part
 from rigs.schema.probe import Ball, BallLink, Temperature
-from rigs.schema.robot import Robot
+from rigs.schema.robot import ControllerArm, Robot
 from rigs.schema.vocabulary import DRIVEN_AXES, MOST_AXES, MakerName, maker_named, maker_of, makers
 
 _LINK_OFF_MM = 10.0
@@ -81,6 +82,12 @@ class Rig(Part):
     def makers(self) -> tuple[MakerName, ...]:
         """Possible makers of the controller, the most likely first: a single maker if known, otherwise all."""
         return (self.maker,) if self.maker else makers()
+
+    @property
+    def controller(self) -> ControllerArm:
+        """Arm with which the controller computes poses: as stated, else unknown if its maker may measure each robot."""
+        stated = self.robot.controller
+        return stated or ("unknown" if practice_of(self.maker or self.robot.name) else "data_sheet")
 
     @property
     def takes_programs(self) -> bool:

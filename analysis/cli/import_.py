@@ -9,8 +9,8 @@ import typer
 
 from analysis.cli.commands import app, command
 from analysis.cli.console import say
-from analysis.cli.options import Operator, direction_option, operator_or_user, rig_option
-from analysis.cli.several import for_each
+from analysis.cli.options import Calibration, Operator, direction_option, operator_or_user, rig_option
+from analysis.cli.several import for_each, with_controller
 from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import SOCKET, JointSource
 from rigs.errors import UseError
@@ -29,6 +29,7 @@ def import_(
             "--output", "-o", help="Run directory to create; of several tables, the directory for a run named as each."
         ),
     ],
+    calibration: Calibration = None,
     test: Annotated[
         TestName | None, typer.Option(help="Test that the tables are of; default: by their columns.")
     ] = None,
@@ -80,6 +81,7 @@ def import_(
     from analysis.runs.written_files import refuse_existing
 
     operator = operator_or_user(operator)
+    rig_file = with_controller(rig_file, calibration)
     if test:
         _refuse_other_options(test, direction, topic, socket)
 

@@ -124,6 +124,14 @@ def rig_option(meaning: str) -> Any:
 ModelRig = Annotated[
     str | None, rig_option("Rig file of the model, or an arm of the library; default: that of the first run.")
 ]
+Calibration = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        help="Constants of this robot in its controller: calibration.conf, the YAML of ur_calibration (ROS), or a "
+        "table of joints and flange poses from the pendant; data_sheet if it has none; default: as in the rig file.",
+    ),
+]
 Anyway = Annotated[
     bool,
     typer.Option(

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, overload
 
 import typer
 
@@ -150,7 +150,7 @@ def runs_below(paths: Iterable[Path], scheduler: str | None = None) -> list[Path
 _TABLES = (".csv", ".tsv", ".txt", ".xlsx", ".dat")
 """Suffixes of tables accepted in place of runs."""
 _imported: list[TemporaryDirectory[str]] = []
-"""Temporary directories of tables imported for this command; each is removed when the command ends."""
+"""Temporary directories of imported tables and changed rig files; each is removed when the command ends."""
 
 
 def is_table(path: Path) -> bool:
@@ -170,6 +170,37 @@ def with_tables(paths: Iterable[Path], rig_file: str | None) -> list[Path]:
             remedy = f"check the path; accepted are run directories, and tables ({', '.join(_TABLES)}) with --rig"
             raise FileError(str(path), "no such file or directory", remedy)
     return [_run_of(path, rig_file) if is_table(path) else path for path in paths]
+
+
+@overload
+def with_controller(rig_file: str, calibration: str | None) -> str: ...
+@overload
+def with_controller(rig_file: str | None, calibration: str | None) -> str | None: ...
+def with_controller(rig_file: str | None, calibration: str | None) -> str | None:
+    """Return a rig file with the constants of the controller, which exists until the command ends.
+
+    Without --calibration, return the rig file itself. Raises FileError, and UseError without a rig file.
+    """
+    if calibration is None:
+        return rig_file
+    if rig_file is None:
+        raise UseError("--calibration", "needs the arm that it belongs to", "give --arm NAME or --rig CELL.yaml too")
+    from analysis.intake.controller_arm import rig_with_controller
+    from analysis.runs.written_files import holding, write_new
+    from rigs.load import find, load
+
+    rig, text = load(rig_file)
+    rig, text, read = rig_with_controller(rig, text, calibration)
+    say(read.words, err=True)
+    for note in read.notes:
+        say(note, err=True, mark="note: ")
+    _imported.append(TemporaryDirectory(prefix="rig-"))
+    folder = Path(_imported[-1].name)
+    for name, content in rig.companion_files.items():
+        write_new(folder / name, holding(content))
+    file = folder / find(rig_file).name
+    write_new(file, holding(text.encode()))
+    return str(file)
 
 
 def refuse_arm_name(path: Path) -> None:

@@ -28,7 +28,7 @@ from analysis.intake.cells import Columns, Problems, Row, TableFileError, TableP
 from analysis.intake.readers import reader_of
 from analysis.intake.table_map import MAPPED, TO_UNIT
 from analysis.procedures.shared.target_checks import target_count
-from analysis.robot.description.ros_kinematics import ROS_KINEMATICS
+from analysis.robot.description.ur_calibration import ROS_KINEMATICS
 from analysis.runs.parts_of_tests import TESTS
 from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import (
@@ -224,7 +224,7 @@ def refuse_other_formats(where: str, data: bytes) -> None:
             raise FileError(where, fact, remedy.format(file=as_argument(where)))
     if data.lstrip().startswith(ROS_KINEMATICS.encode()):
         fact = "is the kinematics of an arm (ur_calibration of ROS), not a table of measurements"
-        raise FileError(where, fact, "for the arm, give calibration.conf of the controller: rig arms ARM --calibration")
+        raise FileError(where, fact, "give it as --calibration FILE, and the table of measurements in its place")
     if where.lower().endswith((".yaml", ".yml")):
         raise FileError(where, "is a YAML file, such as a rig file, not a table", "give the table of measurements")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -45,6 +45,19 @@ class JointAxis(Part):
         if not self.limits_deg[0] < self.limits_deg[1]:
             raise ValueError(f"limits_deg {list(self.limits_deg)} must be [lower, upper]; swap them")
         return self
+
+
+class LinkConstants(Part):
+    """Constants of one axis in the controller, with the meaning they have in `axes`."""
+
+    a_mm: Length = 0.0
+    alpha_deg: Angle = 0.0
+    beta_deg: Angle = 0.0
+    d_mm: Length = 0.0
+    offset_deg: Angle = 0.0
+
+
+ControllerArm = Literal["data_sheet", "constants", "unknown"]
 
 
 class Rail(Part):
@@ -92,6 +105,16 @@ class Robot(Part):
     """Serial number on the name plate, shown at the top of reports."""
     axes: Annotated[tuple[JointAxis, ...], Field(min_length=FEWEST_AXES, max_length=MOST_AXES)]
     coupling: Annotated[tuple[Row, ...], Field(min_length=FEWEST_AXES, max_length=MOST_AXES)] = identity(DRIVEN_AXES)
+    arm: Annotated[str, Field(max_length=100)] = Field(default="", exclude_if=lambda value: not value)
+    """Name of the arm in the library (`rig arms`), for a comparison with its data sheet."""
+    controller: ControllerArm | None = Field(default=None, exclude_if=lambda value: value is None)
+    """Arm with which the controller computes poses: of the data sheet, with `constants` of this robot, or unknown.
+
+    With `constants`, `axes` holds them, unless `controller_axes` does. Omitted: as the maker usually does, which is
+    unknown if the maker measures each robot or offers it.
+    """
+    controller_axes: tuple[LinkConstants, ...] = Field(default=(), exclude_if=lambda value: not value)
+    """Constants of the controller, if the effects of this file were determined relative to the other ones in `axes`."""
     base: Pose = Pose()
     rail: Rail | None = None
     tool: Pose = Pose()
@@ -108,6 +131,14 @@ class Robot(Part):
     def _tool_in_mm(cls, tool: Pose) -> Pose:
         place_not_in_metres(tool.xyz_mm)
         return tool
+
+    @model_validator(mode="after")
+    def _has_controller_constants(self) -> Robot:
+        if self.controller_axes and self.controller != "constants":
+            raise ValueError("controller_axes requires `controller: constants`; correct controller, or remove the rows")
+        if self.controller_axes and len(self.controller_axes) != len(self.axes):
+            raise ValueError(f"controller_axes must have {len(self.axes)} rows, one for each axis; correct the rows")
+        return self
 
     @model_validator(mode="after")
     def _in_mm(self) -> Robot:

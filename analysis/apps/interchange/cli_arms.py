@@ -38,7 +38,8 @@ def arms(
     calibration: Annotated[
         Path | None,
         typer.Option(
-            help="The arm's own calibration.conf, from the controller of a UR (~/.urcontrol); default: as published."
+            help="Constants of this robot: calibration.conf from the controller of a UR (~/.urcontrol), or the YAML of "
+            "ur_calibration; default: as published."
         ),
     ] = None,
     poses: Annotated[
@@ -70,24 +71,16 @@ def arms(
         raise typer.BadParameter("give either the calibration of the controller or its poses", param_hint="--poses")
     arm = load_arm(name)
     robot, text = arm.robot, arm_section(arm)
-    if calibration:
-        from analysis.robot.description.ros_kinematics import calibrated
+    if source := calibration or poses:
+        from analysis.intake.controller_arm import rig_with_controller
+        from analysis.robot.description.rig_section import robot_text
+        from rigs.load import load
 
-        calibration_of_arm = calibrated(arm, calibration)
-        robot, text = calibration_of_arm.section.robot, calibration_of_arm.section.text
-        say(f"{calibration} moves the flange by up to {calibration_of_arm.moved_mm:.3f} mm", err=True)
-        for doubt in calibration_of_arm.doubts:
-            say(doubt, err=True, mark="note: ")
-    if poses:
-        from analysis.apps.interchange.controller_constants import controller_constants
-        from analysis.intake.imports import poses_of_controller
-        from rigs.load import parse
-
-        seen = poses_of_controller([poses], parse(f"name: {name}\n{arm.text}", name))
-        R = None if seen.turn is None else seen.turn.as_matrix()
-        computed = controller_constants(arm, seen.q, seen.xyz_mm, R, str(poses))
-        robot, text = computed.robot, computed.text
-        say(computed.words, err=True)
+        rig, _, read = rig_with_controller(*load(name), source)
+        robot, text = rig.robot, f"# {arm.maker} {arm.model}; {read.words}\n" + robot_text(rig.robot)
+        say(read.words, err=True)
+        for note in read.notes:
+            say(note, err=True, mark="note: ")
     if output or not as_json:
         write_section(text, output)
     if as_json:

@@ -27,6 +27,7 @@ import numpy as np
 import yaml
 
 from analysis.apps.interchange.urdf_text import joint_origins, joint_senses, metres_and_rpy
+from analysis.robot.description.ur_calibration import NOT_THE_CONTROLLERS
 from analysis.robot.kinematics.arm import Arm, Array, arm_of, transform
 from rigs.errors import FileError, UseError
 from rigs.schema.robot import Pose, Robot
@@ -136,9 +137,6 @@ def _frame(origin: Origin) -> Array:
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 """Entries of the file, from the base."""
-NOT_THE_CONTROLLERS = "rig_not_of_the_controller"
-"""Default hash. The driver compares it with the checksum of the controller's calibration and correctly reports a
-difference at each start."""
 _HASH = re.compile(r"calib_\d{1,20}")
 """Format of the driver's hash: a number of 64 bits."""
 _TWISTS_DEG = (0.0, 90.0, 0.0, 0.0, 90.0, -90.0)

@@ -12,8 +12,8 @@ from analysis.apps.makers import suffixes_in_words
 from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json, say_written
-from analysis.cli.options import Anyway, AsJson, maker_option
-from analysis.cli.several import end_with_errors
+from analysis.cli.options import Anyway, AsJson, Calibration, maker_option
+from analysis.cli.several import end_with_errors, with_controller
 from rigs.schema.vocabulary import DrivenTest, MakerName, maker_of
 from rigs.text import as_argument
 
@@ -97,6 +97,7 @@ def correct(
     rig_file: _FoundRig,
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory for the corrections.")],
     path: _Targets = None,
+    calibration: Calibration = None,
     maker: _Maker = None,
     scale: _Scale = None,
     entered: Annotated[
@@ -130,7 +131,7 @@ def correct(
         raise UseError("--tool, --frame", "apply only to programs of --program", "give --program as well")
     if start and not programs:
         raise UseError("--start-joints", "is the posture at the start of a program", "give --program as well")
-    rig, _ = load(rig_file)
+    rig, _ = load(with_controller(rig_file, calibration))
     require_usable_model(rig, rig_file, anyway=anyway)
     maker = maker or maker_of(rig.feedback.interface)
     with named_by(rig_file, rig), progress_of("correcting"):

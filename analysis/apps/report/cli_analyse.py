@@ -10,7 +10,7 @@ import typer
 
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json, say_written
-from analysis.cli.options import AsJson, Jobs, RunsBelow, Scheduler, rig_option
+from analysis.cli.options import AsJson, Calibration, Jobs, RunsBelow, Scheduler, rig_option
 from rigs.errors import UseError
 
 
@@ -20,6 +20,7 @@ def analyse(
     rig_file: Annotated[
         str | None, rig_option("Rig file, or an arm of the library, of tables in the place of runs; default: none.")
     ] = None,
+    calibration: Calibration = None,
     as_json: AsJson = False,
     as_lines: Annotated[
         bool,
@@ -40,9 +41,9 @@ def analyse(
     scheduler: Scheduler = None,
 ) -> None:
     """Evaluate runs of any test (gauges, poses, touches, paths); every figure has its uncertainty."""
-    from analysis.cli.several import end_with, evaluated, over_runs, runs_below, with_tables, worst
+    from analysis.cli.several import end_with, evaluated, over_runs, runs_below, with_controller, with_tables, worst
 
-    paths = runs_below(with_tables(runs, rig_file), scheduler)
+    paths = runs_below(with_tables(runs, with_controller(rig_file, calibration)), scheduler)
     if as_lines:
         if as_json or plot or each or truth:
             problem = "prints a line for each run, and cannot be combined with --json, --plot, --each or --truth"

@@ -10,7 +10,7 @@ import typer
 from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import say_json, say_written
-from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow, RunsElsewhere, location
+from analysis.cli.options import AsJson, Calibration, ModelRig, RobotRunsBelow, RunsElsewhere, location
 
 
 @command(app, "rig calibrate runs/* -o better.yaml")
@@ -33,6 +33,7 @@ def calibrate(
         ),
     ] = None,
     unseen: RunsElsewhere = None,
+    calibration: Calibration = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -50,11 +51,12 @@ def calibrate(
     from analysis.apps.report.diagnosis_screen import as_screen
     from analysis.cli.console import progress_of
     from analysis.cli.plain_console import PlainConsole
-    from analysis.cli.several import end_with, load_runs, with_tables, worst
+    from analysis.cli.several import end_with, load_runs, with_controller, with_tables, worst
     from rigs.load import load
 
     if output:
         refuse_existing_rig(output)
+    rig_file = with_controller(rig_file, calibration)
     runs, hold_out, unseen = (with_tables(paths or (), rig_file) for paths in (runs, hold_out, unseen))
     parts = [load_runs(paths) for paths in split_by_role(runs, hold_out or (), unseen or ())]
     end_with(worst([error for _, errors in parts for error in errors]))

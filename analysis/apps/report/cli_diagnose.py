@@ -14,7 +14,16 @@ import typer
 from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json, say_written
-from analysis.cli.options import AsJson, ModelRig, ReadingJobs, RobotRunsBelow, RunsElsewhere, Scheduler, location
+from analysis.cli.options import (
+    AsJson,
+    Calibration,
+    ModelRig,
+    ReadingJobs,
+    RobotRunsBelow,
+    RunsElsewhere,
+    Scheduler,
+    location,
+)
 from rigs.errors import RigError, UseError
 from rigs.text import as_argument
 
@@ -35,6 +44,7 @@ def diagnose(
         ),
     ] = None,
     unseen: RunsElsewhere = None,
+    calibration: Calibration = None,
     tolerance_um: Annotated[
         float | None,
         typer.Option(
@@ -71,9 +81,10 @@ def diagnose(
         return
     import analysis
     from analysis.cli.console import progress_of
-    from analysis.cli.several import end_with, load_runs, with_tables, worst
+    from analysis.cli.several import end_with, load_runs, with_controller, with_tables, worst
     from rigs.load import load
 
+    rig_file = with_controller(rig_file, calibration)
     runs, hold_out, unseen = (with_tables(paths or (), rig_file) for paths in (runs, hold_out, unseen))
     # check before any computation; the import of the picture module takes half a second and happens only here
     if output:

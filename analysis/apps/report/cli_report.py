@@ -10,7 +10,7 @@ import typer
 
 from analysis.cli.commands import app, command
 from analysis.cli.console import say_written
-from analysis.cli.options import Jobs, RobotRunsBelow, Scheduler, rig_option
+from analysis.cli.options import Calibration, Jobs, RobotRunsBelow, Scheduler, rig_option
 from rigs.text import as_argument
 
 
@@ -27,6 +27,7 @@ def report(
     ] = None,
     lang: Annotated[Literal["en", "de", "ko"], typer.Option(help="Language of the fixed texts.")] = "en",
     customer: Annotated[str, typer.Option(help="Customer, shown at the head of the page; default: none.")] = "",
+    calibration: Calibration = None,
     order: Annotated[str, typer.Option(help="Order number, shown at the head of the page; default: none.")] = "",
     serial: Annotated[str, typer.Option(help="Serial number of the robot; default: that of the rig file.")] = "",
     diagnosis: Annotated[
@@ -45,14 +46,15 @@ def report(
     from analysis.apps.report.page.page_content import gather
     from analysis.apps.report.page.write_page import Heading, write_page
     from analysis.cli.console import progress_of
-    from analysis.cli.several import end_with, evaluated, runs_below, say_doubts, with_tables, worst
+    from analysis.cli.several import end_with, evaluated, runs_below, say_doubts, with_controller, with_tables, worst
     from rigs.load import load
 
     heading = Heading(serial, customer, order)
     heading.check()
     (check_pdf_output if is_pdf(output) else check_page_file)(output)
-    model = load(rig_file)[0] if rig_file else None
-    paths = [run.resolve() for run in runs_below(with_tables(runs, rig_file))]
+    own_file = with_controller(rig_file, calibration)
+    model = load(own_file)[0] if own_file else None
+    paths = [run.resolve() for run in runs_below(with_tables(runs, own_file))]
     results, errors = evaluated(paths, jobs=jobs, scheduler=scheduler)
     if results:
         say_doubts(result.measured for result in results)

@@ -100,6 +100,15 @@ def arm_of(robot: Robot) -> Arm:
     )
 
 
+def controller_arm(robot: Robot) -> Arm:
+    """Arm with which the controller computes poses, as far as the rig file states it."""
+    if not robot.controller_axes:
+        return arm_of(robot)
+    constants = zip(robot.axes, robot.controller_axes, strict=True)
+    axes = tuple(axis.model_copy(update=dict(own)) for axis, own in constants)
+    return arm_of(robot.model_copy(update={"axes": axes, "controller_axes": ()}))
+
+
 def without_setup(arm: Arm) -> Arm:
     """Return the arm with the base at the world origin, including the rail, and the tool at the flange.
 

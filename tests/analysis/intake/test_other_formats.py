@@ -15,7 +15,6 @@ import pytest
 
 from analysis.apps.interchange.urdf import import_urdf
 from analysis.intake.read import parse_csv
-from analysis.robot.description.ros_kinematics import read_calibration
 from analysis.runs.written_files import as_it_was, no_formula, write_csv, write_xlsx
 from rigs.errors import FileError
 from rigs.load import load
@@ -43,12 +42,6 @@ def test_what_is_no_table_is_called_what_it_is(data: bytes, told: str) -> None:
     with pytest.raises(FileError, match=told) as error:
         parse_csv(data, "lap", "yaw", RIG)
     assert "UTF-8" not in str(error.value)
-
-
-def test_the_yaml_of_ur_calibration_is_no_calibration_conf(tmp_path: Path) -> None:
-    (tmp_path / "robot.yaml").write_text("kinematics:\n  shoulder:\n    x: 0\n")
-    with pytest.raises(FileError, match=r"ROS package ur_calibration.*calibration\.conf"):
-        read_calibration(tmp_path / "robot.yaml")
 
 
 def test_an_element_of_many_attributes_is_refused_at_once(tmp_path: Path) -> None:

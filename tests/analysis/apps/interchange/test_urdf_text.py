@@ -11,11 +11,12 @@ import pytest
 import yaml
 from pytransform3d.urdf import UrdfTransformManager
 
-from analysis.apps.interchange.driver_kinematics import LINKS, NOT_THE_CONTROLLERS, ur_driver_text
+from analysis.apps.interchange.driver_kinematics import LINKS, ur_driver_text
 from analysis.apps.interchange.urdf import import_urdf
 from analysis.apps.interchange.urdf_text import urdf_text
 from analysis.correction.work import tool_poses
 from analysis.robot.description.rig_section import flange_poses
+from analysis.robot.description.ur_calibration import NOT_THE_CONTROLLERS
 from analysis.robot.kinematics.arm import Arm, arm_of
 from analysis.robot.model.predict import geometric_arm, model_of
 from rigs.arms import arm_names, load_arm

@@ -1,0 +1,295 @@
+"""Factory constants of one Universal Robots arm, from its controller or from the ROS driver, as the axes of a robot.
+
+calibration.conf holds differences from the classic Denavit-Hartenberg constants of the model (metres and radians):
+T(i-1,i) = RotZ(theta) TransZ(d) TransX(a) RotX(alpha). Axes 2, 3 and 4 are nearly parallel, so their common normals
+have offsets of hundreds of metres, which almost cancel. The YAML of the ROS package ur_calibration (usually
+my_robot_calibration.yaml) holds six frames instead, each relative to the one before. Both are written with Hayati's
+beta, which describes the same lines in space with plausible lengths.
+"""
+
+from __future__ import annotations
+
+import configparser
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import accumulate
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from analysis.robot.description.axis_lines import AxisLines
+from analysis.robot.description.rig_section import (
+    TOLERANCE,
+    Joint,
+    checked_section,
+    flange_poses,
+    largest_difference,
+    random_postures,
+)
+from analysis.robot.kinematics.arm import Array, arm_of, link_frames, transforms
+from rigs.arms import arm_names, load_arm
+from rigs.errors import FileError
+from rigs.files import read_text
+from rigs.schema.part import MM_PER_M, Part
+from rigs.schema.robot import JointAxis, Pose, Robot
+from rigs.yaml_text import read_yaml
+
+MAKER = "Universal Robots"
+_ROUNDING = 1e-14
+"""Rounding error relative to the largest length. Lengths are doubles, rounded about ten times before they cancel."""
+_LARGEST = 1e6
+"""Largest value in metres or radians. Common normals of nearly parallel axes reach a few hundred."""
+_MOST_BYTES = 100_000
+"""Largest file size in bytes. A calibration.conf has about 2000 bytes."""
+_REMEDY = "give calibration.conf of the controller, or the YAML of ur_calibration, unchanged"
+ROS_KINEMATICS = "kinematics:"
+"""First key of the YAML written by ur_calibration of ROS."""
+_NOT_CALIBRATED = "0"
+"""Value of calibration_status for an arm that was not measured; 1 and 2 mean a measured arm."""
+_SAME_MODEL_MM = 5.0
+"""Largest difference of a link length between two arms of a model: 1.05 mm among the ten of docs/controller.md, so five
+times that. The wrists of a UR3 and a UR3e differ by 10 and 19 mm.
+"""
+_DATA_SHEET_MM = 1e-3
+"""Displacement of the flange below which constants are those of the data sheet, rounded: the driver's defaults."""
+
+
+NOT_THE_CONTROLLERS = "rig_not_of_the_controller"
+"""Hash in the YAML that `rig export-urdf` writes. The driver compares it with the checksum of the controller's
+calibration and correctly reports a difference at each start."""
+
+
+class _Frame(Part):
+    """A frame of the ROS YAML relative to the one before, in m and rad."""
+
+    x: float
+    y: float
+    z: float
+    roll: float
+    pitch: float
+    yaw: float
+
+
+class _Frames(Part):
+    """Frames of the ROS YAML. hash: checksum with which the driver recognises the robot."""
+
+    shoulder: _Frame
+    upper_arm: _Frame
+    forearm: _Frame
+    wrist_1: _Frame
+    wrist_2: _Frame
+    wrist_3: _Frame
+    hash: str
+
+
+@dataclass(frozen=True)
+class FactoryConstants:
+    """Axes of an arm with the constants of its controller.
+
+    moved_mm: largest displacement of the flange from the data sheet, over random postures. notes: facts for the user.
+    """
+
+    axes: tuple[JointAxis, ...]
+    moved_mm: float
+    notes: tuple[str, ...]
+
+    @property
+    def is_data_sheet(self) -> bool:
+        """True if the file holds the constants of the data sheet, as of a robot that was not measured."""
+        return self.moved_mm < _DATA_SHEET_MM
+
+
+def factory_constants(robot: Robot, path: Path) -> FactoryConstants:
+    """Read the constants of one robot of this model. Names, limits, masses, base and tool are kept. Raises FileError.
+
+    robot: the arm of the data sheet, from the library or a rig file.
+    """
+    if not robot.name.startswith(MAKER):
+        raise FileError(str(path), f"is of {MAKER}, but the arm is {robot.name}", "give the arm that the file is of")
+    arm = arm_of(robot)
+    axes, source, tolerance_mm, notes = _lines(path, robot)
+    # Centres of mass do not move, with all joints at zero.
+    links = np.linalg.inv(arm.T_world_base) @ link_frames(arm, np.zeros((1, 6)))[0]
+    centres = [T[:3, 3] + T[:3, :3] @ np.array(axis.centre_mm) for axis, T in zip(robot.axes, links, strict=True)]
+    section = checked_section(
+        robot.name,
+        axes,
+        [
+            Joint(axis.name, axis.limits_deg, axis.speed_deg_s, axis.mass_kg, centre_mm)
+            for axis, centre_mm in zip(robot.axes, centres, strict=True)
+        ],
+        [f"{robot.name} with the constants of its controller: {path.name}"],
+        source,
+        path,
+        tolerance_mm,
+    )
+    _require_same_model(section.robot, robot, path)
+    bare = robot.model_copy(update={"base": Pose(), "tool": Pose()})
+    q = random_postures(robot)
+    moved_mm, _ = largest_difference(flange_poses(section.robot, q), flange_poses(bare, q))
+    return FactoryConstants(section.robot.axes, moved_mm, notes)
+
+
+def is_ur_calibration(text: str) -> bool:
+    """True if a text looks like calibration.conf, or like the YAML of ur_calibration."""
+    return bool(_UR_FORMS.search(text))
+
+
+_UR_FORMS = re.compile(r"^\s*(\[\w+\]|kinematics\s*:|delta_\w+\s*=|(shoulder|upper_arm|hash)\s*:)", re.MULTILINE)
+_CONF = re.compile(r"^\s*(\[\w+\]|delta_\w+\s*=)", re.MULTILINE)
+_Chain = Callable[[Array], Array]
+
+
+def _lines(path: Path, robot: Robot) -> tuple[AxisLines, _Chain, float, tuple[str, ...]]:
+    """Return the joint axes in a file, the flange poses that it states (for a check), their rounding, and notes."""
+    try:
+        text = read_text(path, _MOST_BYTES)
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), _REMEDY) from None
+    if _CONF.search(text) is None:
+        chain = _RosChain(_frames(text, str(path)))
+        return chain.axes(), chain.flange, TOLERANCE, ()
+    by = _differences(text, path)
+    nominal = arm_of(robot)
+    # The classic constants of a joint are the modified constants of the link before it.
+    a, alpha = np.append(nominal.a[1:], 0.0), np.append(nominal.alpha[1:], 0.0)
+    classic = _Classic(nominal.offset + by.theta, a + by.a, nominal.d + by.d, alpha + by.alpha)
+    notes = () if by.is_calibrated else ("calibration_status is 0: the arm was not calibrated",)
+    tolerance_mm = TOLERANCE + _ROUNDING * float(np.abs(by.d).max())
+    return classic.axes(), lambda q: classic.frames(q)[:, 6], tolerance_mm, notes
+
+
+def _require_same_model(own: Robot, robot: Robot, path: Path) -> None:
+    """Raise FileError if the link lengths are those of another type of arm, and name it."""
+
+    def difference_mm(other: Robot) -> float:
+        axes = zip(own.axes, other.axes, strict=True)
+        return max(max(abs(abs(x.a_mm) - abs(y.a_mm)), abs(abs(x.d_mm) - abs(y.d_mm))) for x, y in axes)
+
+    if (apart_mm := difference_mm(robot)) <= _SAME_MODEL_MM:
+        return
+    arms = [arm for arm in map(load_arm, arm_names()) if arm.maker == MAKER and len(arm.robot.axes) == len(robot.axes)]
+    nearest = min(arms, key=lambda arm: difference_mm(arm.robot))
+    fits = difference_mm(nearest.robot) <= _SAME_MODEL_MM
+    of = f"fits {nearest.name}" if fits else "fits no arm of the library"
+    problem = f"is of another type of arm: a length differs from {robot.name} by {apart_mm:.1f} mm; it {of}"
+    raise FileError(str(path), problem, "give the arm that the file is of, or the file of this arm")
+
+
+# --- the YAML of the ROS package ur_calibration
+
+
+def _frames(text: str, where: str) -> _Frames:
+    """Parse the frames of the YAML. Raises FileError."""
+    _, data = read_yaml(text, where)
+    kinematics = data.get("kinematics") if isinstance(data, dict) else None
+    if not isinstance(kinematics, dict):
+        raise FileError(where, "has no key kinematics", _REMEDY)
+    if kinematics.get("hash") == NOT_THE_CONTROLLERS:
+        raise FileError(
+            where, "was written by rig export-urdf: it is the measured arm", "give the controller's own file"
+        )
+    if "hash" not in kinematics:
+        raise FileError(where, "has no kinematics.hash: it was cut off or edited by hand", _REMEDY)
+    try:
+        return _Frames.model_validate(kinematics)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        place = ".".join(map(str, ("kinematics", *first["loc"])))
+        missing = "is missing: the file was cut off" if first["type"] == "missing" else "is not a number"
+        raise FileError(where, f"{place} {missing}", _REMEDY) from None
+
+
+class _RosChain:
+    """Chain of the six frames of the YAML. Each joint turns about the z axis of its frame."""
+
+    def __init__(self, frames: _Frames) -> None:
+        rows = [getattr(frames, name) for name in _Frames.model_fields if name != "hash"]
+        places = np.array([[MM_PER_M * row.x, MM_PER_M * row.y, MM_PER_M * row.z] for row in rows])
+        angles = np.degrees([[row.roll, row.pitch, row.yaw] for row in rows])
+        self._links = transforms(np.hstack([places, angles]))
+
+    def axes(self) -> AxisLines:
+        """Joint axes in the base frame of the controller."""
+        T = np.array(list(accumulate(self._links, np.matmul)))
+        return AxisLines(T[:, :3, 3], T[:, :3, 2], T[-1])
+
+    def flange(self, q: Array) -> Array:
+        """Flange poses (n, 4, 4) in mm at joint angles q (n, 6) rad."""
+        T = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+        for link, angle in zip(self._links, q.T, strict=True):
+            turns = np.zeros((len(q), 6))
+            turns[:, 5] = np.degrees(angle)
+            T = T @ link @ transforms(turns)
+        return T
+
+
+# --- calibration.conf of the controller
+
+
+@dataclass(frozen=True)
+class _Differences:
+    """Differences from the classic constants: theta, alpha (6,) rad, and a, d (6,) mm."""
+
+    theta: Array
+    a: Array
+    d: Array
+    alpha: Array
+    is_calibrated: bool
+
+
+def _differences(text: str, path: Path) -> _Differences:
+    """Parse the differences in a calibration.conf. Raises FileError."""
+    parser = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=("#",))
+    try:
+        parser.read_string(text, source=path.name)
+    except configparser.Error as error:
+        raise FileError(str(path), error.message.splitlines()[0].rstrip("."), _REMEDY) from None
+    if "mounting" not in parser:
+        raise FileError(str(path), "has no section [mounting]", _REMEDY)
+    section = dict(parser["mounting"])
+    deltas = []
+    for key in ("delta_theta", "delta_a", "delta_d", "delta_alpha"):
+        if key not in section:
+            raise FileError(str(path), f"has no {key}", _REMEDY)
+        try:
+            values = np.array(json.loads(section[key]), dtype=float)
+        except (ValueError, TypeError, RecursionError, OverflowError):
+            values = np.array([])
+        if values.shape != (6,) or not (np.abs(values) < _LARGEST).all():
+            raise FileError(str(path), f"{key} is not a list of six numbers", _REMEDY)
+        deltas.append(values)
+    theta, a, d, alpha = deltas
+    is_calibrated = section.get("calibration_status") != _NOT_CALIBRATED
+    return _Differences(theta, MM_PER_M * a, MM_PER_M * d, alpha, is_calibrated)
+
+
+@dataclass(frozen=True)
+class _Classic:
+    """Classic constants: theta with all joints at zero and alpha (6,) rad, and a, d (6,) mm."""
+
+    theta: Array
+    a: Array
+    d: Array
+    alpha: Array
+
+    def frames(self, q: Array) -> Array:
+        """Return the base frame and the frame after each joint, (n, 7, 4, 4) mm, at q (n, 6) rad."""
+        frames = [np.broadcast_to(np.eye(4), (len(q), 4, 4))]
+        for theta, a, d, alpha in zip((q + self.theta).T, self.a, self.d, self.alpha, strict=True):
+            c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
+            T = np.zeros((len(q), 4, 4))
+            T[:, 0] = np.stack([c, -s * ca, s * sa, a * c], axis=1)
+            T[:, 1] = np.stack([s, c * ca, -c * sa, a * s], axis=1)
+            T[:, 2] = [0.0, sa, ca, d]
+            T[:, 3, 3] = 1.0
+            frames.append(frames[-1] @ T)
+        return np.stack(frames, axis=1)
+
+    def axes(self) -> AxisLines:
+        """Return the joint axes. Each is the z axis of the previous frame."""
+        T = self.frames(np.zeros((1, 6)))[0]
+        return AxisLines(T[:6, :3, 3], T[:6, :3, 2], T[6])
