@@ -15,9 +15,15 @@ import numpy as np
 
 from analysis.apps.makers.numbers import frame_numbers, frame_of, is_frame, joint_numbers, joints_of, replaced, written
 from analysis.apps.makers.postures import agreeing, solved
-from analysis.apps.makers.program_machine import Unknown
 from analysis.apps.makers.program_reader import ProgramReader
 from analysis.apps.makers.reading import as_bytes, read_program
+from analysis.apps.makers.shared_corrections import (
+    Correction,
+    SharedCorrection,
+    SharedCorrections,
+    add_offsets,
+    add_vias,
+)
 from analysis.apps.makers.target import (
     AT_BEGIN,
     NamedFrame,
@@ -44,10 +50,6 @@ that the arm must be mastered, or the rig file belongs to a different arm. A joi
 singularity."""
 
 
-REMAINING_SHARE = 0.1
-"""Maximum remaining error, as a share of the correction, of moves to a point with an offset. A point and all its
-offset positions share a single correction, which must be accurate enough for each of them. Chosen: a tenth is
-small compared with the uncertainty of most corrections."""
 _HOW = "write NAME=X,Y,Z,RX,RY,RZ in mm and degrees, roll-pitch-yaw about fixed axes"
 _NEAREST_MM = 5.0
 """Distance below which a non-zero tool or frame was probably stated in metres. Chosen: no arm is longer than 5 m."""
@@ -97,7 +99,8 @@ class CorrectedProgram:
     beside_left_mm (m,): displacement of a corrected target relative to an uncorrected neighbour, for each move between
     two such targets. sources: names of the files numbered in `left`. overruled: tools and frames with different numbers
     in the program than stated by the user. given_away_mm (n,): remaining error of moves to a target with an offset,
-    which share the correction of the target; NaN if there is no such move. changed: names of the changed files. named:
+    which share the correction of the target; NaN if there is no such move. shared: positions that keep an error,
+    because they share the correction of a target. changed: names of the changed files. named:
     tools and frames that the user can state, by kind and name. notices: facts for the user. held: the program is not
     written, because it would be corrected only in part. start: joint angles (6,) rad at the start as stated by the
     user, if the posture of a target may depend on them.
@@ -119,6 +122,7 @@ class CorrectedProgram:
     sources: tuple[str, ...]
     overruled: tuple[NamedFrame, ...]
     given_away_mm: Array
+    shared: tuple[SharedCorrection, ...] = ()
     changed: frozenset[str] = frozenset()
     notices: tuple[Notice, ...] = ()
     named: frozenset[tuple[str, str]] = frozenset()
@@ -146,13 +150,17 @@ def correct_program(
     parsed = reader.parse(texts)
     arm, targets = arm_of(rig.robot), parsed.targets
     located = [_located(arm, reader, frames, target) for target in targets]
-    q, reasons = _joints_at(arm, parsed, located, scale, start)
+    inverse_tool = np.linalg.inv(arm.T_flange_tool)
+    tips = np.array([(inverse_tool @ place.tool)[:3, 3] for place in located]).reshape(-1, 3)
+    q, reasons = _joints_at(arm, parsed, located, scale, start, tips)
     done = corrected(rig, supported, q, [NotCorrected(k, why, "") for k, why in reasons.items()])
     nominal = forward(arm, q)
     moved_mm = np.linalg.norm(done.T[:, :3, 3] - nominal[:, :3, 3], axis=1)
     reasons |= {target.place: target.reason for target in done.left}
     reasons |= _implausible(arm, targets, q, done, moved_mm)
-    because, given_away_mm = _off_by_offset(arm, targets, located, done, nominal, reasons)
+    shared = _shared(rig, supported, parsed, located, Correction(arm, q, done, nominal, tips, reasons))
+    because = shared.refused
+    reasons |= dict.fromkeys(because, "offset")
     kept = [k for k in range(len(targets)) if k not in reasons and targets[k].of is None]
     changes: list[list[tuple[Number, str]]] = [[] for _ in range(texts.own)]
     for k in kept:
@@ -186,7 +194,8 @@ def correct_program(
         beside_left_mm=moved_mm[_beside_left(parsed, set(kept))],
         sources=texts.names,
         overruled=tuple(named for named in parsed.sets if _otherwise(named, frames)),
-        given_away_mm=given_away_mm[kept],
+        given_away_mm=shared.kept_mm[kept],
+        shared=shared.of(kept),
         changed=frozenset(name for name, old, text in zip(texts.names, texts.texts, new, strict=False) if old != text),
         notices=parsed.notices,
         named=parsed.named,
@@ -201,8 +210,11 @@ def _joints_at(
     located: Sequence[_Located],
     scale: Sequence[float] | None,
     start: tuple[float, ...] | None,
+    tips: Array,
 ) -> tuple[Array, dict[int, Reason]]:
     """Return the joint angles (n, 6) rad of the nominal arm at the targets, and the reasons for missing ones.
+
+    tips (n, 3): points in mm that the program moves, in the frame of the arm's tool.
 
     Raises UseError for an unreachable start.
     """
@@ -219,8 +231,6 @@ def _joints_at(
     low, high = arm.limits.T
     if start is not None and ((start < low) | (start > high)).any():
         raise UseError("--start-joints", "is beyond the limits of the arm's joints", "give angles within the limits")
-    inverse_tool = np.linalg.inv(arm.T_flange_tool)
-    tips = np.array([(inverse_tool @ place.tool)[:3, 3] for place in located]).reshape(-1, 3)
     q, unsolved = solved(arm, targets, poses, angles, parsed.steps, start, tips)
     beyond = ((q < low - 1e-9) | (q > high + 1e-9)).any(axis=1)
     return q, reasons | unsolved | {int(k): "beyond_limits" for k in np.flatnonzero(beyond)}
@@ -250,42 +260,24 @@ def _otherwise(named: NamedFrame, frames: Frames) -> bool:
     return stated is not None and not np.allclose(stated.ravel(), named.value, atol=1e-6)
 
 
-def _off_by_offset(
-    arm: Arm,
-    targets: Sequence[Target],
+def _shared(
+    rig: Rig,
+    supported: Sequence[Support],
+    parsed: Parsed,
     located: Sequence[_Located],
-    done: CorrectedTargets,
-    nominal: Array,
-    reasons: dict[int, Reason],
-) -> tuple[dict[int, tuple[Unknown, ...]], Array]:
-    """Reject points at which moves with an offset would keep too large an error, and return the reasons and remaining
-    errors.
-
-    nominal (n, 4, 4): poses before the correction. An error is too large if it exceeds both the share
-    `REMAINING_SHARE` of the correction and the uncertainty. It counts at the tip of the program's tool. The reasons are
-    given by point. The remaining errors (n,) in mm of the other points are NaN if no move has an offset.
-    """
-    because: dict[int, tuple[Unknown, ...]] = {}
-    given_away_mm = np.full(len(targets), np.nan)
-    for k, target in enumerate(targets):
-        if target.of is None or target.of in reasons:
-            continue
-        if k in reasons:
-            off_mm, bound_mm = np.inf, 0.0
-        else:
-            X = _in_program(arm, located[target.of], done.T[target.of])
-            stands = _in_world(arm, located[k], _with_offset(target, X))
-            tip = np.linalg.solve(arm.T_flange_tool, located[k].tool)[:, 3]
-            off_mm, moved_mm = np.linalg.norm((np.stack([stands, nominal[k]]) - done.T[k]) @ tip, axis=1).tolist()
-            u_mm = min(done.u_mm[k], done.u_frame_mm[k])
-            # If there is no uncertainty, the share is the limit.
-            bound_mm = np.fmax(u_mm, REMAINING_SHARE * moved_mm)
-        if off_mm <= bound_mm:
-            given_away_mm[target.of] = np.fmax(given_away_mm[target.of], off_mm)
-        else:
-            reasons[target.of] = "offset"
-            because[target.of] = (Unknown(target.file, target.line, "the move with the offset"),)
-    return because, given_away_mm
+    correction: Correction,
+) -> SharedCorrections:
+    """Return the positions that share the correction of a target."""
+    targets, arm, done = parsed.targets, correction.arm, correction.done
+    shared = SharedCorrections(np.full(len(targets), np.nan))
+    commanded = {
+        k: _in_world(arm, located[k], _with_offset(target, _in_program(arm, located[target.of], done.T[target.of])))
+        for k, target in enumerate(targets)
+        if target.of is not None
+    }
+    add_offsets(shared, correction, targets, commanded, parsed.steps)
+    add_vias(shared, correction, rig, supported, targets, parsed.steps)
+    return shared
 
 
 def _with_offset(target: Target, X: Array) -> Array:

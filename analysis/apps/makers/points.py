@@ -30,10 +30,10 @@ from analysis.apps.makers.program_machine import (
 )
 from analysis.apps.makers.target import (
     AT_BEGIN,
+    Arc,
     NamedFrame,
     Notice,
     Parsed,
-    TangentArc,
     Target,
     TargetMove,
     UncorrectedTarget,
@@ -181,6 +181,7 @@ class Points:
                 if why[0] != "unused" or key not in self.silent:
                     skipped.append(UncorrectedTarget(point.target.file, point.target.line, point.target.name, *why))
                 continue
+            skipped += _unknown_offsets(point)
             first = point.usages[0]
             target = replace(
                 point.target,
@@ -191,11 +192,13 @@ class Points:
             )
             places[key] = base = len(targets)
             targets.append(target)
+            unknown = {usage.move.key for usage, _ in _bad_offsets(point)}
             for usage in {usage.move.key: usage for usage in point.usages if usage.offset}.values():
+                if usage.move.key in unknown or usage.offset is None:
+                    continue
                 places[usage.move.key] = len(targets)
-                assert usage.offset is not None  # noqa: S101 - of moves with one
                 kind, numbers = usage.offset
-                assert isinstance(numbers, tuple)  # noqa: S101 - unknown ones are left
+                assert isinstance(numbers, tuple)  # noqa: S101 - the others are unknown
                 offset = kind, as_frame(numbers)
                 targets.append(replace(target, line=usage.move.line, file=usage.move.file, offset=offset, of=base))
             self._sets += [named for usage in point.usages for named in _registers(usage)]
@@ -229,13 +232,13 @@ def _sources(usage: Usage, places: dict[str, int]) -> frozenset[int | None]:
     return frozenset(AT_BEGIN if key == BEGIN else places.get(key or "") for key in usage.comes_from)
 
 
-def _arcs(usages: Sequence[Usage], places: dict[str, int]) -> dict[str, TangentArc]:
-    """Return the arcs that rotate the tool, by name."""
-    arcs: dict[str, TangentArc] = {}
+def _arcs(usages: Sequence[Usage], places: dict[str, int]) -> dict[str, Arc]:
+    """Return the arcs with orientations other than written, by name."""
+    arcs: dict[str, Arc] = {}
     for usage in usages:
         if not (name := usage.move.arc):
             continue
-        arc, place = arcs.get(name, TangentArc(frozenset(), None, None)), places.get(usage.move.key)
+        arc, place = arcs.get(name, Arc(frozenset(), None, None, usage.move.tangent)), places.get(usage.move.key)
         if usage.move.through:
             arcs[name] = replace(arc, starts=arc.starts | _sources(usage, places), through=place)
         else:
@@ -262,7 +265,7 @@ def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
         yield "changed", (point.changed,)
     if not usages:
         yield "unused", ()
-    yield from _elsewhere(target, usages)
+    yield from _elsewhere(point)
     for usage in () if target.joints else usages:
         move = _unknown_at(usage, "the move")
         if isinstance(usage.tool, Unknown):
@@ -277,16 +280,33 @@ def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
             yield "two_postures", (_unknown_at(by_angles[0], "one move"), _unknown_at(usage, "another move"))
 
 
-def _elsewhere(target: Target, usages: Sequence[Usage]) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
-    """Yield the reasons why moves to a point do not end at the point itself, or have an unknown or varying offset."""
+def _bad_offsets(point: _Point) -> Iterator[tuple[Usage, Unknown]]:
+    """Yield the moves whose offset from a point is unknown or differs between paths, each with the cause."""
     offsets: dict[str, object] = {}
-    for usage in usages:
+    for usage in point.usages:
         if offsets.setdefault(usage.move.key, usage.offset) != usage.offset:
-            yield "offset", (_unknown_at(usage, "the offset differs between the paths leading here"),)
-        elif usage.offset and target.joints:
-            yield "offset", (_unknown_at(usage, "an offset from joint angles"),)
+            yield usage, _unknown_at(usage, "the offset differs between the paths leading here")
+        elif usage.offset and point.target.joints:
+            yield usage, _unknown_at(usage, "an offset from joint angles")
         elif usage.offset and not isinstance(value := usage.offset[1], tuple):
-            yield "offset", (value if isinstance(value, Unknown) else _unknown_at(usage, "the move with the offset"),)
+            yield usage, value if isinstance(value, Unknown) else _unknown_at(usage, "the move with the offset")
+
+
+def _unknown_offsets(point: _Point) -> Iterator[UncorrectedTarget]:
+    """Yield the moves of a corrected point that reach an unknown position: the error there is unknown."""
+    for usage, why in {usage.move.key: (usage, why) for usage, why in _bad_offsets(point)}.values():
+        yield UncorrectedTarget(usage.move.file, usage.move.line, point.target.name, "offset", (why,))
+
+
+def _elsewhere(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
+    """Yield the reasons why moves to a point do not end at the point itself, or have an unknown or varying offset.
+
+    The work point comes first: if a move reaches it without an offset, unknown offsets of others do not matter.
+    """
+    usages = point.usages
+    if point.target.joints or all(usage.offset for usage in usages):
+        for _, why in _bad_offsets(point):
+            yield "offset", (why,)
     for usage in usages:
         for part, value in usage.needs:
             reason, move = _BY_PART[family_of(part.partition(" ")[0])], _unknown_at(usage, "the move")

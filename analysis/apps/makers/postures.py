@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from analysis.apps.makers.programs.ways import straight_path
-from analysis.apps.makers.target import AT_BEGIN, Flags, TangentArc, Target, TargetMove, Way
+from analysis.apps.makers.programs.ways import circular_path, straight_path
+from analysis.apps.makers.target import AT_BEGIN, Arc, Flags, Target, TargetMove, Way
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask, forward
 from analysis.robot.kinematics.follow import follow
@@ -236,9 +236,9 @@ def _not_the_same(ways: _Ways, step: TargetMove, free: set[int], reasons: dict[i
     return None
 
 
-def _turned(ways: _Ways, arc: TangentArc | None, reasons: dict[int, Reason]) -> Reason | None:
+def _turned(ways: _Ways, arc: Arc | None, reasons: dict[int, Reason]) -> Reason | None:
     """Return a reason if an arc that rotates the tool with the tangent does not produce the written orientations."""
-    if arc is None:
+    if arc is None or not arc.tangent:
         return None
     places = [
         k for k in (*arc.starts, arc.through, arc.end) if k is not None and k not in reasons and ways.is_solved(k)
@@ -283,6 +283,27 @@ def _turns_on_arc(places: Array) -> tuple[Array, Array] | None:
     K = np.cross(axis, np.eye(3)).T  # K @ v is axis × v.
     first, second = (np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K for angle in angles)
     return first, second
+
+
+def arc_to_via(arm: Arm, stands: Array, poses: Array, tip: Array) -> Array | None:
+    """Return the angles (6,) rad at the via point of an arc with the orientation interpolated from start to end.
+
+    stands (6,): angles at the start in rad. poses (3, 4, 4): written poses of start, via point and end. tip (3,): point
+    in mm that follows the arc, in the frame of the arm's tool. None if the arm cannot follow the arc.
+    """
+    offset = np.eye(4)
+    offset[:3, 3] = tip
+    begin, via, end = poses @ offset
+    if np.linalg.norm(np.cross(via[:3, 3] - begin[:3, 3], end[:3, 3] - begin[:3, 3])) < _FLAT:
+        return None
+    way = circular_path(begin, via[:3, 3], end, _ANY_MM_S).poses
+    last = int(np.linalg.norm(way[:, :3, 3] - via[:3, 3], axis=1).argmin())
+    way[last, :3, 3] = via[:3, 3]
+    try:
+        angles: Array = follow(arm, way[: last + 1] @ np.linalg.inv(offset), stands, "an arc")[-1]
+    except FileError:
+        return None
+    return angles
 
 
 def _reached(arm: Arm, stands: Array, pose: Array, solutions: Array, *, linear: bool) -> Array | Reason:

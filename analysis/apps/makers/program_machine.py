@@ -151,8 +151,10 @@ class Move:
     base: str = ""
     """The key of the point itself, if `key` belongs to a point with an offset."""
     arc: str = ""
-    """The name of an arc that rotates the tool with the tangent, the same for both moves of the arc. The arm then
-    does not reach the orientation written at the targets."""
+    """The name of an arc, the same for both moves of the arc, if the controller does not pass the via point in the
+    orientation written there."""
+    tangent: bool = False
+    """True if the arc rotates the tool with the tangent: the arm then does not reach any written orientation."""
     through: bool = False
     """True for the via point of the arc."""
 

@@ -134,13 +134,17 @@ AT_BEGIN = -1
 
 
 @dataclass(frozen=True)
-class TangentArc:
-    """An arc that rotates the tool with the tangent, by target indices: possible starts, via point and end. None is
-    an unknown position."""
+class Arc:
+    """An arc by target indices: possible starts, via point and end. None is an unknown position.
+
+    tangent: the arc rotates the tool with the tangent. Otherwise the orientation changes from start to end, and the
+    controller uses only the position of the via point.
+    """
 
     starts: frozenset[int | None]
     through: int | None
     end: int | None
+    tangent: bool
 
 
 @dataclass(frozen=True)
@@ -149,14 +153,14 @@ class TargetMove:
 
     target: index of the target. comes_from: indices of the possible previous targets, None for an unknown position,
     AT_BEGIN for the position at the start. by_flags: the posture flags of the target are valid; otherwise the arm keeps
-    the current posture. arc: None if the arm reaches the orientation of the target.
+    the current posture. arc: the arc of the move, if its targets may be passed in orientations other than written.
     """
 
     target: int
     comes_from: frozenset[int | None]
     way: Way = "joint"
     by_flags: bool = True
-    arc: TangentArc | None = None
+    arc: Arc | None = None
 
 
 @dataclass(frozen=True)

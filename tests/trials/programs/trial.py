@@ -44,6 +44,8 @@ class Corrected:
     read: frozenset[str] = frozenset()
     given_mm: Mapping[Place, float] = field(default_factory=dict)
     """By how much places beside a target stay off that take its correction, as the product reports it."""
+    shared_mm: Mapping[Place, float] = field(default_factory=dict)
+    """Remaining error of listed places that share the correction of a target, NaN if it is listed as unknown."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ def correct(draft: Draft) -> Corrected:
     tools = [f"{name}={stated(T)}" for name, T in draft.tools.items()]
     frames = [f"{name}={stated(T)}" for name, T in draft.frames.items()]
     files, done, left, u_mm = dict(draft.files), set[Place](), [], [0.0]
-    read, given_mm = set[str](), dict[Place, float]()
+    read, given_mm, shared_mm = set[str](), dict[Place, float](), dict[Place, float]()
     scale = inform.SCALE if draft.dialect == "yaskawa" else None
     with tempfile.TemporaryDirectory() as directory:
         for name, data in draft.files.items():
@@ -99,7 +101,8 @@ def correct(draft: Draft) -> Corrected:
             u_mm += one.u_mm.tolist()
             given = zip(one.places, one.given_away_mm.tolist(), strict=True)
             given_mm |= {(names[file], line): mm for (file, line), mm in given if np.isfinite(mm)}
-    return Corrected(files, frozenset(done), tuple(left), max(u_mm), frozenset(read), given_mm)
+            shared_mm |= {(one.sources[item.file], item.line): item.after_mm for item in one.shared}
+    return Corrected(files, frozenset(done), tuple(left), max(u_mm), frozenset(read), given_mm, shared_mm)
 
 
 _REFUSED = (TypeError, ValueError, IndexError, KeyError, RecursionError)
@@ -214,7 +217,8 @@ def _compare(draft: Draft, corrected: Corrected, pairs: list[tuple[Reached, Reac
     slack = 2 * max(corrected.u_mm, 0.005)
     asked: dict[tuple[Place, frozenset[Place]], list[bool]] = {}
     for (one, other), before, after in zip(pairs, *mm, strict=True):
-        said = bool(listed & {one.place, *one.sources})
+        kept_mm = corrected.shared_mm.get(one.place, 0.0)
+        said = bool(listed & {one.place, *one.sources}) or np.isnan(kept_mm)
         step = float(np.abs(other.q - one.q).max())
         moved = step > _SAME_RAD
         asked.setdefault((one.place, one.sources), []).append(moved)
@@ -222,10 +226,10 @@ def _compare(draft: Draft, corrected: Corrected, pairs: list[tuple[Reached, Reac
         kind = ""
         if moved and step > _TURNED_RAD:
             kind = "another posture, listed" if said else "another posture"
-        elif moved and after > before + slack:
+        elif moved and after > max(before, kept_mm) + slack:
             kind = "farther off, listed" if said else "farther off"
         elif moved and after > slack + max(
-            (corrected.given_mm.get(source, 0.0) for source in one.sources), default=0.0
+            kept_mm, *(corrected.given_mm.get(source, 0.0) for source in one.sources), 0.0
         ):
             kind = "short, listed" if said else "short"
         elif not moved and before > slack and not said and corrected.read & {name for name, _ in one.sources}:

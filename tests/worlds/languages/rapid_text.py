@@ -235,9 +235,9 @@ class Program:
             self.written.setdefault(name[1], set()).update(where)
             return Do(place, lambda m: m.assign(target, m.evaluate(value, where)))
         name = t.take()
-        if t.peek() == "(":
+        if t.peek() == "(" and t.peek(1) == ")":  # Otherwise an argument in brackets: Go (5);
             t.take()
-            t.take(")")
+            t.take()
         arguments = RAPID.items(t, ";")
         where = t.span(begin)
         return Do(place, lambda m: m.instruction(name, arguments, place, where))

@@ -508,11 +508,14 @@ def _move(reader: RapidReader, at: int, instruction: re.Match[str], move: re.Mat
     way = "joint" if kind in ("J", "ABSJ") else "line"
     tracked = _TRACKED.search(text, instruction.start("rest"), instruction.end("rest"))
     reader.blocks.add(Set("tracking here", "on" if tracked else Ref("tracking")))
-    for begin, end in places[:count]:
+    for place, (begin, end) in enumerate(places[:count]):
         line = reader.lines[reader.file].at(begin)
         trusts = "conf j" if way == "joint" else "conf l"
         needs = ("shift", "tracking here", "switch", *(["switch arcs"] if kind == "C" else []))
-        state = Move("", way, reader.file, line, active["tool"], active["frame"], needs, trusts)
+        arc = f"arc at {reader.file}:{at}" if kind == "C" else ""
+        state = Move(
+            "", way, reader.file, line, active["tool"], active["frame"], needs, trusts, arc=arc, through=place == 0
+        )
         _target(reader, begin, end, state, "jointtarget" if kind == "ABSJ" else "robtarget", instruction["name"])
     if instruction["name"].lower().endswith("sync"):
         reader.blocks.add(ForgetAll(reader.why(at, f"{instruction['name']} runs a procedure named in a string")))
@@ -544,10 +547,6 @@ def _target(reader: RapidReader, begin: int, end: int, move: Move, kind: str, in
         return
     if not key.startswith("["):
         reader.spent.add((reader.file, begin))
-    if offset and isinstance(offset[1], Unknown) and of_program:
-        reader.points.leave(
-            UncorrectedTarget(reader.file, move.line, " ".join(name.split())[:60], "offset", (offset[1],))
-        )
     if reader.points.joints(key):
         move = replace(move, needs=())
     point_key = f"{key}@{reader.file}:{begin}" if offset else key

@@ -388,7 +388,8 @@ def _move(reader: _FanucReader, move: re.Match[str], last_line: int) -> None:
         options = options[: skip.start()] + options[skip.end() :]
     for place, text in ((reader.line, move["point"]), (last_line, move["second"])):
         if text:
-            _target(reader, move["kind"], text, place, options)
+            arc = f"arc at {reader.line}" if move["second"] else ""
+            _target(reader, move["kind"], text, place, options, arc, through=text == move["point"])
     if skip:
         if register := _REGISTER.fullmatch(skip["register"] or ""):
             _set_register(reader, register)
@@ -419,7 +420,9 @@ def _selected(number: str, values: tuple[Value, ...]) -> Value:
     return OFF if number in ("F", selected) else selected
 
 
-def _target(reader: _FanucReader, kind: str, text: str, line: int, modifiers: str) -> None:
+def _target(
+    reader: _FanucReader, kind: str, text: str, line: int, modifiers: str, arc: str = "", *, through: bool = False
+) -> None:
     point, blocks = _POINT.fullmatch(text), reader.blocks
     is_relative = re.search(r"\bINC\b", modifiers, re.IGNORECASE) is not None
     if point is None or reader.file or not reader.points.knows(point[1]):
@@ -454,7 +457,7 @@ def _target(reader: _FanucReader, kind: str, text: str, line: int, modifiers: st
     way = "joint" if kind == "J" else "line"
     key = f"{point[1]}@{line}" if offset else point[1]
     base = point[1] if offset else ""
-    blocks.add(Move(key, way, 0, line, tool, frame, needs, None, None, offset, base))
+    blocks.add(Move(key, way, 0, line, tool, frame, needs, None, None, offset, base, arc, through=through))
 
 
 def _any_target(reader: _FanucReader, kind: str, line: int, modifiers: str) -> None:

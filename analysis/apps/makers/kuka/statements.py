@@ -526,7 +526,7 @@ def _move(reader: KrlReader, file: int, begin: int, line: str, move: re.Match[st
         _leave(reader, file, begin, "relative", name)
         return
     count = 2 if kind == "CIRC" else 1
-    for start, stop in places[:count]:
+    for place, (start, stop) in enumerate(places[:count]):
         text = line[start:stop]
         if len(places) > count:  # An arc of CA degrees does not end at the target, and keeps the posture at the start.
             _list(reader, file, begin, "arc", text)
@@ -547,7 +547,11 @@ def _move(reader: KrlReader, file: int, begin: int, line: str, move: re.Match[st
         # A line or an arc keeps the posture at the start and ignores the flags; the path has to lead to the same
         # posture.
         trusts = None if way == "joint" else LINES
-        reader.blocks.add(Move(key, way, file, at, state["tool"], state["base"], needs, trusts))
+        arc = f"arc at {file}:{begin}" if count > 1 else ""
+        through = place == 0
+        reader.blocks.add(
+            Move(key, way, file, at, state["tool"], state["base"], needs, trusts, arc=arc, through=through)
+        )
 
 
 def _leave(reader: KrlReader, file: int, begin: int, reason: Reason, name: str) -> None:

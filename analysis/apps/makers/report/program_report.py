@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.makers.corrected_program import MOST_MM, REMAINING_SHARE, CorrectedProgram
+from analysis.apps.makers.corrected_program import MOST_MM, CorrectedProgram
+from analysis.apps.makers.shared_corrections import REMAINING_SHARE, SharedCorrection
 from analysis.apps.makers.target import WHY
 from analysis.correction.corrected_targets import WorkError
 from analysis.robot.kinematics.arm import Array
@@ -63,9 +64,15 @@ def lines(program: CorrectedProgram) -> list[str]:
     if len(given_away := program.given_away_mm[np.isfinite(program.given_away_mm)]):
         text_lines.append(
             f"  {targets_in_words(len(given_away))} used with an offset: the offset positions get the same "
-            f"correction and stay up to {given_away.max():.3f} mm off (at most {100 * REMAINING_SHARE:.0f} % of "
-            "the corrected error, or the uncertainty)"
+            f"correction and stay up to {given_away.max():.3f} mm off"
         )
+    if program.shared:
+        text_lines.append(
+            f"  {_positions(len(program.shared))} next to corrected targets keep more than "
+            f"{100 * REMAINING_SHARE:.0f} % of the error and more than the uncertainty:"
+        )
+        text_lines += [f"    {_shared_words(program, position)}" for position in program.shared[:_LISTED]]
+        text_lines += ["    …"] * (len(program.shared) > _LISTED)
     if count and program.rounded_um.max() > _SHOWN_UM:
         text_lines.append(f"  the decimals of this format shift targets by up to {program.rounded_um.max():.1f} µm")
     if outside := sum(map(bool, program.unknown)):
@@ -155,6 +162,18 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
             ),
             "bound_share": REMAINING_SHARE,
         },
+        "shared_corrections": [
+            {
+                "file": program.sources[position.file],
+                "line": position.line,
+                "name": position.name,
+                "kind": position.kind,
+                "before_mm": None if position.unknown else round(position.before_mm, 6),
+                "after_mm": None if position.unknown else round(position.after_mm, 6),
+                "unknown": position.unknown,
+            }
+            for position in program.shared[:_KEPT]
+        ],
         "notices": [
             {"file": program.sources[notice.file], "line": notice.line, "text": notice.text}
             for notice in program.notices[:_KEPT]
@@ -204,6 +223,22 @@ def error_object(error: WorkError) -> dict[str, Any]:
 
 def targets_in_words(count: int) -> str:
     return "1 target" if count == 1 else f"{count} targets"
+
+
+def _positions(count: int) -> str:
+    return "1 position" if count == 1 else f"{count} positions"
+
+
+def _shared_words(program: CorrectedProgram, position: SharedCorrection) -> str:
+    """Return the place, the error before and after, and the reason of a position that shares a correction."""
+    words = {
+        "offset": "with an offset",
+        "via": "as via point of an arc, if the controller interpolates the orientation from start to end",
+    }[position.kind]
+    error = f"{position.before_mm:.3f} → {position.after_mm:.3f} mm"
+    if position.unknown:
+        error = f"the remaining error is unknown: the position {WHY[position.unknown]}"
+    return f"{_place(program, position.file, position.line)}: {position.name} {words}: {error}"
 
 
 def _steps(count: int) -> str:

@@ -381,22 +381,23 @@ def _move(reader: _UrReader, name: str, at: int, places: list[tuple[int, int]]) 
     named = [place for place in places if _TARGET.match(reader.text, *place)]
     named.sort(key=lambda place: not reader.text.startswith("pose_via", place[0]))  # The via point is passed first.
     count = 2 if name == "movec" and len(places) > 1 else 1
-    arc = _arc(reader, at, places) if name == "movec" else ""
+    is_arc = name == "movec" and count > 1
+    arc, tangent = (f"arc at {at}", _is_tangent(reader, places)) if is_arc else ("", False)
     for k, place in enumerate(named or places[:count]):
-        _target(reader, name, *place, arc=(arc, k == 0))
+        _target(reader, name, *place, arc=(arc, tangent, k == 0))
     if name in _STREAMED:
         reader.blocks.add(Elsewhere())
 
 
-def _arc(reader: _UrReader, at: int, places: list[tuple[int, int]]) -> str:
-    """Return the name of a movec with these arguments if it rotates the tool with the tangent, else an empty text.
+def _is_tangent(reader: _UrReader, places: list[tuple[int, int]]) -> bool:
+    """Return whether a movec with these arguments keeps the orientation fixed to the tangent: mode 1.
 
-    Mode 1 keeps the orientation fixed to the tangent. A computed mode counts as mode 1.
+    A computed mode counts as mode 1.
     """
     texts = [reader.text[slice(*place)] for place in places]
     named = [mode[1] for text in texts if (mode := _MODE.fullmatch(text))]
     number = named[0] if named else texts[_MODE_PLACE] if len(texts) > _MODE_PLACE else "0"
-    return f"arc at {at}" if not re.fullmatch(NUMBER, number) or float(number) != 0 else ""
+    return not re.fullmatch(NUMBER, number) or float(number) != 0
 
 
 def _leave(reader: _UrReader, place: int, reason: Reason, name: str) -> None:
@@ -442,18 +443,18 @@ def _target(
     near: tuple[float, ...] | None = None,
     *,
     solved: bool = False,
-    arc: tuple[str, bool] = ("", False),
+    arc: tuple[str, bool, bool] = ("", False, False),
 ) -> None:
     """Parse a target of a move.
 
-    solved: the target is inside get_inverse_kin, with the joint angles `near` (6,) rad. arc: name of the arc that
-    rotates the tool, and whether the target is the via point.
+    solved: the target is inside get_inverse_kin, with the joint angles `near` (6,) rad. arc: name of the arc,
+    whether it rotates the tool with the tangent, and whether the target is the via point.
     """
     text, line = reader.text, reader.lines.at(begin)
     if named := _TARGET.match(text, begin, end):
         begin = named.end()
     if not solved and (inverse := _INVERSE.match(text, begin, end)) and "get_inverse_kin" not in reader.defined:
-        if arc[0]:
+        if arc[1]:
             _leave(reader, begin, "arc_turns", text[begin:end])
         else:
             _inverse(reader, call, inverse.end(), reader.closes.get(inverse.end() - 1))
@@ -476,7 +477,7 @@ def _target(
     reader.blocks.add(
         Move(
             key, way, 0, line, Ref("tool"), needs=("shift", "tracking"), trusts=None if by_angles else _KEEPS,
-            near=near, arc=arc[0], through=arc[1],
+            near=near, arc=arc[0], tangent=arc[1], through=arc[2],
         )
     )  # fmt: skip
 

@@ -173,10 +173,10 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
     ),
     "one with a turn that is computed": (
         module_of("MoveJ RelTool(p,0,0,-20\\Rz:=a),v9,fine,t;\nMoveL p,v9,fine,t;\n", data=NEAR),
-        [(3, "offset"), (5, "offset")],
+        [(5, "offset")],
     ),
     "one that is far away": (
-        module_of("MoveJ Offs(p,0,-420,200),v9,fine,t;\nMoveL p,v9,fine,t;\n", data=NEAR), [(3, "offset")]
+        module_of("MoveJ Offs(p,0,-420,200),v9,fine,t;\nMoveL p,v9,fine,t;\n", data=NEAR), []
     ),
     "an approach to a point that no move reaches itself": (
         module_of("MoveAbsJ {q0},v9,fine,t;\nConfL\\Off;\nMoveL Offs(p,0,0,50),v9,fine,t;\n", data=NEAR), []

@@ -238,14 +238,14 @@ def test_fanuc(tmp_path: Path) -> None:
         number: next(k for k, line in enumerate(lines) if line.startswith(f"P[{number}") and "{" in line)
         for number in range(1, 9)
     }
-    rows = {at[1] + 4, at[1] + 5, *(at[k] + row for k in (3, 4) for row in (4, 5))}
+    rows = {at[1] + 4, at[1] + 5, *(at[k] + row for k in (2, 3, 4) for row in (4, 5))}
     assert _changed(given, data) == rows
     assert [len(line) for line in lines] == [len(line) for line in _lines(given)]  # the columns stand as they stood
     assert _why(found) == [
+        (13, "offset"),  # its register stands in the controller
         (18, "relative"),
         (19, "computed"),
         (20, "computed"),
-        (at[2] + 1, "offset"),  # its register stands in the controller
         (at[5] + 1, "changed"),
         (at[6] + 1, "external_axes"),
         (at[7] + 1, "other_flags"),
@@ -469,9 +469,8 @@ def test_abb(tmp_path: Path) -> None:
     path.write_bytes(text.encode())
     found = _corrected(rig, path)
     data = found.files["MainModule.mod"]
-    assert _changed(path.read_bytes(), data) == {9, 20}
+    assert _changed(path.read_bytes(), data) == {9, 11, 20}
     assert _why(found) == [
-        (11, "offset"),  # 90 mm above it the correction is another one
         (12, "external_axes"),
         (13, "changed"),
         (25, "not_literal"),
