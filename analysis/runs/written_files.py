@@ -132,6 +132,7 @@ def _write_all(directory: Path, files: Mapping[str, Writer], *, over: bool) -> l
         with files_into(directory, over=over) as hidden:
             made = True
             for name, write in files.items():
+                (hidden / name).parent.mkdir(parents=True, exist_ok=True)
                 with (hidden / name).open("xb") as file:
                     write(file)
     except FileExistsError as error:

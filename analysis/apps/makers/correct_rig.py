@@ -12,7 +12,7 @@ from analysis.apps.makers import maker_by
 from analysis.apps.makers.controller_entries import ControllerEntries, as_entered, controller_entries
 from analysis.apps.makers.corrected_constants import Correction, joint_zeros, link_constants
 from analysis.apps.makers.corrected_program import CorrectedProgram, Programs, correct_program
-from analysis.apps.makers.reading import refuse_marked
+from analysis.apps.makers.reading import programs_at, refuse_marked
 from analysis.apps.makers.target_path import TargetPath, read_path, refuse_corrected_path
 from analysis.correction.corrected_targets import CorrectedTargets, WorkError, angles_for, corrected
 from analysis.correction.pose_uncertainty import covered, places_u_mm, pose_uncertainty
@@ -108,11 +108,12 @@ def correct_rig(
     of_model = tuple(supports_of_usual_size(rig))
     zeros, constants = joint_zeros(rig, [*supported, *of_model]), link_constants(rig, [*supported, *of_model])
     targets = _targets(rig, supported, path, entries if entered else None) if path else None
-    for unread in () if programs.again else programs.paths:
+    paths = [program for path in programs.paths for program in programs_at(path)]
+    for unread in () if programs.again else paths:
         refuse_marked(unread)
     filtered = tuple(
         correct_program(rig, supported, program, programs.frames, scale, whole=programs.whole, start=programs.start)
-        for program in programs.paths
+        for program in paths
     )
     for program in filtered:
         _require_same_maker(program, rig, controller or rig.maker)

@@ -90,11 +90,11 @@ class Programs:
 class CorrectedProgram:
     """A program with corrected targets.
 
-    files: bytes of each file by name. names, places (n,): name, file and line of the n corrected targets. moved_mm
-    (n,): displacement of each target. u_mm, u_frame_mm (n,): standard uncertainty in the robot's base, and with frame
-    and tool taught with the robot. unknown (n,): reason for unknown uncertainties, which are then NaN; empty if the
-    runs cover the target. rounded_um (n,): error by the decimals of the numbers. error: error at the targets, None if
-    no target was corrected. left: uncorrected targets.
+    files: bytes of each file by name, of a directory only of the changed files. names, places (n,): name, file and line
+    of the n corrected targets. moved_mm (n,): displacement of each target. u_mm, u_frame_mm (n,): standard uncertainty
+    in the robot's base, and with frame and tool taught with the robot. unknown (n,): reason for unknown uncertainties,
+    which are then NaN; empty if the runs cover the target. rounded_um (n,): error by the decimals of the numbers.
+    error: error at the targets, None if no target was corrected. left: uncorrected targets.
 
     beside_left_mm (m,): displacement of a corrected target relative to an uncorrected neighbour, for each move between
     two such targets. sources: names of the files numbered in `left`. overruled: tools and frames with different numbers
@@ -153,6 +153,7 @@ def correct_program(
     inverse_tool = np.linalg.inv(arm.T_flange_tool)
     tips = np.array([(inverse_tool @ place.tool)[:3, 3] for place in located]).reshape(-1, 3)
     q, reasons = _joints_at(arm, parsed, located, scale, start, tips)
+    reasons |= {k: "unused" for k, target in enumerate(targets) if target.file >= texts.own}
     done = corrected(rig, supported, q, [NotCorrected(k, why, "") for k, why in reasons.items()])
     nominal = forward(arm, q)
     moved_mm = np.linalg.norm(done.T[:, :3, 3] - nominal[:, :3, 3], axis=1)
@@ -175,13 +176,15 @@ def correct_program(
         *(
             UncorrectedTarget(targets[k].file, targets[k].line, targets[k].name, why, because.get(k, ()))
             for k, why in reasons.items()
-            if targets[k].of is None
+            if targets[k].of is None and targets[k].file < texts.own
         ),
     ]
+    files = dict(zip(texts.names, map(as_bytes, new), strict=False))
+    changed = frozenset(name for name, old, text in zip(texts.names, texts.texts, new, strict=False) if old != text)
     return CorrectedProgram(
         path=path,
         maker=maker.name,
-        files=dict(zip(texts.names, map(as_bytes, new), strict=False)),
+        files={name: data for name, data in files.items() if name in changed or not path.is_dir()},
         names=tuple(targets[k].name for k in kept),
         places=tuple((targets[k].file, targets[k].line) for k in kept),
         moved_mm=moved_mm[kept],
@@ -196,7 +199,7 @@ def correct_program(
         overruled=tuple(named for named in parsed.sets if _otherwise(named, frames)),
         given_away_mm=shared.kept_mm[kept],
         shared=shared.of(kept),
-        changed=frozenset(name for name, old, text in zip(texts.names, texts.texts, new, strict=False) if old != text),
+        changed=changed,
         notices=parsed.notices,
         named=parsed.named,
         held=whole and any(target.reason != "unused" for target in left),

@@ -175,10 +175,9 @@ class Points:
         places: dict[str, int] = {}
         skipped = list(self._left)
         for key, point in self._points.items():
-            if point.target.file >= self.files:
-                continue
+            is_foreign = point.target.file >= self.files  # Its numbers stay, but the arm stands there.
             if why := next(_reasons(point), None):
-                if why[0] != "unused" or key not in self.silent:
+                if not is_foreign and (why[0] != "unused" or key not in self.silent):
                     skipped.append(UncorrectedTarget(point.target.file, point.target.line, point.target.name, *why))
                 continue
             skipped += _unknown_offsets(point)
@@ -268,10 +267,10 @@ def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
     yield from _elsewhere(point)
     for usage in () if target.joints else usages:
         move = _unknown_at(usage, "the move")
-        if isinstance(usage.tool, Unknown):
-            yield "unknown_tool", (usage.tool, move)
-        if isinstance(usage.frame, Unknown):
-            yield "unknown_frame", (usage.frame, move)
+        of_parts: tuple[tuple[Value, Reason], ...] = ((usage.tool, "unknown_tool"), (usage.frame, "unknown_frame"))
+        for value, reason in of_parts:
+            if isinstance(value, Unknown):
+                yield "not_understood" if value.everything else reason, (value, move)
         if (usage.tool, usage.frame) != (usages[0].tool, usages[0].frame):
             yield "several_frames", (_unknown_at(usages[0], "one move"), move)
     by_angles = [usage for usage in usages if usage.move.near]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 
-from analysis.apps.makers import Maker, maker_of_file, suffixes_in_words
+from analysis.apps.makers import Maker, maker_by, maker_of_file, suffixes_in_words
 from analysis.apps.makers.program_reader import Remark
 from analysis.apps.makers.target import ProgramTexts
 from rigs.errors import FileError
@@ -16,54 +17,90 @@ MOST_BYTES = 10_000_000
 """Maximum size of a program: a program with a hundred thousand targets is smaller, and controllers store less."""
 ENCODING = "latin-1"
 """Encoding that maps every byte to a character and back, so unchanged text keeps its bytes in any encoding."""
-_MOST_BESIDE = 500
-"""Maximum number of files in the directory of a program; the backup of a controller contains some hundred."""
+_MOST_FILES = 3000
+"""Maximum number of files of a program and of those beside it; the backup of a controller contains some hundred."""
 
 
 def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
     """Return the maker of a program, and the texts of its files by name, the data list last.
 
-    Raises FileError for a file that is not a program or cannot be read.
+    The files of a directory are those of all programs in it and below it, by their path in the directory. Raises
+    FileError for a file that is not a program or cannot be read.
     """
-    maker = maker_of_file(path)
+    maker = _maker_of_directory(path) if path.is_dir() else maker_of_file(path)
     if maker is None:
         raise FileError(str(path), "is not a known kind of robot program", f"give a program {suffixes_in_words()}")
-    data = maker.files.data
-    beside = [path.with_suffix(suffix) for suffix in (data, data.upper(), data.title()) if suffix]
-    files = [path, *(file for file in beside if file.exists())][:2]
-    texts = {}
-    for file in files:
-        try:
-            content = read_bytes(file, MOST_BYTES)
-        except OSError as error:
-            raise FileError(str(file), error.strerror or str(error), "check the path and the permissions") from None
-        if b"\0" in content:
-            remedy = "give the program as ASCII, Latin-1 or UTF-8 text"
-            raise FileError(str(file), "is a binary file or UTF-16 text", remedy)
-        texts[file.name] = content.decode(ENCODING)
-    return maker, texts
+    files, data = maker.files, maker.files.data
+    if path.is_dir():
+        suffixes, is_of_maker = (*files.suffixes, data), maker.reader.is_of_maker
+        named = {name: file for name, file in _tree(path, suffixes).items() if not is_of_maker(name)}
+    else:
+        beside = [path.with_suffix(suffix) for suffix in (data, data.upper(), data.title()) if suffix]
+        named = {file.name: file for file in [path, *(file for file in beside if file.exists())][:2]}
+    return maker, {name: _text(file) for name, file in named.items()}
+
+
+def _text(file: Path) -> str:
+    """Return the text of a file. Raises FileError for a file that is not a text or cannot be read."""
+    try:
+        content = read_bytes(file, MOST_BYTES)
+    except OSError as error:
+        raise FileError(str(file), error.strerror or str(error), "check the path and the permissions") from None
+    if b"\0" in content:
+        remedy = "give the program as ASCII, Latin-1 or UTF-8 text"
+        raise FileError(str(file), "is a binary file or UTF-16 text", remedy)
+    return content.decode(ENCODING)
+
+
+def _maker_of_directory(path: Path) -> Maker:
+    """Return the maker of the programs in a directory. Raises FileError if there is none or more than one."""
+    names = {maker.name for file in path.rglob("*") if file.is_file() and (maker := maker_of_file(file))}
+    if len(names) != 1:
+        problem = f"has programs of {', '.join(sorted(names))}" if names else "has no robot program"
+        raise FileError(str(path), problem, f"give a program {suffixes_in_words()}, or a directory of one controller")
+    return maker_by(names.pop())
+
+
+def programs_at(path: Path) -> list[Path]:
+    """Return the programs to correct for a path: of a directory every program in it and below it.
+
+    If the language has data and routines visible in all files, the directory counts as a single program.
+    """
+    if not path.is_dir() or (maker := _maker_of_directory(path)).reader.is_together:
+        return [path]
+    return list(_tree(path, maker.files.suffixes).values())
+
+
+def _tree(root: Path, suffixes: Sequence[str], *, deep: bool = True) -> dict[str, Path]:
+    """Return the files with any of the suffixes in a directory and, if `deep`, below it, by their path in it.
+
+    Raises FileError if there are too many.
+    """
+    files = sorted(root.rglob("*") if deep else root.iterdir())
+    found = [file for file in files if file.suffix.lower() in suffixes and file.is_file()]
+    if len(found) > _MOST_FILES or sum(file.stat().st_size for file in found) > MOST_BYTES:
+        raise FileError(
+            str(root),
+            f"has more than {_MOST_FILES} files, or {MOST_BYTES // 1_000_000} MB, that the program could use",
+            "put the program with its files into a separate directory",
+        )
+    return {file.relative_to(root).as_posix(): file for file in found}
 
 
 def read_program(path: Path) -> tuple[Maker, ProgramTexts]:
-    """Return the maker of a program, and the texts of its files and of the other files in the directory.
+    """Return the maker of a program, and the texts of its files and of the other files that it can use.
 
-    The data list is included if it exists. Raises FileError for a file that is not a program, and for a directory with
-    too much to read.
+    These are in the directory of the program or, if the program is in a backup of the controller, in the backup. The
+    data list is included if it exists. Raises FileError for a file that is not a program, and for a directory with too
+    much to read.
     """
     maker, files = program_texts(path)
-    suffixes = maker.reader.beside
-    others = [
-        file
-        for file in (sorted(path.resolve().parent.iterdir()) if suffixes else ())
-        if file.suffix.lower() in suffixes and file.name not in files and file.is_file()
-    ]
-    if len(others) > _MOST_BESIDE or sum(file.stat().st_size for file in others) > MOST_BYTES:
-        raise FileError(
-            str(path.parent),
-            f"has more than {_MOST_BESIDE} files, or {MOST_BYTES // 1_000_000} MB, that the program could use",
-            "put the program with its files into a separate directory",
-        )
-    data = {file.name: read_bytes(file, MOST_BYTES) for file in others}
+    reader, full = maker.reader, path.resolve()
+    backup = next((parent for parent in full.parents if parent.name and parent.name.upper() == reader.backup), None)
+    root = full if path.is_dir() else backup or full.parent
+    own = {full / name if path.is_dir() else full.parent / name for name in files}
+    tree = _tree(root, reader.beside, deep=path.is_dir() or backup is not None) if reader.beside else {}
+    data = {name: read_bytes(file, MOST_BYTES) for name, file in tree.items() if file not in own}
     read_beside = {name: content.decode(ENCODING) for name, content in data.items() if b"\0" not in content}
     return maker, ProgramTexts((*files, *read_beside), (*files.values(), *read_beside.values()), len(files))
 
@@ -79,7 +116,8 @@ def refuse_marked(path: Path) -> None:
         if mark := _MARKED.search(text):
             line = len(re.findall(r"\r\n|\r|\n", text[: mark.start()])) + 1
             problem = "is already corrected by rig; a second correction would add to the first"
-            raise FileError(f"{path.with_name(name)}:{line}", problem, "give the original; --anyway corrects anyway")
+            file = path / name if path.is_dir() else path.with_name(name)
+            raise FileError(f"{file}:{line}", problem, "give the original; --anyway corrects anyway")
 
 
 def mark_of(date: str) -> str:

@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import re
 
+from analysis.apps.makers.kuka.closed_lists import is_file_of_maker, is_of_maker
 from analysis.apps.makers.kuka.statements import (
+    CORRECTION,
     LINES,
     LITERAL_TYPE,
     KrlReader,
@@ -45,31 +47,25 @@ _GLOBAL = re.compile(r"\bGLOBAL\b", re.IGNORECASE)
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _IMPORT = re.compile(r"\bIMPORT\b[^\n]*\.\.\s*(\w+)", re.IGNORECASE)
 """Pattern of an import, which gives a point of this program another name that other programs can write to."""
-_CONFIG = "$config.dat"
+_HOME = re.compile(r"\$H_POS\s*=\s*$", re.IGNORECASE)
+"""Pattern of the text before a point that becomes the home position, which follows the correction of the point."""
+_WRITTEN = re.compile(r"(?:\s*\[[^\]\n]*\])?(?:\.\w+)*[ \t]*=(?!=)")
 _OWN_LIST = re.compile(r"\s*(?:(?:DECL|GLOBAL|CONST)\s+)*FRAME\s+(?:.*,\s*)?(TOOL_DATA|BASE_DATA)\b", re.IGNORECASE)
 """Pattern of a list of tools or bases that hides the list of the controller."""
 
 
 def parse(texts: ProgramTexts) -> Parsed:
-    """Parse the targets of a .src file and, if given as the second text, of the .dat file."""
+    """Parse the targets of .src files and of the .dat files with the same names."""
     blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
     reader = KrlReader(texts.names, blank, tuple(map(lines_of, blank)), Points(texts.own))
     reader.points.axes.update(*map(external_axes_in, blank))
-    own_files = range(texts.own)
     stated: dict[str, Value] = {}
-    for file in reversed(own_files):
+    for file in (*reversed(range(texts.own)), *range(texts.own, len(blank))):
         for begin, line in lines_in(blank[file]):
-            _declare(reader, file, begin, line)
-    for file, name in enumerate(texts.names):
-        for begin, line in lines_in(blank[file]):
-            if routine := _ROUTINE.match(line):
-                reader.define(file, routine[2].upper(), everywhere=bool(routine[1]))
-            elif name.lower() == _CONFIG:
-                if data := _DATA.fullmatch(line):
-                    _configured(reader, file, begin, data, stated)
-            elif hides := _OWN_LIST.match(line):
-                why = reader.why(file, begin, f"{hides[1]} is declared here and hides the controller's variable")
-                reader.beside.append(Call("\0", why))
+            if file < texts.own or reader.is_config(file) or _GLOBAL.search(line):
+                _declare(reader, file, begin, line)
+    for file in range(len(blank)):
+        _define(reader, file, stated)
     _watch_fdat(reader)
     for file, name in enumerate(texts.names):
         if name.lower().endswith(".src"):
@@ -90,26 +86,50 @@ def parse(texts: ProgramTexts) -> Parsed:
             return Unknown(0, 0, "these files do not set the value earlier")
         return "checked" if part == LINES else OFF
 
-    kept, stem = ("TOOL_DATA[", "BASE_DATA[", "switch", "external_tcp"), texts.names[0].rpartition(".")[0].upper()
+    kept = ("TOOL_DATA[", "BASE_DATA[", "switch", "external_tcp", CORRECTION)
+    module = reader.modules[0]
+    starts = f"{module}:{module.rpartition('/')[2]}" if texts.own <= 2 else None
     return reader.points.parsed(
-        Program(reader.routines, initial, tuple(reader.beside), kept=kept, starts=f"{stem}:{stem}")
+        Program(reader.used_routines(), initial, tuple(reader.beside), kept=kept, starts=starts)
     )
 
 
+def _define(reader: KrlReader, file: int, stated: dict[str, Value]) -> None:
+    """Add the routines of a file and, from $config.dat, the numbers of tools and bases."""
+    for begin, line in lines_in(reader.texts[file]):
+        if routine := _ROUTINE.match(line):
+            if not (is_of_maker(routine[2]) and reader.is_of_maker(file)):
+                reader.define(file, routine[2].upper(), everywhere=bool(routine[1]))
+        elif reader.is_config(file):
+            if data := _DATA.fullmatch(line):
+                _configured(reader, file, begin, data, stated)
+        elif hides := _OWN_LIST.match(line):
+            why = reader.why(file, begin, f"{hides[1]} is declared here and hides the controller's variable")
+            reader.beside.append(Call("\0", why))
+
+
 def _watch_points(reader: KrlReader) -> None:
-    """Mark points as changed if they appear outside a move or are imported under another name."""
+    """Mark points as changed if they appear outside a move or are imported under another name.
+
+    A point of another file keeps its numbers, so only an assignment or a call can change its meaning.
+    """
     for file, text in enumerate(reader.texts):
         for word in _WORD.finditer(text):
-            key = word[0].upper()
-            if (
-                reader.points.knows(key)
-                and (file, word.start()) not in reader.spent
-                and (file < reader.points.files or key in reader.shared)
-            ):
+            key = reader.key(file, word[0])
+            if key is None or (file, word.start()) in reader.spent or _HOME.search(text, 0, word.start()):
+                continue
+            if reader.points.target(key).file < reader.points.files or _may_write(text, word):
                 reader.points.change(key, file, reader.lines[file].at(word.start()))
         for alias in _IMPORT.finditer(text):
-            if reader.points.knows(alias[1].upper()):
-                reader.points.change(alias[1].upper(), file, reader.lines[file].at(alias.start()))
+            keys = reader.points.keys()
+            for key in [key for key in keys if key.rpartition(":")[2] == alias[1].upper()]:
+                reader.points.change(key, file, reader.lines[file].at(alias.start()))
+
+
+def _may_write(text: str, word: re.Match[str]) -> bool:
+    """Return whether a statement may write to a point: it is assigned, or an argument of a call."""
+    before = text[text.rfind("\n", 0, word.start()) + 1 : word.start()]
+    return bool(_WRITTEN.match(text, word.end())) or before.count("(") > before.count(")")
 
 
 def _configured(reader: KrlReader, file: int, begin: int, data: re.Match[str], stated: dict[str, Value]) -> None:
@@ -124,8 +144,9 @@ def _configured(reader: KrlReader, file: int, begin: int, data: re.Match[str], s
 
 def _declare(reader: KrlReader, file: int, begin: int, line: str) -> None:
     """Add the points and the sets of tool and base declared in a line."""
+    is_shared = reader.is_config(file) or bool(_GLOBAL.search(line))
     if fdat := _FDAT.match(line):
-        name = fdat[1].upper()
+        name = reader.scoped(file, fdat[1], is_shared=is_shared)
         if name in reader.fdat:
             reader.fdat_written.add(name)
         reader.fdat[name] = fdat[2]
@@ -137,13 +158,11 @@ def _declare(reader: KrlReader, file: int, begin: int, line: str) -> None:
             reader.spent.update((file, begin + name.start()) for name in names)
         return
     inside = LITERAL_TYPE.sub(lambda prefix: " " * len(prefix[0]), declared["list"])
-    key = declared["name"].upper()
+    key = reader.scoped(file, declared["name"], is_shared=is_shared)
     target, reason = reader.literal(file, begin + declared.start("list"), inside, declared["name"])
     if target:
         reader.spent.add((file, begin + declared.start("name")))
         reader.points.declare(key, target, reason)
-        if _GLOBAL.search(line[: declared.start("name")]):
-            reader.shared.add(key)
 
 
 def _watch_fdat(reader: KrlReader) -> None:
@@ -151,14 +170,12 @@ def _watch_fdat(reader: KrlReader) -> None:
     for file, text in enumerate(reader.texts):
         for _, line in lines_in(text):
             for word in _WORD.finditer(line):
-                if word[0].upper() not in reader.fdat:
+                if (name := reader.fdat_name(file, word[0])) is None:
                     continue
                 taken = _TAKEN.search(line[: word.start()])
                 # A routine of the program with this name may write to it.
                 if not taken or (taken[1] and reader.defined(file, taken[1])):
-                    reader.fdat_written.add(word[0].upper())
-        if file + 1 == reader.points.files:
-            return
+                    reader.fdat_written.add(name)
 
 
 READER = ProgramReader(
@@ -169,4 +186,7 @@ READER = ProgramReader(
     null_frames=("0",),
     of_world=True,
     beside=(".src", ".dat", ".sub"),
+    backup="R1",
+    is_together=True,
+    is_of_maker=is_file_of_maker,
 )

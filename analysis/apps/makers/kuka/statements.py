@@ -12,11 +12,18 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
-from analysis.apps.makers.kuka.closed_lists import FUNCTIONS, NOTHING, SYSTEM, WRITING
-from analysis.apps.makers.kuka.posture import agreeing
+from analysis.apps.makers.kuka.closed_lists import (
+    CORRECTIONS,
+    NOTHING,
+    SYSTEM,
+    effect_of,
+    is_file_of_maker,
+)
+from analysis.apps.makers.kuka.posture import agreeing, agreeing_status, agreeing_turn
 from analysis.apps.makers.numbers import frame_of, is_frame
 from analysis.apps.makers.points import Points, as_value
 from analysis.apps.makers.program_machine import (
@@ -40,10 +47,12 @@ from analysis.apps.makers.program_machine import (
 )
 from analysis.apps.makers.target import (
     NUMBER,
+    Agreeing,
     Flags,
     Form,
     LineNumbers,
     NamedFrame,
+    Notice,
     Number,
     Target,
     UncorrectedTarget,
@@ -54,8 +63,11 @@ from analysis.apps.makers.target import (
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Array
 
+CORRECTION = "correction of bas.src"
+"""Name of the part that is off unless tools and bases of inline forms are displaced by TOOL_CORR or BASE_CORR."""
 LINES = "flags of lines"
-"""Name of the part with the validity of posture flags at the end of a line."""
+"""Name of the part with the validity of posture flags at the end of a line. A line or an arc keeps the posture at the
+start and ignores the flags, so the path has to lead to the same posture. A single flag is not compared."""
 _EXTERNAL_MOVED = re.compile(
     rf"(?<![\w$.])(E[1-6])\s+({NUMBER})|\.\s*(E[1-6])\b|\bASYPTP\b|\$EX_AX_\w+|\$ASYNC_\w+", re.IGNORECASE
 )
@@ -63,6 +75,9 @@ _EXTERNAL_MOVED = re.compile(
 LITERAL_TYPE = re.compile(r"^\s*(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s*:", re.IGNORECASE)
 """The type before the numbers of an aggregate, {E6POS: X …}."""
 
+_AGREEING: dict[tuple[str, ...], Agreeing] = {("S", "T"): agreeing, ("S",): agreeing_status, ("T",): agreeing_turn}
+"""Flags by the stated parts. The controller takes the stated part; the other part depends on the moves before, so a
+target with one part is corrected only if this part identifies the solution."""
 _AXES = tuple(f"A{axis}" for axis in range(1, 7))
 _POSE = ("X", "Y", "Z", "A", "B", "C")
 _EXTERNAL = tuple(f"E{axis}" for axis in range(1, 7))
@@ -104,7 +119,7 @@ _DECLARATION = re.compile(
     r"GLOBAL|CONST|DEFDAT|ENDDAT)\b.*|)",
     re.IGNORECASE,
 )
-_BAS_NOTHING = words("VEL_PTP VEL_CP ACC_PTP ACC_CP ACC_GLUE PTP_DAT CP_DAT OUT_SYNC OUT_ASYNC NONE INIT VEL_ACC")
+_BAS_NOTHING = words("VEL_PTP VEL_CP ACC_PTP ACC_CP ACC_GLUE PTP_DAT CP_DAT OUT_SYNC OUT_ASYNC NONE INIT VEL_ACC GROUP")
 
 
 @dataclass
@@ -117,8 +132,6 @@ class KrlReader:
     points: Points
     fdat: dict[str, str] = field(default_factory=dict)
     fdat_written: set[str] = field(default_factory=set)
-    shared: set[str] = field(default_factory=set)
-    """Points visible to other files."""
     spent: set[tuple[int, int]] = field(default_factory=set)
     routines: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
     beside: list[Call] = field(default_factory=list)
@@ -128,22 +141,61 @@ class KrlReader:
     """Settings in the head of a spline, valid for all segments."""
     _defined: dict[str, list[str]] = field(default_factory=dict)
 
+    @cached_property
     def constant(self) -> bool:
-        """Return whether any motion data of the program keep the orientation constant."""
+        """True if any motion data of the program keep the orientation constant."""
         return any(_CONSTANT.search(text) for text in self.texts)
+
+    @cached_property
+    def modules(self) -> tuple[str, ...]:
+        """The module of each file: its path without suffix, in upper case."""
+        return tuple(name.rpartition(".")[0].upper() for name in self.names)
+
+    def is_config(self, file: int) -> bool:
+        """Return whether a file is $config.dat, whose data are visible everywhere."""
+        return self.modules[file].rpartition("/")[2] == "$CONFIG"
+
+    def is_of_maker(self, file: int) -> bool:
+        """Return whether the maker delivers a file."""
+        return file >= self.points.files and is_file_of_maker(self.names[file])
+
+    def scoped(self, file: int, name: str, *, is_shared: bool) -> str:
+        """Return the key of a declared point or FDAT, which other modules see only if it is shared."""
+        return name.upper() if is_shared else f"{self.modules[file]}:{name.upper()}"
+
+    def key(self, file: int, name: str) -> str | None:
+        """Return the key of the point that a name in a file refers to, None if there is none."""
+        keys = (self.scoped(file, name, is_shared=is_shared) for is_shared in (False, True))
+        return next((key for key in keys if self.points.knows(key)), None)
+
+    def fdat_name(self, file: int, name: str) -> str | None:
+        """Return the key of the FDAT that a name in a file refers to, None if there is none."""
+        keys = (self.scoped(file, name, is_shared=is_shared) for is_shared in (False, True))
+        return next((key for key in keys if key in self.fdat), None)
 
     def define(self, file: int, name: str, *, everywhere: bool) -> None:
         """Add the name of a routine. Visible to all files are global routines and routines named like their file."""
-        stem = self.names[file].rpartition(".")[0].upper()
-        key = f"{stem}:{name}"
+        module = self.modules[file]
+        key = f"{module}:{name}"
         self._defined.setdefault(key, []).append(key)
-        if everywhere or stem == name:
+        if everywhere or module.rpartition("/")[2] == name:
             self._defined.setdefault(name, []).append(key)
 
     def defined(self, file: int, name: str) -> list[str]:
         """Return the candidate routines for a name: routines of the file or, if there are none, global routines."""
-        stem, key = self.names[file].rpartition(".")[0].upper(), name.upper()
-        return self._defined.get(f"{stem}:{key}") or self._defined.get(key) or []
+        key = name.upper()
+        return self._defined.get(f"{self.modules[file]}:{key}") or self._defined.get(key) or []
+
+    def used_routines(self) -> dict[str, tuple[Statement, ...]]:
+        """Return the routines of the user, and the routines of the maker that they call."""
+        of_maker = {module for file, module in enumerate(self.modules) if self.is_of_maker(file)}
+        used = {name for name in self.routines if name.partition(":")[0] not in of_maker}
+        todo = [*used, *(call.name for call in self.beside)]
+        while todo:
+            calls = {call.name for call in self.routines.get(todo.pop(), ()) if isinstance(call, Call)}
+            todo += calls - used
+            used |= calls
+        return {name: body for name, body in self.routines.items() if name in used}
 
     def call_of(self, file: int, begin: int, name: str) -> Statement:
         """Return the call of a routine, or `ForgetAll` if the name is not unique or not known."""
@@ -157,7 +209,7 @@ class KrlReader:
 
     def begin(self, file: int, name: str) -> None:
         self.close()
-        self.routine = f"{self.names[file].rpartition('.')[0].upper()}:{name.upper()}"
+        self.routine = f"{self.modules[file]}:{name.upper()}"
         self.blocks = Blocks()
 
     def close(self) -> None:
@@ -187,9 +239,9 @@ class KrlReader:
             return None, None  # Bit patterns are not coordinates, and could not be written back.
         numbers = tuple(parts[axis] for axis in names if axis in parts)
         form: Form = "joints_deg" if joints else "yaw_pitch_roll"
-        flags = None
-        if "S" in parts and "T" in parts and all(0 <= parts[letter].value < 1 << 16 for letter in "ST"):
-            flags = Flags((int(parts["S"].value), int(parts["T"].value)), agreeing)
+        stated = tuple(letter for letter in "ST" if letter in parts and 0 <= parts[letter].value < 1 << 16)
+        values = tuple(int(parts[letter].value) for letter in stated)
+        flags = Flags(values, _AGREEING[stated]) if stated else None
         external = tuple((axis, parts[axis].value) for axis in _EXTERNAL if axis in parts)
         target = Target(name, file, self.lines[file].at(begin), form, numbers, flags=flags, external=external)
         if len(numbers) < 6:
@@ -286,7 +338,7 @@ def read_submit(reader: KrlReader, file: int) -> None:
             why = reader.why(file, begin, f"{reader.names[file]} runs in parallel and may set the value at any moment")
             reader.beside.append(Call(f"\0{file}", why))
         for call in _CALL.finditer(line):
-            if reader.defined(file, call[1]) or call[1].upper() not in FUNCTIONS:
+            if reader.defined(file, call[1]) or effect_of(call[1], "") != "nothing":
                 why = reader.why(
                     file, begin, f"{reader.names[file]} runs in parallel and may set the value at any moment"
                 )
@@ -298,14 +350,23 @@ def read_submit(reader: KrlReader, file: int) -> None:
 def _functions(reader: KrlReader, file: int, begin: int, line: str) -> None:
     """Parse the function calls in a line. Arguments passed by reference may be written, and are possible targets."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
+    closes = brackets(line)
     for call in _CALL.finditer(line):
-        if not (defined := bool(reader.defined(file, call[1]))) and call[1].upper() in FUNCTIONS:
+        end = closes.get(call.end() - 1, len(line))
+        defined = bool(reader.defined(file, call[1]))
+        effect = None if defined else effect_of(call[1], line[call.end() : end], reader.texts)
+        if effect == "nothing":
             continue
-        if defined or call[1].upper() not in WRITING:
+        if effect is None:
             reader.blocks.evaluated(line[: call.start()], reader.call_of(file, begin, call[1]))
-            for handed in _AGGREGATE.finditer(line, call.end(), brackets(line).get(call.end() - 1, len(line))):
+            for handed in _AGGREGATE.finditer(line, call.end(), end):
                 if reader.literal(file, begin, LITERAL_TYPE.sub("", handed[1]), "")[0]:
                     _list(reader, file, begin, "handed", handed[0])
+        if effect in ("arm", "base"):
+            reader.blocks.add(Elsewhere())
+        if effect == "base":
+            why = reader.why(file, begin, f"{call[1]} may correct the base")
+            reader.blocks.add(Set("base", why), Set(CORRECTION, why), ForgetFamily("BASE_DATA", why))
         reader.blocks.add(*_written_by(reader, file, begin, call[1], line[call.end() :]))
 
 
@@ -380,13 +441,14 @@ def _runs_concurrently(reader: KrlReader, file: int, begin: int, interrupt: re.M
 def _calls_concurrently(reader: KrlReader, file: int, begin: int, text: str) -> None:
     """Add calls that may happen at any moment."""
     for call in _CALL.finditer(text):
-        statement, of_system = reader.call_of(file, begin, call[1]), FUNCTIONS | WRITING
+        statement = reader.call_of(file, begin, call[1])
+        effect = None if reader.defined(file, call[1]) else effect_of(call[1], text[call.end() :], reader.texts)
         why = reader.why(file, begin, f"{call[1]} may run at any moment")
         if isinstance(statement, Call):
             reader.beside.append(Call(statement.name, why))
-        elif reader.defined(file, call[1]) or call[1].upper() not in of_system:
+        elif effect not in ("nothing", "arguments"):
             reader.beside.append(Call(f"\0{call[1]}", why))
-        if reader.defined(file, call[1]) or call[1].upper() not in FUNCTIONS:
+        if effect != "nothing":
             _writes_concurrently(
                 reader, file, begin, why, _written_by(reader, file, begin, call[1], text[call.end() :])
             )
@@ -422,20 +484,31 @@ def _other(reader: KrlReader, blocks: Blocks, file: int, begin: int, line: str) 
     blocks.add(ForgetAll(reader.why(file, begin, f"{line.strip()} is unknown here")))
 
 
+def _by_number(family: str, number: int) -> ComputedValue:
+    """Return a tool or base of the lists as BAS and the inline forms select it, with the corrections of bas.src."""
+
+    def make(values: tuple[Value, ...]) -> Value:
+        correction, value = values[0], values[1] if number else "0"
+        return value if correction == OFF else correction
+
+    return ComputedValue((CORRECTION, *([f"{family}[{number}]"] if number else [])), make)
+
+
 def _bas(reader: KrlReader, file: int, begin: int, command: str, argument: str) -> list[Statement]:
     if command in ("TOOL", "BASE"):
         part = command.lower()
         if argument.isdigit():
-            return [Set(part, Ref(f"{command}_DATA[{int(argument)}]") if int(argument) else "0")]
+            return [Set(part, _by_number(f"{command}_DATA", int(argument)))]
         return [Set(part, reader.why(file, begin, f"{command} {argument} is computed"))]
     if command in ("PTP_PARAMS", "CP_PARAMS", "FRAMES"):
         taken: list[Statement] = [Set("tool", Ref("fdat tool")), Set("base", Ref("fdat base"))]
-        if command == "CP_PARAMS" and reader.constant():
+        if command == "CP_PARAMS" and reader.constant:
             taken.append(Set("switch", reader.why(file, begin, "motion data may keep the orientation")))
         return [*taken, Set("external_tcp", Ref("fdat ipo"))]
     if command == "INITMOV":
         why = reader.why(file, begin, "BAS(#INITMOV) sets the controller's defaults")
-        return [Set("tool", why), Set("base", why), Set("external_tcp", OFF), Set("switch", OFF)]
+        reset = ("external_tcp", "switch", CORRECTION)
+        return [Set("tool", why), Set("base", why), *(Set(part, OFF) for part in reset)]
     if command in _BAS_NOTHING:
         return []
     return [ForgetAll(reader.why(file, begin, f"BAS(#{command}) is unknown here"))]
@@ -462,9 +535,12 @@ def _assigned(reader: KrlReader, file: int, begin: int, left: str, right: str) -
             why = reader.why(file, begin, "FDAT_ACT is set, but not used by BAS")
             taken = _fdat(reader, file, begin, right.strip() if left == name else "a part of FDAT_ACT")
             return [*taken, Set("tool", why), Set("base", why)]
-    if name.startswith("$") and not SYSTEM.fullmatch(name):
-        return [ForgetAll(reader.why(file, begin, f"{left} is unknown here"))]
-    return []
+    statements: list[Statement] = []
+    if CORRECTIONS.fullmatch(name) and right.strip().upper() not in ("FALSE", "$NULLFRAME"):
+        statements = [Set(CORRECTION, reader.why(file, begin, f"{left} corrects the tool or base"))]
+    elif name.startswith("$") and not SYSTEM.fullmatch(name):
+        statements = [ForgetAll(reader.why(file, begin, f"{left} is unknown here"))]
+    return statements
 
 
 def _data(reader: KrlReader, file: int, begin: int, left: str, right: str) -> list[Statement]:
@@ -489,7 +565,7 @@ def _data(reader: KrlReader, file: int, begin: int, left: str, right: str) -> li
 
 def _fdat(reader: KrlReader, file: int, begin: int, right: str) -> list[Statement]:
     """Return the settings for BAS(#FRAMES) in an FDAT, given by name or as an aggregate."""
-    name = right.upper()
+    name = reader.fdat_name(file, right) or ""
     text = right[1:-1] if right.startswith("{") and right.endswith("}") else reader.fdat.get(name)
     if text is None or name in reader.fdat_written:
         why = reader.why(file, begin, f"{right} is unknown here")
@@ -497,9 +573,9 @@ def _fdat(reader: KrlReader, file: int, begin: int, right: str) -> list[Statemen
     statements: list[Statement] = []
     for key, part, family in (("TOOL_NO", "fdat tool", "TOOL_DATA"), ("BASE_NO", "fdat base", "BASE_DATA")):
         number = re.search(rf"\b{key}\s+(\d+)", text, re.IGNORECASE)
-        value: Value | Ref = reader.why(file, begin, f"{right} has no {key}")
+        value: Value | ComputedValue = reader.why(file, begin, f"{right} has no {key}")
         if number:
-            value = Ref(f"{family}[{int(number[1])}]") if int(number[1]) else "0"
+            value = _by_number(family, int(number[1]))
         statements.append(Set(part, value))
     outside = re.search(r"\bIPO_FRAME\s+#(?!BASE\b)", text, re.IGNORECASE)
     return [*statements, Set("fdat ipo", "on" if outside else OFF)]
@@ -544,9 +620,8 @@ def _move(reader: KrlReader, file: int, begin: int, line: str, move: re.Match[st
         needs = () if reader.points.joints(key) else ("external_tcp here", "switch here")[: 1 if way == "joint" else 2]
         at = reader.lines[file].at(begin)
         reader.blocks.add(Set("external_tcp here", state["ipo_mode"]), Set("switch here", state["ori_type"]))
-        # A line or an arc keeps the posture at the start and ignores the flags; the path has to lead to the same
-        # posture.
-        trusts = None if way == "joint" else LINES
+        stated = reader.points.target(key).flags
+        trusts = None if way == "joint" else LINES if stated and len(stated.values) == 2 else "a single flag"
         arc = f"arc at {file}:{begin}" if count > 1 else ""
         through = place == 0
         reader.blocks.add(
@@ -577,10 +652,15 @@ def _point(reader: KrlReader, file: int, begin: int, start: int, text: str, kind
             return None
         reader.points.declare(key, target, reason)
         return key
-    if not reader.points.knows(text.upper()) or (file >= reader.points.files and text.upper() not in reader.shared):
+    if (shared := reader.key(file, text)) is None:
         return None
     reader.spent.add((file, begin + start))
-    return text.upper()
+    target = reader.points.target(shared)
+    if target.file >= reader.points.files > file:
+        fact = f"{text} is a point of {reader.names[target.file]}, which this program shares: its numbers stay"
+        if not any(notice.text == fact for notice in reader.points.notices):
+            reader.points.notices.append(Notice(file, reader.lines[file].at(begin), fact))
+    return shared
 
 
 def _with_all(reader: KrlReader, file: int, begin: int, text: str) -> dict[str, Value | Ref | ComputedValue]:
@@ -599,6 +679,6 @@ def _with_all(reader: KrlReader, file: int, begin: int, text: str) -> dict[str, 
             state[part.lower()] = reader.place(file, begin, value)
     if _CONSTANT.search(text):
         state["ori_type"] = "on"
-    elif re.search(r"\bSORI_TYP\b", text, re.IGNORECASE) and reader.constant():
+    elif re.search(r"\bSORI_TYP\b", text, re.IGNORECASE) and reader.constant:
         state["ori_type"] = reader.why(file, begin, "motion data may keep the orientation")
     return state

@@ -184,7 +184,7 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         "targets": [
             {
                 "name": name,
-                "file": list(program.files)[file],
+                "file": program.sources[file],
                 "line": line,
                 "moved_mm": round(float(moved), 6),
                 "u_mm": None if np.isnan(u) else round(float(u), 6),
@@ -246,5 +246,5 @@ def _steps(count: int) -> str:
 
 
 def _place(program: CorrectedProgram, file: int, line: int) -> str:
-    name = f"{program.sources[file]} " if len(program.files) > 1 or file >= len(program.files) else ""
-    return f"{name}line {line}"
+    is_single = len(program.files) == 1 and program.sources[file] == program.path.name
+    return f"line {line}" if is_single else f"{program.sources[file]} line {line}"

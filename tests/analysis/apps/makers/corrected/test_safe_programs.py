@@ -532,3 +532,58 @@ def test_a_half_corrected_program_is_said_and_held_where_a_person_wants_all_or_n
     wrong = known(rig)
     held = correct_program(wrong, supports(wrong), tmp_path / "a.script", NO_FRAMES, None, whole=True)
     assert held.held and "not written" in program_report.lines(held)[1]
+
+
+@pytest.mark.parametrize(("start", "k"), [(0, 1), (1, 2), (2, 3), (3, 4), (4, 0), (0, 2)])
+@pytest.mark.parametrize("kept", ["S", "T"])
+def test_one_posture_flag_of_krl_is_enough_only_if_it_identifies_the_posture(
+    start: int, k: int, kept: str, tmp_path: Path
+) -> None:
+    rig, files = kuka_files({"a.src": HEAD + "PTP {q" + str(start) + "}\nPTP {p" + str(k) + "}\nEND\n"})
+    partial = {"a.src": re.sub(rf",\s*{'T' if kept == 'S' else 'S'} \d+", "", files["a.src"])}
+    found = corrected_files(rig, tmp_path, partial, *KUKA_STATED)
+    if kept == "S":  # Status does not state the side to which the wrist is turned.
+        assert uncorrected(found) == [(5, "ambiguous")]
+    else:
+        (tmp_path / "both").mkdir()
+        both = corrected_files(rig, tmp_path / "both", files, *KUKA_STATED)
+        assert found.moved_mm == pytest.approx(both.moved_mm)
+        assert len(found.moved_mm) == 2
+
+
+@pytest.mark.parametrize(
+    ("line", "corrected"),
+    [
+        ('CWRITE($CMD,STAT,MODE,"RUN/R1/SETB()")', 0),
+        ('CWRITE ( $CMD, S, M, "SELECT/R1/OTHER" )', 0),
+        ('ok=send()', 0),
+        ('HANDLE=$CMD\nCWRITE(HANDLE,STAT,MODE,"RUN/R1/SETB()")', 0),
+        ('COPEN(:SER_1,HANDLE)\nHANDLE=$CMD\nCWRITE(HANDLE,STAT,MODE,"RUN/R1/SETB()")', 0),
+        ('$PRO_I_O[]="/R1/OTHER()"', 0),
+        ("RET=RSI_MOVECORR()", 0),
+        ("RESUME", 0),
+        ("H70(2,CD1)", 0),
+        ('COPEN(:SER_1,HANDLE)\nCWRITE(HANDLE,STAT,MODE,"%d",n)', 1),
+        ("H70(1,CD0)", 1),
+        ("H50(GRP,2,1,GAbrir)", 1),
+        ("ArcMainNG(#ArcOnBefHPU,WDAT1,WP1)", 1),
+        ("TRIGGER WHEN DISTANCE=0 DELAY=ArcGetDelay(#GasPreflow,WDAT1) DO ArcMainNG(#GasPreflow,WDAT1,WP1) PRIO=-1", 1),
+        ("INTERRUPT DECL 4 WHEN $CYCFLAG[2]==FALSE DO A10 (#APPL_ERROR)", 1),
+        ("USERSPOT(#INIT)", 1),
+        ("P00 (#EXT_PGNO,#PGNO_GET,DMY[],0 )", 1),
+        ("$TORQMON[1]=50", 1),
+    ],
+)  # fmt: skip
+def test_statements_of_kuka_before_a_target_that_no_move_reaches_before(
+    line: str, corrected: int, tmp_path: Path
+) -> None:
+    text = (
+        HEAD + line + "\nPTP {p1}\nEND\n" + 'DEFFCT BOOL send()\nCWRITE($CMD,S,M,"RUN/R1/B()")\nRETURN TRUE\nENDFCT\n'
+    )
+    rig, files = kuka_files({"a.src": text})
+    found = corrected_files(rig, tmp_path, files, *KUKA_STATED)
+    assert len(found.names) == corrected
+    assert {reason for _, reason in uncorrected(found)} <= {
+        "not_understood",
+        *(["unknown_frame"] if "H70" in line else []),
+    }
