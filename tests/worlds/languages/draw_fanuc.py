@@ -41,6 +41,8 @@ class Writer:
         self.frames = {0: np.eye(4), 1: pen.user_frame(), 3: pen.user_frame()}
         self.others: list[tuple[str, str]] = []
         self.files: dict[str, bytes] = {}
+        self.groups = pen.maybe(0.2)
+        """True if the cell has a second motion group, such as a spot welding gun."""
 
     def draft(self) -> Draft:
         pen = self.pen
@@ -70,6 +72,9 @@ class Writer:
         rows, number = [], 0
         for line in text.lines:
             first, *rest = line.split("\n")
+            if first.startswith("\v"):  # logic along the move before
+                rows.append(f"      1:{first[1:]} ;" if first[1:] else "       ------ ;")
+                continue
             if first.startswith("\t"):  # an additional row of SELECT
                 number += 1
                 rows.append(f"{number:4d}:  {first[1:]} ;")
@@ -141,8 +146,10 @@ class Writer:
         comment = pen.pick(["", f':"PUNKT{k}"'])
         degrees = np.degrees(q)
         extra = ""
-        if not pen.plain and pen.maybe(0.06):
-            extra = pen.pick([",\n\tE1=   150.000  mm", "\n   GP2:\n\tUF : 1, UT : 1,\n\tJ1=     12.500  mm"])
+        if self.groups:
+            extra = f"\n   GP2:\n\tUF : {scope.uf}, UT : {scope.ut},\t\n\tJ1=     12.500  mm"
+        if not pen.plain and pen.maybe(0.03):
+            extra = f",\n\tE1=   150.000  mm{extra}"
         uf = "F" if not pen.plain and pen.maybe(0.05) else str(scope.uf)
         if joints:
             one = [f"J{axis}={angle:10.3f} deg" for axis, angle in enumerate(degrees, start=1)]
@@ -171,7 +178,11 @@ class Writer:
                 f"J P[{k}] 100% CNT100 TB    .10sec,DO[5]=ON",
             ]
         )
-        return [f"{kind}    "]
+        after = pen.pick(["", "", "", "\n  Arc Start[1]    ", "\n  SPOT[SD=1,P=1,S=1,ED=1]    ", "logic"])
+        if pen.plain or after not in ("logic",):
+            return [f"{kind}    {'' if after == 'logic' else after}"]
+        action = pen.pick([["  DO[1]=ON", "  WAIT (DI[2])"], ["  TC_ONLINE (ON)", *self.call()], self.setting("tool")])
+        return [f"J P[{k}] 100% CNT0 ACC100 TB   0.00sec,P-SPS    ", *(f"\v{one}" for one in action), "\v"]
 
     def again(self, text: _Text, scope: _Scope) -> list[str]:
         if not text.count:
@@ -216,7 +227,7 @@ class Writer:
     def offset(self, text: _Text, scope: _Scope) -> list[str]:
         pen = self.pen
         k = self.position(text, scope, pen.near())
-        how = pen.pick(["Offset,PR[3]", "Tool_Offset,PR[4]", "Offset", "VOFFSET,VR[1]", "INC"])
+        how = pen.pick(["Offset,PR[3]", "Tool_Offset,PR[4]", "Offset", "VOFFSET,VR[1]", "INC", "COORD", "TB .10sec,DO[5]=ON Offset,PR[3]"])  # fmt: skip
         before = ["  OFFSET CONDITION PR[3]"] if how == "Offset" and pen.maybe(0.5) else []
         literal = ["  PR[3]=LPOS-LPOS", f"  PR[3,3]={pen.rng.uniform(2, 50):.1f}"] if pen.maybe(0.3) else []
         again = [f"L P[{k}] 100mm/sec FINE    "] if pen.maybe(0.6) else []

@@ -29,6 +29,7 @@ class _Job:
         self.lines: list[str] = []
         self.positions: list[tuple[str, Array]] = []
         self.outer: list[float] = []
+        self.station: list[float] = []
         self.variables: list[str] = []
         self.labels = 0
         self.robot = "RB1"
@@ -90,7 +91,8 @@ class Writer:
 
     def _text(self, job: _Job) -> str:
         count = len(job.positions)
-        head = ["/JOB", f"//NAME {job.name}", "//POS", f"///NPOS {count},{len(job.outer)},0,{len(job.variables)},0,0"]
+        outer = f"{len(job.outer)},{len(job.station)}"
+        head = ["/JOB", f"//NAME {job.name}", "//POS", f"///NPOS {count},{outer},{len(job.variables)},0,0"]
         if job.kind == "USER":
             head += [f"///USER {job.user}"]
         head += [f"///TOOL {job.tool}", f"///POSTYPE {job.kind}", "///PULSE" if job.kind == "PULSE" else "///RECTAN"]
@@ -100,16 +102,18 @@ class Writer:
                 last = rconf(q)
                 head.append("///RCONF " + ",".join(map(str, last)) + ",0" * 18)
             head.append(f"{name}={self._numbers(job, q)}")
-        if job.outer:
+        if job.outer or job.station:
             head += ["///POSTYPE PULSE", "///PULSE"]
             head += [f"BC{k:05d}={value:.0f}" for k, value in enumerate(job.outer)]
+            head += [f"EC{k:05d}={value:.0f}" for k, value in enumerate(job.station)]
         if job.variables:
             head += ["///POSTYPE BASE", "///RECTAN", "///RCONF 1,0,0,0,0,0" + ",0" * 18, *job.variables]
         attr = "SC,RW" if job.kind == "PULSE" else "SC,RW,RJ"
         middle = ["//INST", "///DATE 2023/05/04 10:11", f"///ATTR {attr}"]
         if job.kind != "PULSE":
             middle.append({"USER": f"///FRAME USER {job.user}"}.get(job.kind, f"///FRAME {job.kind}"))
-        middle += [f"///GROUP1 {job.robot}{',BS1' if job.outer else ''}", "NOP"]
+        groups = f"{',BS1' if job.outer else ''}{',ST1' if job.station else ''}"
+        middle += [f"///GROUP1 {job.robot}{groups}", "NOP"]
         return "\n".join([*head, *middle, *job.lines, "END"]) + "\n"
 
     def _routine(self) -> None:
@@ -142,7 +146,7 @@ class Writer:
             (0.4, lambda: self.again(job)),
             (0.4, lambda: self.conveyor(job)),
             (0.3, self.unknown),
-            (0.2, lambda: self.external(job)),
+            (0.4, lambda: self.external(job)),
         ]
         return drawn(self.pen, plain if self.pen.plain else plain + wild)
 
@@ -219,8 +223,21 @@ class Writer:
         )
         return ["IFTHENEXP IN#(7)=ON", line, "ENDIF"] if pen.maybe(0.3) else [line]
 
+    def _place(self, job: _Job) -> str:
+        """Return a position variable that contains a place of the work."""
+        k, q = len(job.variables) + 1, self.pen.near()
+        X = self.pen.flange(q) @ self.tools[job.tool]
+        turns = Rotation.from_matrix(X[:3, :3]).as_euler("xyz", degrees=True)
+        numbers = ",".join([*(f"{value:.3f}" for value in X[:3, 3]), *(f"{value:.4f}" for value in turns)])
+        job.variables.append(f"///RCONF {','.join(map(str, rconf(q)))}{',0' * 18}\nP{k:05d}={numbers}")
+        return f"P{k:03d}"
+
     def variable(self, job: _Job) -> list[str]:
         pen = self.pen
+        if pen.maybe(0.5):
+            name = self._place(job)
+            again = pen.pick([[], [], [f"SET P050 {name}"], [f"SETE {name} (3) 20000"], [f"MOVL {name} V=50.0"]])
+            return [f"{pen.pick(['MOVJ', 'MOVL'])} {name} {'V=100.0'}", *again, *self.move(job, pen.near())]
         name = self._variable(job)
         return [*pen.pick([[], [f"SETE {name} (3) 20000"], [f"ADD {name} P051"], [f"GETS PX{name[1:]} $PX000"]]),
                 pen.pick([f"IMOV {name} V=100.0 BF", f"IMOV {name} V=100.0 TF", f"SFTON {name}", f"MOVL {name} V=100.0"]), *self.move(job, pen.near())]  # fmt: skip
@@ -232,6 +249,12 @@ class Writer:
     def external(self, job: _Job) -> list[str]:
         first = self.move(job, self.pen.near(), "MOVL")[0]
         name, rest = first.split()[1], first.split(" ", 2)[2]
+        if self.pen.maybe(0.6):
+            job.station.append(self.pen.pick([0.0, 359.0]))
+            axis = f"EC{len(job.station) - 1:05d}"
+            together = [f"MOVL {name} {axis} {rest}", f"MOVL {name} {rest}  +MOVJ {axis} VJ=80.00",
+                        f"SMOVL {name} {rest}  +MOVJ {axis} VJ=80.00", f"MOVJ {axis} VJ=10.00\nMOVL {name} {rest}"]  # fmt: skip
+            return self.pen.pick(together).split("\n")
         job.outer.append(self.pen.pick([0.0, 12000.0]))
         return [f"MOVL {name} BC{len(job.outer) - 1:05d} {rest}"]
 

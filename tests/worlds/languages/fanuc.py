@@ -1,6 +1,8 @@
 """Interpreter of FANUC TP programs in ASCII, written from the HandlingTool manual.
 
-Positions contain their user frame and tool, and the controller refuses positions of frames that are not selected.
+Positions contain their user frame and tool, and the controller refuses positions of frames that are not selected. The
+arm is group 1. The other groups move by themselves, unless a move is coordinated (COORD): its target then moves with
+the leading group.
 Offset rotates and shifts in the user frame, Tool_Offset in the tool. CONFIG selects the posture. W, P, R are rotations
 about the fixed x, y, z axes.
 """
@@ -38,6 +40,7 @@ _AXES = ("X", "Y", "Z", "W", "P", "R")
 _STILL = re.compile(
     r"(?i)(DO|RO|GO|AO|SO|UO|F|WO|R|SR|TIMER|\$WAITTMOUT|\$[A-LN-Z]\w*|\$MOR\w*)\[?.*=|WAIT|PAUSE|OVERRIDE|PAYLOAD|MESSAGE|UALM|RSR|JOINT_MAX|LINEAR_MAX"
     r"|SKIP CONDITION|COL|MONITOR|LOCK|UNLOCK|DETECT|PULSE|DO\[|GO\[|RO\[|TC_ONLINE|LOOK|STOP_TRACKING"
+    r"|ARC (START|END)|WELD (START|END)|WEAVE|SPOT\["
 )
 
 
@@ -51,7 +54,9 @@ class Position:
     X: Array | None
     config: str
     rail: float | None
-    """Position of extended axes and other groups; None if not given, so they do not move."""
+    """Position of extended axes of group 1; None if not given, so they do not move."""
+    others: float
+    """Sum of the positions of the other groups."""
     src: frozenset[Place]
 
 
@@ -167,16 +172,15 @@ def _positions(name: str, rows: list[str], begin: int) -> dict[int, Position]:
         if all(axis in numbers for axis in _AXES):
             values = [numbers[axis] for axis in _AXES]
             X = of_angles(*values)
-        rail = numbers.get("E1")
-        for other in others:
-            rail = (rail or 0.0) + sum(float(value) for value in re.findall(rf"=\s*({_NUMBER})", other))
+        moved = sum(float(value) for other in others for value in re.findall(rf"=\s*({_NUMBER})", other))
         positions[int(head[1])] = Position(
             int(uf[1]) if uf and uf[1].isdigit() else None,
             int(ut[1]) if ut and ut[1].isdigit() else None,
             np.radians([numbers[f"J{axis}"] for axis in range(1, 7)]) if joints else None,
             X,
             config[1] if config else "",
-            rail,
+            numbers.get("E1"),
+            moved,
             src,
         )
         k = end + 1
@@ -274,6 +278,8 @@ class Machine:
         if found := re.fullmatch(r"P\[(\d+)[^\]]*\]", text.strip()):
             position = self._taught(int(found[1]))
             return np.eye(4) if position.X is None else position.X
+        if re.fullmatch(r"LPOS *- *LPOS", text.strip()):
+            return np.eye(4)
         if text.strip() == "LPOS":
             tool, user = self._frame("tool", self.ut or 0), self._frame("frame", self.uf or 0)
             return np.asarray(inverted(user) @ self.robot.pose_now(tool))
@@ -292,7 +298,8 @@ class Machine:
             if component
             else self._value(text)
         )
-        self.taught[self.running[-1], number] = Position(old.uf, old.ut, None, X, old.config, None, old.src | {place})
+        taught = Position(old.uf, old.ut, None, X, old.config, None, old.others, old.src | {place})
+        self.taught[self.running[-1], number] = taught
 
     def _move(self, text: str, place: Place) -> None:
         for kind, number in re.findall(
@@ -314,7 +321,7 @@ class Machine:
         relative, offset, tool_offset = self._options(text)
         if position.rail is not None:
             self.robot.rail_mm = position.rail
-        if position.q is not None and not relative and offset is None and tool_offset is None:
+        if position.q is not None and not (relative or "COORD" in text) and offset is None and tool_offset is None:
             self.robot.joints(position.q, tool, place, src)
             return
         X = position.X
@@ -331,6 +338,8 @@ class Machine:
             X = X @ tool_offset
         if self.program.routines[self.running[-1]].tracks:
             X = self.world.shift("track") @ X
+        if re.search(r"\bCOORD\b", text):
+            X = self.world.shift(f"leader at {position.others}") @ X
         F = shifted(user @ X @ inverted(tool), -self.robot.rail_mm)
         chosen = Config(position.config) if position.config and not relative else None
         self.robot.pose(F, tool[:3, 3], place, src, chosen, straight=text[0] != "J")

@@ -1,7 +1,8 @@
 """Interpreter of INFORM jobs (.JBI), written from Yaskawa's manuals.
 
 Positions C, P, BC, EC use the preceding headings for tool, user frame, kind and RCONF. A shift (SFTON) moves each
-target after it. Rx, Ry, Rz are rotations about fixed axes.
+target after it. Station axes (EC) move the workpiece, and with it the targets of coordinated moves (SMOVL). Rx, Ry, Rz
+are rotations about fixed axes.
 """
 
 from __future__ import annotations
@@ -254,6 +255,8 @@ class Machine:
 
     def _move(self, word: str, rest: str, text: str, place: Place) -> None:
         found = re.match(r"(C|P)0*(\d+)", rest)
+        if re.match(r"E[CX]\d+", rest):
+            return
         if not found:
             raise Ended
         key = f"{found[1]}{int(found[2])}"
@@ -271,7 +274,7 @@ class Machine:
         tool = self._frame("tool", position.tool)
         if position.kind == "PULSE":
             q = np.radians(np.divide(position.numbers[:6], SCALE))
-            if self.shift is None and not self.tracking:
+            if self.shift is None and not self.tracking and not text.startswith("S"):
                 self.robot.joints(q, tool, place, src)
                 return
             F = self.robot.flange(q)
@@ -282,6 +285,8 @@ class Machine:
         F = self._shifted(F, tool)
         if self.tracking or text.startswith("SY"):
             F = self.world.shift("conveyor") @ F
+        elif text.startswith("S"):
+            F = self.world.shift("station") @ F
         F = shifted(F, -self.robot.rail_mm)
         chosen = Rconf(position.rconf[:6]) if position.rconf and position.kind != "PULSE" else None
         self.robot.pose(F, tool[:3, 3], place, src, chosen, straight=word != "MOVJ")

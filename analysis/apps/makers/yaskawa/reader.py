@@ -1,9 +1,14 @@
 """Reader of targets in Yaskawa jobs (.JBI): positions in pulses, or in mm and degrees with posture (RCONF).
 
 Source: Yaskawa, DX100 Options, Instructions for data transmission (156191-1CD), chapter 4, and Instructions for INFORM
-language (RE-CKI-A457). BASE and ROBOT refer to the robot's base, because positions of a base axis are not corrected.
-USER n is a frame stated by the user. IMOV is relative. Between SFTON and SFTOF every position is shifted, including
-those in called jobs. P variables are stored in the controller. A file can contain several jobs.
+language (RE-CKI-A457). BASE and ROBOT refer to the robot's base, because poses are corrected only with the base axis
+at zero. USER n is a frame stated by the user. IMOV is relative. Between SFTON and SFTOF every position is shifted,
+including those in called jobs. A file can contain several jobs.
+
+Station axes (EC, EX) move the workpiece: they do not matter unless the move is coordinated with them (SMOVL). A base
+axis (BC, BP) carries the arm. Pulses are joint angles and do not depend on either. A job contains the values of the
+position variables (P) that it uses, which the controller takes when it loads the job. All jobs share them, so a
+variable that another job contains, too, is not corrected.
 """
 
 from __future__ import annotations
@@ -18,6 +23,7 @@ import numpy as np
 from analysis.apps.makers.numbers import Decimals
 from analysis.apps.makers.points import Points
 from analysis.apps.makers.program_machine import (
+    EXTERNAL,
     OFF,
     Blocks,
     Call,
@@ -56,15 +62,21 @@ from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 _DECIMALS = Decimals(place=(3, 3), turn=(4, 4))
 """The resolution of the job format."""
-_BLANK = re.compile(r"\"[^\"\n]*\"|(?:^|(?<=\s))'[^\n]*", re.MULTILINE)
-_POSITION = re.compile(r"\s*([BE]?C\d{1,6}|B?P\d{1,6})\s*=(.*)")
-_MOVE = re.compile(r"(?P<kind>S?MOV[JLCS]|IMOV)\s+(?P<point>\S+)(?P<rest>.*)")
+_BLANK = re.compile(r"\"[^\"\n]*\"|(?:^|(?<=\s))'[^\n]*|(?<=\S)[ \t]+//[^\n]*", re.MULTILINE)
+_POSITION = re.compile(r"\s*(C|P|BC|BP|EC|EX)(\d{1,6})\s*=(.*)")
+_MOVE = re.compile(r"(?P<kind>S?MOV[JLCS]|E?IMOV)\s+(?P<point>\S+)(?P<rest>.*)")
+_POINT = re.compile(r"(C|P)(\d{1,6})")
+_OF_BASE = re.compile(r"\b(BC|BP)(\d{1,6})\b")
+_OF_STATION = re.compile(r"\bE[CX]\d{1,6}\b")
+_BASE_PART = f"{EXTERNAL}[BC]"
 _CALL = re.compile(r"(?P<word>CALL|PSTART)\b.*?\bJOB\s*:\s*(?P<job>\S+)(?P<rest>.*)")
 _FIRST_ROBOT = "RB1"
 _BASE_AXIS = re.compile(r"\bB[CPX]\d+")
-"""A position or a variable of a base axis, which moves the arm. Station axes (EC, EP, EX) move only the workpiece."""
+"""A position or a variable of a base axis."""
 _GROUP = re.compile(r"^///GROUP1[ \t]+(\w+)", re.MULTILINE)
-_NAME = re.compile(r"\b[BE]?C\d{1,6}\b")
+_NAME = re.compile(r"(?:\b|ARGF)(C|PX?)(\d{1,6})\b")
+_ANY_VARIABLE = re.compile(r"(?<![A-Z])PX?\[")
+"""A position variable whose number is in a variable: it can be any."""
 _MODIFIERS = re.compile(
     r"\b(?:VJ|VR|VE|V|PL|ACC|DEC|CR|P|SPD|AVP|ATT)\s*=\s*(?:L?[IDRB])?[\d.]+|\b(?:NWAIT|FPT|CONT)\b|[\s,]"
 )
@@ -115,6 +127,8 @@ class _State:
 class _YaskawaReader:
     points: Points
     jobs: dict[str, list[str]] = field(default_factory=dict)
+    base_at: dict[str, str] = field(default_factory=dict)
+    """Position of the base axis, off at zero, by the key of its BC."""
     routines: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
     beside: list[Call] = field(default_factory=list)
     file: int = 0
@@ -136,9 +150,9 @@ class _YaskawaReader:
             self.points.leave(UncorrectedTarget(0, self.line, name[:60], reason))
         self.blocks.add(Elsewhere(self.why(name) if self.file and reason == "relative" else None))
 
-    def key(self, name: str) -> str:
-        """Return the key of a position, which belongs to a job."""
-        return f"{self.job}/{name}"
+    def key(self, kind: str, number: str) -> str:
+        """Return the key of a position, which belongs to a job, or of a variable, which all jobs share."""
+        return f"{'' if kind == 'P' else self.job}/{kind}{int(number)}"
 
     def call_of(self, name: str) -> Statement:
         """Return the call of a job, or `ForgetAll` if the name is not unique or not known."""
@@ -214,21 +228,24 @@ def _position(reader: _YaskawaReader, line: str, begin: int, state: _State) -> N
         case ["///RCONF", values, *_]:
             state.posture = tuple(int(value) if value in ("0", "1") else -1 for value in values.split(",")[:6])
     position = _POSITION.fullmatch(line)
-    if not position or reader.file:
+    if not position or position[1] in ("BP", "EC", "EX"):
         return
-    numbers = numbers_in(line, position.start(2), position.end(2)) or ()
+    name, key = f"{position[1]}{position[2]}", reader.key(position[1], position[2])
+    numbers = numbers_in(line, position.start(3), position.end(3)) or ()
     numbers = tuple(type(number)(begin + number.begin, begin + number.end, number.value) for number in numbers)
+    if position[1] == "BC":
+        reader.base_at[key] = "moved" if any(number.value for number in numbers) or not numbers else OFF
+        return
     pulses = state.kind == "PULSE"
     frame = _frame(state.kind, state.user)
     flags = Flags(state.posture, _agreeing) if len(state.posture) == 6 and not pulses else None
     form: Form = "pulses" if pulses else "roll_pitch_yaw"
-    target = Target(position[1], 0, reader.line, form, numbers, state.tool, frame, flags)
-    reason: Reason | None = None if len(numbers) == 6 else "incomplete"
-    if position[1][0] in "BE" or len(numbers) > 6:
-        reason = "external_axes"
-    elif position[1][0] == "P":
-        reason = "not_literal"
-    reader.points.declare(reader.key(position[1]), target, reason)
+    target = Target(name, 0, reader.line, form, numbers, state.tool, frame, flags)
+    if reader.file == 0:
+        reason: Reason | None = "external_axes" if len(numbers) > 6 else None if len(numbers) == 6 else "incomplete"
+        reader.points.declare(key, target, reason)
+    elif position[1] == "P" and reader.points.knows(key):  # The job loaded last determines the variable.
+        reader.points.change(key, reader.file, reader.line)
 
 
 def _frame(kind: str, user: str) -> str:
@@ -254,9 +271,7 @@ def _instruction(reader: _YaskawaReader, text: str) -> None:
     if move := _MOVE.match(text):
         _move(reader, move)
         return
-    for mention in _NAME.finditer(text) if reader.file == 0 else ():  # Here a position is not used as a target.
-        if reader.points.knows(reader.key(mention[0])):
-            reader.points.change(reader.key(mention[0]), 0, reader.line)
+    _mentioned(reader, text)
     word = text.split(maxsplit=1)[0].upper()
     conditional = re.search(r"\bIF\b", text[len(word) :]) is not None
     if text.startswith("*"):
@@ -276,6 +291,16 @@ def _instruction(reader: _YaskawaReader, text: str) -> None:
         blocks.add(Set(*_SWITCHES[word]))
     elif not _flow(blocks, word, text) and word not in _NOTHING:
         blocks.add(ForgetAll(reader.why(f"{text} is unknown here")))
+
+
+def _mentioned(reader: _YaskawaReader, text: str) -> None:
+    """Mark the positions that an instruction does not use as a target. A number in a variable can be any variable."""
+    keys = [reader.key(mention[1][0], mention[2]) for mention in _NAME.finditer(text)]
+    if _ANY_VARIABLE.search(text):
+        keys += filter(re.compile("/P").match, reader.points.keys())
+    for key in keys:
+        if reader.points.knows(key):
+            reader.points.change(key, reader.file, reader.line)
 
 
 def _heading(reader: _YaskawaReader, text: str) -> None:
@@ -331,25 +356,33 @@ def _unless_relative(name: str, values: tuple[Value, ...]) -> Value:
 
 
 def _move(reader: _YaskawaReader, move: re.Match[str]) -> None:
-    name, options, blocks = move["point"], move["rest"], reader.blocks
-    key = reader.key(name)
+    options, _, other_group = move["rest"].partition("+")
+    name, blocks = move["point"], reader.blocks
+    coordinated = move["kind"].startswith("S") or "SMOV" in other_group
+    if _OF_STATION.fullmatch(name):
+        return
+    base = _OF_BASE.search(options)
+    if base or _OF_BASE.fullmatch(name):
+        at = reader.base_at.get(reader.key(base[1], base[2])) if base else None
+        blocks.add(Set(_BASE_PART, reader.why("a variable states the base axis") if at is None else at))
+    options = _OF_BASE.sub("", _OF_STATION.sub("", options))
+    point = _POINT.fullmatch(name)
+    key = reader.key(point[1], point[2]) if point else ""
     reason: Reason | None = None
-    if move["kind"] == "IMOV":
+    if move["kind"].endswith("IMOV"):
         reason = "relative"
-    elif re.search(r"\b[BE](?:C|P|X)\d+|\+\s*S?MOV", options):
-        reason = "external_axes"
     elif reader.foreign:
         reason = "other_robot"
-    if reason or not reader.points.knows(key):
-        if reader.points.knows(key) and reason != "other_robot":
-            reader.points.change(key, 0, reader.line)
+    if reason or not reader.points.knows(key) or (reader.file and point and point[1] == "C"):
+        if reason != "other_robot":
+            _mentioned(reader, name)
         reader.leave(name, reason or "not_literal")
         return
     stops = _UNTIL.search(options)
     tracked = _TRACKED.search(options)
     unknown = _MODIFIERS.sub("", _UNTIL.sub("", re.sub(r"\bCV#\([^)]*\)|\bSYNC\b", "", options))).strip()
     blocks.add(Set("tracking here", "on" if tracked else Ref("tracking")))
-    blocks.add(Set("coordinated here", "on" if move["kind"].startswith("S") else OFF))
+    blocks.add(Set("coordinated here", "on" if coordinated else OFF))
     blocks.add(Set("option here", reader.why(f"{unknown} is unknown here") if unknown else OFF))
     target = reader.points.target(key)
     tool = Ref(f"TOOL[{int(str(target.tool))}]") if str(target.tool).isdigit() else str(target.tool)
@@ -362,7 +395,7 @@ def _move(reader: _YaskawaReader, move: re.Match[str]) -> None:
         frame = ComputedValue(("relative", *parts), partial(_unless_relative, user))
     needs = ("shift", "tracking here", "coordinated here", "option here")
     way = "joint" if move["kind"].endswith("MOVJ") else "line"
-    blocks.add(Move(key, way, 0, reader.line, tool, frame, needs))
+    blocks.add(Move(key, way, reader.file, reader.line, tool, frame, needs))
     if stops:
         blocks.add(Elsewhere())
 

@@ -355,7 +355,7 @@ FANUC_ROWS: dict[str, tuple[dict[str, str], list[tuple[str, str]]]] = {
         [("P[2]", "unknown_frame")],
     ),
     "a program that is not here": (
-        {"a.ls": selecting("CALL B", J1, L2_)}, [("P[1]", "not_understood"), ("P[2]", "not_understood")]
+        {"a.ls": selecting("CALL B", J1, L2_)}, [("P[2]", "not_understood")]
     ),
     "a macro": ({"a.ls": selecting("Hand open", L2_)}, [("P[2]", "not_understood")]),
     "one that runs beside": (

@@ -196,12 +196,12 @@ RAIL = "P[9]{\n   GP1:\n\tUF : 3, UT : 1,\tE1=   150.000  mm\n};"
 FANUC_ROWS: dict[str, tuple[dict[str, str], list[tuple[str, str]]]] = {
     "a track that moved earlier": (
         {"a.ls": selecting(J1, "J P[9] 10% FINE", L2_)},
-        [("P[2]", "external_axes"), ("P[9]", "external_axes")],
+        [("P[2]", "external_axes"), ("P[9]", "incomplete")],
     ),
     "another group that a program beside moves": (
         {"a.ls": selecting(J1, "CALL TURN", L2_),
          "turn.ls": "/PROG  TURN\n/MN\n/POS\nP[1]{\n   GP2:\n\tJ1= 9 deg\n};\n/END\n"},
-        [("P[2]", "external_axes")],
+        [],
     ),
     "an approach": ({"a.ls": selecting(*ZERO, "PR[5,3]=50", L2_ + " Offset,PR[5]", L2_)}, []),
 }  # fmt: skip
@@ -209,7 +209,7 @@ BASE_AXIS = "BC00001=12000\n"
 YASKAWA_ROWS: dict[str, tuple[str, Left]] = {
     "a base axis that moved earlier": (
         job_of(M1, "MOVL C00002 BC00001 V=100.0", M3).replace("//INST", BASE_AXIS + "//INST"),
-        [(10, "external_axes"), (11, "changed"), (15, "external_axes"), (22, "external_axes")],
+        [(10, "external_axes"), (11, "external_axes"), (15, "external_axes")],
     ),
     "two robots in one file": (
         job_of("///GROUP1 RB1", M1, M2, M3) + job_of("///GROUP1 RB2", M1, M2, M3, name="B"),
