@@ -84,10 +84,10 @@ def effect_of(name: str, arguments: str, texts: tuple[str, ...] = ()) -> Effect 
 
 
 def is_file_of_maker(name: str) -> bool:
-    """Return whether the maker delivers a file, given by its path in a backup: those of the folders System and TP, and
-    copies of the modules in a directory of the user."""
+    """Return whether the maker delivers a file, given by its path in a backup: those of the folders System and TP,
+    $config.dat, and copies of the modules in a directory of the user."""
     *folders, file = name.upper().split("/")
-    return any(folder in _FOLDERS for folder in folders) or file.partition(".")[0] in _MODULES
+    return any(folder in _FOLDERS for folder in folders) or file[:1] == "$" or file.partition(".")[0] in _MODULES
 
 
 def is_of_maker(name: str) -> bool:

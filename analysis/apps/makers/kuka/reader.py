@@ -11,8 +11,10 @@ each statement.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 from analysis.apps.makers.kuka.closed_lists import is_file_of_maker, is_of_maker
+from analysis.apps.makers.kuka.copies import constants_in, copies_in
 from analysis.apps.makers.kuka.statements import (
     CORRECTION,
     LINES,
@@ -33,14 +35,14 @@ _DECIMALS = Decimals(place=(4, 7), turn=(6, 9))
 """Decimals of corrected numbers: 0.1 µm and 1e-6°, which is 0.02 µm at 1 m. A REAL of KRL has about seven digits."""
 _BLANK = re.compile(r"\"[^\"\n]*\"|;[^\n]*|^[ \t]*&[^\n]*", re.MULTILINE)
 _DECLARED = re.compile(
-    r"\s*(?:(?:DECL|GLOBAL|CONST)\s+)*(?:(?P<type>E6POS|POS|FRAME|E6AXIS|AXIS)\s+)?(?P<name>[A-Z_]\w*)\s*=\s*"
-    r"\{(?P<list>[^{}]*)\}\s*",
+    r"\s*(?:(?:DECL|GLOBAL|CONST)\s+)*(?:(?P<type>E6POS|POS|FRAME|E6AXIS|AXIS)\s+)?"
+    r"(?P<name>(?!(?:TOOL|BASE)_DATA\b)[A-Z_]\w*)(?:\s*\[\s*(?P<index>\d+)\s*\])?\s*=\s*\{(?P<list>[^{}]*)\}\s*",
     re.IGNORECASE,
 )
 _DATA = re.compile(r"\s*(TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]\s*=\s*(\{[^{}]*\})\s*", re.IGNORECASE)
 _FDAT = re.compile(r"\s*(?:(?:DECL|GLOBAL)\s+)*FDAT\s+(\w+)\s*=\s*\{([^{}]*)\}?", re.IGNORECASE)
 _ROUTINE = re.compile(r"\s*(GLOBAL\s+)?(?:DEF|DEFFCT\s+\w+(?:\s*\[[^\]]*\])?)\s+(\w+)\s*\(", re.IGNORECASE)
-_TYPED = re.compile(r"\s*(?:(?:DECL|GLOBAL)\s+)*(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s+([\w\s,]+)", re.IGNORECASE)
+_TYPED = re.compile(r"\s*(?:(?:DECL|GLOBAL)\s+)*(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s+([\w\s,\[\]]+)", re.IGNORECASE)
 _TAKEN = re.compile(r"(?:FDAT_ACT\s*=|\bFDAT|\b(S(?:TOOL2?|BASE|IPO_MODE|LOAD))\s*\()\s*$", re.IGNORECASE)
 """Pattern of the text before a set of tool and base that is read but not written."""
 _GLOBAL = re.compile(r"\bGLOBAL\b", re.IGNORECASE)
@@ -49,6 +51,8 @@ _IMPORT = re.compile(r"\bIMPORT\b[^\n]*\.\.\s*(\w+)", re.IGNORECASE)
 """Pattern of an import, which gives a point of this program another name that other programs can write to."""
 _HOME = re.compile(r"\$H_POS\s*=\s*$", re.IGNORECASE)
 """Pattern of the text before a point that becomes the home position, which follows the correction of the point."""
+_OUTSIDE = re.compile(r"\$IPO_MODE\s*=(?!\s*#BASE\b)|\bIPO_FRAME\s+#(?!BASE\b)", re.IGNORECASE)
+"""Pattern of a text that may select a tool fixed outside of the robot."""
 _WRITTEN = re.compile(r"(?:\s*\[[^\]\n]*\])?(?:\.\w+)*[ \t]*=(?!=)")
 _OWN_LIST = re.compile(r"\s*(?:(?:DECL|GLOBAL|CONST)\s+)*FRAME\s+(?:.*,\s*)?(TOOL_DATA|BASE_DATA)\b", re.IGNORECASE)
 """Pattern of a list of tools or bases that hides the list of the controller."""
@@ -69,9 +73,7 @@ def parse(texts: ProgramTexts) -> Parsed:
     _watch_fdat(reader)
     for file, name in enumerate(texts.names):
         if name.lower().endswith(".src"):
-            for begin, line in lines_in(blank[file]):
-                read_statement(reader, file, begin, line)
-            reader.close()
+            _read_module(reader, file)
         elif name.lower().endswith(".sub"):
             read_submit(reader, file)
     _watch_points(reader)
@@ -86,12 +88,24 @@ def parse(texts: ProgramTexts) -> Parsed:
             return Unknown(0, 0, "these files do not set the value earlier")
         return "checked" if part == LINES else OFF
 
-    kept = ("TOOL_DATA[", "BASE_DATA[", "switch", "external_tcp", CORRECTION)
+    may_be_outside = any(_OUTSIDE.search(text) for text in blank)
+    kept = ("TOOL_DATA[", "BASE_DATA[", "switch", CORRECTION, *(["external_tcp"] if may_be_outside else []))
     module = reader.modules[0]
     starts = f"{module}:{module.rpartition('/')[2]}" if texts.own <= 2 else None
     return reader.points.parsed(
         Program(reader.used_routines(), initial, tuple(reader.beside), kept=kept, starts=starts)
     )
+
+
+def _read_module(reader: KrlReader, file: int) -> None:
+    """Parse a .src file."""
+    lines = [line for text in reader.module_texts(file) for _, line in lines_in(text)]
+    names = {word.upper() for line in lines for word in _WORD.findall(line)}
+    points = frozenset(name for name in names if reader.key(file, name))
+    reader.copies, reader.constants = copies_in(lines, points), constants_in(lines)
+    for begin, line in lines_in(reader.texts[file]):
+        read_statement(reader, file, begin, line)
+    reader.close()
 
 
 def _define(reader: KrlReader, file: int, stated: dict[str, Value]) -> None:
@@ -115,11 +129,11 @@ def _watch_points(reader: KrlReader) -> None:
     """
     for file, text in enumerate(reader.texts):
         for word in _WORD.finditer(text):
-            key = reader.key(file, word[0])
-            if key is None or (file, word.start()) in reader.spent or _HOME.search(text, 0, word.start()):
+            if (file, word.start()) in reader.spent or _HOME.search(text, max(0, word.start() - 40), word.start()):
                 continue
-            if reader.points.target(key).file < reader.points.files or _may_write(text, word):
-                reader.points.change(key, file, reader.lines[file].at(word.start()))
+            for key in reader.mentioned(file, word[0], text[word.end() : word.end() + 20]):
+                if reader.points.target(key).file < reader.points.files or _may_write(text, word):
+                    reader.points.change(key, file, reader.lines[file].at(word.start()))
         for alias in _IMPORT.finditer(text):
             keys = reader.points.keys()
             for key in [key for key in keys if key.rpartition(":")[2] == alias[1].upper()]:
@@ -160,8 +174,11 @@ def _declare(reader: KrlReader, file: int, begin: int, line: str) -> None:
     inside = LITERAL_TYPE.sub(lambda prefix: " " * len(prefix[0]), declared["list"])
     key = reader.scoped(file, declared["name"], is_shared=is_shared)
     target, reason = reader.literal(file, begin + declared.start("list"), inside, declared["name"])
-    if target:
+    if target and not (declared["index"] and reader.is_config(file)):
         reader.spent.add((file, begin + declared.start("name")))
+        if declared["index"]:
+            reader.arrays.setdefault(key, []).append(element := f"{key}[{int(declared['index'])}]")
+            key, target = element, replace(target, name=f"{declared['name']}[{declared['index']}]")
         reader.points.declare(key, target, reason)
 
 

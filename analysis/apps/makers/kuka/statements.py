@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,6 +23,7 @@ from analysis.apps.makers.kuka.closed_lists import (
     effect_of,
     is_file_of_maker,
 )
+from analysis.apps.makers.kuka.copies import part_of, read_copy, set_copy
 from analysis.apps.makers.kuka.posture import agreeing, agreeing_status, agreeing_turn
 from analysis.apps.makers.numbers import frame_of, is_frame
 from analysis.apps.makers.points import Points, as_value
@@ -95,9 +96,9 @@ _ENDS = re.compile(r"\s(?:C_DIS|C_PTP|C_VEL|C_ORI|C_SPL)\b.*", re.IGNORECASE)
 _CONSTANT = re.compile(r"\bORI_TYPE?\s*=?\s*#CONST", re.IGNORECASE)
 """Pattern of a line that keeps the orientation at the start, regardless of the target."""
 _STAYS = re.compile(r"\$(?:AXIS|POS)_ACT(?:_MES)?\s*(?:C_\w+\s*)*", re.IGNORECASE)
-_ASSIGNED = re.compile(
-    r"\s*(?P<left>\$?[A-Za-z_][\w$]*(?:\s*\[[^\]]*\])?(?:\.\w+(?:\[[^\]]*\])?)*)\s*=(?!=)(?P<right>.*)"
-)
+_ELEMENT = re.compile(r"\s*\[\s*(\d+)\s*\]")
+_INDEX = r"\[(?:[^\[\]]|\[[^\[\]]*\])*\]"
+_ASSIGNED = re.compile(rf"\s*(?P<left>\$?[A-Za-z_][\w$]*(?:\s*{_INDEX})?(?:\.\w+(?:{_INDEX})?)*)\s*=(?!=)(?P<right>.*)")
 _CYCLICAL = re.compile(r"\s*\$CYCFLAG\b", re.IGNORECASE)
 """Variables whose right side is evaluated repeatedly in the background."""
 _BY_NUMBER = re.compile(r"(TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]", re.IGNORECASE)
@@ -137,6 +138,11 @@ class KrlReader:
     beside: list[Call] = field(default_factory=list)
     blocks: Blocks | None = None
     routine: str = ""
+    arrays: dict[str, list[str]] = field(default_factory=dict)
+    """Keys of the elements with numbers of an array of points."""
+    copies: dict[str, str] = field(default_factory=dict)
+    """Copies of points in the current module."""
+    constants: dict[str, float] = field(default_factory=dict)
     spline: dict[str, Value | Ref | ComputedValue] = field(default_factory=dict)
     """Settings in the head of a spline, valid for all segments."""
     _defined: dict[str, list[str]] = field(default_factory=dict)
@@ -150,6 +156,11 @@ class KrlReader:
     def modules(self) -> tuple[str, ...]:
         """The module of each file: its path without suffix, in upper case."""
         return tuple(name.rpartition(".")[0].upper() for name in self.names)
+
+    def module_texts(self, file: int) -> list[str]:
+        """Return the texts of the module of a file: program and data list."""
+        pairs = zip(self.modules, self.texts, strict=True)
+        return [text for module, text in pairs if module == self.modules[file]]
 
     def is_config(self, file: int) -> bool:
         """Return whether a file is $config.dat, whose data are visible everywhere."""
@@ -167,6 +178,16 @@ class KrlReader:
         """Return the key of the point that a name in a file refers to, None if there is none."""
         keys = (self.scoped(file, name, is_shared=is_shared) for is_shared in (False, True))
         return next((key for key in keys if self.points.knows(key)), None)
+
+    def mentioned(self, file: int, name: str, after: str) -> list[str]:
+        """Return the keys of the points that a name and the text after it may refer to: all elements of an array if
+        the index is not a number."""
+        if key := self.key(file, name):
+            return [key]
+        scopes = (self.scoped(file, name, is_shared=is_shared) for is_shared in (False, True))
+        elements = next((self.arrays[scope] for scope in scopes if scope in self.arrays), [])
+        index = _ELEMENT.match(after)
+        return [key for key in elements if not index or key.endswith(f"[{int(index[1])}]")]
 
     def fdat_name(self, file: int, name: str) -> str | None:
         """Return the key of the FDAT that a name in a file refers to, None if there is none."""
@@ -467,6 +488,11 @@ def _other(reader: KrlReader, blocks: Blocks, file: int, begin: int, line: str) 
     if (bas := _BAS.fullmatch(line)) and not reader.defined(file, "BAS"):
         blocks.add(*_bas(reader, file, begin, bas[1].upper(), (bas[2] or "").strip()))
         return
+    why = reader.why(file, begin, f"{line.strip()} is computed")
+    for copy in read_copy(line, reader.copies, reader.constants, reader.modules[file], why):
+        reader.spent.update((file, begin + column) for column in copy.sources)
+        blocks.add(set_copy(copy, reader.modules[file]))
+        return
     if assigned := _ASSIGNED.fullmatch(line):
         _functions(reader, file, begin, assigned["right"])
         if _CYCLICAL.match(line):
@@ -612,7 +638,8 @@ def _move(reader: KrlReader, file: int, begin: int, line: str, move: re.Match[st
         if file >= reader.points.files and reason == "incomplete":  # {Z 100} keeps the other coordinates of the arm.
             reader.blocks.add(Elsewhere(reader.why(file, begin, text)))
             continue
-        key = _point(reader, file, begin, start, text, kind)
+        copied = reader.copies.get(text.upper())
+        key = _point(reader, file, begin, start, copied or text, kind)
         if key is None:
             _leave(reader, file, begin, "not_literal" if _WORD.fullmatch(text) else "computed", text)
             continue
@@ -624,9 +651,11 @@ def _move(reader: KrlReader, file: int, begin: int, line: str, move: re.Match[st
         trusts = None if way == "joint" else LINES if stated and len(stated.values) == 2 else "a single flag"
         arc = f"arc at {file}:{begin}" if count > 1 else ""
         through = place == 0
-        reader.blocks.add(
-            Move(key, way, file, at, state["tool"], state["base"], needs, trusts, arc=arc, through=through)
-        )
+        motion = Move(key, way, file, at, state["tool"], state["base"], needs, trusts, arc=arc, through=through)
+        if copied:
+            offset = ComputedValue((part_of(reader.modules[file], text.upper()),), lambda values: values[0])
+            motion = replace(motion, key=f"{key} copied at {file}:{begin}", base=key, offset=("frame", offset))
+        reader.blocks.add(motion)
 
 
 def _leave(reader: KrlReader, file: int, begin: int, reason: Reason, name: str) -> None:
@@ -652,7 +681,9 @@ def _point(reader: KrlReader, file: int, begin: int, start: int, text: str, kind
             return None
         reader.points.declare(key, target, reason)
         return key
-    if (shared := reader.key(file, text)) is None:
+    element = _ELEMENT.search(text)
+    name = f"{text[: element.start()].strip()}[{int(element[1])}]" if element and element.end() == len(text) else text
+    if (shared := reader.key(file, name)) is None:
         return None
     reader.spent.add((file, begin + start))
     target = reader.points.target(shared)
