@@ -24,6 +24,7 @@ from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
 from rigs.schema.effect import size_field
 from rigs.schema.part import Part, Vector
+from rigs.schema.robot import LinkConstants
 from rigs.text import as_argument, nearest, the_same
 from rigs.yaml_text import read_yaml
 
@@ -98,6 +99,8 @@ class Hidden(Part):
     effects: tuple[AnyEffect, ...] | None = None
     eccentricity_mm: Vector | None = None
     """Position of the base-ball relative to the circle centre, in the world frame. None: the value of the rig file."""
+    axes: tuple[LinkConstants, ...] | None = None
+    """Constants of this single arm, with which its controller computes as well. None: those of the rig file."""
 
     def apply_to(self, rig: Rig) -> Rig:
         """Return a rig with these effects and this eccentricity of the circle."""
@@ -105,7 +108,12 @@ class Hidden(Part):
         if tests.circle and self.eccentricity_mm:
             circle = tests.circle.model_copy(update={"eccentricity_mm": self.eccentricity_mm})
             tests = tests.model_copy(update={"circle": circle})
-        return rig.model_copy(update={"effects": self.effects or (), "tests": tests})
+        robot = rig.robot
+        if self.axes:
+            own = zip(robot.axes, self.axes, strict=True)
+            axes = tuple(axis.model_copy(update=dict(constants)) for axis, constants in own)
+            robot = robot.model_copy(update={"axes": axes, "controller": "constants", "controller_axes": ()})
+        return rig.model_copy(update={"effects": self.effects or (), "tests": tests, "robot": robot})
 
 
 def shipped() -> dict[str, Path]:
@@ -293,7 +301,7 @@ def load_hidden(name: str | Path) -> Hidden:
     root, data = read_yaml(_text(path), str(path))
     if isinstance(data, list):
         data = {"effects": data}
-    if not isinstance(data, dict) or not {"effects", "eccentricity_mm", "robot"} & data.keys():
+    if not isinstance(data, dict) or not {"effects", "eccentricity_mm", "axes", "robot"} & data.keys():
         # A misspelt key would otherwise silently give an ideal robot.
         raise FileError(
             str(path), "lacks the key effects", "write effects: [{effect: …}], or effects: [] without effects"

@@ -376,10 +376,11 @@ def _diagnosed(
 ) -> Diagnosis:
     from analysis.diagnosis.diagnose import diagnose as diagnose_with  # noqa: PLC0415
     from analysis.movement.between import with_movements, without_moved  # noqa: PLC0415
-    from analysis.runs.loading import refuse_copied_rows, refuse_copies  # noqa: PLC0415
+    from analysis.runs.loading import as_recorded, refuse_copied_rows, refuse_copies, with_controller_of  # noqa: PLC0415
 
     used, held_out, elsewhere = _runs(runs), _runs(hold_out), _runs(unseen)
-    model = _model(rig, used)
+    model = as_recorded(_model(rig, used), used)
+    used, held_out, elsewhere = (with_controller_of(model, group) for group in (used, held_out, elsewhere))
     every = (*used, *held_out, *elsewhere)
     refuse_copies((run.path, run.run.readings_sha256) for run in every)
     refuse_copied_rows(every)

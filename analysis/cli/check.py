@@ -13,14 +13,16 @@ import typer
 from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_error, say_json
-from analysis.cli.options import AsJson
+from analysis.cli.options import AsJson, Calibration
 from rigs.errors import FileError, UseError
-from rigs.text import counted, first_of
+from rigs.schema.controllers import practice_of
+from rigs.text import as_argument, counted, first_of
 
 if TYPE_CHECKING:
     from analysis.runs.loading import Measured
     from rigs.calibration import CalibratedModel
     from rigs.effects import Effect
+    from rigs.rig import Rig
     from rigs.schema.robot import Robot
 
 _MOST_NAMED = 5
@@ -37,6 +39,7 @@ def check(
             help="Rig file, or the name of a shipped rig; or run directories of one robot, to check conventions.",
         ),
     ],
+    calibration: Calibration = None,
     as_json: AsJson = False,
 ) -> None:
     """Check a rig file, or the labels of runs.
@@ -54,7 +57,7 @@ def check(
         return
     if len(arguments) > 1 or as_json:
         raise UseError(arguments[0], "is not a directory with runs", "check one rig file at a time, without --json")
-    _check_rig(arguments[0])
+    _check_rig(arguments[0], calibration)
 
 
 def _check_runs(paths: Sequence[Path], *, as_json: bool) -> None:
@@ -84,17 +87,17 @@ def _check_runs(paths: Sequence[Path], *, as_json: bool) -> None:
     end_with(max(worst(errors), FileError.exit_code if contradicted else 0))
 
 
-def _check_rig(rig_file: str) -> None:
+def _check_rig(rig_file: str, calibration: str | None) -> None:
     import datetime as dt
 
-    from analysis.cli.several import end_with, worst
+    from analysis.cli.several import end_with, with_controller, worst
     from analysis.robot.geometry.driven_programs import feasible_tests
     from analysis.runs.noise.certificate import doubts_of
     from rigs.load import find, load
     from rigs.readiness import readiness_lines, unmeasurable
     from rigs.schema.feedback import NoFeedback
 
-    rig, _ = load(rig_file)
+    rig, _ = load(with_controller(rig_file, calibration))
     tests, errors = feasible_tests(rig, rig_file)
     with_lacks = [FileError(rig_file, missing.problem, missing.remedy) for missing in unmeasurable(rig)]
     errors = [*with_lacks, *errors]
@@ -103,6 +106,8 @@ def _check_rig(rig_file: str) -> None:
     places = "touching sockets" if rig.tests.touch else "a tracker"
     robot = "" if isinstance(rig.feedback, NoFeedback) else f"; robot by {rig.feedback.interface}"
     say(f"  {rig.robot.name}; {gauges or f'no gauges; measured by {places}'}{robot}")
+    if line := controller_line(rig, as_argument(rig_file)):
+        say(f"  {line}")
     if rig.effects:
         say(f"  the model already contains {initial_effects(rig.effects)}")
     for line in calibration_lines(rig.calibrated) if rig.calibrated else ():
@@ -135,6 +140,17 @@ def initial_effects(effects: Sequence[Effect]) -> str:
         origins.setdefault(origin, []).append(name_in_words(name_of(effect)))
     listed = "; ".join(f"{origin}: {first_of(names, _MOST_NAMED)}" for origin, names in origins.items())
     return f"{counted(len(effects), 'effect')}, {listed}"
+
+
+def controller_line(rig: Rig, file: str) -> str:
+    """Return the line on a controller that may have constants of its own; empty if the rig file states it."""
+    practice = practice_of(rig.maker or rig.robot.name)
+    if rig.controller != "unknown" or practice is None:
+        return ""
+    may = "has" if practice.own_constants == "always" else "may have (option)"
+    asks = f"give {practice.get}, or one row of joints and flange pose from the pendant (tool: none)"
+    without = "until then targets given as poses are not corrected"
+    return f"the controller {may} constants of its own: {asks}: rig check {file} --calibration FILE; {without}"
 
 
 def calibration_lines(model: CalibratedModel) -> list[str]:

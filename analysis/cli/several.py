@@ -18,6 +18,7 @@ from rigs.errors import FileError, RigError, UseError
 
 if TYPE_CHECKING:
     from analysis import Measured, Result
+    from rigs.rig import Rig
 
 _MOST_LISTED = 20
 """Maximum number of errors of one file on the screen."""
@@ -201,6 +202,19 @@ def with_controller(rig_file: str | None, calibration: str | None) -> str | None
     file = folder / find(rig_file).name
     write_new(file, holding(text.encode()))
     return str(file)
+
+
+def with_recorded_controller(rig: Rig, text: str, runs: Sequence[Measured]) -> tuple[Rig, str]:
+    """Return a rig and its text with the constants of the controller that the runs show, and say so."""
+    from analysis.intake.controller_arm import text_with_robot
+    from analysis.runs.loading import as_recorded
+
+    recorded = as_recorded(rig, runs)
+    if recorded is rig:
+        return rig, text
+    own = "constants of its own" if recorded.controller == "constants" else "the constants of the data sheet"
+    say(f"the controller computes with {own}, as the poses in the runs show", err=True)
+    return recorded, text_with_robot(text, recorded.robot)
 
 
 def refuse_arm_name(path: Path) -> None:

@@ -1,60 +1,33 @@
-"""The arm in the controller, read from a file: factory constants, or poses that the controller itself computed.
-
-A robot measured by its maker computes with individual constants. Some controllers show them (`calibration.conf`). The
-others report joint angles and the flange pose: one such pair tells whether the constants are those of the data sheet,
-and some twenty determine them to the reported digits. This is not a measurement: the real arm may differ.
-"""
+"""The arm in the controller, read from a file: factory constants, or poses that the controller itself computed."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analysis.intake.imports import is_plain, poses_of_controller
 from analysis.intake.read import read_file
-from analysis.robot.description.rig_section import flange_poses, largest_difference, random_postures, robot_text
+from analysis.robot.description.controller_constants import (
+    ControllerConstants,
+    constants_from_poses,
+    data_sheet_of,
+    robot_with,
+)
+from analysis.robot.description.rig_section import robot_text
 from analysis.robot.description.ur_calibration import factory_constants, is_ur_calibration
-from analysis.robot.geometry.pose_setup import fit_constants, fit_setup
-from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward
 from analysis.runs.csv_tables import table_from
 from analysis.runs.tables import PoseTable
-from rigs.arms import load_arm
 from rigs.errors import FileError
 from rigs.files import read_text
 from rigs.load import parse
 from rigs.rig import Rig
-from rigs.schema.robot import ControllerArm, JointAxis, LinkConstants, Pose, Robot
+from rigs.schema.robot import Robot
 from rigs.yaml_text import nodes_of
 
 DATA_SHEET = "data_sheet"
 """Given in place of a file: the controller computes with the data sheet."""
-_RESIDUAL_MM = 0.02
-"""Largest residual of a fit. Controllers report places to 0.01 mm or better and joints to 0.001° (10 µm at 0.6 m);
-more indicates a tool that is not removed.
-"""
-_SPARE = 10
-"""Minimum number of redundant readings that confirm the constants."""
-_DIGITS = 7
-_MOST_DECIMALS = 6
 _MOST_BYTES = 10_000_000
-
-
-@dataclass(frozen=True)
-class ControllerConstants:
-    """Axes of an arm as the controller has them.
-
-    arm: data_sheet if they agree with the data sheet within the digits of the source, constants otherwise. moved_mm:
-    largest displacement of the flange from the data sheet. words: remark for the user. notes: facts to check.
-    """
-
-    axes: tuple[JointAxis, ...]
-    arm: ControllerArm
-    moved_mm: float
-    words: str
-    notes: tuple[str, ...] = ()
 
 
 def rig_with_controller(rig: Rig, text: str, source: Path | str) -> tuple[Rig, str, ControllerConstants]:
@@ -64,15 +37,7 @@ def rig_with_controller(rig: Rig, text: str, source: Path | str) -> tuple[Rig, s
     has effects, which are relative to its axes, the axes stay and `controller_axes` holds the constants.
     """
     read = read_controller(rig.robot, source)
-    robot = rig.robot.model_copy(update={"controller": read.arm, "controller_axes": ()})
-    if read.arm == "constants" and (rig.effects or rig.calibration):
-        own = tuple(
-            LinkConstants(**{key: getattr(axis, key) for key in LinkConstants.model_fields}) for axis in read.axes
-        )
-        robot = robot.model_copy(update={"controller_axes": own})
-    elif read.arm == "constants":
-        robot = robot.model_copy(update={"axes": read.axes})
-    edited = _with_robot(text, robot)
+    edited = text_with_robot(text, robot_with(rig, read))
     return parse(edited, rig.name).calibrated_as(rig), edited, read
 
 
@@ -103,21 +68,6 @@ def read_controller(robot: Robot, source: Path | str) -> ControllerConstants:
     return ControllerConstants(found.axes, "constants", found.moved_mm, words, found.notes)
 
 
-def data_sheet_of(robot: Robot) -> Robot:
-    """Return the robot with the constants of the data sheet, without base and tool.
-
-    If the axes are those of a controller, the arm of the library that the robot names has the data sheet. Raises
-    FileError if it names none.
-    """
-    bare = robot.model_copy(update={"base": Pose(), "tool": Pose(), "controller": None, "controller_axes": ()})
-    if robot.controller != "constants" or robot.controller_axes:
-        return bare
-    if not robot.arm:
-        problem = "has the constants of a controller, and no `arm` that names the data sheet"
-        raise FileError(f"{robot.name}, robot", problem, "add `arm: NAME` (rig arms lists the names)")
-    return bare.model_copy(update={"axes": load_arm(robot.arm).robot.axes})
-
-
 def _from_poses(robot: Robot, path: Path) -> ControllerConstants:
     rig = parse(f"name: arm\n{robot_text(robot)}", robot.name)
     if is_plain(path, "pose"):  # with units in the names of the columns, a single row is enough
@@ -130,68 +80,7 @@ def _from_poses(robot: Robot, path: Path) -> ControllerConstants:
     return constants_from_poses(robot, seen.q, seen.xyz_mm, R, str(path))
 
 
-def constants_from_poses(robot: Robot, q: Array, xyz_mm: Array, R: Array | None, where: str) -> ControllerConstants:
-    """Determine the constants of a controller from flange poses that it computed.
-
-    robot: arm of the data sheet. q (n, axes) rad. xyz_mm (n, 3). R (n, 3, 3) if reported. Raises FileError if no
-    constants fit, or if the poses show own constants without determining them.
-    """
-    arm = arm_of(robot)
-    base = _base_of(arm, q, xyz_mm)
-    xyz_mm, R = xyz_mm @ base, None if R is None else base @ R
-    apart_mm = float(np.linalg.norm(forward(arm, q)[:, :3, 3] - xyz_mm, axis=1).max())
-    if apart_mm <= _rounding_mm(arm, q):
-        words = f"{where}: the controller computes with the data sheet, to {apart_mm:.3f} mm in {len(q)} poses"
-        return ControllerConstants(robot.axes, "data_sheet", apart_mm, words)
-    fitted = fit_constants(arm, q, xyz_mm, R)
-    if fitted.spare < _SPARE:
-        problem = (
-            f"the controller does not compute with the data sheet: {len(q)} poses differ by up to {apart_mm:.2f} mm"
-        )
-        remedy = "to determine its constants give calibration.conf, or 20 poses in which all joints move; tool: none"
-        raise FileError(where, problem, remedy)
-    if fitted.rms_mm > _RESIDUAL_MM:
-        problem = f"no link constants of {robot.name} match the flange poses: {fitted.rms_mm:.3g} mm rms remain"
-        raise FileError(where, problem, "set the tool of the controller to none, and give flange poses and joints")
-    axes = tuple(_with_constants(axis, fitted.arm, k) for k, axis in enumerate(robot.axes))
-    own = robot.model_copy(update={"axes": axes})
-    postures = random_postures(robot)
-    moved_mm, _ = largest_difference(flange_poses(own, postures), flange_poses(robot, postures))
-    words = (
-        f"{where}: the controller's own constants, to {1e3 * fitted.rms_mm:.2g} µm; they move the flange by up to "
-        f"{moved_mm:.3f} mm, and do not show the true position: this needs an instrument"
-    )
-    return ControllerConstants(axes, "constants", moved_mm, words)
-
-
-def _base_of(arm: Arm, q: Array, xyz_mm: Array) -> Array:
-    """Return the turn (3, 3) of the poses' base: none, or half a turn about z, as base_link of ROS drivers has it."""
-    T, half = forward(arm, q), np.diag([-1.0, -1.0, 1.0])
-    if len(q) > 3:  # the frame is determined, whatever the tool
-        seen = fit_setup(T, xyz_mm).T_world_base[:3, :3]
-        return half if np.trace(seen[:2, :2]) < 0 else np.eye(3)
-    return min((np.eye(3), half), key=lambda base: float(np.linalg.norm(T[:, :3, 3] - xyz_mm @ base)))
-
-
-def _rounding_mm(arm: Arm, q: Array) -> float:
-    """Largest distance in mm that the rounding of joint angles q (n, axes) rad and places explains.
-
-    The decimals of the table are those of the angles in degrees. Places of pendants have 0.01 mm.
-    """
-    degrees = np.degrees(q)
-    rounded = [np.abs(degrees - np.round(degrees, k)).max() < 10.0 ** -(k + 3) for k in range(_MOST_DECIMALS)]
-    decimals = rounded.index(True) if True in rounded else _MOST_DECIMALS
-    reach_mm = float(np.abs(arm.a).sum() + np.abs(arm.d).sum())
-    return 0.02 + reach_mm * float(np.radians(0.5 * 10.0**-decimals)) * float(np.sqrt(arm.axes))
-
-
-def _with_constants(axis: JointAxis, arm: Arm, k: int) -> JointAxis:
-    degrees = {f"{name}_deg": np.degrees(getattr(arm, name)[k]) for name in ("alpha", "beta", "offset")}
-    constants = {"a_mm": arm.a[k], "d_mm": arm.d[k], **degrees}
-    return axis.model_copy(update={key: float(np.round(value, _DIGITS)) + 0.0 for key, value in constants.items()})
-
-
-def _with_robot(text: str, robot: Robot) -> str:
+def text_with_robot(text: str, robot: Robot) -> str:
     """Return the text of a rig file with another section `robot`. The other sections and their comments are kept."""
     root = nodes_of(text)
     section = next((key, value) for key, value in root.value if key.value == "robot")  # type: ignore[union-attr]

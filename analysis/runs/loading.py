@@ -14,6 +14,7 @@ import pyarrow as pa
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.align import align, robot_only
 from analysis.runs.batch.fetched import fetched
+from analysis.runs.controller_poses import are_same_constants, controller_doubt, controller_poses, rig_as_recorded
 from analysis.runs.csv_tables import columns_of, table_from, u_lag_s_of
 from analysis.runs.joint_turns import beyond_limits, without_whole_turns
 from analysis.runs.noise.certificate import (
@@ -112,6 +113,28 @@ def measured_in(directory: Path, path: Path) -> Measured:
     return measured_of(replace(run, path=path), calibrated_beside(rig_of(run), directory))
 
 
+def as_recorded(rig: Rig, runs: Iterable[Measured]) -> Rig:
+    """Return a rig that does not state its controller with the constants of the controller that a run shows."""
+    shown = (run.rig.robot for run in runs if run.rig.robot.controller is not None)
+    if rig.controller != "unknown" or (robot := next(shown, None)) is None:
+        return rig
+    update = {"axes": robot.axes, "controller": robot.controller, "controller_axes": robot.controller_axes}
+    return rig.model_copy(update={"robot": rig.robot.model_copy(update=update)})
+
+
+def with_controller_of(rig: Rig, runs: Iterable[Measured]) -> list[Measured]:
+    """Return runs with the constants of the controller of a rig, in place of the same ones that each run showed."""
+    robot, made = rig.robot, []
+    for run in runs:
+        shown = run.rig.robot
+        if shown != robot and robot.controller and shown.controller == robot.controller:
+            update = {"axes": robot.axes, "controller_axes": robot.controller_axes}
+            if are_same_constants(shown, robot):
+                run = replace(run, rig=run.rig.model_copy(update={"robot": shown.model_copy(update=update)}))  # noqa: PLW2901
+        made.append(run)
+    return made
+
+
 def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
     """Raise FileError if two runs have equal readings. runs: path and digest of the readings of each run.
 
@@ -159,14 +182,15 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
     path = run.path
     rig = rig or rig_of(run)
     if run.table is None:
-        doubts = known_doubts(run, rig)
+        doubts, poses = known_doubts(run, rig), controller_poses(run.streams.get("robot", {}))
+        rig = rig_as_recorded(rig, poses)
         data = align(path, run, rig)
         g_mm, beyond = corrected_gauges(rig, [name for name, _ in rig.gauges][: data.g_mm.shape[1]], data.g_mm)
         doubts += [*data.doubts, *beyond_certificates(rig, beyond, len(g_mm))]
         test, direction = run.manifest.test, run.manifest.direction
         table, of_stands = format_of(test).recorded(replace(data, g_mm=g_mm), rig, direction, str(path))
         condition = condition_of(run.streams["robot"]) if "robot" in run.streams else NOT_SHOWN
-        doubts = [*doubts, *of_stands, *beyond_limits(table, rig)]
+        doubts = [*doubts, *of_stands, *beyond_limits(table, rig), *controller_doubt(rig, poses)]
         return measured_as(run, rig, table, data.u_lag_s, doubts, condition)
     doubts = [*known_doubts(run, rig), *_taken_as_corrected(run, rig)]
     table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))

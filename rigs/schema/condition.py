@@ -16,7 +16,12 @@ TEMPERATURES = tuple(f"temperature{axis}_c" for axis in range(1, 7))
 """Joint temperatures in °C."""
 CURRENTS = tuple(f"current{axis}_a" for axis in range(1, 7))
 """Joint motor currents in A."""
-CONDITION = (PROGRAM, SAFETY, MOTORS, SPEED, PAYLOAD, *TEMPERATURES, *CURRENTS)
+POSE = tuple(f"controller_{name}" for name in ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"))
+"""Pose that the controller computes for the reported angles, with roll, pitch and yaw about fixed axes.
+
+Of the flange in the base, or of the tool in the frame that the controller uses.
+"""
+CONDITION = (PROGRAM, SAFETY, MOTORS, SPEED, PAYLOAD, *TEMPERATURES, *CURRENTS, *POSE)
 """All columns of the condition."""
 
 
@@ -53,6 +58,7 @@ UNDISTURBED = {
     PAYLOAD: 0.0,
     **dict.fromkeys(TEMPERATURES, 30.0),
     **dict.fromkeys(CURRENTS, 0.0),
+    **dict.fromkeys(POSE, math.nan),
 }
 """Condition during an undisturbed test: warm joints, and motors with no load."""
 

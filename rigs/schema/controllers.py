@@ -19,7 +19,7 @@ class Practice:
     get: str
 
 
-_PAIRS = "20 rows of joint angles and flange pose from the pendant"
+_PAIRS = "20 rows of joint angles and flange pose from the pendant, if it has"
 PRACTICE: dict[str, Practice] = {
     "universalrobots": Practice(
         "always",

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from rigs.schema.condition import CONDITION, CURRENTS, MOTORS, PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES
+from rigs.schema.condition import CONDITION, CURRENTS, MOTORS, PAYLOAD, POSE, PROGRAM, SAFETY, SPEED, TEMPERATURES
 from rigs.schema.links import AnyPort, Line, Port, UDPPort, tcp_address, udp_address
 from rigs.schema.modbus import SLOWEST_HZ, RegisterBlock, StatusRegister, ValueRegister
 from rigs.schema.part import Origin, Part
@@ -182,6 +182,8 @@ class URRTDE(_Feedback):
     """
     currents: bool = False
     """Record the joint motor currents, which reveal the friction."""
+    pose: bool = True
+    """Record the flange pose that the controller computes, which shows its own constants."""
 
 
 ASKED_INSTEAD = "; for RTDE of a Universal Robots arm write interface: ur_rtde"
@@ -386,9 +388,9 @@ def condition_columns(feedback: Feedback) -> tuple[str, ...]:
         case KUKARSI():
             columns = tuple(feedback.condition)
         case ABBEGM():
-            columns = (PROGRAM, MOTORS)
+            columns = (PROGRAM, MOTORS, *POSE)
         case FANUCStreamMotion():
             columns = (SAFETY, MOTORS)
     if isinstance(feedback, URRTDE | FANUCStreamMotion) and feedback.currents:
         columns += CURRENTS
-    return columns
+    return (*columns, *POSE) if isinstance(feedback, URRTDE) and feedback.pose else columns

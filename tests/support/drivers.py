@@ -85,7 +85,8 @@ def modbus(**changes: object) -> ModbusMap:
 
 
 def rtde(**changes: object) -> URRTDE:
-    return URRTDE.model_validate({"interface": "ur_rtde", "port": "tcp://127.0.0.1:30004"} | changes)
+    defaults = {"interface": "ur_rtde", "port": "tcp://127.0.0.1:30004", "pose": False}
+    return URRTDE.model_validate(defaults | changes)
 
 
 def lines(**changes: object) -> LineFeed:

@@ -11,6 +11,7 @@ import typer
 
 from analysis.cli.commands import app, command
 from analysis.cli.console import progress_of, say, say_json
+from analysis.cli.options import Calibration
 from rigs.schema.vocabulary import Build, MeasuredBy
 
 if TYPE_CHECKING:
@@ -62,6 +63,7 @@ def init(
     arm: Annotated[
         str | None, typer.Option(help="Arm by name, or a file with a section robot; default: interactive.")
     ] = None,
+    calibration: Calibration = None,
     build: Annotated[
         Build | None,
         typer.Option(help="Build of the arm; default: that of the library or the file, otherwise interactive."),
@@ -125,10 +127,23 @@ def init(
         _say_devices(options)
         return
     _make(options)
+    if calibration:
+        _put_controller(rig_file, calibration)
     check([str(rig_file)])
     say("next:")
     for line in pair_steps(rig_file) if measured_by == "arm" else next_steps(rig_file):
         say(f"  {line}")
+
+
+def _put_controller(rig_file: Path, calibration: str) -> None:
+    """Put the constants of the controller into a new rig file. Raises FileError."""
+    from analysis.intake.controller_arm import rig_with_controller
+    from analysis.runs.written_files import holding, write_all_over
+    from rigs.load import load
+
+    _, text, read = rig_with_controller(*load(rig_file), calibration)
+    write_all_over(rig_file.parent, {rig_file.name: holding(text.encode())})
+    say(read.words)
 
 
 def _say_devices(options: Options) -> None:

@@ -26,7 +26,7 @@ from analysis.procedures.circle.yaw import plain_figures
 from analysis.procedures.prediction import nominal_setup, path_of, predict
 from analysis.robot.geometry.circle import SENSE, frame_of, link_angle
 from analysis.robot.geometry.driven_programs import circle_of, circle_program, radial_stops, repeatability_stops, stops
-from analysis.robot.kinematics.arm import Array, arm_of
+from analysis.robot.kinematics.arm import Array, arm_of, controller_arm, forward, roll_pitch_yaw, without_setup
 from analysis.robot.model.predict import model_of
 from analysis.robot.model.scene import load_of, pull
 from analysis.runs.noise.certificate import as_shown, link_excess_mm
@@ -38,6 +38,7 @@ from rigs.rig import Rig
 from rigs.schema.condition import (
     CONDITION,
     CURRENTS,
+    POSE,
     PROGRAM,
     SAFETY,
     TEMPERATURES,
@@ -269,7 +270,15 @@ class EmulatedRobot:
                     now_ns, self._at(now_ns, self._torque_nm), speed_rad_s
                 )
             of_motors = dict(zip((*CURRENTS, *TEMPERATURES), [*current_a.tolist(), *warm_c.tolist()], strict=True))
-        return {PROGRAM: float(state), **of_motors, **self._shown}
+        return {PROGRAM: float(state), **of_motors, **self.pose(now_ns), **self._shown}
+
+    def pose(self, now_ns: int) -> dict[str, float]:
+        """Return the flange pose that the controller computes, if the interface transmits it."""
+        if POSE[0] not in condition_columns(self._rig.feedback):
+            return {}
+        with self._lock:
+            T = forward(without_setup(controller_arm(self._rig.robot)), self._at(now_ns, self._trace.q)[None])[0]
+        return dict(zip(POSE, [*T[:3, 3].tolist(), *np.degrees(roll_pitch_yaw(T)).tolist()], strict=True))
 
     def state(self, now_ns: int) -> State:
         """Return the state of the program; done before the first."""

@@ -51,7 +51,7 @@ def calibrate(
     from analysis.apps.report.diagnosis_screen import as_screen
     from analysis.cli.console import progress_of
     from analysis.cli.plain_console import PlainConsole
-    from analysis.cli.several import end_with, load_runs, with_controller, with_tables, worst
+    from analysis.cli.several import end_with, load_runs, with_controller, with_recorded_controller, with_tables, worst
     from rigs.load import load
 
     if output:
@@ -62,6 +62,7 @@ def calibrate(
     end_with(worst([error for _, errors in parts for error in errors]))
     measured, judges, elsewhere = (runs_of_use for runs_of_use, _ in parts)
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
+    rig, text = with_recorded_controller(rig, text, measured)
     with progress_of() as progress:
         diagnosis = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, unseen=elsewhere, progress=progress)
     if as_json:

@@ -81,7 +81,7 @@ def diagnose(
         return
     import analysis
     from analysis.cli.console import progress_of
-    from analysis.cli.several import end_with, load_runs, with_controller, with_tables, worst
+    from analysis.cli.several import end_with, load_runs, with_controller, with_recorded_controller, with_tables, worst
     from rigs.load import load
 
     rig_file = with_controller(rig_file, calibration)
@@ -105,6 +105,7 @@ def diagnose(
     if not measured:
         end_with(worst(errors))
     rig, text = rig_and_text or (measured[0].rig, measured[0].run.manifest.rig_text)
+    rig, text = with_recorded_controller(rig, text, measured)
     with progress_of() as progress:
         diagnosis = analysis.diagnose(
             measured, rig=rig, hold_out=judges, unseen=elsewhere, tolerance_um=tolerance_um, progress=progress

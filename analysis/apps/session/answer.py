@@ -48,10 +48,11 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     from analysis.apps.report.diagnosis_report import write  # noqa: PLC0415
     from analysis.apps.report.diagnosis_words import measured_u  # noqa: PLC0415
     from analysis.apps.report.summary_words import step_of, summarise  # noqa: PLC0415
+    from analysis.cli.several import with_recorded_controller  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
-    rig, text = load(rig_file)
     runs, elsewhere = ([load_measured(path) for path in paths] for paths in (used, judges))
+    rig, text = with_recorded_controller(*load(rig_file), runs)
     diagnosis = analysis.diagnose(runs, rig=rig, unseen=elsewhere)
     written = write(diagnosis, text, directory, in_session=True)
     model = next((path for path in written if path.suffix == ".yaml"), None)

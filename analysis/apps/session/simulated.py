@@ -26,10 +26,11 @@ from analysis.apps.session.daemon_cell import Rigd
 from analysis.apps.session.session_state import Answer
 from daq import clock
 from daq.apps.emulate.emulated_cell import as_emulated
+from daq.apps.emulate.instruments import instruments_of
 from daq.apps.emulate.simulated_cell import SimulatedCell
 from daq.apps.emulate.simulated_clock import SimulatedClock
 from rigs.errors import CellError
-from rigs.load import load, load_hidden
+from rigs.load import load, load_hidden, parse
 
 if TYPE_CHECKING:
     from analysis.diagnosis.judge.result import Diagnosis
@@ -64,7 +65,8 @@ class SimulatedChild:
         robot = EmulatedRobot.of_rig(hidden, int(str(options["--seed"])))
         write_cell_files(Path(options["-o"]), hidden, robot, text)
         time_of_cell.kill("cell")
-        cell = SimulatedCell.switched_on(time_of_cell, folder, text, robot, robot.signal)
+        devices = instruments_of(parse(text, "cell"), robot, robot.signal, condition=robot.pose)
+        cell = SimulatedCell.switched_on(time_of_cell, folder, text, robot, robot.signal, devices)
         pendant = Pendant(hidden, Path(options["--programs"]), str(options["--for"]))
         child = cls(cell, robot, pendant, log, hear)
         with time_of_cell.process("cell"):

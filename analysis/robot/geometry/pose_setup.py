@@ -211,6 +211,16 @@ def fit_constants(arm: Arm, q: Array, xyz_mm: Array, R: Array | None) -> FittedA
     return _fitted(lambda change: _with_constants(arm, change), len(_FIELDS) * arm.axes, misfit)
 
 
+def undetermined_mm(fitted: FittedArm, q: Array) -> float:
+    """Largest displacement at joints q (n, axes) rad by a change of 1 mm in constants that a fit left undetermined."""
+    sizes, vt = np.linalg.svd(fitted.design, full_matrices=True)[1:]
+    determined = np.zeros(len(vt), dtype=bool)
+    determined[: len(sizes)] = sizes > DETERMINED * sizes[0]
+    at = forward(fitted.arm, q)[:, :3, 3]
+    moved = [forward(_with_constants(fitted.arm, change), q)[:, :3, 3] - at for change in vt[~determined]]
+    return float(max((np.linalg.norm(way, axis=1).max() for way in moved), default=0.0))
+
+
 def _with_constants(arm: Arm, change: Array) -> Arm:
     """Return an arm with constants changed by (5 axes,) mm."""
     parts = change.reshape(len(_FIELDS), arm.axes)

@@ -19,9 +19,11 @@ from collections.abc import Mapping, Sequence
 
 from daq.feedback import Read
 from daq.protocol.conversation import Device, FaultKind, Host
+from daq.protocol.numerals import plausible
+from daq.protocol.poses import columns_of, quaternion_of, rotation_of_quaternion
 from daq.protocol.positions import Order, Position, Positions, SteadyDevice, UnusableDatagram
 from daq.protocol.streamed import Streamed
-from rigs.schema.condition import ProgramState
+from rigs.schema.condition import POSE, ProgramState
 from rigs.schema.feedback import ABBEGM
 
 VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5
@@ -109,7 +111,7 @@ def doubles(number: int, values: Sequence[float]) -> bytes:
 RATE_HZ = 250.0
 _DATA = 2
 """Message type sent by a controller. The other types are sent to controllers."""
-_MOTORS, _RAPID = 4, 8
+_CARTESIAN, _MOTORS, _RAPID = 2, 4, 8
 _STATE_OF_MOTORS = {1: 1.0, 2: 0.0}
 """Value of the column `motors_on` by motor state: MOTORS_ON, MOTORS_OFF."""
 _STATE_OF_RAPID = {1: ProgramState.STOPPED, 2: ProgramState.RUNNING}
@@ -140,12 +142,34 @@ def _decode(data: bytes) -> Position | UnusableDatagram:
         return UnusableDatagram(FaultKind.MISSING, f"{len(angles_deg)} joints instead of 6; check the mechanical unit")
     seconds = number_in(clock, 1) + number_in(clock, 2) * 1e-6 if clock else number_in(header, 2) / 1000
     program, motors = _state_in(message, _RAPID, _STATE_OF_RAPID), _state_in(message, _MOTORS, _STATE_OF_MOTORS)
-    return Position(angles_deg[:6], seconds, number_in(header, 1) % 2**32, (program, motors))
+    condition = (program, motors, *_pose_in(message_in(feedback or [], _CARTESIAN) or []))
+    return Position(angles_deg[:6], seconds, number_in(header, 1) % 2**32, condition)
+
+
+def _pose_in(cartesian: Sequence[Field]) -> tuple[float, ...]:
+    """Return the columns of the pose: position in mm and quaternion; nan if a number is missing."""
+    parts = [message_in(cartesian, number) or [] for number in (1, 2)]
+    numbers = [values[-1] for part, count in zip(parts, (3, 4), strict=True) for values in _doubles_of(part, count)]
+    if len(numbers) != 7 or not any(numbers[3:]):
+        return (math.nan,) * len(POSE)
+    return tuple(map(plausible, columns_of(rotation_of_quaternion(*numbers[3:]), numbers[:3])))
+
+
+def _doubles_of(message: Sequence[Field], count: int) -> list[tuple[float, ...]]:
+    """Return the values of the fields 1 … count, without those that are missing."""
+    return [values for number in range(1, count + 1) if (values := doubles_in(message, number))]
 
 
 def _state_in(message: Sequence[Field], number: int, meanings: Mapping[int, float]) -> float:
     """Return the meaning of a state field, nan if it is missing or undefined."""
     return float(meanings.get(number_in(message_in(message, number) or [], 1), math.nan))
+
+
+def _cartesian(pose: Sequence[float]) -> bytes:
+    """Encode the columns of a pose."""
+    groups = (pose[:3], quaternion_of(pose[3:]))
+    place, turn = (b"".join(doubles(key, [value]) for key, value in enumerate(group, 1)) for group in groups)
+    return nested(1, place) + nested(2, turn)
 
 
 class _EGMController(SteadyDevice):
@@ -157,8 +181,11 @@ class _EGMController(SteadyDevice):
     def _message(self, instant_ns: int) -> bytes:
         passed_us = round((instant_ns - self._connected_ns) / 1000)
         header = integer(1, self.sent) + integer(2, passed_us // 1000 % 2**32) + integer(3, _DATA)
-        *angles_deg, program, motors = self._read(instant_ns)
-        joints = nested(1, doubles(1, angles_deg))
+        shown = self._read(instant_ns)
+        (program, motors), pose = shown[6:8], shown[8:]
+        joints = nested(1, doubles(1, shown[:6]))
+        if math.isfinite(pose[0]):
+            joints += nested(_CARTESIAN, _cartesian(pose))
         clock = integer(1, self.EPOCH_S + passed_us // 1_000_000) + integer(2, passed_us % 1_000_000)
         condition = nested(_MOTORS, integer(1, 1 if motors else 2))
         condition += nested(_RAPID, integer(1, 2 if program == ProgramState.RUNNING else 1))

@@ -39,9 +39,20 @@ from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, ConversationStep, Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message, Sized
 from daq.protocol.numerals import are_angles, plausible
+from daq.protocol.poses import flange_pose, tool_fields
 from daq.protocol.positions import SteadyDevice, SteadyRate, SteadySteps
 from daq.protocol.streamed import Reaction, Streamed
-from rigs.schema.condition import CURRENTS, PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES, ProgramState, SafetyState
+from rigs.schema.condition import (
+    CURRENTS,
+    PAYLOAD,
+    POSE,
+    PROGRAM,
+    SAFETY,
+    SPEED,
+    TEMPERATURES,
+    ProgramState,
+    SafetyState,
+)
 from rigs.schema.feedback import URRTDE, RTDESignal, condition_columns
 
 Numbers = Sequence[float]
@@ -63,6 +74,8 @@ CONDITION_TYPES = {
 """Fields of the condition. All are optional, because they depend on the controller software."""
 CURRENT_TYPES = {"actual_current": "VECTOR6D"}
 """Field of the motor currents, in A."""
+POSE_TYPES = {"actual_TCP_pose": "VECTOR6D", "tcp_offset": "VECTOR6D"}
+"""Fields of the pose: tool in the base and in the flange, each x, y, z in m and a rotation vector in rad."""
 OLDER = {_SAFETY_FIELD: "safety_mode"}
 """Earlier name of a field with the same type and codes."""
 _PROGRAM = {
@@ -153,6 +166,14 @@ def currents_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
     return tuple(map(plausible, fields.get(name, (math.nan,) * 6)))
 
 
+def pose_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
+    """Return the columns of the flange pose, nan if a field is missing."""
+    tool, offset = (fields.get(name) for name in POSE_TYPES)
+    if tool is None or offset is None:
+        return (math.nan,) * len(POSE)
+    return tuple(map(plausible, flange_pose(tool, offset)))
+
+
 def fields_of(shown: Mapping[str, float]) -> dict[str, Numbers]:
     """Return the fields for a condition and currents."""
     fields: dict[str, Numbers] = {}
@@ -170,12 +191,16 @@ def fields_of(shown: Mapping[str, float]) -> dict[str, Numbers]:
     if CURRENTS[0] in shown:
         (currents,) = CURRENT_TYPES
         fields[currents] = tuple(shown[current] for current in CURRENTS)
+    if POSE[0] in shown:
+        fields |= dict(zip(POSE_TYPES, tool_fields([shown[name] for name in POSE], EMULATED_TOOL), strict=True))
     return fields
 
 
+EMULATED_TOOL = (0.0, 0.02, 0.15, 0.0, 0.3, 0.0)
+"""Tool set in the emulated controller: x, y, z in m and rotation vector in rad."""
 _MOST_UNKNOWN = 3
 """Number of consecutive unknown packets that mean a stream out of step."""
-_DISPENSABLE = {*CONDITION_TYPES, *OLDER.values(), *CURRENT_TYPES}
+_DISPENSABLE = {*CONDITION_TYPES, *OLDER.values(), *CURRENT_TYPES, *POSE_TYPES}
 """Optional fields."""
 _MAX_CLOCK_S = 1e9
 """Largest valid time stamp. No controller runs for 30 years without a restart."""
@@ -196,8 +221,8 @@ def _recipe(feedback: URRTDE) -> Recipe:
         {_signal_field(feedback.signal): ("UINT64" if feedback.signal.outputs else "INT32")} if feedback.signal else {}
     )
     condition = CONDITION_TYPES if feedback.condition else {}
-    currents = CURRENT_TYPES if feedback.currents else {}
-    return Recipe({"timestamp": "DOUBLE", "actual_q": "VECTOR6D", **signal, **condition, **currents})
+    currents, pose = CURRENT_TYPES if feedback.currents else {}, POSE_TYPES if feedback.pose else {}
+    return Recipe({"timestamp": "DOUBLE", "actual_q": "VECTOR6D", **signal, **condition, **currents, **pose})
 
 
 def _signal_field(place: RTDESignal) -> str:
@@ -221,7 +246,7 @@ class _RTDEClient:
         self._rate_hz = feedback.rate_hz
         self._place = feedback.signal
         self._condition = feedback.condition
-        self._currents = feedback.currents
+        self._currents, self._pose = feedback.currents, feedback.pose
         self._recipe = _recipe(feedback)
         self._awaited = b"V"
         self._number = 0
@@ -295,12 +320,13 @@ class _RTDEClient:
         signal = (_signal(self._place, int(fields[_signal_field(self._place)][0])),) if self._place else ()
         condition = condition_of(fields) if self._condition else ()
         currents = currents_of(fields) if self._currents else ()
+        pose = pose_of(fields) if self._pose else ()
         angles_deg = tuple(map(math.degrees, angles_rad))
         if not (0 <= clock_s < _MAX_CLOCK_S and are_angles(angles_deg)):
             detail = f"packet with time {clock_s:g} s and angles {angles_rad} rad; ignored"
             return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
         sample = Sample(
-            (*angles_deg, *signal, *condition, *currents),
+            (*angles_deg, *signal, *condition, *currents, *pose),
             NO_TIME,
             message.first_byte_ns,
             message.last_byte_ns,

@@ -160,7 +160,37 @@ def test_motor_state_and_rapid_state_of_egm(states: bytes, motors: float | None,
         assert not isinstance(script.taken()[-1], Sample)
         return
     shown = _last(egm(), script)
-    assert shown == pytest.approx({"program_state": program, "motors_on": motors}, nan_ok=True)
+    assert {name: shown.pop(name) for name in ("program_state", "motors_on")} == pytest.approx(
+        {"program_state": program, "motors_on": motors}, nan_ok=True
+    )
+    assert all(map(math.isnan, shown.values()))
+
+
+def test_rtde_gives_the_flange_without_the_tool_set_in_the_controller() -> None:
+    robot = rtde(condition=False, pose=True)
+    script = Script(daq.feedback.host(robot))
+    script.receive(_packet(b"V", b"\1"))
+    script.receive(_packet(b"O", b"\1DOUBLE,VECTOR6D,VECTOR6D,VECTOR6D") + _packet(b"S", b"\1"))
+    tool, offset = (0.4, -0.2, 0.3, 0.0, math.pi, 0.0), (0.0, 0.0, 0.15, 0.0, 0.0, 0.0)
+    script.receive(_packet(b"U", struct.pack(">B19d", 1, 12.5, *[0.1] * 6, *tool, *offset)))
+    shown = _last(robot, script)
+    assert [shown[f"controller_{axis}_mm"] for axis in "xyz"] == pytest.approx([400, -200, 450])
+
+
+def test_egm_gives_the_pose_of_the_tool() -> None:
+    joints = b"\x0a\x36" + (b"\x09" + struct.pack("<d", 1.0)) * 6
+    place = b"".join(bytes([key]) + struct.pack("<d", value) for key, value in ((9, 400.0), (17, -200.0), (25, 300.0)))
+    turn = b"".join(
+        bytes([key]) + struct.pack("<d", value)
+        for key, value in ((9, math.sqrt(0.5)), (17, 0.0), (25, 0.0), (33, math.sqrt(0.5)))
+    )
+    cartesian = b"\x0a\x1b" + place + b"\x12\x24" + turn
+    script = Script(daq.feedback.host(egm()))
+    feedback = joints + b"\x12" + bytes([len(cartesian)]) + cartesian
+    script.receive(b"\x0a\x04\x08\x01\x18\x02" + b"\x12" + bytes([len(feedback)]) + feedback)
+    shown = _last(egm(), script)
+    pose = [shown[f"controller_{name}"] for name in ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")]
+    assert pose == pytest.approx([400, -200, 300, 0, 0, 90])
 
 
 @pytest.mark.parametrize(

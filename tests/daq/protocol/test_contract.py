@@ -16,6 +16,7 @@ import daq.feedback
 import daq.gauges
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.polled import STIR, STIR_EVERY_NS, STIR_NS
+from rigs.schema.condition import POSE
 from rigs.schema.feedback import Feedback, columns_beside_joints
 from rigs.schema.gauges import Gauge
 from tests.support.drivers import FEEDBACKS, GAUGES, keyence, modbus, rtde, sylvac
@@ -108,7 +109,8 @@ def test_feedback_gives_the_planted_angles(name: str, feedback: Feedback) -> Non
         }
         warm = {f"temperature{axis}_c": 30 + axis + now_ns // S for axis in range(1, 7)}
         drawn = {f"current{axis}_a": 0.5 * axis - now_ns // S for axis in range(1, 7)}
-        beside = [float((changing | warm | drawn)[name]) for name in columns_beside_joints(feedback)]
+        pose = {name: 10.0 * place - now_ns // S for place, name in enumerate(POSE)}
+        beside = [float((changing | warm | drawn | pose)[name]) for name in columns_beside_joints(feedback)]
         return [*(axis * 10 - now_ns * 1e-9 for axis in range(1, 7)), *beside]
 
     device = daq.feedback.device(feedback, read)

@@ -1,0 +1,99 @@
+"""Poses that a controller computed in a run, next to the joint angles that they belong to.
+
+They show with which constants the controller computes, whatever the real arm does: an interface that transmits both
+makes a question to the user unnecessary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from analysis.robot.description.controller_constants import constants_from_poses, data_sheet_of, robot_with
+from analysis.robot.description.rig_section import largest_difference, random_postures
+from analysis.robot.geometry.pose_setup import fit_setup, position_error
+from analysis.robot.kinematics.arm import Array, Mask, controller_arm, forward, transforms, without_setup
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.condition import POSE
+from rigs.schema.robot import Robot
+
+_MOST = 400
+"""Number of poses kept of a run. Chosen: ten times what the constants of an arm need."""
+_SAME_MM = 20.0
+"""Distance of the first pose from the flange in the base up to which it is the flange in the base: more than own
+constants move it, less than any tool.
+"""
+RESOLUTION_MM = 0.02
+"""Distance that digits of an interface explain: 0.01 mm and 0.001° at 0.6 m, rounded; doubles agree to 1e-9 mm."""
+
+
+@dataclass(frozen=True)
+class ControllerPoses:
+    """Joint angles q (n, 6) rad with the poses T (n, 4, 4) mm that the controller computed for them."""
+
+    q: Array
+    T: Array
+
+    def is_flange(self, rig: Rig) -> bool:
+        """True if the poses are of the flange in the base: no tool and no frame are part of them."""
+        bare = without_setup(controller_arm(rig.robot))
+        return bool(np.linalg.norm(forward(bare, self.q[:1])[0, :3, 3] - self.T[0, :3, 3]) < _SAME_MM)
+
+    def distance_mm(self, rig: Rig) -> float:
+        """Largest distance from the arm that the rig file states, with tool and frame fitted if they are unknown."""
+        bare = forward(without_setup(controller_arm(rig.robot)), self.q)
+        if self.is_flange(rig):
+            return float(np.linalg.norm(bare[:, :3, 3] - self.T[:, :3, 3], axis=1).max())
+        errors = position_error(bare, self.T[:, :3, 3], fit_setup(bare, self.T[:, :3, 3]))
+        return float(np.linalg.norm(errors, axis=1).max())
+
+
+def rig_as_recorded(rig: Rig, poses: ControllerPoses | None) -> Rig:
+    """Return a rig that does not state its controller with the constants that the controller's poses show.
+
+    Unchanged if they show own constants without determining them everywhere: the controller then stays unknown.
+    """
+    if poses is None or rig.controller != "unknown" or not poses.is_flange(rig):
+        return rig
+    with suppress(FileError):
+        data_sheet = data_sheet_of(rig.robot)
+        read = constants_from_poses(data_sheet, poses.q, poses.T[:, :3, 3], poses.T[:, :3, :3], "the run")
+        return rig.model_copy(update={"robot": robot_with(rig, read)})
+    return rig
+
+
+def are_same_constants(one: Robot, other: Robot) -> bool:
+    """True if two controllers compute the same poses within the resolution of the interfaces."""
+    postures = random_postures(one)
+    T, its_T = (forward(without_setup(controller_arm(robot)), postures) for robot in (one, other))
+    return largest_difference(T, its_T)[0] < RESOLUTION_MM
+
+
+def controller_poses(robot: Mapping[str, np.ndarray[Any, Any]]) -> ControllerPoses | None:
+    """Return up to 400 poses of a robot stream, evenly spread over its rows; None if it has none."""
+    if POSE[0] not in robot:
+        return None
+    columns = np.stack([np.asarray(robot[name], dtype=float) for name in POSE], axis=1)
+    rows = np.flatnonzero(_complete(columns))
+    if not len(rows):
+        return None
+    rows = np.unique(rows[np.linspace(0, len(rows) - 1, min(_MOST, len(rows))).astype(int)])
+    q = np.radians(np.stack([robot[f"q{axis}_deg"][rows] for axis in range(1, 7)], axis=1))
+    return ControllerPoses(q, transforms(columns[rows]))
+
+
+def _complete(columns: Array) -> Mask:
+    return np.asarray(np.isfinite(columns).all(axis=1))
+
+
+def controller_doubt(rig: Rig, poses: ControllerPoses | None) -> list[str]:
+    """Return a doubt if the controller computes with other constants than the rig file states."""
+    if poses is None or (apart_mm := poses.distance_mm(rig)) <= RESOLUTION_MM:
+        return []
+    problem = f"the controller computes poses with other constants than the rig file: up to {apart_mm:.2f} mm apart"
+    return [f"{problem}; give its constants with --calibration"]
