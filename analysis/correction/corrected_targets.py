@@ -1,8 +1,8 @@
-"""Corrected targets: commands that move the real arm to the positions commanded to the nominal arm.
+"""Corrected targets: commands that move the real arm to the wanted poses.
 
 The real arm is the model with the correctable effects. The command is shifted by the error of the real arm until the
-error vanishes. Because effects are small, each round leaves about a thousandth. The controller is assumed to use the
-nominal arm, so a corrected pose is the pose of the nominal arm at the corrected angles.
+error vanishes. Because effects are small, each round leaves about a thousandth. A corrected pose is the pose that the
+controller computes at the corrected angles, with the constants that it has (`controller_arm`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from analysis.correction.pose_uncertainty import (
     where_known,
     why_unknown,
 )
-from analysis.correction.reasons import Reason
+from analysis.correction.reasons import POSE_OF_UNKNOWN_CONTROLLER, Reason
 from analysis.correction.support import Support, why_nothing
 from analysis.correction.work import (
     FEWEST_TAUGHT,
@@ -35,7 +35,17 @@ from analysis.correction.work import (
     work_or_spread,
 )
 from analysis.diagnosis.evidence.observation import BEYOND_MM, outside_coverage
-from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array, Mask, arm_of, forward, pose_error, rail_mm
+from analysis.robot.kinematics.arm import (
+    RAIL_MM,
+    Arm,
+    Array,
+    Mask,
+    arm_of,
+    controller_arm,
+    forward,
+    pose_error,
+    rail_mm,
+)
 from analysis.robot.kinematics.inverse import inverse
 from analysis.robot.kinematics.joint_limits import within_limits
 from analysis.robot.kinematics.newton import newton, newton_in_part, turned_rad
@@ -120,8 +130,8 @@ class CorrectedTargets:
     """Targets of a path with their corrections.
 
     `done` (n,): mask of corrected targets; `left`: the remaining targets. `q` (n, 6) rad: corrected angles. `T` (n, 4,
-    4): poses of the nominal arm at these angles. `missed_mm` (n,): error caused by the corrected effects. `left_out_mm`
-    (n, e): rms error of each uncorrected effect, named in left_out (e,).
+    4): poses that the controller computes at these angles, NaN if its constants are unknown. `missed_mm` (n,): error
+    caused by the corrected effects. `left_out_mm` (n, e): rms error of each uncorrected effect, named in left_out (e,).
 
     `u_mm` (n,): standard uncertainty of the position in the robot's base, from the model and from uncorrected effects.
     `u_frame_mm` (n,): the same in a frame taught with the robot over these targets. All are NaN for uncorrected
@@ -145,15 +155,22 @@ class CorrectedTargets:
 
 
 def corrected(
-    rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequence[NotCorrected] = ()
+    rig: Rig,
+    supported: Sequence[Support],
+    q: Array,
+    unsolved: Sequence[NotCorrected] = (),
+    wanted: Array | None = None,
 ) -> CorrectedTargets:
-    """Return targets, given as nominal angles q (n, 6) rad, corrected for the correctable effects.
+    """Return targets corrected for the correctable effects.
 
-    Targets that have no angles, exceed the limits or are at a singularity remain uncorrected.
+    q (n, 6) rad: joint angles to which the controller moves. wanted (n, 4, 4): poses that the targets mean, by default
+    those of the arm in the rig file at q. Targets that have no angles, exceed the limits or are at a singularity remain
+    uncorrected.
     """
-    angles, done, skipped = corrected_angles(rig, supported, q, unsolved)
+    wanted = forward(arm_of(rig.robot), q) if wanted is None else wanted
+    angles, done, skipped = corrected_angles(rig, supported, q, unsolved, wanted)
     uncertainty = pose_uncertainty(rig, supported)
-    uncorrected, arm = rest_effects(rig, supported), arm_of(rig.robot)
+    uncorrected, arm = rest_effects(rig, supported), controller_arm(rig.robot)
 
     def spread(values: Array) -> Array:
         """Return values of the corrected targets (m, …) at their indices among all (n, …), NaN elsewhere."""
@@ -165,11 +182,13 @@ def corrected(
     inside = covered(uncertainty, at)
     left_out = left_out_mm(rig, uncorrected, at)
     stays_mm = np.linalg.norm(left_out, axis=1)
-    taught = q[done] if inside is None else q[done][inside]
+    used, nominal = used_effects(rig, supported), wanted[done]
+    rows = slice(None) if inside is None else inside
+    taught, frame = q[done][rows], nominal[rows]
     if too_few := len(taught) < FEWEST_TAUGHT:
         taught = work_or_spread(rig, uncertainty.joints_rad)
+        frame = forward(arm, taught)
     u_mm, u_frame_mm = places_u_mm(rig, uncertainty, at, taught)
-    used, nominal, frame = used_effects(rig, supported), forward(arm, q[done]), forward(arm, taught)
     before, marks, unknown = tool_places(rig, used, q[done]), None, np.full(len(q), "", dtype=object)
     if inside is not None:
         marks = np.zeros(len(q), dtype=bool)
@@ -182,14 +201,14 @@ def corrected(
     sizes_mm = sizes_mm if inside is None else sizes_mm[:, inside]
     return CorrectedTargets(
         angles,
-        forward(arm, angles),
+        np.full((len(q), 4, 4), np.nan) if rig.controller == "unknown" else forward(arm, angles),
         spread(distance),
         tuple(map(label_of, uncorrected)),
         spread(left_out),
         spread(where_known(uncertainty, at, np.hypot(u_mm, stays_mm))),
         spread(where_known(uncertainty, at, np.hypot(u_frame_mm, stays_mm))),
         marks,
-        (*_doubts(rig, uncertainty, at), *_turned(rig, supported, q[done], at)),
+        (*_doubts(rig, uncertainty, at), *_turned(rig, supported, nominal, at)),
         done,
         tuple(skipped),
         tuple(unknown.tolist()),
@@ -198,10 +217,15 @@ def corrected(
 
 
 def corrected_angles(
-    rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequence[NotCorrected] = ()
+    rig: Rig,
+    supported: Sequence[Support],
+    q: Array,
+    unsolved: Sequence[NotCorrected] = (),
+    wanted: Array | None = None,
 ) -> tuple[Array, Mask, list[NotCorrected]]:
     """Return only the corrected angles (n, 6) rad, the mask (n,), and the uncorrected targets, as for `corrected`."""
     model = model_of(rig, used_effects(rig, supported))
+    wanted = forward(model.arm, q) if wanted is None else wanted
     skipped = {target.place: target for target in unsolved}
     beyond = _beyond_limits(model.arm, q)
     if rig.robot.rail is not None:
@@ -215,7 +239,7 @@ def corrected_angles(
     skipped |= {target.place: target for target in beyond if target.place not in skipped}
     done = np.array([k not in skipped for k in range(len(q))], dtype=bool)
     angles, reached = q.copy(), done.copy()
-    angles[done], reached[done] = reached_angles(model, forward(model.arm, q[done]), q[done])
+    angles[done], reached[done] = reached_angles(model, wanted[done], q[done])
     skipped |= {k: NotCorrected(k, "singular", _SINGULAR) for k in np.flatnonzero(done & ~reached).tolist()}
     skipped |= {target.place: target for target in _beyond_limits(model.arm, angles) if reached[target.place]}
     done = np.array([k not in skipped for k in range(len(q))], dtype=bool)
@@ -248,11 +272,14 @@ def reached_angles(model: Model, wanted: Array, q: Array) -> tuple[Array, Mask]:
 
 
 def angles_for(rig: Rig, poses: Array) -> tuple[Array, list[NotCorrected]]:
-    """Return nominal angles (n, 6) rad of target poses (n, 4, 4), and the unreachable targets, with NaN angles.
+    """Return the controller's angles (n, 6) rad of target poses (n, 4, 4), and the targets without any, as NaN.
 
     The first solution is closest to the posture of the rig's tests, each further solution closest to the previous.
     """
-    arm = arm_of(rig.robot)
+    arm = controller_arm(rig.robot)
+    if rig.controller == "unknown":
+        why = POSE_OF_UNKNOWN_CONTROLLER
+        return np.full((len(poses), 6), np.nan), [NotCorrected(k, "controller_unknown", why) for k in range(len(poses))]
     solutions = inverse(arm, poses)
     tests = [test for test in (rig.tests.hemisphere, rig.tests.circle) if test]
     near: Array = np.radians(tests[0].posture_deg) if tests else arm.limits.mean(axis=1)
@@ -291,15 +318,15 @@ def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
     return [first, *outside_coverage(ranges, q, "the model"), *stands]
 
 
-def _turned(rig: Rig, supported: Sequence[Support], q: Array, at: Array) -> list[str]:
+def _turned(rig: Rig, supported: Sequence[Support], wanted: Array, at: Array) -> list[str]:
     """Return remarks on the rotation error that remains if an arm has fewer than six axes.
 
-    q (n, axes) rad: nominal angles, at (n, axes) rad: corrected angles.
+    wanted (n, 4, 4): poses of the targets. at (n, axes) rad: corrected angles.
     """
-    if (axes := len(rig.robot.axes)) >= DRIVEN_AXES or not len(q):
+    if (axes := len(rig.robot.axes)) >= DRIVEN_AXES or not len(at):
         return []
     really = tool_poses(model_of(rig, used_effects(rig, supported)), at)
-    most_deg = float(np.degrees(turned_rad(really, forward(arm_of(rig.robot), q)).max()))
+    most_deg = float(np.degrees(turned_rad(really, wanted).max()))
     return [
         f"an arm of {axes} axes turns the tool in {axes - 3} ways at a position: each position is corrected, and the "
         f"tool stays turned by up to {most_deg:.2g}°"

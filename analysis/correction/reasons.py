@@ -1,8 +1,11 @@
-"""Reasons for targets of a program that stay uncorrected."""
+"""Reasons for targets that stay uncorrected."""
 
 from __future__ import annotations
 
 from typing import Literal
+
+from rigs.rig import Rig
+from rigs.schema.controllers import practice_of
 
 Reason = Literal[
     "relative",
@@ -39,4 +42,16 @@ Reason = Literal[
     "singular",
     "too_large",
     "changes_flags",
+    "controller_unknown",
 ]
+POSE_OF_UNKNOWN_CONTROLLER = "is a pose, which this controller may compute with constants that are unknown"
+
+
+def how_to_state_controller(rig: Rig) -> str:
+    """Return the remedy for an unknown arm in the controller."""
+    practice = practice_of(rig.maker or rig.robot.name)
+    of_maker = f" ({practice.get})" if practice else ""
+    return (
+        f"give --calibration FILE{of_maker}, or with one row of joints and flange pose if the controller has no "
+        "constants of its own; or state `controller: data_sheet` under robot in the rig file"
+    )

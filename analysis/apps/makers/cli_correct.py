@@ -123,8 +123,9 @@ def correct(
     from analysis.apps.makers.report import correction_report
     from analysis.cli.console import progress_of
     from analysis.cli.plain_console import PlainConsole
+    from analysis.correction.reasons import how_to_state_controller
     from analysis.correction.support import require_usable_model
-    from rigs.errors import UseError
+    from rigs.errors import FileError, UseError
     from rigs.load import load, named_by
 
     if (tools or frames) and not programs:
@@ -133,7 +134,7 @@ def correct(
         raise UseError("--start-joints", "is the posture at the start of a program", "give --program as well")
     rig, _ = load(with_controller(rig_file, calibration))
     require_usable_model(rig, rig_file, anyway=anyway)
-    maker = maker or maker_of(rig.feedback.interface)
+    maker_asked, maker = maker, maker or maker_of(rig.feedback.interface)
     with named_by(rig_file, rig), progress_of("correcting"):
         stated = frames_of(rig.robot, tools or (), frames or ())
         asked = Programs(programs or (), stated, whole, start_of(start), anyway)
@@ -163,7 +164,10 @@ def correct(
             "      first run the program at reduced speed with a hand on the stop button, and watch each target",
             err=True,
         )
-    errors = target_errors(*corrections.path) if corrections.path else []
+    errors = target_errors(rig, *corrections.path) if corrections.path else []
+    if maker_asked and rig.controller == "unknown" and not (path or programs):
+        problem = "the constants of the controller are unknown, and values to enter are differences from them"
+        errors.append(FileError(rig_file, problem, how_to_state_controller(rig)))
     end_with_errors([*errors, *_not_written(corrections, in_vain)], ", all in corrections.yaml")
 
 

@@ -1,9 +1,9 @@
 """Corrections in the notation of a controller: parameters to change, the benefit of each change, and the remaining
 error.
 
-The complete error of the model over the work area is projected onto the parameters of the controller. The work area is
-always taken from the rig file, never from a path. Each rig file therefore has a single set of entries, and targets
-computed for a controller with these entries stay valid.
+The difference of the model from the constants that the controller has now, over the work area, is projected onto the
+parameters of the controller. The work area is always taken from the rig file, never from a path. Each rig file
+therefore has a single set of entries, and targets computed for a controller with these entries stay valid.
 
 Zeros and lengths of a controller cannot represent a compliant joint or a gear error, but can absorb part of their
 effect on the tool. The constants are fitted to the error of the tool at the postures of the work area, position and
@@ -43,7 +43,7 @@ from analysis.correction.work import (
     used_effects,
     work_or_spread,
 )
-from analysis.robot.kinematics.arm import Array, Mask, pose_error
+from analysis.robot.kinematics.arm import Array, Mask, controller_robot, pose_error
 from analysis.robot.model.predict import model_of
 from rigs.effects import Effect, changed, turned
 from rigs.errors import UseError
@@ -104,7 +104,7 @@ class Projection:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """Changes as effects of the nominal arm, as used by the controller afterwards."""
+        """Changes as effects of the arm in the controller, as it computes afterwards."""
         return tuple(
             constant.effect(value) for constant, value in zip(self.constants, self.values.tolist(), strict=True)
         )
@@ -142,14 +142,20 @@ class Projection:
         The comparison is over the work area q (n, 6) rad, in the robot's base or with frame and tool taught. moves (k,
         n and more, 6): argument of `changes`.
         """
-        real, nominal = tool_places(rig, used, q), tool_poses(model_of(rig, ()), q)
-        off_mm = [real - tool_places(rig, projection.effects, q) for projection in (fewer, self)]
+        now = at_controller(rig)
+        real, nominal = tool_places(rig, used, q), tool_poses(model_of(now, ()), q)
+        off_mm = [real - tool_places(now, projection.effects, q) for projection in (fewer, self)]
         in_base, frame = np.concatenate([off_mm, moves[:, : len(q), :3]]), TaughtFrame(nominal)
         for without, full, *by_u in (in_base, frame.remove_motions(in_base, nominal, frame.motions(in_base))):
             u = 2.0 * math.hypot(*(float((move * (without - full)).sum()) for move in by_u))
             if float((without**2).sum() - (full**2).sum()) > CERTAIN_U * u:
                 return True
         return False
+
+
+def at_controller(rig: Rig) -> Rig:
+    """Return the rig with the arm in the controller."""
+    return rig.model_copy(update={"robot": controller_robot(rig.robot)})
 
 
 def project(
@@ -163,8 +169,9 @@ def project(
     lever = max(_LEVER_MM, float(np.linalg.norm(rig.robot.tool.xyz_mm)))
     shares = np.repeat([(1 - _OUTSIDE_WEIGHT) / len(work), _OUTSIDE_WEIGHT / len(spread)], [len(work), len(spread)])
     weights = np.sqrt(shares)[:, None] * [1, 1, 1, lever, lever, lever]
-    q = np.concatenate([work, spread])
-    base, real = tool_poses(model_of(rig, ()), q), tool_poses(model_of(rig, effects), q)
+    q, real = np.concatenate([work, spread]), tool_poses(model_of(rig, effects), np.concatenate([work, spread]))
+    rig = at_controller(rig)
+    base = tool_poses(model_of(rig, ()), q)
     least_mm = max(_LEAST_MM, _CRUMB * float(np.linalg.norm(pose_error(base, real) * weights)))
     first = _solved(rig, real, constants, q, weights)
     moves = [pose_error(base, tool_poses(model_of(rig, [effect]), q)) * weights for effect in first.effects]
@@ -254,12 +261,13 @@ class NotEntered:
 class ControllerEntries:
     """All changes at a controller, and the remaining error.
 
-    effects: changes as effects of the nominal arm; empty if they remove no error. before_um, after_um: rms position
-    error of the tool over the work area before and after the changes. by_targets_um: the same with corrected targets.
-    All three include the uncorrectable error, the latter two also the uncertainty of the model. elsewhere_um: error of
-    the model before and after the changes, at postures spread over the joint angles of the work area or the runs. All
-    refer to a frame taught with the robot at these postures. base_u_um: contribution of the position of the arm on its
-    base to the uncertainty. twins: parameters of which only a combination is determined.
+    effects: changes as effects of the arm in the controller; empty if they remove no error. before_um, after_um: rms
+    position error of the tool over the work area before and after the changes. by_targets_um: the same with corrected
+    targets. All three include the uncorrectable error, the latter two also the uncertainty of the model.
+    elsewhere_um: error of the model before and after the changes, at postures spread over the joint angles of the
+    work area or the runs. All refer to a frame taught with the robot at these postures. base_u_um: contribution of
+    the position of the arm on its base to the uncertainty. twins: parameters of which only a combination is
+    determined.
     """
 
     name: MakerName
@@ -344,12 +352,12 @@ def _significant(
 
     Insignificant changes are removed in turn, the least certain first, because a removal may make the others certain.
     """
-    constants = [Constant(axis, "q_deg") for axis in range(1, 7)]
+    constants, axes = [Constant(axis, "q_deg") for axis in range(1, 7)], controller_robot(rig.robot).axes
     for parameter in controller.constants:
         constants += [
             Constant(axis, parameter.key)
             for axis in parameter.axes
-            if not parameter.by_size or getattr(rig.robot.axes[axis - 1], parameter.key)
+            if not parameter.by_size or getattr(axes[axis - 1], parameter.key)
         ]
     while True:
         projection = project(rig, used, constants, *postures)
@@ -390,15 +398,15 @@ def as_entered(rig: Rig, targets: CorrectedTargets, at: ControllerEntries) -> Co
         added_deg[entry.axis - 1] += entry.reading_deg
     q, T = targets.q.copy(), targets.T.copy()
     q[done] += np.radians(added_deg)
-    T[done] = tool_poses(model_of(rig, at.effects), targets.q[done])
+    T[done] = tool_poses(model_of(at_controller(rig), at.effects), targets.q[done])
     return replace(targets, q=q, T=T)
 
 
 def _apart_mm(rig: Rig, effects: Sequence[Effect], others: Sequence[Effect], q: Array) -> Array:
-    """Return the distance (n,) mm between the tools of two models at angles q (n, 6) rad, with frame and tool
-    taught.
+    """Return the distance (n,) mm of the real tool, with effects of the arm in the rig file, from the pose that the
+    controller computes with other changes, at angles q (n, 6) rad with frame and tool taught.
     """
-    return rest_mm(tool_places(rig, effects, q), tool_poses(model_of(rig, others), q))
+    return rest_mm(tool_places(rig, effects, q), tool_poses(model_of(at_controller(rig), others), q))
 
 
 def _entry(
@@ -418,7 +426,7 @@ def _entry(
         )
         name, unit, per_unit = parameter.of(constant.axis), parameter.unit, parameter.per_unit
         if parameter.by_size:
-            nominal = float(getattr(rig.robot.axes[constant.axis - 1], constant.key))
+            nominal = float(getattr(controller_robot(rig.robot).axes[constant.axis - 1], constant.key))
             per_unit, now = per_unit * np.sign(nominal), abs(per_unit * nominal)
     else:
         name, unit, per_unit = controller.zero.format(axis=constant.axis), controller.unit, controller.per_deg

@@ -16,16 +16,17 @@ from analysis.apps.makers.reading import programs_at, refuse_marked
 from analysis.apps.makers.target_path import TargetPath, read_path, refuse_corrected_path
 from analysis.correction.corrected_targets import CorrectedTargets, WorkError, angles_for, corrected
 from analysis.correction.pose_uncertainty import covered, places_u_mm, pose_uncertainty
+from analysis.correction.reasons import how_to_state_controller
 from analysis.correction.support import Support, supports, supports_of_usual_size
 from analysis.correction.work import (
     left_out_mm,
     rest_effects,
     rest_mm,
     tool_places,
-    tool_poses,
     used_effects,
     work_or_spread,
 )
+from analysis.robot.kinematics.arm import controller_arm, forward
 from analysis.robot.model.predict import model_of
 from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
@@ -41,7 +42,7 @@ class Corrections:
     effects: effects with their use. zeros, constants: corrections of joints and links. work: error over the work area.
     path: a table of targets with the corrected targets, computed for a controller with the entries if `entered`.
     at_controller: entries in the notation of a controller. calibrated: effects that exist only in the calibration; the
-    zeros and constants above include them.
+    zeros and constants above include them. If the constants of the controller are unknown, nothing is to be entered.
     """
 
     rig: Rig
@@ -103,10 +104,15 @@ def correct_rig(
         raise UseError("--entered", problem, "give one of them")
     if entered and not (path and controller):
         raise UseError("--entered", "needs --path, and a maker from --for or the feedback", "give both")
-    supported = supports(rig)
-    entries = controller_entries(rig, supported, controller, scale) if controller and not programs.paths else None
-    of_model = tuple(supports_of_usual_size(rig))
-    zeros, constants = joint_zeros(rig, [*supported, *of_model]), link_constants(rig, [*supported, *of_model])
+    if entered and rig.controller == "unknown":
+        problem = "the constants of the controller are unknown, so no values for it were computed"
+        raise FileError(RigPlace.of(rig.name), problem, how_to_state_controller(rig))
+    supported, of_model = supports(rig), tuple(supports_of_usual_size(rig))
+    entries, zeros, constants = None, list[Correction](), list[Correction]()
+    if rig.controller != "unknown":
+        zeros, constants = joint_zeros(rig, [*supported, *of_model]), link_constants(rig, [*supported, *of_model])
+        if controller and not programs.paths:
+            entries = controller_entries(rig, supported, controller, scale)
     targets = _targets(rig, supported, path, entries if entered else None) if path else None
     paths = [program for path in programs.paths for program in programs_at(path)]
     for unread in () if programs.again else paths:
@@ -136,7 +142,7 @@ def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
     uncertainty = pose_uncertainty(rig, supported)
     q = work_or_spread(rig, uncertainty.joints_rad)
     stays_mm = np.linalg.norm(left_out_mm(rig, rest_effects(rig, supported), q), axis=1)
-    is_at, nominal = tool_places(rig, used_effects(rig, supported), q), tool_poses(model_of(rig, ()), q)
+    is_at, nominal = tool_places(rig, used_effects(rig, supported), q), forward(controller_arm(rig.robot), q)
     off_mm, taught_mm = np.linalg.norm(is_at - nominal[:, :3, 3], axis=1), rest_mm(is_at, nominal)
     sizes_mm = [off_mm, taught_mm, *places_u_mm(rig, uncertainty, q, q), stays_mm]
     return WorkError.of(np.array(sizes_mm), covered(uncertainty, q))
@@ -161,15 +167,19 @@ def _targets(
         raise FileError(str(path), problem, f"give joint angles q1_deg … q{axes}_deg")
     refuse_corrected_path(read, str(path))
     q, unsolved = (read.angles(), []) if read.joints else angles_for(rig, read.poses())
-    targets = corrected(rig, supported, q, unsolved)
+    targets = corrected(rig, supported, q, unsolved, None if read.joints else read.poses())
     if not targets.done.any():
-        raise target_errors(path, read, targets)[0]
+        raise target_errors(rig, path, read, targets)[0]
     return path, read, as_entered(rig, targets, entered) if entered else targets
 
 
-def target_errors(path: Path, path_read: TargetPath, targets: CorrectedTargets) -> list[FileError]:
+def target_errors(rig: Rig, path: Path, path_read: TargetPath, targets: CorrectedTargets) -> list[FileError]:
     """Return an error for each target of a path that could not be corrected."""
     return [
-        FileError(f"{path}, line {path_read.lines[target.place]}", target.what, "move the target")
+        FileError(
+            f"{path}, line {path_read.lines[target.place]}",
+            target.what,
+            how_to_state_controller(rig) if target.reason == "controller_unknown" else "move the target",
+        )
         for target in targets.left
     ]

@@ -21,7 +21,7 @@ CONSTANTS = ("a_mm", "alpha_deg", "beta_deg", "d_mm", "offset_deg")
 @dataclass(frozen=True)
 class Correction:
     """A number to change: axis from 1, key as in the rig file, in mm or degrees, and change `delta` with standard
-    uncertainty `u`.
+    uncertainty `u`, from the `nominal` value in the controller.
     """
 
     axis: int
@@ -42,8 +42,23 @@ def joint_zeros(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
 
 
 def link_constants(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
-    """Return the changes of the arm's constants relative to the rig file."""
-    return _summed(supported, "link constant", {k: axis.model_dump() for k, axis in enumerate(rig.robot.axes, start=1)})
+    """Return the changes of the arm's constants relative to those in the controller.
+
+    The effects are relative to the axes of the rig file. If the controller has other constants, every difference from
+    them is a change; its u is NaN if no effect determined the constant.
+    """
+    axes = {k: axis.model_dump() for k, axis in enumerate(rig.robot.axes, start=1)}
+    found = {(item.axis, item.key): item for item in _summed(supported, "link constant", axes)}
+    if not rig.robot.controller_axes:
+        return list(found.values())
+    changes = []
+    for k, own in enumerate(rig.robot.controller_axes, start=1):
+        for key in CONSTANTS:
+            of_key = found.get((k, key))
+            now, real = float(getattr(own, key)), of_key.corrected if of_key else float(axes[k][key])
+            if of_key or now != real:
+                changes.append(Correction(k, key, now, real - now, of_key.u if of_key else math.nan))
+    return changes
 
 
 def corrected_table(rig: Rig, corrections: Sequence[Correction]) -> list[dict[str, float | int | str]]:

@@ -1,8 +1,8 @@
 """A user's program with corrected targets: all other bytes are unchanged, and uncorrected targets are listed.
 
-A joint target becomes the joint angles that put the real tool at the nominal position. A pose becomes the pose of the
-nominal arm at such angles: the controller then moves the real arm to the wanted pose. The controller is assumed to use
-the nominal arm. Nothing is sent to a robot.
+A joint target becomes the joint angles that put the real tool where the arm of the data sheet has it. A pose becomes
+the pose that the controller computes at the angles at which the real tool is right. If the constants of the controller
+are unknown, poses are not corrected. Nothing is sent to a robot.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ from analysis.apps.makers.target import (
 from analysis.correction.corrected_targets import CorrectedTargets, NotCorrected, WorkError, corrected
 from analysis.correction.reasons import Reason
 from analysis.correction.support import Support
-from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward, pose_error, transform
+from analysis.robot.kinematics.arm import Arm, Array, arm_of, controller_arm, forward, pose_error, transform
+from rigs.arms import load_arm
 from rigs.errors import FileError, UseError
 from rigs.rig import Rig
 from rigs.schema.robot import Pose, Robot
@@ -148,14 +149,19 @@ def correct_program(
     maker, texts = read_program(path)
     reader = maker.reader
     parsed = reader.parse(texts)
-    arm, targets = arm_of(rig.robot), parsed.targets
+    arm, targets = controller_arm(rig.robot), parsed.targets
     located = [_located(arm, reader, frames, target) for target in targets]
     inverse_tool = np.linalg.inv(arm.T_flange_tool)
     tips = np.array([(inverse_tool @ place.tool)[:3, 3] for place in located]).reshape(-1, 3)
     q, reasons = _joints_at(arm, parsed, located, scale, start, tips)
+    if rig.controller == "unknown":
+        of_arm = [k for k, target in enumerate(targets) if not target.joints and reasons.get(k) not in _OF_TEXT]
+        reasons |= dict.fromkeys(of_arm, "controller_unknown")
     reasons |= {k: "unused" for k, target in enumerate(targets) if target.file >= texts.own}
-    done = corrected(rig, supported, q, [NotCorrected(k, why, "") for k, why in reasons.items()])
-    nominal = forward(arm, q)
+    nominal, joints = forward(arm, q), np.array([target.joints for target in targets], dtype=bool)
+    wanted = np.where(joints[:, None, None], forward(offline_arm(rig.robot), q), nominal)
+    done = corrected(rig, supported, q, [NotCorrected(k, why, "") for k, why in reasons.items()], wanted)
+    done = replace(done, T=forward(arm, done.q))
     moved_mm = np.linalg.norm(done.T[:, :3, 3] - nominal[:, :3, 3], axis=1)
     reasons |= {target.place: target.reason for target in done.left}
     reasons |= _implausible(arm, targets, q, done, moved_mm)
@@ -207,6 +213,20 @@ def correct_program(
     )
 
 
+_OF_TEXT: tuple[Reason, ...] = ("unknown_tool", "unknown_frame")
+"""Reasons that the text of a pose gives, whatever arm computes it."""
+
+
+def offline_arm(robot: Robot) -> Arm:
+    """Return the arm of the data sheet, with which offline programming computes the joint angles of a program.
+
+    If the rig file has the constants of the controller without the name of the arm, it is the arm of the rig file.
+    """
+    if robot.controller == "constants" and robot.arm and not robot.controller_axes:
+        robot = robot.model_copy(update={"axes": load_arm(robot.arm).robot.axes})
+    return arm_of(robot)
+
+
 def _joints_at(
     arm: Arm,
     parsed: Parsed,
@@ -215,7 +235,7 @@ def _joints_at(
     start: tuple[float, ...] | None,
     tips: Array,
 ) -> tuple[Array, dict[int, Reason]]:
-    """Return the joint angles (n, 6) rad of the nominal arm at the targets, and the reasons for missing ones.
+    """Return the joint angles (n, 6) rad of the controller at the targets, and the reasons for missing ones.
 
     tips (n, 3): points in mm that the program moves, in the frame of the arm's tool.
 

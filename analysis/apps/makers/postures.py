@@ -1,4 +1,4 @@
-"""The joint angles of the nominal arm at the targets of a program.
+"""The joint angles that a controller computes at the targets of a program.
 
 A pose has up to eight postures with different corrections, so a target with an uncertain posture is not corrected. The
 posture is determined, in this order, by joint angles in the program near the pose, by posture flags that only a single

@@ -71,7 +71,7 @@ class SharedCorrections:
 class Correction:
     """The corrected targets of a program.
 
-    q (n, 6), nominal (n, 4, 4): nominal joint angles in rad and poses. tips (n, 3): points in mm that the program
+    arm: as the controller computes with it. q (n, 6), nominal (n, 4, 4): joint angles in rad and poses before. tips (n, 3): points in mm that the program
     moves, in the frame of the arm's tool. reasons: of the uncorrected targets.
     """
 
@@ -142,7 +142,7 @@ def add_vias(
     if not passed:
         return
     at = np.array([angles for _, angles in passed])
-    angles, done, _ = corrected_angles(rig, supported, at)
+    angles, done, _ = corrected_angles(rig, supported, at, wanted=forward(correction.arm, at))
     for (k, _), wanted, solved in zip(passed, forward(correction.arm, angles), done, strict=True):
         before_mm, after_mm = (
             float(np.linalg.norm(correction.tip(k, T) - correction.tip(k, wanted))) if solved else np.nan

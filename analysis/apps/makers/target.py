@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from analysis.apps.makers.program_machine import Unknown
-from analysis.correction.reasons import Reason
+from analysis.correction.reasons import POSE_OF_UNKNOWN_CONTROLLER, Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 Form = Literal[
@@ -114,6 +114,7 @@ WHY: dict[Reason, str] = {
     "singular": "is at a singularity or at a limit, where a correction is impossible",
     "too_large": "would move by more than is plausible for a correction",
     "changes_flags": "would get a posture or turn that differs from the flags: touch the point up by hand",
+    "controller_unknown": POSE_OF_UNKNOWN_CONTROLLER,
 }
 """Predicates that complete a sentence with the target as the subject."""
 

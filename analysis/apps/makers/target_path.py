@@ -18,6 +18,7 @@ from analysis.apps.makers.programs.compensated import compensated
 from analysis.apps.makers.programs.motion_plan import Comment, MotionPlan
 from analysis.apps.makers.reading import MARK
 from analysis.correction.corrected_targets import CorrectedTargets
+from analysis.correction.reasons import how_to_state_controller
 from analysis.correction.support import ANYWAY, require_usable_model, why_nothing
 from analysis.intake.cells import TableFileError, TableProblem, value
 from analysis.intake.read import MOST_BYTES
@@ -105,6 +106,9 @@ def compensated_plans(
     errors of `read_path` and `compensated`.
     """
     require_usable_model(rig, rig_file, anyway=anyway)
+    if rig.controller == "unknown":
+        problem = "the program has poses, and the constants with which the controller computes poses are unknown"
+        raise FileError(rig_file, problem, how_to_state_controller(rig))
     joints, poses = read_corrected_path(path)
     against = AGAINST in joints.columns
     if against and not anyway:
@@ -168,6 +172,7 @@ def corrected_columns(path: TargetPath, corrected: CorrectedTargets, against: st
     rail = RAIL in path.names
     axes = corrected.q.shape[1] - rail
     names = (*joint_columns(axes), *((RAIL,) if rail else ()), *POSES)
+    names = names if np.isfinite(corrected.T).any() else names[: -len(POSES)]  # unknown constants of the controller
     values = np.concatenate(
         [
             np.degrees(corrected.q[:, :axes]),
@@ -176,6 +181,7 @@ def corrected_columns(path: TargetPath, corrected: CorrectedTargets, against: st
         ],
         axis=1,
     )
+    values = values[:, : len(names)]
     values[np.ix_(~corrected.done, np.isin(names, path.names))] = path.values[~corrected.done]
     columns |= {
         name: _cells(np.round(column, 7) + 0.0)  # no -0.0

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.makers.controller_entries import ControllerEntries
+from analysis.apps.makers.controller_entries import ControllerEntries, at_controller
 from analysis.apps.makers.correct_rig import correct_rig
 from analysis.apps.makers.programs.compensated import ahead_of_plays, compensated, targets_of
 from analysis.apps.makers.programs.motion_plan import Arc
@@ -27,12 +27,13 @@ from analysis.apps.session.session_state import MAIN, ProgramStep, Session, Sess
 from analysis.correction.corrected_targets import corrected_angles
 from analysis.correction.deviation import Expected, Work
 from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm, pose_uncertainty, where_known
+from analysis.correction.reasons import how_to_state_controller
 from analysis.correction.support import known_plays, supports
 from analysis.correction.work import tool_poses, used_effects
 from analysis.diagnosis.judge.compare_runs import compare
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import circle_of
-from analysis.robot.kinematics.arm import arm_of, forward
+from analysis.robot.kinematics.arm import controller_arm, forward
 from analysis.robot.model.predict import model_of
 from analysis.runs.loading import Measured, load_measured
 from analysis.runs.noise.readings import rms
@@ -91,14 +92,23 @@ def corrected(
     """
     shutil.rmtree(directory, ignore_errors=True)
     model, _ = load(model_file)
+    if session.emulated and model.controller == "unknown":  # the emulated controller has the arm of the rig file
+        model = model.model_copy(update={"robot": model.robot.model_copy(update={"controller": "data_sheet"})})
     correction = correct_rig(model, None, session.maker)
     correction_report.write(correction, directory)
     entries = correction.at_controller
-    assert entries is not None  # noqa: S101 - a maker was given
     on_circle, other_place = ([load_measured(path) for path in paths] for paths in runs)
     targets = (*used_effects(model, correction.effects), *known_plays(model))
-    now_um, by_entries_um, at_targets_um = (
-        _left_um(on_circle, rig, effects) for effects in ((), entries.effects, targets)
+    now_um = _left_um(on_circle, at_controller(rig), ())
+    if entries is None:
+        how = how_to_state_controller(model)
+        if chosen_way not in (None, "none"):
+            raise FileError(str(model_file), "the constants of the controller are unknown: nothing is corrected", how)
+        sentence = f"Nothing was corrected: the constants of the controller are unknown. To correct the robot, {how}."
+        return _correction("none", sentence, now_um), {}
+    by_entries_um, at_targets_um = (
+        _left_um(on_circle, at_controller(rig), entries.effects),
+        _left_um(on_circle, rig, targets),
     )
     try:
         main = _of_test(rig, model, session.stages[0], MAIN)
@@ -122,7 +132,8 @@ def corrected(
     )
     at_circle, elsewhere = expected_left(model, pose_u, on_circle, left_um), None
     if other_place:
-        there_um = float(np.hypot(_left_um(other_place, other_place[0].rig, by), beside_um))
+        there = at_controller(other_place[0].rig) if way == "entries" else other_place[0].rig
+        there_um = float(np.hypot(_left_um(other_place, there, by), beside_um))
         elsewhere = expected_left(model, pose_u, other_place, there_um)
     expected = {
         "same": at_circle,
@@ -219,7 +230,7 @@ def _of_test(rig: Rig, model: Rig, stage: Stage, test: DrivenTest) -> list[Sessi
     if failures:
         raise FileError(where, f"{len(failures)} targets cannot be corrected: {failures[0].what}", _ENTER)
     angles = angles + ahead
-    poses = forward(arm_of(moved.robot), angles)
+    poses = forward(controller_arm(moved.robot), angles)
     plans = compensated([program.plan for program in programs], angles, poses, range(1, len(q) + 1), where)
     return [replace(program, plan=plan, corrected="targets") for program, plan in zip(programs, plans, strict=True)]
 

@@ -100,13 +100,18 @@ def arm_of(robot: Robot) -> Arm:
     )
 
 
-def controller_arm(robot: Robot) -> Arm:
-    """Arm with which the controller computes poses, as far as the rig file states it."""
+def controller_robot(robot: Robot) -> Robot:
+    """Robot with the axes with which the controller computes poses, as far as the rig file states them."""
     if not robot.controller_axes:
-        return arm_of(robot)
+        return robot
     constants = zip(robot.axes, robot.controller_axes, strict=True)
     axes = tuple(axis.model_copy(update=dict(own)) for axis, own in constants)
-    return arm_of(robot.model_copy(update={"axes": axes, "controller_axes": ()}))
+    return robot.model_copy(update={"axes": axes, "controller_axes": ()})
+
+
+def controller_arm(robot: Robot) -> Arm:
+    """Arm with which the controller computes poses, as far as the rig file states it."""
+    return arm_of(controller_robot(robot))
 
 
 def without_setup(arm: Arm) -> Arm:

@@ -33,9 +33,9 @@ from analysis.robot.kinematics.arm import forward
 from analysis.robot.model.predict import model_of
 from rigs.edit import extended
 from rigs.effects import Compliance, Effect, EffectProvenance, JointOffset, LinkGeometry, TransmissionError, size_field
-from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
+from tests.support.stated_controller import load
 from tests.worlds.arms.independent_arm import Wrong, constants_of, flange
 
 Array = NDArray[np.float64]

@@ -33,8 +33,10 @@ EFFECTS: tuple[Effect, ...] = (
 
 
 def known(rig: Rig) -> Rig:
-    """Return the rig with the hidden errors written in its file."""
-    return rig.model_copy(update={"effects": EFFECTS})
+    """Return the rig with the hidden errors written in its file, and a controller that computes with the data sheet."""
+    return rig.model_copy(
+        update={"effects": EFFECTS, "robot": rig.robot.model_copy(update={"controller": "data_sheet"})}
+    )
 
 
 def hidden() -> Wrong:

@@ -90,7 +90,7 @@ wrist.
 
 @lru_cache
 def rig_of(name: str) -> Rig:
-    """Return the rig of an arm."""
+    """Return the rig of an arm whose controller computes with the data sheet."""
     if name == "kuka-hanging":
         robot, tests = yaml.safe_load(_KUKA), yaml.safe_load(_TESTS)
     elif name in LIBRARY:
@@ -98,9 +98,12 @@ def rig_of(name: str) -> Rig:
         robot = section | {"tool": {"xyz_mm": [0, 0, 100], "rpy_deg": [0, 90, 0]}, "payload_kg": 2}
         tests = {"circle": LIBRARY[name] | {"radius_mm": 60, "speed_mm_s": 20}}
     else:
-        return load(name)[0]
+        rig = load(name)[0]
+        return rig.model_copy(update={"robot": rig.robot.model_copy(update={"controller": "data_sheet"})})
     rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))
-    return parse(yaml.safe_dump(rig | {"name": name, "robot": robot, "tests": tests}), name)
+    return parse(
+        yaml.safe_dump(rig | {"name": name, "robot": robot | {"controller": "data_sheet"}, "tests": tests}), name
+    )
 
 
 def flange_of(rig: Rig) -> Flange:

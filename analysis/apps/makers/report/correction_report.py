@@ -25,6 +25,7 @@ from analysis.apps.report.diagnosis_words import plain
 from analysis.apps.report.texts import texts_of
 from analysis.cli.plain_console import fold_long_words, right
 from analysis.correction.corrected_targets import GAIN_UM, CorrectedTargets, WorkError
+from analysis.correction.reasons import how_to_state_controller
 from analysis.correction.support import ANYWAY, reason_against_model, why_nothing
 from analysis.correction.work import rest_effects
 from analysis.procedures.shared.quantity import quantity_of
@@ -48,6 +49,12 @@ _NOTHING = (
     "Nothing to enter is here: --for MAKER writes values to enter, --program FILE or --path FILE corrected targets."
 )
 _ONE = "Use only one: zeros and constants, or the parameters of the controller, or corrected targets."
+
+
+_UNKNOWN = (
+    "The constants with which this controller computes poses are unknown: only joint targets are corrected, and no "
+    "values to enter are computed. To change this"
+)
 
 
 def as_table(corrections: Corrections) -> RenderableType:
@@ -82,8 +89,8 @@ def as_table(corrections: Corrections) -> RenderableType:
             for zero in corrections.zeros
         ]
         instead += [
-            f"axis {constant.axis}, {constant.key}: {constant.corrected:.6g} instead of {constant.nominal:.6g} "
-            f"(± {constant.u:.2g})"
+            f"axis {constant.axis}, {constant.key}: {constant.corrected:.6g} instead of {constant.nominal:.6g}"
+            + ("" if np.isnan(constant.u) else f" (± {constant.u:.2g})")
             for constant in corrections.constants
         ]
         parts += [Text(f"alternatively, {line}") for line in instead]
@@ -91,6 +98,8 @@ def as_table(corrections: Corrections) -> RenderableType:
     if corrections.at_controller:
         parts += [Text(), controller_report.as_table(corrections.at_controller, corrections.rig, corrections.entered)]
     parts += [Text(line) for program in corrections.programs for line in ("", *program_report.lines(program))]
+    if corrections.rig.controller == "unknown":
+        parts += [Text(), Text(f"{_UNKNOWN}: {how_to_state_controller(corrections.rig)}", style="yellow")]
     return Group(*parts)
 
 
@@ -236,6 +245,7 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
         "rig": corrections.rig.name,
         "verdict": "nothing" if (why := why_not(corrections)) else "correct",
         "verdict_why": why or None,
+        "controller_arm": corrections.rig.controller,
         "joint_zeros": [
             {"axis": zero.axis, "add_deg": short(zero.delta), "u_deg": short(zero.u)} for zero in corrections.zeros
         ],
@@ -246,7 +256,7 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
                     "key": constant.key,
                     "nominal": constant.nominal,
                     "corrected": short(constant.corrected),
-                    "u": short(constant.u),
+                    "u": None if np.isnan(constant.u) else short(constant.u),
                 }
             )
             for constant in corrections.constants

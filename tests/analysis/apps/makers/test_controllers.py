@@ -21,10 +21,10 @@ from analysis.cli import app
 from rigs.edit import extended
 from rigs.effects import Backlash, Compliance, Effect, EffectProvenance, JointOffset, LinkGeometry
 from rigs.errors import UseError
-from rigs.load import load
 from rigs.schema.vocabulary import MAKERS, MakerName, maker_of
 from tests.support import command_line
 from tests.support.maker_controllers import NO_DELTA, Mastered, UniversalRobots
+from tests.support.stated_controller import load
 from tests.worlds.arms.independent_arm import Wrong as WrongArm
 from tests.worlds.arms.independent_arm import constants_of, flange
 

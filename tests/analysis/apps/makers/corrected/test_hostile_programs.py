@@ -15,8 +15,8 @@ from analysis.apps.makers.target import WHY
 from analysis.correction.support import supports
 from rigs.edit import extended
 from rigs.effects import Backlash, Compliance, Effect, JointOffset
-from rigs.load import load
 from tests.support.command_line import ran
+from tests.support.stated_controller import load
 from tests.worlds.arms.faulty_arm import EFFECTS, found, known
 
 RIG = known(load("ur10e")[0])

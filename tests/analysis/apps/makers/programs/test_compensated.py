@@ -33,9 +33,9 @@ from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.robot.kinematics.newton import newton
 from rigs.effects import EffectProvenance, JointOffset
 from rigs.errors import FileError
-from rigs.load import load
 from rigs.schema.vocabulary import MAKERS, DrivenTest, MakerName
 from tests.support.command_line import ended
+from tests.support.stated_controller import load
 from tests.worlds.arms.independent_arm import Array, Wrong, constants_of, flange
 from tests.worlds.interpreters.driven import paths, run
 
@@ -156,7 +156,9 @@ def _dwelt(events: list[Event]) -> list[ToolPose]:
 def test_the_commands_lead_from_a_test_to_its_corrected_program(
     tmp_path: Path, tables: Tables, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ("program", "ur10e", "--for", "kuka", "--test", "yaw", "-o")
+    cell = tmp_path / "ur10e.yaml"
+    cell.write_text(load("ur10e")[1], encoding="utf-8")
+    words = ("program", cell, "--for", "kuka", "--test", "yaw", "-o")
     assert ended(*words, tmp_path / "nominal", "--targets") == 0
     head, first, *_ = (tmp_path / "nominal" / "yaw-path.csv").read_text(encoding="ascii").splitlines()
     assert head == "program,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg" and first.startswith("yaw acw ur10e,")
