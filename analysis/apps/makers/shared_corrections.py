@@ -71,8 +71,9 @@ class SharedCorrections:
 class Correction:
     """The corrected targets of a program.
 
-    arm: as the controller computes with it. q (n, 6), nominal (n, 4, 4): joint angles in rad and poses before. tips (n, 3): points in mm that the program
-    moves, in the frame of the arm's tool. reasons: of the uncorrected targets.
+    arm: arm in the controller. q (n, 6), nominal (n, 4, 4): its joint angles in rad and poses before the correction.
+    tips (n, 3): points in mm that the program moves, in the frame of the arm's tool. reasons: of the uncorrected
+    targets.
     """
 
     arm: Arm
