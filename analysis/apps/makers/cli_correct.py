@@ -81,6 +81,15 @@ _Frames = Annotated[
         "in the same form; repeatable; default: none.",
     ),
 ]
+_Neutral = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--neutral",
+        metavar="NAMES",
+        help="Routines without a file, separated by commas, that neither move the arm nor change tools, frames, "
+        "registers or offsets; repeatable; default: none.",
+    ),
+]
 _Start = Annotated[
     str | None,
     typer.Option(
@@ -110,6 +119,7 @@ def correct(
     tools: _Tools = None,
     frames: _Frames = None,
     start: _Start = None,
+    neutral: _Neutral = None,
     anyway: Anyway = False,
     whole: Annotated[
         bool, typer.Option("--all-or-nothing", help="Write only programs with all targets corrected.")
@@ -130,13 +140,15 @@ def correct(
 
     if (tools or frames) and not programs:
         raise UseError("--tool, --frame", "apply only to programs of --program", "give --program as well")
+    if neutral and not programs:
+        raise UseError("--neutral", "names routines of programs", "give --program as well")
     if start and not programs:
         raise UseError("--start-joints", "is the posture at the start of a program", "give --program as well")
     rig, _ = load(with_controller(rig_file, calibration))
     require_usable_model(rig, rig_file, anyway=anyway)
     maker_asked, maker = maker, maker or maker_of(rig.feedback.interface)
     with named_by(rig_file, rig), progress_of("correcting"):
-        stated = frames_of(rig.robot, tools or (), frames or ())
+        stated = frames_of(rig.robot, tools or (), frames or (), neutral or ())
         asked = Programs(programs or (), stated, whole, start_of(start), anyway)
         corrections = correct_rig(rig, path, maker, scale_of(scale), entered=entered, programs=asked)
         in_vain = {} if anyway else corrections.in_vain

@@ -7,6 +7,7 @@ are unknown, poses are not corrected. Nothing is sent to a robot.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -62,10 +63,16 @@ _MOST_TURNED_DEG = 1000.0
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames (4, 4) in mm by name, in lower case: tools from the flange, user frames from the robot's base."""
+    """Statements of the user on the controller.
+
+    tools, frames: frames (4, 4) in mm by name, in lower case; tools from the flange, user frames from the robot's base.
+    neutral: names of routines without a text that neither move the arm nor change tools, frames, registers or
+    displacements.
+    """
 
     tools: Mapping[str, Array]
     frames: Mapping[str, Array]
+    neutral: tuple[str, ...] = ()
 
 
 NO_FRAMES = Frames({}, {})
@@ -129,6 +136,8 @@ class CorrectedProgram:
     named: frozenset[tuple[str, str]] = frozenset()
     held: bool = False
     start: tuple[float, ...] | None = None
+    neutral: tuple[str, ...] = ()
+    """Routines that change nothing, as stated by the user."""
 
 
 def correct_program(
@@ -146,7 +155,7 @@ def correct_program(
     whole: hold the program if any target of a move cannot be corrected. start (6,): joint angles in rad at the start of
     the program. Raises FileError for an invalid program.
     """
-    maker, texts = read_program(path)
+    maker, texts = read_program(path, frames.neutral)
     reader = maker.reader
     parsed = reader.parse(texts)
     arm, targets = controller_arm(rig.robot), parsed.targets
@@ -210,6 +219,7 @@ def correct_program(
         named=parsed.named,
         held=whole and any(target.reason != "unused" for target in left),
         start=start if _needs_start(parsed) else None,
+        neutral=texts.neutral,
     )
 
 
@@ -422,15 +432,20 @@ def _off_um(arm: Arm, target: Target, located: _Located, scale: Sequence[float] 
     return float(np.linalg.norm(written_pose[:3, 3] - meant[:3, 3])) * 1e3
 
 
-def frames_of(robot: Robot, tools: Sequence[str], frames: Sequence[str]) -> Frames:
-    """Parse texts "name=x,y,z,rx,ry,rz" as frames.
+def frames_of(robot: Robot, tools: Sequence[str], frames: Sequence[str], neutral: Sequence[str] = ()) -> Frames:
+    """Parse texts "name=x,y,z,rx,ry,rz" as frames, and lists of routines that change nothing, separated by commas.
 
     A tool can also be "name=rig", the tool of the rig file, and both can be "name=0". Raises UseError for any other
     text, and for a name with two different frames.
     """
     of_tools = [_parse_named_frame("--tool", text, transform(robot.tool)) for text in tools]
     of_frames = [_parse_named_frame("--frame", text, None) for text in frames]
-    return Frames(_without_contradiction("--tool", of_tools), _without_contradiction("--frame", of_frames))
+    stated = _without_contradiction("--tool", of_tools), _without_contradiction("--frame", of_frames)
+    routines = tuple(name.strip() for text in neutral for name in text.split(","))
+    for name in routines:
+        if not re.fullmatch(r"\w[\w -]{0,39}", name):
+            raise UseError(f"--neutral {name}", "is not the name of a routine", "write NAME or NAME,NAME")
+    return Frames(*stated, routines)
 
 
 def _without_contradiction(option: str, named: Sequence[tuple[str, Array]]) -> dict[str, Array]:

@@ -303,7 +303,7 @@ def _elsewhere(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
     The work point comes first: if a move reaches it without an offset, unknown offsets of others do not matter.
     """
     usages = point.usages
-    if point.target.joints or all(usage.offset for usage in usages):
+    if all(usage.offset for usage in usages):
         for _, why in _bad_offsets(point):
             yield "offset", (why,)
     for usage in usages:

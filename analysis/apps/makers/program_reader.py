@@ -33,7 +33,8 @@ class ProgramReader:
     upright. beside: suffixes of files in the directory whose routines and data a program can use. backup: name in upper
     case of the directory of a controller's backup that contains all files that a program can use. is_together: the
     programs of a directory are one program, because they share points and routines. is_of_maker: whether a file, by its
-    path in the backup, is delivered by the maker and is not corrected.
+    path in the backup, is delivered by the maker and is not corrected. empty: text of a file with an empty routine, {0}
+    for the name; no text if the language has no such files.
     """
 
     parse: Callable[[ProgramTexts], Parsed]
@@ -46,3 +47,4 @@ class ProgramReader:
     backup: str = ""
     is_together: bool = False
     is_of_maker: Callable[[str], bool] = lambda _: False
+    empty: str = ""

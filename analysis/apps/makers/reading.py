@@ -10,7 +10,7 @@ from pathlib import Path
 from analysis.apps.makers import Maker, maker_by, maker_of_file, suffixes_in_words
 from analysis.apps.makers.program_reader import Remark
 from analysis.apps.makers.target import ProgramTexts
-from rigs.errors import FileError
+from rigs.errors import FileError, UseError
 from rigs.files import read_bytes
 
 MOST_BYTES = 10_000_000
@@ -87,8 +87,12 @@ def _tree(root: Path, suffixes: Sequence[str], *, deep: bool = True) -> dict[str
     return {file.relative_to(root).as_posix(): file for file in found}
 
 
-def read_program(path: Path) -> tuple[Maker, ProgramTexts]:
+def read_program(path: Path, neutral: Sequence[str] = ()) -> tuple[Maker, ProgramTexts]:
     """Return the maker of a program, and the texts of its files and of the other files that it can use.
+
+    neutral: names of routines that change nothing, as stated by the user. They count as empty, unless a file has the
+    name of the routine. Raises UseError if the language has no such files.
+
 
     These are in the directory of the program or, if the program is in a backup of the controller, in the backup. The
     data list is included if it exists. Raises FileError for a file that is not a program, and for a directory with too
@@ -102,7 +106,14 @@ def read_program(path: Path) -> tuple[Maker, ProgramTexts]:
     tree = _tree(root, reader.beside, deep=path.is_dir() or backup is not None) if reader.beside else {}
     data = {name: read_bytes(file, MOST_BYTES) for name, file in tree.items() if file not in own}
     read_beside = {name: content.decode(ENCODING) for name, content in data.items() if b"\0" not in content}
-    return maker, ProgramTexts((*files, *read_beside), (*files.values(), *read_beside.values()), len(files))
+    if neutral and not reader.empty:
+        problem = f"is not possible for {maker.files.label}: a program is a single file"
+        raise UseError(f"--neutral {neutral[0]}", problem, "define the function in the program")
+    stems = {Path(name).stem.upper() for name in (*files, *read_beside)}
+    empty = {f"{name}{reader.beside[0]}": reader.empty.format(name) for name in neutral if name.upper() not in stems}
+    read_beside |= empty
+    texts = (*files.values(), *read_beside.values())
+    return maker, ProgramTexts((*files, *read_beside), texts, len(files), tuple(Path(name).stem for name in empty))
 
 
 MARK = "corrected by rig"

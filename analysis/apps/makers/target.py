@@ -205,11 +205,12 @@ class NamedFrame:
 @dataclass(frozen=True)
 class ProgramTexts:
     """The texts of files with their names. The first `own` texts are corrected; the others in the directory are only
-    read."""
+    read. neutral: names of routines that change nothing, as stated by the user; they have empty texts."""
 
     names: tuple[str, ...]
     texts: tuple[str, ...]
     own: int = 1
+    neutral: tuple[str, ...] = ()
 
 
 def numbers_in(text: str, begin: int, end: int) -> tuple[Number, ...] | None:

@@ -38,7 +38,7 @@ from tests.worlds.languages.frames import angles_of, inverted, of_angles, shifte
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
 _AXES = ("X", "Y", "Z", "W", "P", "R")
 _STILL = re.compile(
-    r"(?i)(DO|RO|GO|AO|SO|UO|F|WO|R|SR|TIMER|\$WAITTMOUT|\$[A-LN-Z]\w*|\$MOR\w*)\[?.*=|WAIT|PAUSE|OVERRIDE|PAYLOAD|MESSAGE|UALM|RSR|JOINT_MAX|LINEAR_MAX"
+    r"(?i)(DO|RO|GO|AO|SO|UO|F|M|WO|R|SR|PL|TIMER|\$WAITTMOUT|\$[A-LN-Z]\w*|\$MOR\w*)\[?.*=|WAIT|PAUSE|OVERRIDE|PAYLOAD|MESSAGE|UALM|RSR|JOINT_MAX|LINEAR_MAX"
     r"|SKIP CONDITION|COL|MONITOR|LOCK|UNLOCK|DETECT|PULSE|DO\[|GO\[|RO\[|TC_ONLINE|LOOK|STOP_TRACKING"
     r"|ARC (START|END)|WELD (START|END)|WEAVE|SPOT\["
 )
@@ -341,7 +341,8 @@ class Machine:
         if re.search(r"\bCOORD\b", text):
             X = self.world.shift(f"leader at {position.others}") @ X
         F = shifted(user @ X @ inverted(tool), -self.robot.rail_mm)
-        chosen = Config(position.config) if position.config and not relative else None
+        config = position.config or ("" if position.q is None else config_letters(position.q))
+        chosen = Config(config) if config and not relative else None
         self.robot.pose(F, tool[:3, 3], place, src, chosen, straight=text[0] != "J")
 
     def _options(self, text: str) -> tuple[bool, Array | None, Array | None]:

@@ -175,4 +175,5 @@ READER = ProgramReader(
     _DECIMALS,
     Remark("  ! ", before={".mod": re.compile(rb"^[ \t]*ENDMODULE\b", re.MULTILINE | re.IGNORECASE)}),
     beside=(".mod", ".sys"),
+    empty="MODULE {0}_stated\nPROC {0}()\nENDPROC\nENDMODULE\n",
 )

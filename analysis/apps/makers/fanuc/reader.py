@@ -16,6 +16,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
+import numpy as np
+
 from analysis.apps.makers.fanuc.instructions import INSIDE, OPTIONS, change_by
 from analysis.apps.makers.numbers import Decimals, frame_of
 from analysis.apps.makers.points import Points, as_value
@@ -108,6 +110,9 @@ _AXIS = re.compile(rf"\b([XYZWPR])\s*=\s*({NUMBER})\s*(?:mm|deg)")
 _OTHER_AXIS = re.compile(rf"\b(E\d|J[7-9])\s*=\s*({NUMBER})")
 """An extended axis of the arm's group with the coordinate."""
 _GROUP = re.compile(r"\bGP(\d)\s*:")
+_ELBOW_RAD = np.radians(67.5)
+"""Middle of the range of J2 + J3, the angle of the elbow, which turns less than a full turn: -70° to 205° of an LR Mate
+200iD (ros-industrial/fanuc, lrmate200id_macro.xacro). No source states the range of other arms."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +152,8 @@ class _FanucReader:
     """Prefix of the labels in the logic along a move, which can repeat those of the listing."""
     scopes: int = 0
     registers: tuple[int, ...] = ()
+    macros: frozenset[str] = frozenset()
+    """Macro instructions that change nothing, as stated by the user, in upper case."""
     conditions: frozenset[str] = frozenset()
     """Numbers of the registers in OFFSET CONDITION of any listing."""
     line: int = 0
@@ -174,6 +181,7 @@ def parse(texts: ProgramTexts) -> Parsed:
     """Parse the targets of a listing."""
     blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
     reader = _FanucReader(texts.names, blank, tuple(map(lines_of, blank)), Points(1))
+    reader.macros = frozenset(name.upper() for name in texts.neutral)
     for file, text in enumerate(blank):
         named = re.search(r"^/PROG\s+([\w-]+)", text, re.MULTILINE)
         for name in {texts.names[file].rpartition(".")[0].upper(), *((named[1].upper(),) if named else ())}:
@@ -247,8 +255,11 @@ def _others(text: str) -> Iterator[tuple[str, float]]:
 
 def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
     """Return a mask (n,) of the solutions q (n, 6) rad that agree with flip, up, front and the turns of axes 4 to 6,
-    in the sense of `rig program`."""
-    return agreeing(arm, q, values[:3], dict(zip((3, 4, 5), values[3:], strict=True)), turns, slack_rad)
+    in the sense of `rig program`. CONFIG does not contain the turn of J3, whose range can exceed a full turn."""
+    mask = agreeing(arm, q, values[:3], dict(zip((3, 4, 5), values[3:], strict=True)), turns, slack_rad)
+    if arm.coupling[2, 1]:  # J3 is measured from the horizontal.
+        mask &= np.abs(q[:, 1] + q[:, 2] - _ELBOW_RAD) <= np.pi
+    return mask
 
 
 def _number(component: re.Match[str], begin: int) -> Number:
@@ -301,6 +312,8 @@ def _statement(reader: _FanucReader, text: str, last_line: int, logic: tuple[_Li
         return
     _mentioned(reader, text)
     if not text or _flow(reader, text, last_line) or _sets(reader, text) or _POINT.match(text):
+        return
+    if text.upper() in reader.macros:
         return
     if change := change_by(text):
         reader.blocks.add(*(Set(part, value) for part, value in change.sets))
@@ -577,5 +590,6 @@ READER = ProgramReader(
     null_tools=("0",),
     null_frames=("0",),
     beside=(".ls",),
+    empty="/PROG  {0}\n/MN\n/POS\n/END\n",
 )
 """Reader of FANUC programs. Remarks have at most 32 characters (B-83284EN, 4.13); longer remarks take several lines."""

@@ -206,4 +206,5 @@ READER = ProgramReader(
     backup="R1",
     is_together=True,
     is_of_maker=is_file_of_maker,
+    empty="DEF {0}()\nEND\n",
 )

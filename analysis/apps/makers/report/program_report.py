@@ -12,6 +12,7 @@ from analysis.apps.makers.corrected_program import MOST_MM, CorrectedProgram
 from analysis.apps.makers.shared_corrections import REMAINING_SHARE, SharedCorrection
 from analysis.apps.makers.target import WHY
 from analysis.correction.corrected_targets import WorkError
+from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.readings import rms
 
@@ -25,6 +26,13 @@ NOT_TRIED = (
 )
 _SHOWN_UM = 1.0
 """Rounding in µm below which nothing is reported: no supported gauge resolves it."""
+
+
+_MORE: dict[Reason, str] = {
+    "too_large": f" (more than {MOST_MM:g} mm, 1°, or 10° of a joint)",
+    "not_understood": " (add the files of called routines, or name them with --neutral)",
+}
+"""Limits and remedies after the reason for uncorrected targets."""
 
 
 def lines(program: CorrectedProgram) -> list[str]:
@@ -50,6 +58,11 @@ def lines(program: CorrectedProgram) -> list[str]:
     text_lines += [
         f"  {_place(program, notice.file, notice.line)}: {notice.text}" for notice in program.notices[:_LISTED]
     ]
+    if program.neutral:
+        text_lines.append(
+            "  --neutral states that these routines neither move the arm nor change tools, frames, registers "
+            f"or displacements: {', '.join(program.neutral)}"
+        )
     if program.start:
         start = ", ".join(f"{angle:g}" for angle in np.degrees(program.start).round(6))
         text_lines.append(
@@ -111,8 +124,7 @@ def _left_lines(program: CorrectedProgram) -> list[str]:
     """Return the number of uncorrected targets per reason, then each target with the program lines causing it."""
     text_lines = []
     for reason, number in Counter(left_target.reason for left_target in program.left).most_common():
-        limit = f" (more than {MOST_MM:g} mm, 1°, or 10° of a joint)" if reason == "too_large" else ""
-        text_lines.append(f"  unchanged, {number} ×: {WHY[reason]}{limit}")
+        text_lines.append(f"  unchanged, {number} ×: {WHY[reason]}{_MORE.get(reason, '')}")
     for left_target in program.left[:_LISTED]:
         causes = "; ".join(
             f"{_place(program, place.file, place.line)}: {place.why}" if place.line else place.why
@@ -136,6 +148,7 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         "corrected": len(program.names),
         "written": not program.held,
         "run_by_a_real_controller": False,
+        "neutral_routines": list(program.neutral),
         "start_joints_deg": np.degrees(program.start).round(6).tolist() if program.start else None,
         "beside_left": {
             "steps": len(program.beside_left_mm),

@@ -406,5 +406,6 @@ READER = ProgramReader(
     Remark("'", width=32, before={".jbi": re.compile(rb"^[ \t]*END\b", re.MULTILINE)}),
     null_frames=("base",),
     beside=(".jbi",),
+    empty="/JOB\n//NAME {0}\n//POS\n//INST\nNOP\nEND\n",
 )
 """Reader of Yaskawa jobs. Comments have at most 32 characters (RE-CKI-A457); longer remarks take several lines."""

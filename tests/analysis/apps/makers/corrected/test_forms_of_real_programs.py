@@ -8,9 +8,14 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from analysis.apps.makers.corrected_program import CorrectedProgram
+from analysis.apps.makers.corrected_program import CorrectedProgram, frames_of
+from analysis.apps.makers.programs.posture import posture_of
+from analysis.apps.makers.report import program_report
+from analysis.robot.kinematics.arm import arm_of
+from rigs.errors import UseError
 from tests.analysis.apps.makers.corrected.test_safe_modules_and_jobs import (
     BARE,
     J1,
@@ -21,13 +26,24 @@ from tests.analysis.apps.makers.corrected.test_safe_modules_and_jobs import (
     M2,
     M3,
     ZERO,
+    abb_files,
     fanuc_files,
     job_of,
     listing,
+    module_of,
     selecting,
     yaskawa_files,
 )
-from tests.analysis.apps.makers.corrected.test_safe_programs import corrected_files, uncorrected
+from tests.analysis.apps.makers.corrected.test_safe_programs import (
+    HEAD,
+    KUKA_STATED,
+    corrected_files,
+    kuka_files,
+    uncorrected,
+    ur_files,
+)
+from tests.analysis.apps.makers.corrected.test_user_programs import fanuc_point, fanuc_pose
+from tests.worlds.interpreters.arms import rig_of
 
 Named = list[tuple[str, str]]
 
@@ -363,3 +379,66 @@ def test_a_position_variable_of_another_job_is_listed(tmp_path: Path) -> None:
     other = job_of(name="B", pos="//POS\n///TOOL 3\n///POSTYPE BASE\n///RECTAN\nP00020=1,2,3,4,5,6\n//INST\nNOP\n")
     found = yaskawa(tmp_path, job_of(M1, "MOVL P020 V=50.0", M3), other, positions="P00020=1,2,3,4,5,6\n")
     assert uncorrected(found) == [(16, "changed")]
+
+
+STATED = ["1=10,-20,180,0,30,10"], ["3=0"]
+CALLS = ["CALL GRIP", "CALL GRIP(1,2)", "IF DI[1]=ON,CALL GRIP", "GRIP", "Hand open", "RUN GRIP"]
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_a_routine_stated_to_change_nothing_is_passed(call: str, tmp_path: Path) -> None:
+    rig, files = fanuc_files({"a.ls": listing(*SELECT, J1, call, L2_)})
+    assert left(corrected_files(rig, tmp_path, files, *STATED))[-1] == ("P[2]", "not_understood")
+    found = corrected_files(rig, tmp_path, files, *STATED, neutral=["GRIP,Hand open"])
+    assert not left(found) and found.neutral == ("GRIP", "Hand open")
+    assert "GRIP" in " ".join(program_report.lines(found))
+    assert program_report.as_object(found)["neutral_routines"] == ["GRIP", "Hand open"]
+
+
+def test_the_file_of_a_routine_takes_precedence_over_the_statement(tmp_path: Path) -> None:
+    rig, files = fanuc_files({"a.ls": listing(*SELECT, J1, "CALL GRIP", L2_), "grip.ls": listing("UFRAME[3]=PR[5]")})
+    found = corrected_files(rig, tmp_path, files, *STATED, neutral=["GRIP"])
+    assert left(found) == [("P[2]", "unknown_frame")] and not found.neutral
+
+
+def test_routines_of_other_makers_can_be_stated(tmp_path: Path) -> None:
+    kuka, program = kuka_files({"a.src": HEAD + "PTP {q0}\nGRIP(1)\nPTP {p1}\nEND\n"})
+    assert uncorrected(corrected_files(kuka, tmp_path, program, *KUKA_STATED))
+    assert not uncorrected(corrected_files(kuka, tmp_path, program, *KUKA_STATED, neutral=["GRIP"]))
+    abb, module = abb_files(module_of("MoveAbsJ {q0},v9,fine,t;\nGRIP;\nMoveL {p1},v9,fine,t;\n"))
+    assert uncorrected(corrected_files(abb, tmp_path, module))
+    assert not uncorrected(corrected_files(abb, tmp_path, module, neutral=["GRIP"]))
+    yaskawa, job = yaskawa_files({"a.jbi": job_of(M1, "CALL JOB:GRIP IF IN#(1)=ON", M2)})
+    frames = ["3=0,0,150,0,0,0"], ["4=0"]
+    assert uncorrected(corrected_files(yaskawa, tmp_path, job, *frames))
+    assert not uncorrected(corrected_files(yaskawa, tmp_path, job, *frames, neutral=["GRIP"]))
+    ur, script = ur_files({"a.script": "movej({q0})\n"})
+    with pytest.raises(UseError):
+        corrected_files(ur, tmp_path, script, neutral=["GRIP"])
+
+
+@pytest.mark.parametrize("names", ["", "GRIP,", "../GRIP", "GRIP{}", "GRIP\nCALL"])
+def test_a_name_that_is_not_one_of_a_routine_is_refused(names: str) -> None:
+    with pytest.raises(UseError):
+        frames_of(rig_of("ur10e").robot, [], [], [names])
+
+
+def test_joint_angles_reached_with_and_without_an_offset_are_corrected_and_the_offset_is_listed(tmp_path: Path) -> None:
+    found = fanuc(tmp_path, listing(*SELECT, "J P[1] 20% FINE Offset,PR[25]", "L P[1] 100mm/sec FINE", J1))
+    assert "P[1]" in found.names and [(one.line, one.reason) for one in found.left if one.name == "P[1]"] == [
+        (5, "offset")
+    ]
+
+
+@pytest.mark.parametrize("elbow_deg", [-100, -120, -150, 20, 170])
+def test_config_leaves_one_turn_of_the_elbow(elbow_deg: float, tmp_path: Path) -> None:
+    """J2 + J3 turns less than a full turn, although the range of J3 alone exceeds it."""
+    rig = rig_of("fanuc-m-20ia")
+    arm, q = arm_of(rig.robot), np.radians([10, 60, elbow_deg, 20, -60, 30])
+    stands = posture_of(arm, q)
+    letters = f"{'F' if stands.flip else 'N'} {'U' if stands.up else 'D'} {'T' if stands.front else 'B'}"
+    pose = fanuc_pose(rig, np.degrees(q).tolist(), np.eye(4))
+    point = fanuc_point(2, re.sub("'. . .,", f"'{letters},", pose), "UF : 3, UT : 1,").replace("\r", "")
+    text = f"{listing('UFRAME_NUM=3', 'UTOOL_NUM=1', 'J P[2] 20% FINE')}/POS\n{point}\n/END\n"
+    found = corrected_files(rig, tmp_path, {"a.ls": text}, *STATED)
+    assert found.names == ("P[2]",) and not found.left

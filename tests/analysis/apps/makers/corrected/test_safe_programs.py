@@ -41,13 +41,19 @@ def corrected_files(
     *,
     ends: str = "\n",
     start: tuple[float, ...] | None = None,
+    neutral: Sequence[str] = (),
 ) -> CorrectedProgram:
     """The first of the files, corrected beside the others."""
     for name, text in files.items():
         (directory / name).write_bytes(text.replace("\n", ends).encode("latin-1"))
     wrong = known(rig)
     return correct_program(
-        wrong, supports(wrong), directory / next(iter(files)), frames_of(rig.robot, tools, frames), None, start=start
+        wrong,
+        supports(wrong),
+        directory / next(iter(files)),
+        frames_of(rig.robot, tools, frames, neutral),
+        None,
+        start=start,
     )
 
 
