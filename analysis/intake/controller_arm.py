@@ -6,8 +6,8 @@ from pathlib import Path
 
 from scipy.spatial.transform import Rotation
 
-from analysis.intake.imports import is_plain, poses_of_controller
-from analysis.intake.read import read_file
+from analysis.intake.imports import poses_of_controller
+from analysis.intake.read import header_names, read_file, read_head
 from analysis.robot.description.controller_constants import (
     ControllerConstants,
     constants_from_poses,
@@ -17,6 +17,7 @@ from analysis.robot.description.controller_constants import (
 from analysis.robot.description.rig_section import robot_text
 from analysis.robot.description.ur_calibration import factory_constants, is_ur_calibration
 from analysis.runs.csv_tables import table_from
+from analysis.runs.table_layout import JOINTS, PLACE, TURN
 from analysis.runs.tables import PoseTable
 from rigs.errors import FileError
 from rigs.files import read_text
@@ -70,7 +71,7 @@ def read_controller(robot: Robot, source: Path | str) -> ControllerConstants:
 
 def _from_poses(robot: Robot, path: Path) -> ControllerConstants:
     rig = parse(f"name: arm\n{robot_text(robot)}", robot.name)
-    if is_plain(path, "pose"):  # with units in the names of the columns, a single row is enough
+    if header_names(read_head(path)) <= {*JOINTS, *PLACE, *TURN}:  # named with units, so a single row is enough
         poses = table_from(read_file(path, "pose", rig).table, "pose", None, str(path))
         assert isinstance(poses, PoseTable)  # noqa: S101 - the table of this test
         R = None if poses.rpy is None else Rotation.from_euler("xyz", poses.rpy).as_matrix()

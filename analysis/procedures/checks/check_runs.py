@@ -10,6 +10,7 @@ from weakref import finalize
 from analysis.procedures.checks.checks_of_test import checks_of, findings_against
 from analysis.procedures.checks.commanded_angles import COMMANDS, command_errors, command_findings
 from analysis.procedures.checks.finding import Convention, Finding
+from analysis.procedures.checks.gauge_display import DISPLAY, display_findings
 from analysis.procedures.checks.gauge_sign import ORDER, SIGN, repeat_findings, sign_findings
 from analysis.procedures.checks.lost_poses import DUPLICATES, WILDNESS
 from analysis.procedures.checks.meanings import JOINTS, joint_findings
@@ -170,6 +171,7 @@ CONVENTIONS = (
     Convention(JOINTS, "do order, signs, zeros and coupling of the joints fit", _joints_hidden),
     Convention(ORDER, "are g1 and g2 exchanged", _no_yaw),
     Convention(SIGN, "do the readings grow with the distance from the ball", _no_pair),
+    Convention(DISPLAY, "does each gauge show what it measures, with sign and range", _no_yaw),
     Convention(SOURCE, "did an instrument measure the places", _no_poses),
     Convention(STAMPS, "is t_s in seconds, by the speed of the circle", _no_yaw),
     Convention(PLACE, "was each target at the place given in the rig file", _no_targets),
@@ -185,6 +187,7 @@ _OF_PATHS = tuple(map(_by_kind, _SHOWN_BY_PATHS))
 _FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
     _each(lambda run: unit_findings(run.table, run.rig)),
     _each(lambda run: unsigned_findings(run.table, run.rig)),
+    _each(display_findings),
     _each(_of_joints),
     _gauges,
     # Positions of a simulated arm are computed on purpose.

@@ -89,6 +89,6 @@ def test_poses_of_an_instrument_are_no_constants_of_a_controller(tmp_path: Path)
     rows = np.column_stack([np.degrees(q), p + rng.normal(0, 0.03, p.shape)])
     np.savetxt(tmp_path / "poses.csv", rows, "%.7f", ",", header=header, comments="")
     done = ran("arms", "ur10e", "--poses", tmp_path / "poses.csv")
-    assert done.returncode == 3 and "no link constants of ur10e match the flange poses" in done.stderr
+    assert done.returncode == 3 and not done.stdout
     few = fit_constants(arm_of(RIG.robot), q[:5], p[:5], None)
     assert few.spare < 10
