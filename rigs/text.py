@@ -58,9 +58,9 @@ def plain_values(value: Any) -> Any:
     return value
 
 
-def listed(numbers: list[int]) -> str:
-    """Format numbers as `3, 7 and 9`, limited to eight."""
-    return enumerated([str(number) for number in numbers]) if len(numbers) <= 8 else first_of(numbers, 8)
+def listed(numbers: list[int], most: int = 8) -> str:
+    """Format numbers as `3, 7 and 9`, limited to the first ones."""
+    return enumerated([str(number) for number in numbers]) if len(numbers) <= most else first_of(numbers, most)
 
 
 def first_of(items: Sequence[object], most: int, separator: str = ", ") -> str:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 from analysis.cli.console import progress_of, say
 from analysis.cli.dialogue import Dialogue, has_keyboard
 from analysis.intake.imports import is_plain, propose_map, read_mapped
-from analysis.intake.map_proposal import MapProposal, Question, TableReading
+from analysis.intake.map_proposal import MapProposal
 from analysis.intake.table_map import MAPPED, TableMap, load_map, map_text, value_text
+from analysis.intake.table_reading import Question, TableReading
 from analysis.intake.touch_map import needs_touch_map, propose_touch_map
 from analysis.runs.table_layout import JointSource
 from analysis.runs.written_files import holding, write_new

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 from typing import Literal
 
 from analysis.intake.raw_table import RawTable
+from analysis.intake.table_map import Unit
 from rigs.errors import FileError
 
 Role = Literal["measured", "commanded", "residual", "other", "unsaid"]
@@ -22,10 +23,15 @@ _ROLE_WORDS: dict[Role, str] = {
     "acc acceleration accelerations current currents torque "
     "torques effort force forces moment moments temp temperature tau",
     "residual": "dif diff difference err error errors dev deviation residual res delta",
-    "commanded": "goal target targets desired des cmd command commanded nominal nom ref reference soll planned 名义",
-    "measured": "measured measurement meas actual act tracker leica laser faro ist observed mocap camera 测量",
+    "commanded": "goal target targets desired des cmd command commanded nominal nom ref reference soll sollwert "
+    "planned consigne consigna teorico théorique 名义",
+    "measured": "measured measurement meas actual act tracker leica laser faro lt ist istwert observed mocap camera "
+    "mesuré mesurée medido misurato 测量",
 }
-_INSTRUMENTS = "measured measurement meas tracker leica laser faro observed mocap camera smr tmac 测量"
+_INSTRUMENTS = (
+    "measured measurement meas tracker leica laser faro lt istwert observed mocap camera smr tmac mesuré mesurée "
+    "medido misurato 测量"
+)
 _INSTRUMENT = frozenset(_INSTRUMENTS.split())
 _OF_ROBOTS = "tcp tool ee eef flange robot cartesian controller fk wrist hand gripper link effector broadcaster"
 _CONTROLLER = frozenset(_OF_ROBOTS.split())
@@ -72,13 +78,15 @@ class TurnReading:
 class ColumnGroup:
     """Columns that belong together.
 
-    unit: as stated in the file, or "". of_controller: whether the robot may have computed the values.
+    unit: as stated in the file, of all columns or of each; "" if unknown. of_controller: whether the robot may have
+    computed the values. of_instrument: whether the name is that of an instrument.
     """
 
     columns: tuple[str, ...]
     role: Role
-    unit: str = ""
+    unit: Unit = ""
     of_controller: bool = False
+    of_instrument: bool = False
 
 
 @dataclass(frozen=True)
@@ -128,6 +136,12 @@ def is_of_spot(column: str) -> bool:
     return bool(set(_name(column, "").words) & _SPOTS)
 
 
+def count_places(columns: Iterable[str]) -> int:
+    """Return the number of places, each with columns x, y and z, in a header."""
+    names = [name for name in (_name(column, "") for column in columns) if name.role not in ("other", "residual")]
+    return len(_lettered(names)[0])
+
+
 def _refuse_repeated(raw: RawTable, joints: Sequence[ColumnGroup]) -> None:
     """Raise FileError if every candidate group of joint columns has a repeated column name."""
     repeated = [
@@ -162,7 +176,7 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
     seen = []
     for place in (place for place in places if place.role != "residual"):
         alike = [turn for turn in turns if turn[0].role == place.role]
-        units = {group.unit for group, _ in alike}
+        units = {group.unit for group, _ in alike if isinstance(group.unit, str)}
         readings = tuple(reading for _, ways in alike for reading in ways)
         seen.append(PlaceColumns(place, readings, units.pop() if len(units) == 1 else ""))
     seen += _vectors(unused)
@@ -210,11 +224,13 @@ def _name(column: str, unit_line: str) -> _Name:
 
 
 def _group(names: Sequence[_Name]) -> ColumnGroup:
-    units = {name.unit for name in names}
     words = {word for name in names for word in name.words}
-    of_controller = bool(words & _CONTROLLER) and not words & _INSTRUMENT
-    unit = units.pop() if len(units) == 1 else ""
-    return ColumnGroup(tuple(name.column for name in names), names[0].role, unit, of_controller)
+    of_instrument = bool(words & _INSTRUMENT)
+    of_controller = bool(words & _CONTROLLER) and not of_instrument
+    columns, units = tuple(name.column for name in names), tuple(name.unit for name in names)
+    stated = {*units} - {""}
+    unit: Unit = units if len(stated) > 1 and "" not in units else stated.pop() if len(stated) == 1 else ""
+    return ColumnGroup(columns, names[0].role, unit, of_controller, of_instrument)
 
 
 def _templates(names: Sequence[_Name]) -> dict[tuple[str, ...], dict[int, _Name]]:

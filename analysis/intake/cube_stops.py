@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from analysis.intake.cells import TableFileError, TableProblem
 from analysis.intake.raw_table import RawTable
-from analysis.intake.table_map import TO_MM, Lengths
+from analysis.intake.table_map import Lengths
 from analysis.robot.geometry.iso_cube import ORDER, Cube
 from analysis.robot.geometry.pose_setup import best_rigid, in_frame
 from analysis.robot.kinematics.arm import Array, Integers
@@ -36,7 +36,7 @@ def with_joints(raw: RawTable, place: Lengths, cube: Cube) -> RawTable:
 
     Raises FileError if the rows are not stops of the cube, and TableFileError for rows at none of the poses.
     """
-    xyz_mm = raw.numbers(place.columns) * TO_MM[place.unit]
+    xyz_mm = raw.numbers(place.columns) * place.factors
     pose = poses_of_stops(xyz_mm, cube)
     if pose is None:
         problem = "lacks columns of joints, and the positions are not stops at the cube in the order P5 P4 P3 P2 P1"

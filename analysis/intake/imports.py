@@ -8,19 +8,21 @@ from dataclasses import replace
 from pathlib import Path
 
 from analysis.intake.cells import Problems, TableFileError
+from analysis.intake.column_groups import count_places
 from analysis.intake.cube_stops import with_joints
 from analysis.intake.map_proposal import MapProposal, propose
 from analysis.intake.mapped import MappedPoses, poses_of, table_by
 from analysis.intake.raw_table import RawTable, is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
 from analysis.intake.read import check_sequence, header_names, read_file, read_head, read_whole
 from analysis.intake.readers import reader_of
-from analysis.intake.table_map import MAPPED, TableMap, map_text
+from analysis.intake.table_map import MAPPED, TO_UNIT, TableMap, map_text
 from analysis.procedures.checks.check_runs import doubts_of, refuse_impossible
+from analysis.procedures.checks.meanings import FEWEST
 from analysis.procedures.shared.evaluate import evaluation_of, require_live_gauges
 from analysis.robot.geometry.iso_cube import cube_of
 from analysis.runs.loading import Measured, measured_of
 from analysis.runs.table_format import format_of
-from analysis.runs.table_layout import MEASURED, PLACE, JointSource
+from analysis.runs.table_layout import CONTROLLER_PLACE, MEASURED, PLACE, JointSource
 from daq.store import Run, table_run
 from rigs.errors import FileError, UseError
 from rigs.load import load, named_by
@@ -71,9 +73,16 @@ def is_plain(path: Path, test: TestName) -> bool:
     head = read_head(path)
     if reader_of(head):
         return test != MAPPED
-    ours = header_names(head) & set(format_of(test).layout().required)
-    # Joints named by rig with places in foreign columns, such as tvec_x … of OpenCV, need a map.
-    return len(ours) > 1 and (test != MAPPED or bool(ours - set(PLACE) and ours & set(PLACE)))
+    names, required = header_names(head), set(format_of(test).layout().required)
+    ours = names & required
+    if test != MAPPED or len(ours) < 2:
+        return len(ours) > 1
+    # Joints named by rig with places in foreign columns, such as tvec_x … of OpenCV, need a map, as do columns in other
+    # units (x_m), and a second place, which the controller may have computed.
+    stems = [name.rpartition("_") for name in required - names]
+    has_units = any(f"{stem}_{unit}" in names for stem, _, our_unit in stems for unit in TO_UNIT[our_unit])
+    has_two_places = count_places(names - {*CONTROLLER_PLACE}) > 1 and head.count(b"\n") > FEWEST
+    return bool(ours - set(PLACE) and ours & set(PLACE)) and not has_units and not has_two_places
 
 
 def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", topic: str = "") -> MapProposal:
@@ -86,7 +95,9 @@ def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", top
 
 
 def poses_of_controller(files: Sequence[Path], rig: Rig) -> MappedPoses:
-    """Return controller-computed poses, read with the map proposed for the arm of a rig. Raises FileError."""
+    """Return controller-computed poses, read with the map proposed for the arm of a rig, also if the table has
+    measured poses next to them. Raises FileError.
+    """
     proposal, raw = _proposed(files, rig, "", "")
     computed = [question for question in proposal.questions if question.key == "place"]
     for question in computed:
@@ -94,7 +105,10 @@ def poses_of_controller(files: Sequence[Path], rig: Rig) -> MappedPoses:
     if proposal.questions:
         asks = "; ".join(f"{question.key}: {question.asks}" for question in proposal.questions)
         raise FileError(str(files[0]), f"has columns of unclear meaning ({asks})", "add the units to the header")
-    return poses_of(raw, proposal.table_map)
+    poses = poses_of(raw, proposal.table_map)
+    if poses.controller_mm is None:
+        return poses
+    return replace(poses, xyz_mm=poses.controller_mm, turn=poses.controller_turn)
 
 
 def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[MapProposal, RawTable]:

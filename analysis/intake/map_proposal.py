@@ -8,24 +8,44 @@ next. All other cases become a question.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import product
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from analysis.intake.cells import TableFileError
 from analysis.intake.column_groups import ColumnGroup, Groups, PlaceColumns, groups_of, is_of_controller, is_of_spot
+from analysis.intake.controller_places import COMPUTED_MM, FittingPlace, PlaceRoles, place_roles
 from analysis.intake.cube_stops import with_joints
-from analysis.intake.mapped import MappedPoses, fits_in_parts, meant, poses_of, spread_of
+from analysis.intake.mapped import MappedPoses, fits_in_parts, meant, plausibility, poses_of, radians
 from analysis.intake.raw_table import RawTable
-from analysis.intake.table_map import TO_MM, Angles, FileLayout, Lengths, Residual, TableMap, TurnColumns, line_of_map
-from analysis.procedures.checks.meanings import AS_WELL, CLEARLY, FEWEST, RIGHT_MM, RIGHT_SHARE, fit_nearest, left_mm
+from analysis.intake.table_map import (
+    TO_DEG,
+    TO_MM,
+    Angles,
+    FileLayout,
+    Lengths,
+    Residual,
+    TableMap,
+    TurnColumns,
+    line_of_map,
+)
+from analysis.intake.table_reading import (
+    LENGTHS,
+    Judge,
+    Question,
+    TableReading,
+    in_each_unit,
+    likely_angles,
+    possible_units,
+    short,
+)
+from analysis.procedures.checks.meanings import AS_WELL, CLEARLY, FEWEST, RIGHT_MM, RIGHT_SHARE, fit_nearest
 from analysis.procedures.checks.place import NO_INSTRUMENT_MM, OF_CONTROLLER, SPARE
 from analysis.robot.geometry.iso_cube import cube_of
 from analysis.robot.geometry.pose_setup import fit_arm, fit_setup, position_error
 from analysis.robot.kinematics.arm import Arm, arm_of, forward, without_setup
+from analysis.runs.stands import require_postures
 from analysis.runs.table_layout import SOCKET
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -38,11 +58,9 @@ _KEPT = 0.8
 _FARTHEST_MM = 1e6
 _RIGHT_DEG = 2.0
 """Largest residual of an orientation. The tool orientation of a nominal arm is right within some tenths of a degree."""
-_COMPUTED_MM, _SHARE_OF_CONSTANTS = 0.1, 0.8
-"""Criteria for places computed by a controller: residual below the first limit, and hardly reduced by fitted constants.
-
-Fitted constants must leave at least the second limit as a share of the residual. Few real arms are as close to nominal,
-and for them fitted constants improve the fit further. For 25 poses this share means F = 3 (p = 0.001).
+_SHARE_OF_CONSTANTS = 0.8
+"""Smallest share of the residual that fitted constants leave of places computed by a controller (COMPUTED_MM). The few
+real arms that are as close to nominal are improved further. For 25 poses this share means F = 3 (p = 0.001).
 """
 _FEW_POSTURES = 20
 """With few postures, such as those of a cube, the fit of instrument and target already removes most of the error."""
@@ -62,46 +80,6 @@ _LENGTHS = ("mm", "m", "in", "cm")
 
 
 @dataclass(frozen=True)
-class TableReading:
-    """An interpretation of a part of the table, with the residual.
-
-    left: rms of the best four fifths, in mm or degrees. share: for places also relative to their spread, to compare
-    units.
-    """
-
-    value: Any
-    left: float
-    unit: str
-    words: str
-    share: float = 0.0
-
-    def line(self, next_best: TableReading | None = None) -> str:
-        """Return the interpretation and the residual as text, with the next best for comparison."""
-        text = f"{self.words}{self._leaves()}"
-        return f"{text}. The second-best interpretation: {next_best.words}{next_best._leaves()}" if next_best else text
-
-    def _leaves(self) -> str:
-        if np.isnan(self.left):
-            return ""
-        of = f"; the positions spread over {_plain(self.left / self.share)} {self.unit}" if self.share else ""
-        return f" (they fit the arm to {_plain(self.left)} {self.unit}{of})"
-
-    @property
-    def fits(self) -> bool:
-        """True if the positions fit the arm."""
-        return self.left <= RIGHT_MM and self.share <= RIGHT_SHARE
-
-
-@dataclass(frozen=True)
-class Question:
-    """A key of the map that the data leave open, with candidate values, likeliest first."""
-
-    key: str
-    asks: str
-    readings: tuple[TableReading, ...]
-
-
-@dataclass(frozen=True)
 class MapProposal:
     """A map, the open questions, and the results of the checks as text. Open keys have their likeliest value in the
     map.
@@ -113,9 +91,20 @@ class MapProposal:
     rows: int
 
     def answered(self, question: Question, reading: TableReading) -> MapProposal:
-        """Return the proposal with a question answered."""
+        """Answer a question, and with it those that only one of the remaining candidates answers."""
         table_map = self.table_map.model_copy(update={question.key: reading.value})
-        return replace(self, table_map=table_map, questions=tuple(q for q in self.questions if q is not question))
+        maps = tuple(one for one in question.maps if getattr(one, question.key) == reading.value)
+        questions = []
+        for other in (one for one in self.questions if one is not question):
+            readings = other.readings
+            if maps and other.maps:
+                values = [getattr(one, other.key) for one in maps]
+                readings = tuple(one for one in readings if one.value in values)
+            if len(readings) == 1:
+                table_map = table_map.model_copy(update={other.key: readings[0].value})
+            else:
+                questions.append(replace(other, readings=readings, maps=maps or other.maps))
+        return replace(self, table_map=table_map, questions=tuple(questions))
 
     def assumed(self) -> MapProposal:
         """Return the proposal with the likeliest answer to every question. The map records the assumptions for every
@@ -127,42 +116,6 @@ class MapProposal:
         ]
         assumed = (*self.table_map.assumed, *words)
         return replace(self, table_map=self.table_map.model_copy(update={"assumed": assumed}), questions=())
-
-
-@dataclass
-class _Judge:
-    """The rows and the bare arm used to compare interpretations."""
-
-    raw: RawTable
-    bare: Arm
-    layouts: tuple[FileLayout, ...]
-    join: str
-    checked: list[str] = field(default_factory=list)
-    questions: list[Question] = field(default_factory=list)
-    assumed: list[str] = field(default_factory=list)
-
-    def map_of(self, joints: Angles, place: Lengths, residual: Residual | None = None, **keys: Any) -> TableMap:
-        return TableMap(files=self.layouts, join=self.join, joints=joints, place=place, residual=residual, **keys)
-
-    def reading(self, table_map: TableMap, words: str, steps: int = _SCREEN_STEPS) -> TableReading:
-        """Return an interpretation of joints and place with the residual against the arm."""
-        nothing = TableReading(table_map, np.inf, "mm", words, np.inf)
-        try:
-            poses = poses_of(self.raw, table_map)
-        except TableFileError:
-            return nothing
-        sound = (poses.xyz_mm != 0).any(axis=1)
-        q, xyz_mm = poses.q[sound], poses.xyz_mm[sound]
-        if len(q) < FEWEST or np.abs(xyz_mm).max() > _FARTHEST_MM:
-            return nothing
-        apart = spread_of(xyz_mm)
-        rms_mm = left_mm(self.bare, q, xyz_mm, steps)
-        return TableReading(table_map, rms_mm, "mm", words, rms_mm / apart if apart else np.inf)
-
-
-def _plain(number: float) -> str:
-    """Return a number with three digits in plain notation."""
-    return f"{number:.0f}" if number >= 100 else f"{number:.3g}"
 
 
 def propose(raw: RawTable, layouts: Sequence[FileLayout], join: str, rig: Rig) -> MapProposal:
@@ -181,7 +134,7 @@ def propose(raw: RawTable, layouts: Sequence[FileLayout], join: str, rig: Rig) -
     groups = _without_spots(raw, groups)
     _refuse_missing(raw, groups, len(names))
     bare = without_setup(arm_of(rig.robot))
-    judge = _Judge(raw.evenly(_JUDGED), bare, tuple(layouts), join)
+    judge = Judge(raw.evenly(_JUDGED), bare, tuple(layouts), join)
     if len(raw.lines) < FEWEST:
         problem = f"has {len(raw.lines)} poses, too few to determine the meaning of the columns ({FEWEST} are needed)"
         raise FileError(raw.where, problem, _map_by_hand(raw, groups, layouts))
@@ -191,19 +144,26 @@ def propose(raw: RawTable, layouts: Sequence[FileLayout], join: str, rig: Rig) -
     # Joints to read, and the commanded joints in addition.
     joints, commanded = (measured or unsaid, commanded) if measured or unsaid else (commanded, [])
     only_commanded = all(group.role == "commanded" for group in joints)
+    for group in joints[:1]:
+        require_postures(radians(judge.raw, likely_angles(judge.raw, group)), raw.where)
     seen, residual = _places(groups)
-    table_map, chosen = _placed(judge, joints, seen, residual)
+    roles = PlaceRoles(tuple(seen)) if residual else place_roles(judge, joints, groups, seen)
+    table_map, chosen = _placed(judge, joints, roles.seen, residual)
     table_map = table_map.model_copy(update={"only_commanded": only_commanded})
     if commanded and table_map.joints and len(commanded) == 1:
-        unit: Any = commanded[0].unit or table_map.joints.unit
+        (unit, *_) = possible_units(commanded[0].unit, TO_DEG, (table_map.joints.unit,))
         table_map = table_map.model_copy(update={"commanded": Angles(columns=commanded[0].columns, unit=unit)})
-    if chosen.turns and table_map.turn is None:
-        table_map = _turned(judge, table_map, chosen)
+    if roles.controller:
+        table_map = _with_controller(judge, table_map, roles.controller)
+    of_controller = table_map.controller_turn.columns if table_map.controller_turn else ()
+    turns = tuple(turn for turn in chosen.turns if not set(turn.columns) & set(of_controller))
+    if turns and table_map.turn is None:
+        table_map = _turned(judge, table_map, replace(chosen, turns=turns))
     if residual and table_map.residual:
         # Both signs of a residual fit equally well: a wrong sign mirrors the errors.
         meanings = ("target - measured", "measured - target")
         values = [table_map.residual.model_copy(update={"meaning": meaning}) for meaning in meanings]
-        words = [f"{_short(table_map.residual.columns)} is {meaning}" for meaning in meanings]
+        words = [f"{short(table_map.residual.columns)} is {meaning}" for meaning in meanings]
         readings = tuple(TableReading(value, np.nan, "mm", text) for value, text in zip(values, words, strict=True))
         asks = "the file does not define the residual, and both readings fit the arm"
         judge.questions.append(Question("residual", asks, readings))
@@ -234,7 +194,7 @@ def _stops_of_cube(raw: RawTable, groups: Groups, rig: Rig) -> RawTable | None:
         return None
     seen = [pose.place for pose in groups.seen if pose.place.role != "commanded"]
     cube, failed = cube_of(rig) if seen else None, None
-    for place, unit in ((group, unit) for group in seen for unit in _units(group.unit, _LENGTHS)):
+    for place, unit in ((group, unit) for group in seen for unit in possible_units(group.unit, TO_MM, LENGTHS)):
         try:
             return with_joints(raw, Lengths(columns=place.columns, unit=unit), cube) if cube else None
         except TableFileError:
@@ -252,7 +212,7 @@ def _without_spots(raw: RawTable, groups: Groups) -> Groups:
     seen = tuple(pose for pose in groups.seen if pose.place.columns not in spots)
     if spots and not seen:
         problem = (
-            f"has only positions of spots ({_short(spots[0])}) touched by the tool, but none measured by an instrument"
+            f"has only positions of spots ({short(spots[0])}) touched by the tool, but none measured by an instrument"
         )
         remedy = "name the spot of each row in a column socket, and import the table with --test touch"
         raise FileError(raw.where, problem, remedy)
@@ -298,7 +258,7 @@ def _places(groups: Groups) -> tuple[list[PlaceColumns], ColumnGroup | None]:
 
 
 def _placed(
-    judge: _Judge, joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns], residual: ColumnGroup | None
+    judge: Judge, joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns], residual: ColumnGroup | None
 ) -> tuple[TableMap, PlaceColumns]:
     """Return the map of joints and place, and the selected place. Open points become questions of the judge."""
     candidates = _readings(judge, joints, seen, residual, stated=True)
@@ -317,15 +277,12 @@ def _placed(
     judge.checked.append(best.line(others[0][0] if others else None))
     if not best.fits:
         _accept_faulty_arm(judge, best, [reading for reading, _ in candidates])
-    if overruled:
-        _ask(
-            judge,
-            [candidates[0], overruled],
-            "the header or the order of the columns disagrees with the arm; which is correct?",
-        )
     least = max(best.share, best.share * _FLOOR_MM / max(best.left, 1e-9))
     rivals = [candidate for candidate in others if candidate[0].share < CLEARLY * least]
-    _ask(judge, [candidates[0], *rivals], "more than one reading fits the arm; which is correct?")
+    disagrees = "the header or the order of the columns disagrees with the arm; which is correct?"
+    fit = "more than one reading fits the arm; which is correct?"
+    stated = [overruled] if overruled else []
+    _ask(judge, [candidates[0], *rivals, *stated], disagrees if overruled else fit)
     named = next((layout.topic for layout in judge.layouts if is_of_controller(layout.topic)), "")
     if residual is None and candidates[0][0] is best and best.left < _SMALL_MM * best.share:
         best = _hardly_moved(judge, candidates[0])
@@ -333,9 +290,9 @@ def _placed(
         words = f"the robot computed the poses, so they are not a measurement: do not import; {OF_CONTROLLER}"
         by_robot = TableReading(None, np.nan, "mm", words)
         measured = TableReading(best.value.place, best.left, "mm", "an instrument measured the poses")
-        asks = f"{named or _short(chosen.place.columns)} looks like poses reported by the robot; who measured them?"
+        asks = f"{named or short(chosen.place.columns)} looks like poses reported by the robot; who measured them?"
         judge.questions.append(Question("place", asks, (by_robot, measured)))
-    elif residual is None and best.left < _COMPUTED_MM and _is_nominal(judge.bare, poses_of(judge.raw, best.value)):
+    elif residual is None and best.left < COMPUTED_MM and _is_nominal(judge.bare, poses_of(judge.raw, best.value)):
         judge.assumed.append(
             f"the places lie within {best.left:.2g} mm (rms) of the nominal arm, too close for a real arm: they "
             "may be computed by the controller, or simulated"
@@ -344,7 +301,7 @@ def _placed(
     return table_map, chosen
 
 
-def _accept_faulty_arm(judge: _Judge, best: TableReading, readings: Sequence[TableReading]) -> None:
+def _accept_faulty_arm(judge: Judge, best: TableReading, readings: Sequence[TableReading]) -> None:
     """Accept the best interpretation as that of a faulty arm although it does not fit the nominal arm.
 
     Raises FileError if it fits in parts, if a different interpretation fits clearly better, or if the error is too
@@ -377,7 +334,7 @@ def _is_nominal(bare: Arm, poses: MappedPoses) -> bool:
     return fitted.spare < SPARE or max(fitted.rms_mm, NO_INSTRUMENT_MM) > _SHARE_OF_CONSTANTS * nominal_mm
 
 
-def _hardly_moved(judge: _Judge, taken: tuple[TableReading, PlaceColumns]) -> TableReading:
+def _hardly_moved(judge: Judge, taken: tuple[TableReading, PlaceColumns]) -> TableReading:
     """Return the likeliest interpretation of poses with small joint motion.
 
     If a different interpretation fits clearly better, it becomes a question. If both fit equally, the column names are
@@ -404,8 +361,9 @@ def _hardly_moved(judge: _Judge, taken: tuple[TableReading, PlaceColumns]) -> Ta
     return best
 
 
-def _ask(judge: _Judge, candidates: Sequence[tuple[TableReading, PlaceColumns]], asks: str) -> None:
+def _ask(judge: Judge, candidates: Sequence[tuple[TableReading, PlaceColumns]], asks: str) -> None:
     """Add a question for each key with different values in the candidates, likeliest first."""
+    maps = tuple(reading.value for reading, _ in candidates)
     for key in ("joints", "place", "turn", "sees"):
         values: dict[str, TableReading] = {}
         for reading, _ in candidates:
@@ -413,11 +371,11 @@ def _ask(judge: _Judge, candidates: Sequence[tuple[TableReading, PlaceColumns]],
             values.setdefault(repr(value), replace(reading, value=value))
         readings = tuple(values.values())[:_SHOWN]
         if len(readings) > 1:
-            judge.questions.append(Question(key, asks, readings))
+            judge.questions.append(Question(key, asks, readings, maps))
 
 
 def _readings(
-    judge: _Judge,
+    judge: Judge,
     joints: Sequence[ColumnGroup],
     seen: Sequence[PlaceColumns],
     residual: ColumnGroup | None,
@@ -426,31 +384,17 @@ def _readings(
 ) -> list[tuple[TableReading, PlaceColumns]]:
     """Return all interpretations of joints and place, best first. stated: trust the units stated in the file."""
     candidates = []
-    for pose, angles, lengths, words in _in_each_unit(joints, seen, stated=stated):
+    for pose, angles, lengths, words in in_each_unit(joints, seen, stated=stated):
         of_residual = None
         if residual:
-            (unit, *_) = _units(residual.unit if stated else "", (lengths.unit,))
+            (unit, *_) = possible_units(residual.unit if stated else "", TO_MM, (lengths.unit,))
             of_residual = Residual(columns=residual.columns, unit=unit, meaning="target - measured")
         candidates.append((judge.reading(judge.map_of(angles, lengths, of_residual), words), pose))
     return _judged(judge, candidates)
 
 
-def _in_each_unit(
-    joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns], units: Sequence[str] = _LENGTHS, *, stated: bool = True
-) -> Iterator[tuple[PlaceColumns, Angles, Lengths, str]]:
-    """Yield all joints and places in all possible units, described as text. stated: trust the units of the file."""
-    for group, pose in product(joints, seen):
-        if set(group.columns) & set(pose.place.columns):
-            continue
-        angles = _units(group.unit if stated else "", _ANGLES)
-        for angle, length in product(angles, _units(pose.place.unit if stated else "", tuple(units))):
-            words = f"joints {_short(group.columns)} in {angle}, place {_short(pose.place.columns)} in {length}"
-            place = Lengths(columns=pose.place.columns, unit=length)
-            yield pose, Angles(columns=group.columns, unit=angle), place, words
-
-
 def _judged(
-    judge: _Judge, candidates: list[tuple[TableReading, PlaceColumns]]
+    judge: Judge, candidates: list[tuple[TableReading, PlaceColumns]]
 ) -> list[tuple[TableReading, PlaceColumns]]:
     """Return the interpretations in order of fit, the best few after a complete fit."""
     candidates.sort(key=lambda candidate: candidate[0].share)
@@ -459,11 +403,11 @@ def _judged(
 
 
 def _from_tool(
-    judge: _Judge, joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns]
+    judge: Judge, joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns]
 ) -> list[tuple[TableReading, PlaceColumns]]:
     """Return interpretations for an instrument on the tool that observes the cell: camera and hand-eye pairs."""
     candidates = []
-    for pose, angles, lengths, words in _in_each_unit(joints, seen, ("mm", "m")):
+    for pose, angles, lengths, words in in_each_unit(joints, seen, ("mm", "m")):
         for turn in _turns(pose):
             table_map = judge.map_of(angles, lengths, turn=turn, sees="from the tool")
             with_turn = f"seen from the tool: {words}, turn as {_turn_words(turn)}"
@@ -472,7 +416,7 @@ def _from_tool(
 
 
 def _otherwise(
-    judge: _Judge,
+    judge: Judge,
     joints: Sequence[ColumnGroup],
     seen: Sequence[PlaceColumns],
     candidates: list[tuple[TableReading, PlaceColumns]],
@@ -483,10 +427,11 @@ def _otherwise(
     fits, they come last and the second result is None. Raises FileError if only a change of the rig file would fit.
     """
     ways = []
-    for pose, angles, lengths, named in _in_each_unit(joints, seen):
+    for pose, angles, lengths, named in in_each_unit(joints, seen):
         base = judge.map_of(angles, lengths)
         ways += [(way, base, named, pose) for way in meant(judge.raw, judge.bare, base)]
-    ways.sort(key=lambda way: way[0].share)
+    closest = min((way[0].share for way in ways), default=0.0)
+    ways.sort(key=lambda way: plausibility(way[0], closest))
     # A zero wrong by 180° is equivalent to a reversed next axis; a map can state the latter.
     if any(way[0].share < AS_WELL * ways[0][0].share and not way[0].remedy for way in ways):
         ways = [way for way in ways if not way[0].remedy]
@@ -501,29 +446,34 @@ def _otherwise(
     return (judge.reading(base, named, _STEPS), pose), [*read, *candidates]
 
 
-def _units(stated: str, units: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the unit stated in the file if known, otherwise all candidates."""
-    return (stated,) if stated in (*_ANGLES, *TO_MM) else units
-
-
 def _turns(seen: PlaceColumns) -> list[TurnColumns]:
     turns = []
     for reading in seen.turns:
         if reading.form in ("quaternion", "matrix"):
             turns.append(TurnColumns(columns=reading.columns, form=reading.form))
         else:
-            for unit in _units(seen.turn_unit, ("deg", "rad")):
+            for unit in possible_units(seen.turn_unit, TO_DEG, TO_DEG):
                 turns.append(TurnColumns(columns=reading.columns, form=reading.form, unit=unit))
     return turns
 
 
 def _turn_words(turn: TurnColumns) -> str:
-    words = f"{turn.form} {_short(turn.columns)}"
+    words = f"{turn.form} {short(turn.columns)}"
     return f"{words} in {turn.unit}" if turn.unit else words
 
 
-def _turned(judge: _Judge, table_map: TableMap, seen: PlaceColumns) -> TableMap:
-    """Return the map with the orientation that fits. If none or several fit, add a question."""
+def _with_controller(judge: Judge, table_map: TableMap, computed: FittingPlace) -> TableMap:
+    """Add the pose that the controller computed to a map, with the orientation if one fits clearly."""
+    place = computed.reading.value.place
+    readings = _turn_readings(judge, computed.reading.value, computed.pose)
+    turn = readings[0].value if readings and readings[0].left <= _RIGHT_DEG and not _rivals(readings) else None
+    columns = f"{short(place.columns)}{f' and {short(turn.columns)}' if turn else ''}"
+    judge.checked.append(f"{columns}: computed by the controller, kept as controller_x_mm …, and not used as measured")
+    return table_map.model_copy(update={"controller": place, "controller_turn": turn})
+
+
+def _turn_readings(judge: Judge, table_map: TableMap, seen: PlaceColumns) -> list[TableReading]:
+    """Distinct readings of the orientation of a place, best first."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     base = poses_of(judge.raw, table_map)
@@ -552,12 +502,23 @@ def _turned(judge: _Judge, table_map: TableMap, seen: PlaceColumns) -> TableMap:
         if all((turns * earlier.inv()).magnitude().max() > 1e-6 for earlier in distinct):
             readings.append(reading)
             distinct.append(turns)
+    return readings
+
+
+def _rivals(readings: Sequence[TableReading]) -> list[TableReading]:
+    """Readings of an orientation that are not clearly worse than the first."""
+    return [reading for reading in readings[1:] if reading.left < CLEARLY * max(readings[0].left, _FLOOR_DEG)]
+
+
+def _turned(judge: Judge, table_map: TableMap, seen: PlaceColumns) -> TableMap:
+    """Return the map with the orientation that fits. If none or several fit, add a question."""
+    readings = _turn_readings(judge, table_map, seen)
     if not readings:
         return table_map
     best, *others = readings
     judge.checked.append(best.line(others[0] if others else None))
     none = TableReading(None, np.nan, "°", "turn missing: only places are imported")
-    rivals = [reading for reading in others if reading.left < CLEARLY * max(best.left, _FLOOR_DEG)]
+    rivals = _rivals(readings)
     if best.left > _RIGHT_DEG:
         asks = f"the readings of the turn do not fit the arm within {_RIGHT_DEG:g}°; ignore the turn, or use which?"
         judge.questions.append(Question("turn", asks, (none, *readings[:_SHOWN])))
@@ -566,7 +527,3 @@ def _turned(judge: _Judge, table_map: TableMap, seen: PlaceColumns) -> TableMap:
         asks = "more than one reading of the turn fits the arm; which is correct?"
         judge.questions.append(Question("turn", asks, (best, *rivals[:_SHOWN], none)))
     return table_map.model_copy(update={"turn": best.value})
-
-
-def _short(columns: Sequence[str]) -> str:
-    return columns[0] if len(columns) == 1 else f"{columns[0]} … {columns[-1]}"

@@ -16,12 +16,21 @@ import pyarrow as pa
 
 from analysis.intake.cells import Problems, TableFileError, TableProblem, value
 from analysis.intake.raw_table import RawTable
-from analysis.intake.table_map import MAPPED, TO_MM, TO_UNIT, Angles, TableMap, TurnColumns
+from analysis.intake.table_map import MAPPED, TO_UNIT, Angles, Lengths, TableMap, TurnColumns
 from analysis.procedures.checks.checks_of_test import Meaning
-from analysis.procedures.checks.meanings import FEWEST, RIGHT_MM, RIGHT_SHARE, left_mm, meanings
-from analysis.robot.kinematics.arm import Arm, Array, forward
+from analysis.procedures.checks.meanings import AS_WELL, FEWEST, RIGHT_MM, RIGHT_SHARE, left_mm, meanings
+from analysis.robot.kinematics.arm import Arm, Array, Mask, forward
 from analysis.runs.table_format import format_of
-from analysis.runs.table_layout import COUNTS, PLACE, SOCKET, TURN, WORDS, joint_columns
+from analysis.runs.table_layout import (
+    CONTROLLER_PLACE,
+    CONTROLLER_TURN,
+    COUNTS,
+    PLACE,
+    SOCKET,
+    TURN,
+    WORDS,
+    joint_columns,
+)
 from daq.store.chunk import table_schema
 from rigs.errors import FileError, UseError
 from rigs.schema.vocabulary import Direction, TestName
@@ -37,14 +46,16 @@ Columns = dict[str, pa.Array | pa.ChunkedArray]
 
 @dataclass(frozen=True)
 class MappedPoses:
-    """Poses read with a map: joints q and commanded (n, k) rad, places xyz_mm (n, 3), orientations. The last two may
-    be None.
+    """Poses read with a map: joints q and commanded (n, k) rad, places xyz_mm (n, 3), orientations, and the pose
+    that the controller computed. All except joints and places may be None.
     """
 
     q: Array
     xyz_mm: Array
     turn: Rotation | None
     commanded: Array | None
+    controller_mm: Array | None = None
+    controller_turn: Rotation | None = None
 
 
 def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
@@ -55,13 +66,15 @@ def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
     if table_map.joints is None or table_map.place is None:
         problem = f"lacks {'joints' if table_map.joints is None else 'place'}, which every pose needs"
         raise FileError("the map", problem, "add the columns and the unit")
-    q = _radians(raw, table_map.joints, problems)
-    commanded = _radians(raw, table_map.commanded, problems) if table_map.commanded else None
-    xyz = raw.numbers(table_map.place.columns, problems) * TO_MM[table_map.place.unit]
+    q = radians(raw, table_map.joints, problems)
+    commanded = radians(raw, table_map.commanded, problems) if table_map.commanded else None
+    xyz = _millimetres(raw, table_map.place, problems)
     if residual := table_map.residual:
         sign = 1.0 if residual.meaning == "measured - target" else -1.0
-        xyz = xyz + sign * raw.numbers(residual.columns, problems) * TO_MM[residual.unit]
+        xyz = xyz + sign * _millimetres(raw, residual, problems)
     turn = turn_of(raw, table_map.turn, problems) if table_map.turn else None
+    controller = _millimetres(raw, table_map.controller, problems) if table_map.controller else None
+    controller_turn = turn_of(raw, table_map.controller_turn, problems) if table_map.controller_turn else None
     if table_map.place.mirror:
         mirror = np.diag([-1.0 if letter == table_map.place.mirror else 1.0 for letter in "xyz"])
         xyz, turn = xyz @ mirror, None if turn is None else turn.from_matrix(mirror @ turn.as_matrix() @ mirror)
@@ -74,7 +87,7 @@ def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
             )
         turn = turn.inv()
         xyz = -turn.apply(xyz)
-    return MappedPoses(q, xyz, turn, commanded)
+    return MappedPoses(q, xyz, turn, commanded, controller, controller_turn)
 
 
 def turn_of(raw: RawTable, turn: TurnColumns, problems: Problems) -> Rotation:
@@ -113,11 +126,15 @@ def _none(turn: TurnColumns) -> Array:
     return np.eye(3).ravel() if turn.form == "matrix" else np.zeros(3)
 
 
-def _radians(raw: RawTable, angles: Angles, problems: Problems) -> Array:
-    values = raw.numbers(angles.columns, problems)
-    values = np.radians(values) if angles.unit == "deg" else values
+def radians(raw: RawTable, angles: Angles, problems: Problems | None = None) -> Array:
+    """Joint angles (n, axes) rad of a table; bad cells as in `RawTable.numbers`."""
+    values = np.radians(raw.numbers(angles.columns, problems) * angles.factors)
     backwards = np.isin(np.arange(1, len(angles.columns) + 1), angles.reversed)
     return values * np.where(backwards, -1.0, 1.0)
+
+
+def _millimetres(raw: RawTable, lengths: Lengths, problems: Problems) -> Array:
+    return raw.numbers(lengths.columns, problems) * lengths.factors
 
 
 def table_by(
@@ -133,15 +150,20 @@ def table_by(
         poses = poses_of(raw, table_map)
         named = _columns("q{}_deg", np.degrees(poses.q))
         named |= dict(zip(PLACE, map(pa.array, poses.xyz_mm.T), strict=True))
-        if poses.turn is not None:
-            named |= dict(zip(TURN, map(pa.array, poses.turn.as_euler("xyz", degrees=True).T), strict=True))
+        for names, turn in ((TURN, poses.turn), (CONTROLLER_TURN, poses.controller_turn)):
+            if turn is not None:
+                named |= dict(zip(names, map(pa.array, turn.as_euler("xyz", degrees=True).T), strict=True))
+        if poses.controller_mm is not None:
+            named |= dict(zip(CONTROLLER_PLACE, map(pa.array, poses.controller_mm.T), strict=True))
         if poses.commanded is not None:
             named |= _columns("q{}_commanded_deg", np.degrees(poses.commanded))
     else:
         named = _mapped_columns(raw, table_map, test, axes, direction)
-    used = set(table_map.used())
-    for name in raw.names:
-        if name not in used:
+    used, known = set(table_map.used()), set(format_of(test).layout(axes).known_columns)
+    for name in (name for name in raw.names if name not in used):
+        if test == MAPPED and name in known and name not in named:
+            named[name] = pa.array(raw.numbers([name])[:, 0])
+        else:
             named[name if name not in named else f"{name} (file)"] = raw.cells[name]
     types = {name: str(column.type) for name, column in named.items()}
     return pa.table(named, schema=table_schema(types))  # type: ignore[arg-type]
@@ -166,7 +188,7 @@ def _mapped_columns(
         problem = f"names {unknown[0]}, which is not a column of a {test} table"
         raise UseError("the map", problem, f"choose from {', '.join(layout.known_columns)}")
     problems = Problems()
-    angles = np.degrees(_radians(raw, table_map.joints, problems)) if table_map.joints else np.empty((0, 0))
+    angles = np.degrees(radians(raw, table_map.joints, problems)) if table_map.joints else np.empty((0, 0))
     named: Columns = {}
     for name in layout.known_columns:
         if name in joints:
@@ -203,7 +225,7 @@ def _column(raw: RawTable, name: str, column: str, unit: str | None, problems: P
     return pa.array(values, pa.int64() if name in COUNTS else pa.string())
 
 
-_STEPS, _ALL_STEPS, _BEST = 8, 60, 3
+_STEPS, _ALL_STEPS, _BEST = 8, 60, 6
 """Number of optimiser steps for screening and for the best candidates, and number of these candidates."""
 _ALIKE = 4.0
 """Largest ratio between the spread of the places and of the flange; a larger ratio means a wrong unit."""
@@ -219,15 +241,23 @@ _MIRROR = "y"
 class Meant:
     """A map with an alternative interpretation, the residual and a description.
 
-    left_mm: rms residual in mm; share: the same relative to the spread of the places. remedy: action if a map cannot
-    express the interpretation, otherwise empty.
+    left_mm: rms residual in mm; share: the same relative to the spread of the places. mistakes: number of independent
+    mistakes that it assumes. remedy: action if a map cannot express the interpretation, otherwise empty.
     """
 
     table_map: TableMap
     left_mm: float
     share: float
     words: str
+    mistakes: int
     remedy: str
+
+
+def plausibility(way: Meant, closest: float) -> tuple[float, float]:
+    """Key that orders interpretations: by their fit, and by the number of mistakes if they fit as well as the closest.
+    closest: the smallest share.
+    """
+    return (way.mistakes if way.share <= AS_WELL * closest else np.inf, way.share)
 
 
 def meant(raw: RawTable, bare: Arm, base: TableMap) -> list[Meant]:
@@ -251,11 +281,13 @@ def meant(raw: RawTable, bare: Arm, base: TableMap) -> list[Meant]:
         table_map, meaning, words, remedy = way
         seen = xyz_mm if meaning else xyz_mm @ np.diag([-1.0 if letter == _MIRROR else 1.0 for letter in "xyz"])
         rms_mm = left_mm(bare, meaning.of(q) if meaning else q, seen, steps)
-        return Meant(table_map, rms_mm, rms_mm / apart, words, remedy)
+        return Meant(table_map, rms_mm, rms_mm / apart, words, meaning.mistakes if meaning else 1, remedy)
 
     ways = list(_ways(base, bare.axes))
     order = np.argsort([judged(way, _STEPS).left_mm for way in ways])[:_BEST]
-    return sorted((judged(ways[k], _ALL_STEPS) for k in order.tolist()), key=lambda otherwise: otherwise.left_mm)
+    best = [judged(ways[k], _ALL_STEPS) for k in order.tolist()]
+    closest = min(way.share for way in best)
+    return sorted(best, key=lambda way: plausibility(way, closest))
 
 
 def fits_in_parts(raw: RawTable, bare: Arm, base: TableMap) -> str:
@@ -265,19 +297,20 @@ def fits_in_parts(raw: RawTable, bare: Arm, base: TableMap) -> str:
     """
     poses = poses_of(raw, base)
     measured, number = (poses.xyz_mm != 0).any(axis=1), np.arange(len(raw.lines))
-    parts = {"the first rows": number < max(_FIRST * len(number), FEWEST), "every other row": number % 2 == 0}
+    parts = {"the first rows": [number < max(_FIRST * len(number), FEWEST)]}
+    parts["every other row"] = [number % 2 == 0, number % 2 == 1]
     for name in raw.names:
         values = raw.cells[name].to_pylist()
         if name not in raw.numeric and 1 < len(set(values)) <= _PARTS:
-            parts |= {f"the rows of {name} {value}": np.array([cell == value for cell in values]) for value in values}
-    for words, rows in parts.items():
+            parts |= {f"the rows of {name} {value}": [np.array([cell == value for cell in values])] for value in values}
+
+    def misfit_mm(rows: Mask) -> float:
         q, xyz_mm = poses.q[rows & measured], poses.xyz_mm[rows & measured]
-        if len(q) < FEWEST:
-            continue
-        rms_mm = left_mm(bare, q, xyz_mm, _ALL_STEPS)
-        if rms_mm < min(RIGHT_MM, RIGHT_SHARE * spread_of(xyz_mm)):
-            return f"{words}, which leave {rms_mm:.2g} mm"
-    return ""
+        rms_mm = left_mm(bare, q, xyz_mm, _ALL_STEPS) if len(q) >= FEWEST else np.inf
+        return rms_mm if rms_mm < min(RIGHT_MM, RIGHT_SHARE * spread_of(xyz_mm)) else np.inf
+
+    left = {words: max(map(misfit_mm, every)) for words, every in parts.items()}
+    return next((f"{words}, which leave {mm:.2g} mm" for words, mm in left.items() if np.isfinite(mm)), "")
 
 
 def _ways(base: TableMap, axes: int) -> Iterator[tuple[TableMap, Meaning | None, str, str]]:

@@ -188,7 +188,7 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> FileLayout:
     comment = next((mark for line in lines[:1000] for mark in _COMMENTS if line.lstrip().startswith(mark)), "")
     rows = [k for k, line in enumerate(lines) if line.strip() and not (comment and line.lstrip().startswith(comment))]
     sampled = [*rows[:_SAMPLED], *rows[_SAMPLED:][-_SAMPLED:]]
-    best: tuple[tuple[float, float, int], Separator, bool, int] | None = None
+    best: tuple[tuple[float, bool, float, int], Separator, bool, int] | None = None
     for name, mark in SEPARATORS.items():
         split = [_fields(lines[k], mark) for k in sampled]
         count = Counter(len(cells) for cells in split if len(cells) >= _FEWEST).most_common(1)
@@ -198,10 +198,11 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> FileLayout:
         full_rows = [cells for cells in split if len(cells) == fields]
         for comma in (False, True) if mark != "," else (False,):
             share = float(np.mean([np.mean([_is_number(cell, comma) for cell in cells]) for cells in full_rows]))
-            score = (round(len(full_rows) / len(split) * share, 3), share, fields)
+            # A header with blanks in its names must not make blanks the separator.
+            score = (round(len(full_rows) / len(split) * share, 3), mark != " ", share, fields)
             if best is None or score > best[0]:
                 best = score, name, comma, fields
-    if best is None or (best[1] == "bar" and best[0][1] == 0) or best[0][1] == 0:
+    if best is None or best[0][2] == 0:
         raise FileError(where, "lacks rows of numbers", "give a table: a row of numbers for each pose")
     _, separator, comma, fields = best
     mark = SEPARATORS[separator]

@@ -6,8 +6,9 @@ A map is a YAML file that the operator reads, edits and passes to an import. A r
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, StringConstraints, ValidationError, model_validator
 
@@ -28,11 +29,11 @@ Names = Annotated[tuple[Name, ...], Field(min_length=1, max_length=16)]
 Separator = Literal["comma", "semicolon", "tab", "bar", "blanks"]
 SEPARATORS: dict[Separator, str] = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blanks": " "}
 AngleUnit = Literal["deg", "rad"]
-LengthUnit = Literal["mm", "m", "cm", "um", "in"]
-TO_MM: dict[LengthUnit, float] = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "um": 1e-3, "in": 25.4}
+TO_MM: dict[str, float] = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "um": 1e-3, "in": 25.4}
+TO_DEG: dict[str, float] = {"deg": 1.0, "rad": 57.29577951308232}
 TO_UNIT: dict[str, dict[str, float]] = {
-    "deg": {"deg": 1.0, "rad": 57.29577951308232},
-    "mm": {str(unit): factor for unit, factor in TO_MM.items()},
+    "deg": TO_DEG,
+    "mm": TO_MM,
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
 }
 """Conversion factors to the unit suffixes of the columns of docs/tables.md."""
@@ -54,21 +55,51 @@ class FileLayout(Part):
     topic: Annotated[str, StringConstraints(max_length=500)] = ""
 
 
-class Angles(Part):
+Unit = str | tuple[str, ...]
+"""Unit of all columns, or the unit of each."""
+
+
+class ColumnsWithUnit(Part):
+    """Columns, and their unit or the unit of each."""
+
+    known_units: ClassVar[Mapping[str, float]]
+    columns: Names
+    unit: Unit
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each column."""
+        return (self.unit,) * len(self.columns) if isinstance(self.unit, str) else self.unit
+
+    @property
+    def factors(self) -> list[float]:
+        """Conversion factor of each column to degrees or mm."""
+        return [self.known_units[unit] for unit in self.units]
+
+    @model_validator(mode="after")
+    def _check_units(self) -> Self:
+        unknown = [unit for unit in self.units if unit not in self.known_units]
+        if unknown or len(self.units) != len(self.columns):
+            fact = f"unit {unknown[0]!r} is unknown" if unknown else f"has {len(self.units)} units"
+            known = ", ".join(self.known_units)
+            raise ValueError(f"{fact}; give one of {known}, or a list of {len(self.columns)}, one for each column")
+        return self
+
+
+class Angles(ColumnsWithUnit):
     """Columns of angles in the order of the axes. reversed: numbers of axes, from 1, with a sense opposite to the
     rig file.
     """
 
-    columns: Names
-    unit: AngleUnit
+    known_units = TO_DEG
     reversed: Annotated[tuple[Annotated[int, Field(ge=1, le=16)], ...], Field(max_length=16)] = ()
 
 
-class Lengths(Part):
+class Lengths(ColumnsWithUnit):
     """Columns x, y and z of a place or a distance. mirror: reversed axis of an instrument with a left-handed frame."""
 
+    known_units = TO_MM
     columns: Annotated[tuple[Name, ...], Field(min_length=3, max_length=3)]
-    unit: LengthUnit
     mirror: Literal["x", "y", "z"] | None = None
 
 
@@ -115,6 +146,7 @@ class TableMap(Part):
     files: layouts of the files in order.
     join: method of joining several files, `rows` or a common column.
     joints, commanded, place, residual, turn: columns of poses.
+    controller, controller_turn: pose of the tool that the controller computed, next to a measured place.
     sees: `the tool` if the instrument observes the tool, `from the tool` for an instrument on the tool, such as a
     camera.
     stops: True if rows are stops of the ISO 9283 cube, identified by position.
@@ -131,6 +163,8 @@ class TableMap(Part):
     place: Lengths | None = None
     residual: Residual | None = None
     turn: TurnColumns | None = None
+    controller: Lengths | None = None
+    controller_turn: TurnColumns | None = None
     sees: Literal["the tool", "from the tool"] = "the tool"
     stops: Literal["of the cube"] | None = None
     columns: dict[Name, MappedColumn] = Field(default_factory=dict, max_length=100)
@@ -140,7 +174,8 @@ class TableMap(Part):
 
     def used(self) -> list[str]:
         """Return the columns read from the file, in order."""
-        parts = (self.joints, self.commanded, self.place, self.residual, self.turn)
+        poses = (self.place, self.residual, self.turn, self.controller, self.controller_turn)
+        parts = (self.joints, self.commanded, *poses)
         return [*(name for part in parts if part for name in part.columns), *(c.column for c in self.columns.values())]
 
 

@@ -8,21 +8,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from analysis.intake.column_groups import groups_of
 from analysis.intake.raw_table import RawTable, layout_of, read_raw, text_of
 from analysis.intake.read import header_names, read_head, read_whole
 from analysis.intake.table_map import Angles, MappedColumn, TableMap
+from analysis.intake.table_reading import likely_angles
 from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import SOCKET, joint_columns, second_joint_columns
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import FEWEST_AXES, TestName
 from rigs.text import as_argument
-
-_FULL_TURN = 2 * np.pi
-"""Largest joint angle in radians for detection of the unit: in degrees, joints would hardly have moved."""
 
 
 def needs_touch_map(path: Path, test: TestName, socket: str) -> bool:
@@ -75,9 +71,7 @@ def _joints(raw: RawTable, rig: Rig, optional: set[str]) -> Angles:
         axes = len(rig.robot.axes)
         problem = f"lacks columns for the {axes} joints of the arm; it has {', '.join(raw.names[:20])}"
         raise FileError(raw.where, problem, f"name the columns q1_deg … q{axes}_deg, or J1 … J{axes}")
-    is_small = np.nanmax(np.abs(raw.numbers(group.columns))) <= _FULL_TURN
-    is_radians = group.unit == "rad" if group.unit else is_small
-    return Angles(columns=group.columns, unit="rad" if is_radians else "deg")
+    return likely_angles(raw, group)
 
 
 def _only(rig: Rig, where: str) -> str:

@@ -183,6 +183,23 @@ def at_targets(
     return [(stand, int(row)) for stand, row, good in zip(stands, best, near, strict=True) if good]
 
 
+FEWEST_POSTURES = 4
+"""Smallest number of postures that determine base and tool: nine unknowns, and three coordinates of each posture."""
+
+
+def require_postures(q: Array, where: str) -> None:
+    """Raise FileError if joints q (n, axes) rad have too few postures to fit base and tool."""
+    seen = list[Array]()
+    for row in q:
+        if not any(np.abs(row - other).max() < STILL_RUN_RAD for other in seen):
+            seen.append(row)
+        if len(seen) == FEWEST_POSTURES:
+            return
+    postures = "a single posture" if len(seen) == 1 else f"only {len(seen)} postures"
+    problem = f"has rows of {postures}, which show the scatter of the instrument, but not the errors of the arm"
+    raise FileError(where, problem, "measure other postures also, in the whole working space (rig plan --poses)")
+
+
 STANDSTILL_MM = 1.0
 """Largest difference between positions or readings of one standstill. If the difference is larger, they are
 measurements of different things and are not averaged.

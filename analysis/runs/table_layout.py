@@ -25,6 +25,9 @@ MEASURED = tuple(f"q{axis}_measured_deg" for axis in range(1, 7))
 JointSource = Literal["measured", "commanded"]
 PLACE = ("x_mm", "y_mm", "z_mm")
 TURN = ("rx_deg", "ry_deg", "rz_deg")
+CONTROLLER_PLACE = tuple(f"controller_{name}" for name in PLACE)
+CONTROLLER_TURN = tuple(f"controller_{name}" for name in TURN)
+"""Pose of the tool that the controller computed from the joints, next to the measured one."""
 RAIL, RAIL_FROM = "e1_mm", "e1_from_mm"
 """Position of the arm's rail, and its previous position."""
 SOCKET = "socket"

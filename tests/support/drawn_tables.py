@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from analysis import load_run
+from analysis.runs.loading import load_measured
 from analysis.runs.tables import PathTable, PoseTable
 from rigs.arms import load_arm
 from tests.support.command_line import ran
@@ -27,7 +28,10 @@ from tests.support.foreign_tables import Poses, rows, text
 from tests.worlds.arms.independent_arm import Constants, flange, healthy, none
 
 Array = NDArray[np.float64]
-Outcome = Literal["without a word", "with a word", "question", "question, likeliest answer wrong", "refused"]
+Outcome = Literal[
+    "without a word", "with a word", "question", "question, right answer offered", "question, likeliest answer wrong",
+    "refused",
+]  # fmt: skip
 ARMS = (
     "ur10e", "ur5e", "kuka-kr-6-r900-2", "fanuc-lr-mate-200id", "abb-irb-120", "staubli-tx2-60", "yaskawa-gp12",
     "kawasaki-rs007n", "doosan-m1013", "ufactory-xarm-6",
@@ -40,7 +44,8 @@ _LAST_DIGIT_MM, _LAST_DIGIT_RAD = 0.011, 2e-5
 @dataclass(frozen=True)
 class Drawn:
     """A table and its true content. files: content by name; says: regular expression for the message required when
-    it is imported, empty if nothing is wrong; sound: True if a correct import exists.
+    it is imported, empty if nothing is wrong; sound: True if a correct import exists; answer: regular expression for
+    the right answer to a question; controller_mm: places that the controller computed, if the table has them.
     """
 
     arm: str
@@ -52,6 +57,8 @@ class Drawn:
     sound: bool = True
     options: tuple[str, ...] = ()
     test: str = "pose"
+    answer: str = ""
+    controller_mm: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -79,6 +86,8 @@ class _Table:
     more: dict[str, Sequence[object]] = field(default_factory=dict)
     bad: str = "nan"
     """Text for missing joint angles or positions."""
+    answer: str = ""
+    controller_mm: Array | None = None
 
 
 def constants(arm: str) -> Constants:
@@ -96,6 +105,11 @@ def _postures(arm: str, count: int, rng: np.random.Generator) -> Array:
     low, high = np.radians([np.clip(axis["limits_deg"], -150, 150) for axis in axes]).T
     share = rng.uniform(0.25, 0.9)
     return (low + high) / 2 + share * (high - low) / 2 * rng.uniform(-1, 1, (count, 6))
+
+
+def seen_by_tracker(arm: str, count: int, rng: np.random.Generator) -> Poses:
+    """Return random poses of a healthy arm, measured by a tracker at an unknown place."""
+    return _seen(arm, rng, _postures(arm, count, rng))
 
 
 def _seen(arm: str, rng: np.random.Generator, q: Array) -> Poses:
@@ -126,6 +140,13 @@ def _backwards(t: _Table, rng: np.random.Generator) -> None:
     t.q = t.q * np.where(np.arange(6) == rng.integers(6), -1.0, 1.0)
 
 
+def _several_backwards(t: _Table, rng: np.random.Generator) -> None:
+    """Count two to five axes in the opposite direction."""
+    axes = np.sort(rng.choice(6, int(rng.integers(2, 6)), replace=False))
+    t.q = t.q * np.where(np.isin(np.arange(6), axes), -1.0, 1.0)
+    t.answer = rf"reversed: \[{', '.join(str(axis + 1) for axis in axes)}\]"
+
+
 def _exchanged(t: _Table, rng: np.random.Generator) -> None:
     first, second = rng.choice(6, 2, replace=False)
     order = np.arange(6)
@@ -152,20 +173,43 @@ def _coupled(t: _Table, rng: np.random.Generator) -> None:
     t.sound = False
 
 
+_FAR = "ignored|from the position computed"
+"""Words about rows that no arm explains."""
+
+
+def _many_wild(t: _Table, rng: np.random.Generator) -> None:
+    """Move up to a quarter of the places by 5 to 100 mm. Their rows must be ignored."""
+    count = int(rng.integers(int(0.12 * len(t.q)) + 1, len(t.q) // 4 + 1))
+    wild = rng.choice(len(t.q), count, replace=False)
+    away = rng.normal(size=(count, 3))
+    away *= np.exp(rng.uniform(np.log(5), np.log(100), (count, 1))) / np.linalg.norm(away, axis=1)[:, None]
+    t.xyz_mm = t.xyz_mm.copy()
+    t.xyz_mm[wild] += away
+    t.says = f"{count} of {len(t.q)} poses ignored"
+
+
+def _one_posture(t: _Table, rng: np.random.Generator) -> None:
+    """Measure one to three postures again and again, as a test of the repeatability does."""
+    few = rng.integers(0, int(rng.integers(1, 4)), len(t.q))
+    t.q = t.q[few] + rng.normal(0, np.radians(0.001), t.q.shape)
+    t.xyz_mm, t.turn = t.xyz_mm[few] + rng.normal(0, 0.02, t.xyz_mm.shape), t.turn[few]
+    t.says, t.sound = "posture", False
+
+
 def _wild(t: _Table, rng: np.random.Generator, sizes: tuple[float, float] = (1.0, 1000.0)) -> None:
     wild = rng.choice(len(t.q), 1 + int(rng.random() < 0.4), replace=False)
     away = rng.normal(size=(len(wild), 3))
     mm = np.exp(rng.uniform(*np.log(sizes), len(wild)))
     t.xyz_mm = t.xyz_mm.copy()
     t.xyz_mm[wild] += away * (mm / np.linalg.norm(away, axis=1))[:, None]
-    t.says = "(?s)" + "".join(rf"(?=.*\b{row + 1}\b)" for row in wild) + ".*(left out|far from)"
+    t.says = "(?s)" + "".join(rf"(?=.*\b{row + 1}\b)" for row in wild) + f".*{_FAR}"
 
 
 def _lost(t: _Table, rng: np.random.Generator) -> None:
     lost = rng.choice(len(t.q), 2, replace=False)
     t.xyz_mm = t.xyz_mm.copy()
     t.xyz_mm[lost] = 0.0
-    t.says = "(?s)" + "".join(rf"(?=.*\b{row + 1}\b)" for row in lost) + ".*(0, 0, 0|left out)"
+    t.says = "(?s)" + "".join(rf"(?=.*\b{row + 1}\b)" for row in lost) + ".*(0, 0, 0|ignored)"
 
 
 def _sent_again(t: _Table, rng: np.random.Generator) -> None:
@@ -181,7 +225,7 @@ def _not_at_rest(t: _Table, rng: np.random.Generator) -> None:
     lag = rng.uniform(0.02, 0.2, count)[:, None]
     t.xyz_mm = t.xyz_mm.copy()
     t.xyz_mm[-count:] += lag * (t.xyz_mm[-count - 1 : -1] - t.xyz_mm[-count:])
-    t.says = "left out|far from"
+    t.says = _FAR
 
 
 def _computed(t: _Table, rng: np.random.Generator) -> None:
@@ -208,7 +252,7 @@ def _two_reflectors(t: _Table, rng: np.random.Generator) -> None:
     place = rng.normal(size=3)
     place *= rng.uniform(20, 150) / np.linalg.norm(place)
     t.xyz_mm = t.xyz_mm + second[:, None] * t.turn.apply(place)
-    t.says, t.sound = "far from|target|reflector", False
+    t.says, t.sound = f"{_FAR}|target|reflector", False
     if rng.random() < 0.5:
         t.more["Target"] = np.where(second, "SMR 2", "SMR 1").tolist()
 
@@ -218,7 +262,7 @@ def _moved(t: _Table, rng: np.random.Generator) -> None:
     later = np.arange(len(t.q)) >= int(len(t.q) * rng.uniform(0.4, 0.85))
     turn = Rotation.from_rotvec(rng.normal(0, np.radians(0.3), 3))
     t.xyz_mm = np.where(later[:, None], turn.apply(t.xyz_mm) + rng.normal(0, 8, 3), t.xyz_mm)
-    t.says, t.sound = "far from|left out|elsewhere|different place", False
+    t.says, t.sound = f"{_FAR}|different place", False
 
 
 def _another_arm(t: _Table, rng: np.random.Generator) -> None:
@@ -243,6 +287,11 @@ TROUBLES: dict[str, tuple[Callable[[_Table, np.random.Generator], None], float]]
     "another arm": (_another_arm, 1), "bad cells": (_bad_cells, 1),
 }  # fmt: skip
 """Defects by name: the function that applies it, and its relative frequency."""
+NEW_TROUBLES: dict[str, tuple[Callable[[_Table, np.random.Generator], None], float]] = {
+    "sound": (_sound, 3), "several axes the other way": (_several_backwards, 2), "many wild rows": (_many_wild, 2),
+    "one posture": (_one_posture, 1), "the controller's places": (_computed, 1),
+}  # fmt: skip
+"""Defects that `drawn` adds on request, so that the tables of a seed stay the same."""
 
 
 # -- Exporters: formats of the written table. --
@@ -362,7 +411,7 @@ def _rtde(t: _Table, rng: np.random.Generator) -> _Files:
     header = ["timestamp", *(f"target_q_{k}" for k in range(6)), *(f"actual_q_{k}" for k in range(6))]
     header += [f"actual_current_{k}" for k in range(6)] + [f"actual_TCP_pose_{k}" for k in range(6)]
     R, p = flange(constants(t.arm), none(), np.nan_to_num(t.q))
-    robot = [p / 1e3, Rotation.from_matrix(R).as_rotvec()]
+    robot, t.controller_mm = [p / 1e3, Rotation.from_matrix(R).as_rotvec()], p
     stamp, current = 0.5 * np.arange(len(t.q))[:, None], rng.normal(0, 2, t.q.shape)
     columns = [stamp, t.q + rng.normal(0, 1e-5, t.q.shape), t.q, current, *robot, t.xyz_mm / 1e3]
     header += [f"tracker_{axis}" for axis in "xyz"]
@@ -419,6 +468,46 @@ def _commanded_too(t: _Table, rng: np.random.Generator) -> _Files:
     return {"log.csv": _written(header, columns, t, rng)}, ()
 
 
+def _units_by_column(t: _Table, rng: np.random.Generator) -> _Files:
+    """Write columns of which each states a unit of its own, in brackets or on a line of units."""
+    angles, lengths = rng.choice(["deg", "rad"], 6), rng.choice(list(_TO), 3)
+    angles[rng.choice(6, 2, replace=False)] = ["deg", "rad"]
+    q = np.where(angles == "deg", np.degrees(t.q), t.q)
+    xyz = t.xyz_mm * np.array([_TO[unit] for unit in lengths])
+    names, units = [*(f"J{k}" for k in range(1, 7)), "X", "Y", "Z"], [*angles, *lengths]
+    if rng.random() < 0.5:
+        header = [f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)]
+        return {"units.csv": _written(header, [q, xyz], t, rng)}, ()
+    body = text(rows(q, xyz), names).decode().split("\n", 1)
+    return {"units.csv": f"{body[0]}\n{','.join(units)}\n{body[1]}".replace("nan", t.bad).encode()}, ()
+
+
+PAIRS = (
+    ("{}", "FARO {}"), ("{} Soll", "{} Ist"), ("{}_cmd", "{}_act"), ("robot.{}", "leica.{}"), ("tcp_{}", "tracker_{}"),
+    ("{}1", "{}2"), ("P_{}", "M_{}"), ("controller_{}", "{}"), ("{}_ref", "{}_laser"), ("{}_actual", "{}"),
+)  # fmt: skip
+"""Names of a place that the controller computed, and of the same place as measured."""
+
+
+def _controller_beside(t: _Table, rng: np.random.Generator) -> _Files:
+    """Write the pose that the controller computed with its own constants next to the measured place."""
+    own, tool_mm = none(), rng.choice([0.0, 1.0]) * rng.uniform([-50, -50, 50], [50, 50, 200]).round(1)
+    own.offset[1:5], own.a[2:4] = np.radians(rng.normal(0, 0.05, 4)), rng.normal(0, 0.5, 2)
+    R, p = flange(constants(t.arm), own, t.truth.q)
+    frame = Rotation.from_euler("z", rng.choice([0.0, 0.0, 180.0, 37.0]), degrees=True)
+    t.controller_mm = frame.apply(p + R @ tool_mm).round(int(rng.choice([2, 3, 4])))
+    if t.truth.q.shape == t.q.shape and t.says == "posture":
+        t.controller_mm = t.xyz_mm
+    names = PAIRS[int(rng.integers(len(PAIRS)))]
+    places = [
+        ([name.format(axis) for axis in "XYZ"], xyz)
+        for name, xyz in zip(names, (t.controller_mm, t.xyz_mm), strict=True)
+    ]
+    places = places[:: int(rng.choice([1, -1]))]
+    header = [*(f"A{k}" for k in range(1, 7)), *places[0][0], *places[1][0]]
+    return {"both.csv": _written(header, [np.degrees(t.q), places[0][1], places[1][1]], t, rng)}, ()
+
+
 EXPORTERS: dict[str, Callable[[_Table, np.random.Generator], _Files]] = {
     "a spreadsheet": _spreadsheet, "pandas": _pandas, "no header": _headless, "two files, no header": _two_headless,
     "matrices": _matrices, "KUKA": _kuka, "FANUC": _fanuc, "ABB": _abb, "PlotJuggler": _plotjuggler,
@@ -426,25 +515,34 @@ EXPORTERS: dict[str, Callable[[_Table, np.random.Generator], _Files]] = {
     "a workbook": _decimal_comma_workbook, "motion capture": _motion_capture, "commanded beside": _commanded_too,
 }  # fmt: skip
 
+NEW_EXPORTERS = {"units by column": _units_by_column, "a controller beside": _controller_beside}
+"""Formats that `drawn` adds on request."""
+
 
 # -- Generation and evaluation. --
 
 
-def drawn(seed: int) -> Drawn:
-    """Return the table for a seed; every fifteenth is a path."""
-    rng = np.random.default_rng([54, seed])
-    if seed % 15 == 14:
+def drawn(seed: int, *, new: bool = False) -> Drawn:
+    """Return the table for a seed; every fifteenth is a path. new: choose from the added defects and formats too."""
+    rng = np.random.default_rng([87 if new else 54, seed])
+    if seed % 15 == 14 and not new:
         return _path(rng)
     arm = str(rng.choice(ARMS))
-    truth = _seen(arm, rng, _postures(arm, int(rng.choice([25, 40, 60, 120])), rng))
+    truth = seen_by_tracker(arm, int(rng.choice([25, 40, 60, 120])), rng)
     table = _Table(arm, truth.q, truth.xyz_mm, truth.turn, truth)
-    weights = np.array([weight for _, weight in TROUBLES.values()])
-    trouble = str(rng.choice(list(TROUBLES), p=weights / weights.sum()))
-    TROUBLES[trouble][0](table, rng)
-    exporter = str(rng.choice(list(EXPORTERS)))
-    files, options = EXPORTERS[exporter](table, rng)
+    troubles = NEW_TROUBLES if new else TROUBLES
+    weights = np.array([weight for _, weight in troubles.values()])
+    trouble = str(rng.choice(list(troubles), p=weights / weights.sum()))
+    troubles[trouble][0](table, rng)
+    exporters = {**EXPORTERS, **NEW_EXPORTERS} if new else EXPORTERS
+    is_new = new and (trouble == "sound" or rng.random() < 0.5)
+    exporter = str(rng.choice(list(NEW_EXPORTERS if is_new else exporters)))
+    files, options = exporters[exporter](table, rng)
     truth = replace(truth, xyz_mm=truth.xyz_mm if trouble == "a left-handed frame" else table.xyz_mm)
-    return Drawn(table.arm, exporter, trouble, files, truth, table.says, table.sound, options)
+    return Drawn(
+        table.arm, exporter, trouble, files, truth, table.says, table.sound, options, answer=table.answer,
+        controller_mm=table.controller_mm,
+    )  # fmt: skip
 
 
 def _path(rng: np.random.Generator) -> Drawn:
@@ -479,7 +577,10 @@ def judged(drawn: Drawn, folder: Path) -> Judged:
     if done.returncode and list(folder.glob("*.map.yaml")):
         return Judged(_asked(drawn, folder), "", done.stderr)
     if done.returncode:
-        return Judged("refused", "", done.stderr)
+        is_new = drawn.trouble in NEW_TROUBLES and drawn.says
+        return Judged(
+            "refused", "" if not is_new or re.search(drawn.says, done.stderr) else "wrong reason", done.stderr
+        )
     doubts = "\n".join(line for line in done.stderr.splitlines() if line.startswith("doubt:"))
     outcome: Outcome = "with a word" if doubts else "without a word"
     return Judged(outcome, _wrong(drawn, folder / "run", doubts), done.stderr)
@@ -495,8 +596,12 @@ def _asked(drawn: Drawn, folder: Path) -> Outcome:
     """
     if drawn.sound and ran(*_command(drawn), "-o", "assumed", "--yes", cwd=folder).returncode == 0:
         table = load_run(folder / "assumed").table
-        if isinstance(table, PoseTable) and _turned(table.q, drawn.truth.q) > _LAST_DIGIT_RAD:
-            return "question, likeliest answer wrong"
+        assert isinstance(table, PoseTable)
+        away_mm = float(np.abs(table.xyz_mm - drawn.truth.xyz_mm).max())
+        if _turned(table.q, drawn.truth.q) > _LAST_DIGIT_RAD or (drawn.controller_mm is not None and away_mm > 1):
+            offered = next(folder.glob("*.map.yaml")).read_text()
+            is_offered = re.search(drawn.answer, offered) if drawn.answer else drawn.controller_mm is not None
+            return "question, right answer offered" if is_offered else "question, likeliest answer wrong"
     return "question"
 
 
@@ -524,5 +629,15 @@ def _wrong(drawn: Drawn, run: Path, doubts: str) -> str:
     off = [
         "joints" * (_turned(table.q, drawn.truth.q) > _LAST_DIGIT_RAD),
         "places" * bool(np.abs(table.xyz_mm - drawn.truth.xyz_mm).max() > _LAST_DIGIT_MM),
+        "the controller's places" * _has_wrong_controller(drawn, run),
     ]
     return ", ".join(filter(None, off)) or (f"a word about a sound table: {doubts}" if doubts else "")
+
+
+def _has_wrong_controller(drawn: Drawn, run: Path) -> bool:
+    """Return whether the run has places of the controller that are not those of the table."""
+    table, names = load_measured(run).run.table, [f"controller_{axis}_mm" for axis in "xyz"]
+    if table is None or names[0] not in table.column_names:
+        return False
+    kept = np.stack([table[name] for name in names], axis=1)
+    return drawn.controller_mm is None or bool(np.abs(kept - drawn.controller_mm).max() > _LAST_DIGIT_MM)

@@ -174,7 +174,7 @@ def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[s
     kept = [k for k, run in enumerate(runs) if run.setup not in reasons]
     if not kept:
         setup, why = next(iter(reasons.items()))
-        raise FileError(f"set-up {setup}", why, "give more runs of this placement, or more readings in each run")
+        raise FileError(f"set-up {setup}", why, "give more runs of this placement, or readings in more postures")
     return kept, [f"{setup} is ignored: {why}" for setup, why in reasons.items()]
 
 

@@ -28,7 +28,7 @@ from analysis.robot.kinematics.arm import Array, Mask
 from analysis.robot.model.predict import model_of
 from analysis.runs.loading import Measured
 from analysis.runs.noise.cell_noise import TARGET_MM
-from analysis.runs.noise.outliers import by_accident
+from analysis.runs.noise.outliers import FEW, by_accident
 from analysis.runs.tables import Table
 from rigs.effects import Effect
 from rigs.errors import FileError
@@ -242,7 +242,7 @@ def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]
     for setup in dict.fromkeys(runs[k].setup for k in poses):
         members = [k for k in poses if runs[k].setup == setup]
         angles = np.concatenate([runs[k].table.q[runs[k].rows] for k in members])
-        if not by_accident(np.concatenate([wild[k] for k in members]), angles):
+        if not by_accident(np.concatenate([wild[k] for k in members]), angles, FEW):
             kept.add(setup)
     return kept
 

@@ -26,7 +26,8 @@ class Meaning:
     """A different meaning of the joint columns: q (n, axes) as labelled becomes q M' + c, with M (axes, axes), c
     (axes,) rad.
 
-    words: description of the meaning. remedy: action if it is correct.
+    words: description of the meaning. remedy: action if it is correct. mistakes: number of independent mistakes that
+    it assumes.
     """
 
     columns: tuple[str, ...]
@@ -34,6 +35,7 @@ class Meaning:
     remedy: str
     matrix: Array
     offset: Array
+    mistakes: int = 1
 
     def of(self, q: Array) -> Array:
         """Return the true angles (n, axes) rad for labelled angles q (n, axes) rad."""

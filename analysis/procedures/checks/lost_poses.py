@@ -131,6 +131,8 @@ def _outliers(t_s: Array, xyz_mm: Array) -> tuple[Mask, Array]:
 
 _LEAST_RAD = 0.001
 """Lower limit of the standard deviation of a rotation: ten times the resolution of trackers."""
+_NAMED = 40
+"""Largest number of outliers that a message lists."""
 _KEPT = 6
 """Minimum number of poses for fitting base and tool; any fewer poses would fit."""
 Fit = Callable[[PoseTable, PoseTable], tuple[Array, Array | None]]
@@ -168,10 +170,10 @@ class Outliers:
         """Return a message to the user about outliers that are not excluded; empty if there are none."""
         if self.by_accident or not self.far.any():
             return ""
-        labels = labels_of(table.test)
+        labels, rows = labels_of(table.test), listed(table.rows[self.far].tolist(), _NAMED)
         fact = f"{self.far.sum()} of {len(self.far)} {labels.rows} are up to {_length(self.far_mm[self.far].max())}"
         return (
-            f"{fact} {labels.distance_from} (rows {listed(table.rows[self.far].tolist())}). They were kept, because so "
+            f"{fact} {labels.distance_from} (rows {rows}). They were kept, because so "
             "many, or all in one range of a joint, are not outliers; check that the robot was at rest, that instrument "
             "and base did not move, and the signs, order and zeros of the joints"
         )
@@ -278,7 +280,7 @@ def far_touches(table: TouchTable, T: Array) -> Outliers:
 def left_out(table: Table, out: Mask, far_mm: Array) -> str:
     """Return a message about the excluded poses (n,) and their distances (n,) mm from the arm."""
     rows = np.sort(table.rows[out]).tolist()
-    shown = listed(rows)
+    shown = listed(rows, _NAMED)
     far = _length(far_mm[out].max())
     called, where, check = (
         labels_of(table.test).rows,

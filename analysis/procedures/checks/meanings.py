@@ -4,8 +4,9 @@ Poses: for each meaning, base and tool are fitted to the nearest four fifths, an
 meaning leaves centimetres, an arm with nominal constants millimetres. Circles and targets: the program put the tool on
 the path of the rig file, and only the correct meaning does the same.
 
-Each alternative meaning is a single mistake of a user or a program: axis 3 measured from the horizontal or from axis 2,
-an inverted axis, two exchanged columns, or a different zero.
+Alternative meanings are mistakes of a user or a program: axis 3 measured from the horizontal or from axis 2, inverted
+axes, two exchanged columns, or a different zero. Makers differ in the signs of several axes at once, so every
+combination of signs is tried; of meanings that fit alike, the one with the fewest mistakes comes first.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from analysis.runs.tables import Table
 from rigs.arms import arm_names, load_arm
 from rigs.rig import Rig
 from rigs.schema.robot import Robot
+from rigs.text import enumerated
 
 _ZEROS_DEG = (90.0, -90.0, 180.0)
 """Other zeros used in practice: a quarter or half a turn away."""
@@ -39,11 +41,13 @@ def meanings(axes: int) -> list[Meaning]:
         matrix[2, 1] = sign
         do = f"give the coupling of axes 2 and 3 in the rig file (robot.coupling), or q3_deg {word} q2_deg as q3_deg"
         ways.append(_meaning((2, 3), f"J3 {word} J2 in place of J3", do, matrix))
-    for axis in range(1, axes + 1):
-        matrix = np.eye(axes)
-        matrix[axis - 1, axis - 1] = -1.0
-        do = f"change the sign of q{axis}_deg, or correct axis {axis} of the rig file"
-        ways.append(_meaning((axis,), f"J{axis} counted in the opposite direction", do, matrix))
+    every = range(1, axes + 1)
+    for backwards in (some for count in every for some in combinations(every, count)):
+        signs = np.where(np.isin(every, backwards), -1.0, 1.0)
+        words = f"{enumerated([f'J{axis}' for axis in backwards])} counted in the opposite direction"
+        columns = enumerated([f"q{axis}_deg" for axis in backwards])
+        do = f"change the sign of {columns}, or correct these axes of the rig file"
+        ways.append(_meaning(backwards, words, do, np.diag(signs), mistakes=len(backwards)))
     for first, second in combinations(range(1, axes + 1), 2):
         rows = list(range(axes))
         rows[first - 1], rows[second - 1] = second - 1, first - 1
@@ -56,9 +60,11 @@ def meanings(axes: int) -> list[Meaning]:
     return ways
 
 
-def _meaning(axes: tuple[int, ...], words: str, remedy: str, matrix: Array, offset: Array | None = None) -> Meaning:
+def _meaning(
+    axes: tuple[int, ...], words: str, remedy: str, matrix: Array, offset: Array | None = None, mistakes: int = 1
+) -> Meaning:
     columns = tuple(f"q{axis}_deg" for axis in axes)
-    return Meaning(columns, words, remedy, matrix, np.zeros(len(matrix)) if offset is None else offset)
+    return Meaning(columns, words, remedy, matrix, np.zeros(len(matrix)) if offset is None else offset, mistakes)
 
 
 JOINTS = "joints"
@@ -72,7 +78,7 @@ _STEPS, _BEST = 8, 6
 """Number of fit steps in the first comparison, and number of meanings in the final comparison."""
 _KEPT = 0.8
 """Share of the poses, those with the smallest residuals, that is fitted and compared, because of outliers."""
-_ROUNDS = 3
+_ROUNDS, _NAMED = 3, 3
 _NOTHING_MM = 1e-3
 """Residual below which the labels are correct. Below a micrometre only the rounding of the numbers is compared."""
 RIGHT_MM = 10.0
@@ -111,7 +117,7 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     if as_labelled < _NOTHING_MM:
         return
     rows = labels_of(table.test).joints_fit
-    words = " or ".join(judged.meaning.words for judged in (best, *as_good))
+    words = " or ".join(judged.meaning.words for judged in (best, *as_good)[:_NAMED])
     fact = (
         f"these {rows} only with {words} (error {_length(best.left_mm)} instead of {_length(as_labelled)}): order, "
         "signs, zeros or coupling of the joints differ from the rig file"
@@ -265,10 +271,12 @@ def judged_by_sockets(table: Table, rig: Rig) -> Verdict:
 
 
 def _decided(judged: Sequence[JudgedMeaning], as_labelled: float, right_mm: float) -> Verdict:
-    best, *others = sorted(judged, key=lambda meaning: meaning.left_mm)
-    if best.left_mm > right_mm or as_labelled < CLEARLY * best.left_mm:
+    closest = min(judge.left_mm for judge in judged)
+    if closest > right_mm or as_labelled < CLEARLY * closest:
         return None, as_labelled, []
-    return best, as_labelled, [meaning for meaning in others if meaning.left_mm < AS_WELL * best.left_mm]
+    alike = [judge for judge in judged if judge.left_mm <= AS_WELL * closest]
+    best, *as_good = sorted(alike, key=lambda judge: (judge.meaning.mistakes, judge.left_mm))
+    return best, as_labelled, as_good
 
 
 def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> float:

@@ -18,7 +18,7 @@ the movement.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -199,6 +199,46 @@ smallest reflectors are balls of 12.7 mm on a nest.
 _POSES = 150
 
 
+@dataclass(frozen=True)
+class PlaceSource:
+    """Evidence on places that fit an arm: were they measured, or computed from the joints by the controller?
+
+    left_mm, fitted: rms residual with nominal constants, and the arm with fitted ones. in_base: True if the places are
+    given in the base of the arm. proof: why they were computed, empty if they may be measured.
+    """
+
+    left_mm: float
+    fitted: FittedArm
+    in_base: bool
+    proof: str
+
+
+def source_of(bare: Arm, q: Array, xyz_mm: Array) -> PlaceSource | None:
+    """Compare places xyz_mm (n, 3) with an arm without base and tool at joints q (n, axes) rad; None if they do not
+    fit it.
+    """
+    T = forward(bare, q)
+    setup = fit_setup(T, xyz_mm)
+    left_mm = float(np.sqrt((position_error(T, xyz_mm, setup) ** 2).sum(axis=1).mean()))
+    if left_mm > RIGHT_MM:
+        return None
+    target_mm = float(np.linalg.norm(setup.T_flange_tool[:3, 3]))
+    fitted = fit_arm(bare, q, xyz_mm)
+    # The base of the arm, or the base rotated by half a turn about z, as base_link of ROS drivers.
+    base = setup.T_world_base
+    traces = [np.trace(base[:3, :3] @ np.diag([sign, sign, 1.0])) for sign in (1.0, -1.0)]
+    turned_rad = float(np.arccos(np.clip((max(traces) - 1) / 2, -1.0, 1.0)))
+    in_base = turned_rad < _BASE_RAD and float(np.linalg.norm(base[:3, 3])) < _BASE_MM
+    proof = ""
+    if fitted.spare >= SPARE and fitted.rms_mm < NO_INSTRUMENT_MM:
+        proof = (
+            f"the arm's constants explain them to {1e3 * fitted.rms_mm:.2g} µm, closer than any instrument can measure"
+        )
+    elif in_base and target_mm < _FLANGE_MM:
+        proof = f"they are given in the base of the arm, for a point {target_mm:.1f} mm from the centre of the flange"
+    return PlaceSource(left_mm, fitted, in_base, proof)
+
+
 def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     """Yield a finding if the positions of poses were computed instead of measured."""
     if table.rail:
@@ -207,29 +247,11 @@ def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     if len(measured) < FEWEST:
         return
     chosen = measured[np.unique(np.linspace(0, len(measured) - 1, min(_POSES, len(measured))).astype(int))]
-    bare, q, xyz_mm = without_setup(arm_of(rig.robot)), table.q[chosen], table.xyz_mm[chosen]
-    T = forward(bare, q)
-    setup = fit_setup(T, xyz_mm)
-    left_mm = float(np.sqrt((position_error(T, xyz_mm, setup) ** 2).sum(axis=1).mean()))
-    if left_mm > RIGHT_MM:
+    source = source_of(without_setup(arm_of(rig.robot)), table.q[chosen], table.xyz_mm[chosen])
+    if source is None or not source.proof:
         return
-    target_mm = float(np.linalg.norm(setup.T_flange_tool[:3, 3]))
-    fitted = fit_arm(bare, q, xyz_mm)
-    computed = fitted.spare >= SPARE and fitted.rms_mm < NO_INSTRUMENT_MM
-    # The base of the arm, or the base rotated by half a turn about z, as base_link of ROS drivers.
-    base = setup.T_world_base
-    traces = [np.trace(base[:3, :3] @ np.diag([sign, sign, 1.0])) for sign in (1.0, -1.0)]
-    turned_rad = float(np.arccos(np.clip((max(traces) - 1) / 2, -1.0, 1.0)))
-    is_base = turned_rad < _BASE_RAD and float(np.linalg.norm(base[:3, 3])) < _BASE_MM
-    in_flange = is_base and target_mm < _FLANGE_MM
-    if not computed and not in_flange:
-        return
-    proof = (
-        f"the arm's constants explain them to {1e3 * fitted.rms_mm:.2g} µm, closer than any instrument can measure"
-        if computed
-        else f"they are given in the base of the arm, for a point {target_mm:.1f} mm from the centre of the flange"
-    )
-    fact = f"these places were not measured but computed from the joints by the controller: {proof}"
+    left_mm, fitted = source.left_mm, source.fitted
+    fact = f"these places were not measured but computed from the joints by the controller: {source.proof}"
     remedy = f"give places measured by an instrument; {OF_CONTROLLER}"
     misfit = Misfit(left_mm, fitted.rms_mm, float(fitted.left_mm.size * np.log(left_mm / max(fitted.rms_mm, 1e-9))))
     columns = ("x_mm", "y_mm", "z_mm")

@@ -20,7 +20,7 @@ import numpy as np
 
 from analysis.procedures.checks.checks_of_test import PathDeviation, checks_of
 from analysis.procedures.checks.finding import Finding, Misfit
-from analysis.procedures.checks.meanings import CLEARLY, FEWEST, RIGHT_MM, left_mm
+from analysis.procedures.checks.meanings import AS_WELL, CLEARLY, FEWEST, RIGHT_MM, judged_by_places, left_mm
 from analysis.procedures.checks.place import most_distant_rows, off_circle, off_places, steps
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.kinematics.arm import Array, arm_of, forward, rail_mm, without_setup
@@ -214,6 +214,10 @@ def mirror_findings(table: PoseTable, rig: Rig, convention: str) -> Iterator[Fin
         "the frame of the instrument is left-handed"
     )
     remedy = "change the sign of one of x_mm, y_mm, z_mm, or import the file as it was written, by a map with mirror: y"
+    joints = judged_by_places(rig, q, xyz_mm, None)[0]
+    if joints and joints.left_mm < AS_WELL * mirrored:
+        fact += f". They fit as well with {joints.meaning.words}"
+        remedy = f"look up which is true. For the frame, {remedy}; for the joints, {joints.meaning.remedy}"
     misfit = Misfit(as_labelled, mirrored, len(chosen) * float(np.log(as_labelled / max(mirrored, 1e-9))))
     yield Finding(convention, "impossible", ("x_mm", "y_mm", "z_mm"), "y mirrored", fact, remedy, misfit)
 

@@ -47,6 +47,7 @@ from analysis.robot.kinematics.joint_limits import wrapped
 from analysis.runs.noise.cell_noise import TARGET_MM, TRACKER_U_MM, LogUniform
 from analysis.runs.noise.spectrum import DRAWS
 from analysis.runs.noise.target_scatter import Scatter, scatter_of
+from analysis.runs.stands import require_postures
 from analysis.runs.tables import PoseTable, content_order
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -391,6 +392,7 @@ def _hold(table: PoseTable, where: str) -> None:
     if table.rpy is not None:
         check_numbers(where, rpy=table.rpy)
     check_joints(where, table.q, "give poses from the whole working space")
+    require_postures(table.q, where)
     if np.ptp(table.xyz_mm, axis=0).max() == 0:
         raise FileError(
             where, "the instrument reported the same place in all rows", "check that the instrument follows the target"
@@ -406,6 +408,9 @@ class PoseEvaluation(Evaluation[PoseTable]):
         return evaluate(
             table, arm_of(rig.robot), TRACKER_U_MM, where, cube=cube, instrument=iso.instrument if iso else None
         )
+
+    def require_evaluable(self, table: PoseTable, rig: Rig, where: str) -> None:
+        require_postures(table.q, where)
 
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> PoseTable:
         q, xyz_mm, came_from = simulated_cube(rig, run.seed, run.effects)

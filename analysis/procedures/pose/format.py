@@ -11,7 +11,17 @@ from analysis.procedures.shared.stop_cells import came_from_cells, came_from_of
 from analysis.robot.kinematics.arm import Array, Mask
 from analysis.runs.stands import STANDSTILL_MM, standstill_starts_of_visits
 from analysis.runs.table_format import TableFormat
-from analysis.runs.table_layout import PLACE, RAIL, RAIL_FROM, TURN, Layout, came_from_columns, joint_columns
+from analysis.runs.table_layout import (
+    CONTROLLER_PLACE,
+    CONTROLLER_TURN,
+    PLACE,
+    RAIL,
+    RAIL_FROM,
+    TURN,
+    Layout,
+    came_from_columns,
+    joint_columns,
+)
 from analysis.runs.table_rows import Rows, joint_cells
 from analysis.runs.tables import PoseTable
 from rigs.schema.vocabulary import Direction
@@ -22,8 +32,9 @@ class PoseFormat(TableFormat[PoseTable]):
 
     def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
         came_from = came_from_columns(axes)
-        optional = (*TURN, *came_from, *[RAIL_FROM] * rail)
-        return Layout((*joint_columns(axes), *[RAIL] * rail, *PLACE), optional, (TURN, came_from))
+        optional = (*TURN, *came_from, *CONTROLLER_PLACE, *CONTROLLER_TURN, *[RAIL_FROM] * rail)
+        together = (TURN, came_from, CONTROLLER_PLACE, CONTROLLER_TURN)
+        return Layout((*joint_columns(axes), *[RAIL] * rail, *PLACE), optional, together)
 
     def table_of(self, rows: Rows, direction: Direction | None, where: str) -> PoseTable:
         rpy = np.radians(rows.stack(TURN)) if rows.has(TURN) else None

@@ -2,8 +2,9 @@
 
 A fit to all readings follows an outlier: a single lost point of a tracker among 130 poses moved the base and increased
 an rms of 0.14 mm to 165 mm. The fit is therefore repeated a few times with the readings near the previous fit. Readings
-that are still distant are outliers. However, if there are many distant readings, or if they share a range of a joint,
-the cause is an error of the model and not an accident of the instrument. None of them is then an outlier.
+that are still distant are outliers. However, if there are very many distant readings, or many in a row, or if they
+share a range of a joint, the cause is an error of the model or a movement, and not an accident of the instrument. None
+of them is then an outlier.
 """
 
 from __future__ import annotations
@@ -31,8 +32,13 @@ STEPS = 4
 readings did not reveal a single outlier in nine."""
 _FEW = 30
 """Number of readings up to which each reading is first omitted in turn, at the cost of a fit per reading."""
-MOST = 0.1
-"""Share of readings above which two or more outliers are not an accident."""
+FEW, MOST = 0.1, 0.3
+"""Shares of readings: up to the first, outliers are an accident; up to the second, if they are also scattered over the
+table. Chosen: of more than a third, the fits above do not always find the sound readings.
+"""
+_SCATTERED = 0.5
+"""Smallest number of blocks of successive outliers, as a share of the number at random: a target or instrument that has
+moved makes one or two blocks."""
 _RANGE = 3
 """Number of outliers in a separate range of a joint that is not an accident: for three in 130 placed at random, the
 chance is 0.002 for six joints."""
@@ -66,14 +72,15 @@ def far_from_fit(distances_of: Callable[[Mask], Array], count: int, least: float
     return distances, spreads
 
 
-def by_accident(far: Mask, q: Array) -> bool:
-    """Return whether distant readings (n,) are few and have no separate range of any joint. q (n, 6): joint angles
-    in rad."""
-    count = int(far.sum())
-    if count > max(1.0, MOST * len(far)):
+def by_accident(far: Mask, q: Array, most: float = MOST) -> bool:
+    """Return whether distant readings (n,), in the order of the table, are few or scattered, and have no separate range
+    of any joint. q (n, 6): joint angles in rad. most: largest share."""
+    count, share = int(far.sum()), float(far.mean())
+    if count > max(1.0, most * len(far)):
         return False
-    if count < _RANGE:
-        return True
-    low, high = q[far].min(axis=0), q[far].max(axis=0)
+    blocks = int(np.count_nonzero(np.diff(far.astype(int), prepend=0) == 1))
+    if share > FEW and blocks < _SCATTERED * count * (1 - share):
+        return False
+    low, high = q[far].min(axis=0, initial=np.inf), q[far].max(axis=0, initial=-np.inf)
     others = ((q[~far] >= low) & (q[~far] <= high)).any(axis=0)
-    return bool(others.all())
+    return count < _RANGE or bool(others.all())

@@ -17,10 +17,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="scripts/dev tables", description=__doc__)
     parser.add_argument("--drawn", type=int, default=0, help="sets of few or many poses in every format beside it (0)")
     parser.add_argument("--files", type=int, default=0, help="drawn files of every exporter and trouble alone (0)")
+    parser.add_argument("--new", action="store_true", help="draw them with the added troubles and exporters")
     parser.add_argument("--seed", type=int, default=0, help="of the first of these files (0)")
     given = parser.parse_args()
     if given.files:
-        _drawn_files(range(given.seed, given.seed + given.files))
+        _drawn_files(range(given.seed, given.seed + given.files), new=given.new)
         return
     print("| table | | imported |\n| --- | --- | --- |")
     for foreign in foreign_tables():
@@ -39,16 +40,16 @@ def main() -> None:
         print(", ".join(f"{said}: {count}" for said, count in counts.most_common()))
 
 
-def _drawn_files(seeds: range) -> None:
+def _drawn_files(seeds: range, *, new: bool) -> None:
     """Print what an import made of each drawn file by its trouble, and each that is refused or wrong."""
     outcomes, counts = [*get_args(drawn_tables.Outcome), "wrong in silence"], Counter[tuple[str, str]]()
     for seed in seeds:
-        file = drawn_tables.drawn(seed)
+        file = drawn_tables.drawn(seed, new=new)
         with tempfile.TemporaryDirectory(prefix="rig-tables-") as folder:
             done = drawn_tables.judged(file, Path(folder))
         outcome = "wrong in silence" if done.wrong else done.outcome
         counts[file.trouble, outcome] += 1
-        if done.wrong or (file.sound and done.outcome == "refused"):
+        if done.wrong or "answer" in outcome or (file.sound and done.outcome == "refused"):
             last = (done.lines.strip().splitlines() or [""])[-1]
             print(f"  {seed}, {file.arm}, {file.exporter}, {file.trouble}: {outcome}: {done.wrong or last}", flush=True)
     print(f"| | files | {' | '.join(outcomes)} |\n|{' --- |' * (len(outcomes) + 2)}")

@@ -1,0 +1,212 @@
+"""Columns that need more than their names: two places, signs of joints, units by column, few postures, wild rows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from analysis.intake.imports import poses_of_controller, propose_map
+from analysis.runs.controller_places import controller_places
+from analysis.runs.loading import load_measured
+from rigs.arms import load_arm
+from rigs.errors import FileError
+from rigs.load import parse
+from tests.support.command_line import ran
+from tests.support.drawn_tables import Array, constants, seen_by_tracker
+from tests.support.foreign_tables import Poses, rows, text
+from tests.worlds.arms.independent_arm import flange, none
+
+JOINTS = [f"J{axis}" for axis in range(1, 7)]
+
+
+def measured(arm: str, seed: int, count: int = 40) -> Poses:
+    return seen_by_tracker(arm, count, np.random.default_rng([11, seed]))
+
+
+def by_controller(arm: str, q: Array) -> tuple[Array, Rotation]:
+    """Pose of the tool that a controller with constants of its own computes, to a thousandth of a millimetre."""
+    own = none()
+    own.offset[1:4], own.a[2:4] = np.radians([0.05, -0.07, 0.04]), (0.6, -0.5)
+    R, p = flange(constants(arm), own, q)
+    return (p + R @ np.array([10.0, -20.0, 150.0])).round(3), Rotation.from_matrix(R)
+
+
+def written(folder: Path, arm: str, header: list[str], *columns: Array) -> list[str]:
+    """Write a table and the rig file, and return the command that imports it."""
+    (folder / "arm.yaml").write_text(f"name: arm\n{load_arm(arm).text}", encoding="utf-8")
+    (folder / "t.csv").write_bytes(text(rows(*columns), header))
+    return ["import", "t.csv", "--rig", "arm.yaml", "--test", "pose", "-o", "run"]
+
+
+def axes_of(name: str) -> list[str]:
+    return [name.format(axis) for axis in "XYZ"]
+
+
+@pytest.mark.parametrize(
+    ("arm", "computed", "tracked"),
+    [
+        ("ur5e", "{}", "FARO {}"),
+        ("kuka-kr-6-r900-2", "{}1", "{}2"),
+        ("fanuc-lr-mate-200id", "tcp {}", "leica {}"),
+        ("abb-irb-120", "{}_cmd", "{}_act"),
+        ("yaskawa-gp12", "{} Soll", "{} Ist"),
+        ("staubli-tx2-60", "{}_ref", "{}_laser"),
+    ],
+)
+@pytest.mark.parametrize("first", ["computed", "tracked"])
+def test_measured_place_is_used_and_the_pose_of_the_controller_kept(
+    arm: str, computed: str, tracked: str, first: str, tmp_path: Path
+) -> None:
+    p = measured(arm, 1)
+    xyz_mm, turn = by_controller(arm, p.q)
+    angles = [computed.format(axis) for axis in ("RX", "RY", "RZ")]
+    both = [([*axes_of(computed), *angles], xyz_mm, turn.as_euler("xyz", degrees=True)), (axes_of(tracked), p.xyz_mm)]
+    both = both if first == "computed" else both[::-1]
+    header = [*JOINTS, *(name for names, *_ in both for name in names)]
+    words = written(tmp_path, arm, header, np.degrees(p.q), *(value for _, *values in both for value in values))
+    done = ran(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    run = load_measured(tmp_path / "run")
+    assert np.abs(run.table.readings - p.xyz_mm).max() < 1e-5
+    kept = controller_places(run)
+    assert kept is not None and np.abs(kept.xyz_mm - xyz_mm).max() < 1e-5 and np.abs(kept.q - p.q).max() < 1e-7
+    again = poses_of_controller([tmp_path / "t.csv"], parse((tmp_path / "arm.yaml").read_text(), "arm"))
+    assert np.abs(again.xyz_mm - xyz_mm).max() < 1e-5
+    if kept.R is not None:
+        assert (Rotation.from_matrix(kept.R) * turn.inv()).magnitude().max() < 1e-4
+
+
+def test_two_measured_places_are_a_question_and_a_typed_target_is_not_of_the_controller(tmp_path: Path) -> None:
+    p = measured("ur10e", 2)
+    second = p.xyz_mm + p.turn.apply([60.0, 10.0, -30.0])
+    written(tmp_path, "ur10e", [*JOINTS, *axes_of("{} left"), *axes_of("{} right")], np.degrees(p.q), p.xyz_mm, second)
+    proposal = propose_map([tmp_path / "t.csv"], tmp_path / "arm.yaml")
+    assert [question.key for question in proposal.questions] == ["place"] and proposal.table_map.controller is None
+    typed = p.xyz_mm + np.random.default_rng(3).normal(0, 0.7, p.xyz_mm.shape).round(1)
+    written(tmp_path, "ur10e", [*JOINTS, *axes_of("{} nominal"), *axes_of("{} ist")], np.degrees(p.q), typed, p.xyz_mm)
+    proposal = propose_map([tmp_path / "t.csv"], tmp_path / "arm.yaml")
+    assert not proposal.questions and proposal.table_map.controller is None
+    assert proposal.table_map.place and proposal.table_map.place.columns == tuple(axes_of("{} ist"))
+
+
+@pytest.mark.parametrize("plain", [False, True])
+@pytest.mark.parametrize(
+    ("arm", "backwards"),
+    [
+        ("ur10e", (2, 4)),
+        ("fanuc-lr-mate-200id", (3, 5)),
+        ("abb-irb-120", (2, 3, 6)),
+        ("staubli-tx2-60", (1, 2, 4, 5)),
+        ("yaskawa-gp12", (2, 3, 4, 5, 6)),
+        ("doosan-m1013", (1, 3, 4, 5, 6)),
+    ],
+)
+def test_several_axes_in_the_opposite_direction_are_named(
+    arm: str, backwards: tuple[int, ...], plain: bool, tmp_path: Path
+) -> None:
+    p = measured(arm, 4)
+    q_deg = np.degrees(p.q) * np.where(np.isin(np.arange(1, 7), backwards), -1, 1)
+    header = [*(f"q{axis}_deg" for axis in range(1, 7)), "x_mm", "y_mm", "z_mm"] if plain else [*JOINTS, *"xyz"]
+    words = written(tmp_path, arm, header, q_deg, p.xyz_mm)
+    if plain:
+        named = " ".join(
+            ran(*words, cwd=tmp_path).stderr.partition("change the sign of")[2].split()[: len(backwards) + 1]
+        )
+        assert [axis for axis in range(1, 7) if f"q{axis}_deg" in named] == list(backwards)
+        return
+    proposal = propose_map([tmp_path / "t.csv"], tmp_path / "arm.yaml")
+    assert [question.key for question in proposal.questions] == ["joints"]
+    assert proposal.table_map.joints and proposal.table_map.joints.reversed == backwards
+
+
+def test_an_answer_about_the_frame_settles_the_signs_of_the_joints(tmp_path: Path) -> None:
+    p = measured("kuka-kr-6-r900-2", 5)
+    written(tmp_path, "kuka-kr-6-r900-2", [*JOINTS, *"xyz"], np.degrees(p.q) * [-1, 1, 1, -1, 1, -1], p.xyz_mm)
+    proposal = propose_map([tmp_path / "t.csv"], tmp_path / "arm.yaml")
+    assert {question.key for question in proposal.questions} == {"joints", "place"}
+    joints = next(question for question in proposal.questions if question.key == "joints")
+    reversed_joints = next(reading for reading in joints.readings if reading.value.reversed == (1, 4, 6))
+    answered = proposal.answered(joints, reversed_joints)
+    assert not answered.questions and answered.table_map.place and answered.table_map.place.mirror is None
+
+
+@pytest.mark.parametrize(
+    ("angles", "lengths"),
+    [
+        ("rad deg deg deg deg deg", "mm mm m"),
+        ("deg deg deg rad rad rad", "cm mm mm"),
+        ("deg rad deg rad deg rad", "in in mm"),
+        ("rad rad rad rad rad deg", "m cm mm"),
+        ("deg deg deg deg deg deg", "mm in m"),
+    ],
+)
+@pytest.mark.parametrize("style", ["{} [{}]", "{} ({})", "{}_{}", "a line"])
+def test_each_column_is_read_in_its_own_unit(angles: str, lengths: str, style: str, tmp_path: Path) -> None:
+    p = measured("ur10e", 6, 20)
+    units = [*angles.split(), *lengths.split()]
+    to_unit = {"deg": 180 / np.pi, "rad": 1.0, "mm": 1.0, "cm": 0.1, "m": 1e-3, "in": 1 / 25.4}
+    values = np.column_stack([p.q, p.xyz_mm]) * [to_unit[unit] for unit in units]
+    names = [*JOINTS, "X", "Y", "Z"]
+    header = names if style == "a line" else [style.format(name, unit) for name, unit in zip(names, units, strict=True)]
+    words = written(tmp_path, "ur10e", header, values)
+    if style == "a line":
+        lines = (tmp_path / "t.csv").read_text().splitlines()
+        (tmp_path / "t.csv").write_text("\n".join([lines[0], ",".join(units), *lines[1:]]) + "\n")
+    done = ran(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = load_measured(tmp_path / "run").table
+    assert np.abs(table.readings - p.xyz_mm).max() < 1e-2 and np.abs(table.q - p.q).max() < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("count", "postures", "plain"), [(12, 1, False), (50, 1, False), (20, 2, False), (33, 3, False), (25, 1, True)]
+)
+def test_a_table_of_few_postures_asks_for_others(count: int, postures: int, plain: bool, tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    p, of = measured("ur5e", 7, postures), np.arange(count) % postures
+    q_deg = np.degrees(p.q[of]) + rng.normal(0, 0.002, (count, 6))
+    header = [*(f"q{axis}_deg" for axis in range(1, 7)), "x_mm", "y_mm", "z_mm"] if plain else [*JOINTS, *"xyz"]
+    words = written(tmp_path, "ur5e", header, q_deg, p.xyz_mm[of] + rng.normal(0, 0.02, (count, 3)))
+    done = ran(*words, cwd=tmp_path)
+    assert done.returncode == (0 if plain else 3) and "postures" in done.stderr
+
+
+@pytest.mark.parametrize(("count", "wild"), [(25, 6), (30, 4), (48, 9), (80, 20), (120, 14)])
+def test_scattered_wild_rows_are_all_named_and_left_out(count: int, wild: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(count)
+    p = measured("ur10e", count, count)
+    off, away = rng.choice(count, wild, replace=False), rng.normal(size=(wild, 3))
+    away *= rng.uniform(5, 60, (wild, 1)) / np.linalg.norm(away, axis=1)[:, None]
+    xyz_mm = p.xyz_mm.copy()
+    xyz_mm[off] += away
+    done = ran(*written(tmp_path, "ur10e", [*JOINTS, *"xyz"], np.degrees(p.q), xyz_mm), cwd=tmp_path)
+    doubt = next(line for line in done.stderr.splitlines() if line.startswith("doubt:"))
+    named = {int(word) for word in doubt.partition("rows ")[2].partition(" are ")[0].replace(" and", ",").split(", ")}
+    assert named == {int(row) + 1 for row in off}
+
+
+def test_rows_in_a_row_that_moved_together_are_no_accident(tmp_path: Path) -> None:
+    p = measured("ur10e", 8, 40)
+    moved = replace(p, xyz_mm=p.xyz_mm + np.where(np.arange(40)[:, None] >= 32, [12.0, -9.0, 4.0], 0.0))
+    done = ran(*written(tmp_path, "ur10e", [*JOINTS, *"xyz"], np.degrees(p.q), moved.xyz_mm), cwd=tmp_path)
+    assert "ignored" not in done.stderr and "33" in done.stderr
+
+
+def test_a_map_with_more_units_than_columns_is_refused(tmp_path: Path) -> None:
+    p = measured("ur10e", 9, 20)
+    words = written(tmp_path, "ur10e", [*JOINTS, *"xyz"], np.degrees(p.q), p.xyz_mm)
+    joints = f"joints: {{columns: [{', '.join(JOINTS)}], unit: [deg, rad]}}"
+    (tmp_path / "m.yaml").write_text(f"files: [{{}}]\n{joints}\nplace: {{columns: [x, y, z], unit: mm}}\n")
+    done = ran(*words, "--map", "m.yaml", cwd=tmp_path)
+    assert done.returncode == 3 and "line 2, joints" in done.stderr
+
+
+def test_a_table_without_a_fitting_place_is_refused(tmp_path: Path) -> None:
+    p, other = measured("ur10e", 10), measured("ur5e", 10)
+    written(tmp_path, "ur10e", [*JOINTS, *axes_of("{}1"), *axes_of("{}2")], np.degrees(p.q), other.xyz_mm, other.xyz_mm)
+    with pytest.raises(FileError, match="does not fit"):
+        propose_map([tmp_path / "t.csv"], tmp_path / "arm.yaml")
