@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pyarrow as pa
 
 from analysis.robot.kinematics.arm import Array
-from analysis.runs.loading import Measured
 from analysis.runs.table_layout import CONTROLLER_PLACE, CONTROLLER_TURN
 from analysis.runs.table_rows import Rows
 
@@ -23,11 +23,10 @@ class ControllerPlaces:
     R: Array | None
 
 
-def controller_places(run: Measured) -> ControllerPlaces | None:
-    """Poses of the controller in a run, a row for each row of its table; None if the table has none."""
+def controller_places(table: pa.Table | None) -> ControllerPlaces | None:
+    """Poses of the controller in a table of poses, such as `run.run.table` of an imported run; None if it has none."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
-    table = run.run.table
     if table is None or not (rows := Rows(table)).has(CONTROLLER_PLACE):
         return None
     has_turn = rows.has(CONTROLLER_TURN)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from analysis.intake.controller_arm import read_controller
 from analysis.intake.imports import poses_of_controller, propose_map
 from analysis.runs.controller_places import controller_places
 from analysis.runs.loading import load_measured
@@ -28,11 +29,11 @@ def measured(arm: str, seed: int, count: int = 40) -> Poses:
 
 
 def by_controller(arm: str, q: Array) -> tuple[Array, Rotation]:
-    """Pose of the tool that a controller with constants of its own computes, to a thousandth of a millimetre."""
+    """Pose of the flange that a controller with constants of its own computes, to a thousandth of a millimetre."""
     own = none()
     own.offset[1:4], own.a[2:4] = np.radians([0.05, -0.07, 0.04]), (0.6, -0.5)
     R, p = flange(constants(arm), own, q)
-    return (p + R @ np.array([10.0, -20.0, 150.0])).round(3), Rotation.from_matrix(R)
+    return p.round(3), Rotation.from_matrix(R)
 
 
 def written(folder: Path, arm: str, header: list[str], *columns: Array) -> list[str]:
@@ -72,10 +73,14 @@ def test_measured_place_is_used_and_the_pose_of_the_controller_kept(
     assert done.returncode == 0, done.stderr
     run = load_measured(tmp_path / "run")
     assert np.abs(run.table.readings - p.xyz_mm).max() < 1e-5
-    kept = controller_places(run)
+    kept = controller_places(run.run.table)
     assert kept is not None and np.abs(kept.xyz_mm - xyz_mm).max() < 1e-5 and np.abs(kept.q - p.q).max() < 1e-7
     again = poses_of_controller([tmp_path / "t.csv"], parse((tmp_path / "arm.yaml").read_text(), "arm"))
     assert np.abs(again.xyz_mm - xyz_mm).max() < 1e-5
+    assert ran("export", "run", "--to", "csv", "-o", "back.csv", cwd=tmp_path).returncode == 0
+    robot = load_arm(arm).robot
+    by_table, by_export = (read_controller(robot, tmp_path / name) for name in ("t.csv", "back.csv"))
+    assert by_table.moved_mm == pytest.approx(by_export.moved_mm, abs=1e-3) and by_export.moved_mm > 0.1
     if kept.R is not None:
         assert (Rotation.from_matrix(kept.R) * turn.inv()).magnitude().max() < 1e-4
 
