@@ -169,7 +169,9 @@ def correct(
         _say_next(rig_file, rig, maker, directory, corrected, settled=settled, both=both)
     for program in corrections.programs:
         if start and program.start is None:
-            say(f"{program.path.name}: --start-joints is not needed by any target", err=True)
+            unknown = any(left.reason == "no_posture" for left in program.left)
+            why = "the files do not show which routine starts first" if unknown else "no target needs it"
+            say(f"{program.path.name}: --start-joints is not used: {why}", err=True)
     if any(program.names and not program.held for program in corrections.programs):
         say("next: compare each program with the original line by line; rig did not send anything to a robot", err=True)
         say(

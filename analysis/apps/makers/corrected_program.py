@@ -173,7 +173,11 @@ def correct_program(
     done = replace(done, T=forward(arm, done.q))
     moved_mm = np.linalg.norm(done.T[:, :3, 3] - nominal[:, :3, 3], axis=1)
     reasons |= {target.place: target.reason for target in done.left}
-    reasons |= _implausible(arm, targets, q, done, moved_mm)
+    flags = _flags_after(arm, targets, q, done)
+    reasons |= {k: "changes_flags" for k, values in flags.items() if values is None}
+    reasons |= _implausible(arm, q, done, moved_mm)
+    if rig.robot.rail is not None:
+        reasons |= {k: "external_axes" for k, target in enumerate(targets) if _is_off_zero(target)}
     shared = _shared(rig, supported, parsed, located, Correction(arm, q, done, nominal, tips, reasons))
     because = shared.refused
     reasons |= dict.fromkeys(because, "offset")
@@ -184,6 +188,7 @@ def correct_program(
             value = done.q[k] if targets[k].joints else _in_program(arm, located[k], done.T[k])
             file = targets[k].file
             changes[file] += _changes(reader, texts.texts[file], targets[k], value, scale)
+            changes[file] += _changed_flags(targets[k], flags.get(k))
     new = tuple(map(replaced, texts.texts[: texts.own], changes))
     after = _read_back(reader, parsed, replace(texts, texts=(*new, *texts.texts[texts.own :])))
     left = [
@@ -267,6 +272,11 @@ def _joints_at(
     q, unsolved = solved(arm, targets, poses, angles, parsed.steps, start, tips)
     beyond = ((q < low - 1e-9) | (q > high + 1e-9)).any(axis=1)
     return q, reasons | unsolved | {int(k): "beyond_limits" for k in np.flatnonzero(beyond)}
+
+
+def _is_off_zero(target: Target) -> bool:
+    """Return whether a pose names an external axis that is not at zero."""
+    return not target.joints and any(coordinate for _, coordinate in target.external)
 
 
 def _needs_start(parsed: Parsed) -> bool:
@@ -374,9 +384,7 @@ def _in_program(arm: Arm, located: _Located, T: Array) -> Array:
     return X
 
 
-def _implausible(
-    arm: Arm, targets: Sequence[Target], q: Array, done: CorrectedTargets, moved_mm: Array
-) -> dict[int, Reason]:
+def _implausible(arm: Arm, q: Array, done: CorrectedTargets, moved_mm: Array) -> dict[int, Reason]:
     """Return the targets with an implausible correction moved_mm (n,), which must not be written, with the reasons."""
     reasons: dict[int, Reason] = {}
     corrected_ones = np.flatnonzero(done.done)
@@ -386,14 +394,44 @@ def _implausible(
         joint_deg = float(np.degrees(np.abs(new - q[k]).max()))
         if moved_mm[k] > MOST_MM or turned_deg > _MOST_DEG or joint_deg > _MOST_JOINT_DEG:
             reasons[k] = "too_large"
-        # The controller obeys the flags: after a sign change, it would reach the angle a full turn away.
-        elif (flags := targets[k].flags) and not np.array_equal(new, q[k]):
-            # Tolerance of the flags: the rounding in the program, or zero if the old angles agreed exactly.
-            steps = np.radians([0.0, 1e-5, 1e-4, 1e-3, 2e-2])
-            slack = next((float(step) for step in steps if agreeing(arm, q[k][None], flags, float(step))[0]), 0.0)
-            if not agreeing(arm, new[None], flags, slack)[0]:
-                reasons[k] = "changes_flags"
     return reasons
+
+
+def _flags_after(
+    arm: Arm, targets: Sequence[Target], q: Array, done: CorrectedTargets
+) -> dict[int, tuple[int, ...] | None]:
+    """Return the new values of flags that do not agree with the corrected angles, None if rig cannot write them.
+
+    The controller obeys the flags: after a change of quadrant or sign, it would reach the angle a full turn away. A
+    move with an offset uses the flags of its point.
+    """
+    changed: dict[int, tuple[int, ...] | None] = {}
+    for k in np.flatnonzero(done.done).tolist():
+        target, new = targets[k], done.q[k]
+        flags = target.flags
+        if flags is None or np.array_equal(new, q[k]):
+            continue
+        of_point = None if target.of is None else changed.get(target.of)
+        if of_point is not None:
+            flags = replace(flags, values=of_point)
+        # Tolerance of the flags: the rounding in the program, or zero if the old angles agreed exactly.
+        steps = np.radians([0.0, 1e-5, 1e-4, 1e-3, 2e-2])
+        slack = next((float(step) for step in steps if agreeing(arm, q[k][None], flags, float(step))[0]), 0.0)
+        if agreeing(arm, new[None], flags, 0.0 if of_point else slack)[0]:
+            continue
+        changed[k] = None
+        if flags.renewed and target.of is None and not target.unknown_offsets:
+            renewed = flags.renewed(arm, new)
+            values = (*renewed, *flags.values[len(renewed) :])
+            if agreeing(arm, new[None], replace(flags, values=values), 0.0)[0]:
+                changed[k] = values
+    return changed
+
+
+def _changed_flags(target: Target, values: tuple[int, ...] | None) -> list[tuple[Number, str]]:
+    """Return the flags to write for new values."""
+    numbers = target.flags.numbers if target.flags and values else ()
+    return [(number, str(value)) for number, value in zip(numbers, values or (), strict=False) if number.value != value]
 
 
 def _changes(

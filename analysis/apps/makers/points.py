@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from analysis.apps.makers.target import (
     Target,
     TargetMove,
     UncorrectedTarget,
+    Way,
 )
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Array
@@ -130,7 +131,7 @@ class Points:
             TargetMove(
                 places[usage.move.key],
                 _sources(usage, places),
-                "joint" if usage.move.way == "joint" else "line",
+                cast("Way", usage.move.way),
                 usage.trusts == "on",
                 arcs.get(usage.move.arc),
             )
@@ -187,6 +188,7 @@ class Points:
                 tool=_tool(first.tool, point.target.tool),
                 frame=_tool(first.frame, point.target.frame),
                 near=next((usage.move.near for usage in point.usages if usage.move.near), None),
+                unknown_offsets=next(_bad_offsets(point), None) is not None,
                 flags=point.target.flags if any(usage.trusts != OFF for usage in point.usages) else None,
             )
             places[key] = base = len(targets)

@@ -38,9 +38,12 @@ def agreeing(arm: Arm, q: Array, flags: Flags, slack_rad: float = _ROUNDING_RAD)
 _NEAR_RAD = np.radians(60.0)
 """Largest joint rotation to the nearest solution that still identifies the solution. Chosen: in other postures a
 wrist joint differs by 180° less twice axis 5."""
-_CLEARLY = 2.0
+_CLOSEST_RAD = np.radians(150.0)
+"""The same for a controller that chooses the closest solution, if this solution is clearly the closest by the largest,
+the mean and the rms rotation. Chosen: the manual does not state the measure."""
+_CLEARLY, _CLOSER = 2.0, 1.5
 """Minimum ratio of the distances to the second nearest and the nearest solution; below it, the solution is
-ambiguous. Chosen."""
+ambiguous. Chosen. The second is sufficient if several measures agree."""
 _ANY_MM_S = 100.0
 """Speed for computing a path. The positions do not depend on the speed."""
 _PAST_SINGULARITY = 0.01
@@ -49,6 +52,9 @@ _PAST_SINGULARITY = 0.01
 It corresponds to an angle of axis 5 below 2.3°, or to 4 mm at the wrist, which a robot passes between two set points of
 the controller. The controller then decides to which side the wrist turns.
 """
+_HALF_TURN_RAD = np.radians(178.0)
+"""Rotation of the tool along a line above which its direction is uncertain: the smallest change of a target may reverse
+it, and axis 6 ends a turn away. Chosen: twice the largest correction of an orientation."""
 _SAME_ORIENTATION_RAD = np.radians(0.1)
 """Tolerance for equal orientations. Chosen: it changes a correction of 1 mm by 2 µm."""
 _FLAT = 1e-4
@@ -133,6 +139,18 @@ def _nearest(solutions: Array, near: Array) -> Array | Reason:
     return nearest
 
 
+def _closest(solutions: Array, stands: Array) -> Array | Reason:
+    """Return the solution (6,) rad that is the closest to angles (6,) rad by any measure, or the reason if none is."""
+    turns = np.abs(solutions - stands)
+    measures = np.array([turns.max(axis=1), turns.mean(axis=1), np.sqrt(np.mean(turns**2, axis=1))])
+    best = int(measures[0].argmin())
+    others = np.delete(measures, best, axis=1)
+    if measures[0, best] > _CLOSEST_RAD or (others < _CLOSER * measures[:, [best]]).any():
+        return "ambiguous"
+    closest: Array = solutions[best]
+    return closest
+
+
 def _derive_postures(
     ways: _Ways, targets: Sequence[Target], steps: Sequence[TargetMove], reasons: dict[int, Reason]
 ) -> None:
@@ -209,7 +227,7 @@ class _Ways:
         if key not in self.arrivals:
             solutions = self.branches[k]
             assert not isinstance(solutions, str)  # noqa: S101 - those have a reason already
-            self.arrivals[key] = _reached(self.arm, self.q[source], self.poses[k], solutions, linear=way == "line")
+            self.arrivals[key] = _reached(self.arm, self.q[source], self.poses[k], solutions, way)
         return self.arrivals[key]
 
 
@@ -306,16 +324,18 @@ def arc_to_via(arm: Arm, stands: Array, poses: Array, tip: Array) -> Array | Non
     return angles
 
 
-def _reached(arm: Arm, stands: Array, pose: Array, solutions: Array, *, linear: bool) -> Array | Reason:
+def _reached(arm: Arm, stands: Array, pose: Array, solutions: Array, way: Way) -> Array | Reason:
     """Return the angles (6,) rad at a pose (4, 4) for an arm that starts at angles `stands` (6,) rad."""
-    if not linear:
-        return _nearest(solutions, stands)
+    if way != "line":
+        return _nearest(solutions, stands) if way == "joint" else _closest(solutions, stands)
     begin = forward(arm, stands[None])[0]
     if np.linalg.norm(pose[:3, 3] - begin[:3, 3]) > _LONGEST_MM:
         return "unreachable"
+    if np.trace(begin[:3, :3].T @ pose[:3, :3]) < 1 + 2 * np.cos(_HALF_TURN_RAD):
+        return "ambiguous"
     try:
-        way = straight_path(begin, pose, _ANY_MM_S).poses
-        path = follow(arm, way, stands, "a move")
+        line = straight_path(begin, pose, _ANY_MM_S).poses
+        path = follow(arm, line, stands, "a move")
     except FileError:
         return "ambiguous"
     if conditioning(arm, path).min() < _PAST_SINGULARITY:

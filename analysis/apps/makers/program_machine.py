@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import heapq
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 OFF = "off"
@@ -406,11 +406,12 @@ class _Machine:
         """Analyse a start routine. If the program cycles, repeat with the final state until the state is stable."""
         while True:
             self.halted.clear()
-            after = self.context(name, begin).after
+            context = self.context(name, begin)
             if not self.program.cycles:
                 return
             again = begin
-            for end in ([after] if after else []) + self.halted:
+            for end in ([context.after] if context.after else []) + self.halted:
+                context.called_from |= end.stands
                 values = {part: value for part, value in end.values.items() if not part.endswith(HERE)}
                 again = self.join(again, MachineState(values, end.lost, begin.stands), _KEPT)
             if again.key() == begin.key():
@@ -539,6 +540,16 @@ class Blocks:
         self.branch()
         self.add(*statements)
         self.close()
+
+    def add_one_of(self, statements: Sequence[Statement]) -> None:
+        """Add alternative statements, of which one is executed."""
+        for statement in statements[:-1]:
+            self._open.append(("branch", self._label(), self._label()))
+            self.add(Jump((self._open[-1][1],), falls=True), statement)
+            self.other()
+        self.add(*statements[-1:])
+        for _ in statements[:-1]:
+            self.close()
 
     def evaluated(self, before: str, call: Statement) -> None:
         """Add a call in an expression after the text `before`. After `and` or `or` it may be skipped, because no

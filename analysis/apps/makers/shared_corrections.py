@@ -57,9 +57,14 @@ class SharedCorrections:
     refused: dict[int, tuple[Unknown, ...]] = field(default_factory=dict)
 
     def of(self, targets: Sequence[int]) -> tuple[SharedCorrection, ...]:
-        """Return the listed positions that share the correction of these targets, in the order of the program."""
-        positions = [position for k in targets for position in self.listed.get(k, ())]
-        return tuple(sorted(positions, key=lambda position: (position.file, position.line)))
+        """Return the listed positions that share the correction of these targets, in the order of the program, for
+        each move the worst."""
+        worst: dict[tuple[int, int, str], SharedCorrection] = {}
+        for position in (position for k in targets for position in self.listed.get(k, ())):
+            key = position.file, position.line, position.kind
+            if key not in worst or not position.after_mm <= worst[key].after_mm:
+                worst[key] = position
+        return tuple(worst[key] for key in sorted(worst))
 
     def add(self, k: int, position: SharedCorrection, bound_mm: float) -> None:
         """List a position that shares the correction of target k, if its error exceeds the bound."""

@@ -17,7 +17,8 @@ Form = Literal[
 ]
 """The meaning of the numbers of a target: joint angles 1 to 6, pulses, or a position followed by an orientation."""
 JOINT_FORMS: tuple[Form, ...] = ("joints_rad", "joints_deg", "pulses")
-Way = Literal["joint", "line"]
+Way = Literal["joint", "closest", "line"]
+"""A joint move; one for which the controller, without posture flags, chooses the closest solution; or a line or arc."""
 NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _NUMBER = re.compile(NUMBER)
 _MARK = "\xef\xbb\xbf"
@@ -45,6 +46,11 @@ class Flags:
 
     values: tuple[int, ...]
     agreeing: Agreeing
+    renewed: Callable[[Arm, Array], tuple[int, ...]] | None = None
+    """Returns the first flag values for joint angles (6,) rad, if rig may write them: an axis at the end of a quadrant
+    leaves the quadrant by the smallest correction."""
+    numbers: tuple[Number, ...] = ()
+    """The flags in the text that may be written."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +74,8 @@ class Target:
     near: tuple[float, ...] | None = None
     offset: tuple[str, Array] | None = None
     of: int | None = None
+    unknown_offsets: bool = False
+    """True if moves add an unknown offset to the target."""
     external: tuple[tuple[str, float], ...] = ()
     """The coordinates of external axes named by the target; other axes do not move."""
 

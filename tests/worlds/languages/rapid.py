@@ -126,6 +126,9 @@ _STILL = frozenset(
         "SOCKETSEND",
         "SOCKETRECEIVE",
         "SOCKETCLOSE",
+        "SOCKETBIND",
+        "SOCKETLISTEN",
+        "SOCKETACCEPT",
         "ACTEVENTBUFFER",
         "WORLDACCLIM",
     ]

@@ -8,7 +8,7 @@ import math
 
 from analysis.apps.makers import Controller, ProgramFiles
 
-FILES = ProgramFiles("ABB", (".mod",), ending="_m")
+FILES = ProgramFiles("ABB", (".mod", ".modx", ".prg"), ending="_m")
 CONTROLLER = Controller(
     "ABB",
     "the topic Motion (MOC.cfg)",

@@ -24,3 +24,8 @@ def agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> M
         sides = [(not wrist_in_front(arm, angles), not beyond_stretch(arm, angles), angles[4] < 0) for angles in q]
         good &= np.array(sides) @ [4, 2, 1] == values[3]
     return good
+
+
+def quadrants(_arm: Arm, q: Array) -> tuple[int, ...]:
+    """Return cf1, cf4 and cf6 of joint angles q (6,) rad."""
+    return tuple(np.floor(q[[0, 3, 5]] / (np.pi / 2)).astype(int).tolist())

@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from analysis.apps.makers.abb.offsets import known_numbers
 from analysis.apps.makers.abb.statements import RapidReader, external_axes_in, literal_frames, read_module
 from analysis.apps.makers.numbers import Decimals
 from analysis.apps.makers.points import Points, as_value
@@ -21,6 +22,7 @@ from analysis.apps.makers.program_machine import OFF, Call, Program, Set, Unknow
 from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import (
     NamedFrame,
+    Notice,
     Parsed,
     ProgramTexts,
     UncorrectedTarget,
@@ -31,6 +33,7 @@ from analysis.apps.makers.target import (
 
 _DECIMALS = Decimals(place=(4, 7), turn=(8, 12))
 """Decimals for 0.1 µm, and 1e-8 of a quaternion or of a degree: a num has about seven digits."""
+_END = re.compile(rb"^[ \t]*ENDMODULE\b", re.MULTILINE | re.IGNORECASE)
 _BLANK = re.compile(r"\"[^\"\n]*\"|![^\n]*|%%%[^%]*%%%")
 _DATA = re.compile(
     r"(?<![\w\\])(?P<local>LOCAL\s+|TASK\s+)?(?P<storage>CONST|PERS|VAR)\s+(?P<kind>\w+)\s+(?P<name>\w+)\s*"
@@ -56,15 +59,14 @@ def parse(texts: ProgramTexts) -> Parsed:
     reader.of |= dict.fromkeys(_NULL, len(blank))
     for file in range(len(blank)):
         _declare(reader, file, stated)
+    for named in reader.numeric.values():
+        reader.points.state(named)
     for text in blank:
         reader.frames |= {f"tool {name.lower()}" for name in _LAST.findall(text)}
         reader.frames |= {f"frame {name.lower()}" for name in _WOBJ.findall(text)}
-    for file, text in enumerate(blank):
-        reader.points.axes |= external_axes_in(text)
-        for parameters in _PARAMETERS.finditer(text):
-            for word in _WORD.finditer(text, parameters.start(1), parameters.end(1)):
-                why = Unknown(file, reader.lines[file].at(word.start()), f"{word[0]} is a parameter of a routine")
-                reader.shadowed |= {f"{kind} {word[0].lower()}": why for kind in ("tool", "frame")}
+    reader.numbers.known |= known_numbers(blank)
+    _external_axes(reader)
+    _hide_by_parameters(reader)
     for file in range(len(blank)):
         read_module(reader, file)
     _other_tasks(reader)
@@ -85,9 +87,49 @@ def parse(texts: ProgramTexts) -> Parsed:
             return stated.get(part, name)
         return "on" if kind == "conf" else OFF
 
-    return reader.points.parsed(
-        Program(reader.routines, initial, tuple(reader.beside), tuple(reader.broken), ("tool ", "frame "), cycles=True)
-    )
+    kept, starts = ("tool ", "frame "), _first_routine(reader)
+    concurrent = tuple(reader.beside), tuple(reader.broken)
+    return reader.points.parsed(Program(reader.routines, initial, *concurrent, kept, cycles=True, starts=starts))
+
+
+def _hide_by_parameters(reader: RapidReader) -> None:
+    """Make tools and work objects unknown if a parameter of a routine has the same name."""
+    for file, text in enumerate(reader.texts):
+        for parameters in _PARAMETERS.finditer(text):
+            for word in _WORD.finditer(text, parameters.start(1), parameters.end(1)):
+                why = Unknown(file, reader.lines[file].at(word.start()), f"{word[0]} is a parameter of a routine")
+                reader.shadowed |= {f"{kind} {word[0].lower()}": why for kind in ("tool", "frame")}
+
+
+def _first_routine(reader: RapidReader) -> str | None:
+    """Return the routine with which the operator starts the program: main, or the only one that no other calls."""
+    bodies, own = reader.routines.items(), range(reader.points.files)
+    called = {statement.name for _, body in bodies for statement in body if isinstance(statement, Call)}
+    called |= {call.name for call in (*reader.beside, *reader.broken)}
+    first = [f"{file}:main" for file in own if f"{file}:main" in reader.routines]
+    first = first or [name for name in reader.routines if name not in called and int(name.partition(":")[0]) in own]
+    return first[0] if len(first) == 1 else None
+
+
+def _external_axes(reader: RapidReader) -> None:
+    """Add the external axes that the program moves.
+
+    A module beside the program with a main routine of its own belongs to another program, which may be a variant of
+    this one.
+    """
+    own = reader.points.files
+    has_main = [re.search(r"\bPROC\s+main\s*\(", text, re.IGNORECASE) is not None for text in reader.texts]
+    texts = [
+        text for file, text in enumerate(reader.texts) if file < own or not (has_main[file] and any(has_main[:own]))
+    ]
+    axes = external_axes_in(texts)
+    reader.points.axes |= axes.moved
+    reader.points.notices += [
+        Notice(
+            0, 1, f"external axis {axis} is at {position:g} in every target; rig assumes that it does not carry the arm"
+        )
+        for axis, position in axes.constant.items()
+    ]
 
 
 def _other_tasks(reader: RapidReader) -> None:
@@ -134,10 +176,10 @@ def _declare(reader: RapidReader, file: int, stated: dict[str, Value]) -> None:
                 reader.points.leave(UncorrectedTarget(file, line, declared["name"], "array"))
         elif of_program and declared["value"]:
             begin = declared.start("value")
-            target, reason = reader.literal(file, kind, begin, declared.end("value"), declared["name"])
+            target = reader.literal(file, kind, begin, declared.end("value"), declared["name"])
             if target:
                 reader.spent.add((file, declared.start("name")))
-                reader.points.declare(name, target, reason)
+                reader.points.declare(name, target)
                 if not local:
                     reader.shared.add(name)
     reader.declares.append(declares)
@@ -149,7 +191,8 @@ def _declare_frame(
     """Add a declared tool or work object.
 
     If the value is not numeric, the user can state the frame by name. If a name is declared twice, the frame is
-    unknown, except for persistent data shared by tasks with the same numbers.
+    unknown, except for persistent data shared by tasks with the same numbers. Two modules that declare a global name
+    with different numbers are variants or belong to different tasks: the user states the frame.
     """
     family: Literal["tool", "frame"] = "tool" if kind == "tooldata" else "frame"
     name, line = declared["name"].lower(), reader.lines[file].at(declared.start("name"))
@@ -164,8 +207,15 @@ def _declare_frame(
     shared_by = file if shares and declared["storage"].upper() == "PERS" else -1
     if part not in stated:
         stated[part], reader.of[part] = value, shared_by
+        reader.globals |= {part: file} if shares else {}
         if frames is not None:
-            reader.points.state(NamedFrame(declared["name"], family, file, line, as_value(frames)))
+            reader.numeric[part] = NamedFrame(declared["name"], family, file, line, as_value(frames))
+    elif shares and reader.globals.get(part, file) != file:
+        if value != stated[part]:
+            stated[part] = name
+            reader.numeric.pop(part, None)
+            fact = f"{declared['name']} has other numbers in {reader.names[reader.globals[part]]}"
+            reader.points.notices.append(Notice(file, line, f"{fact}; state --{family} {declared['name']}"))
     elif value != stated[part] or -1 in (shared_by, reader.of.get(part, -1)) or file == reader.of[part]:
         reader.shadowed[part] = Unknown(file, line, f"{declared['name']} is declared twice")
 
@@ -173,7 +223,7 @@ def _declare_frame(
 READER = ProgramReader(
     parse,
     _DECIMALS,
-    Remark("  ! ", before={".mod": re.compile(rb"^[ \t]*ENDMODULE\b", re.MULTILINE | re.IGNORECASE)}),
-    beside=(".mod", ".sys"),
+    Remark("  ! ", before=dict.fromkeys((".mod", ".modx", ".prg"), _END)),
+    beside=(".mod", ".modx", ".prg", ".sys", ".sysx"),
     empty="MODULE {0}_stated\nPROC {0}()\nENDPROC\nENDMODULE\n",
 )

@@ -1,17 +1,18 @@
-"""Effects of RAPID instructions on tool, work object, displacement and arm: the closed list of the dialect.
+"""Statements of RAPID as statements of the state machine. `instructions` contains the effect of each instruction.
 
-Source: ABB, Technical reference manual, RAPID Instructions, Functions and Data types (3HAC050917). PDispOn and PDispSet
-displace poses, not joint angles. Handlers (ERROR, UNDO) and traps may run at any moment, and may end a routine with a
-handler at any statement.
+PDispOn and PDispSet displace poses, not joint angles. Handlers (ERROR, UNDO) and traps may run at any moment, and may
+end a routine with a handler at any statement.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
-from analysis.apps.makers.abb.posture import agreeing
+from analysis.apps.makers.abb.instructions import EFFECT, FUNCTIONS, MOVE, SWITCHES, TOOL_THIRD, WRITES
+from analysis.apps.makers.abb.offsets import Numbers, offset_frames
+from analysis.apps.makers.abb.posture import agreeing, quadrants
 from analysis.apps.makers.numbers import frame_of, is_frame
 from analysis.apps.makers.points import Points, as_value
 from analysis.apps.makers.program_machine import (
@@ -36,12 +37,12 @@ from analysis.apps.makers.target import (
     NUMBER,
     Flags,
     LineNumbers,
+    NamedFrame,
     Number,
     Target,
     UncorrectedTarget,
     arguments,
     brackets,
-    words,
 )
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Array
@@ -55,7 +56,6 @@ _ASSIGNED = re.compile(
     r"\s*(?P<name>[A-Za-z]\w*)(?P<part>\s*(?:\{[^{};]*\}|\.\w+)(?:\s*\{[^{};]*\}|\.\w+)*)?\s*:=(?P<right>.*)", re.DOTALL
 )
 _INSTRUCTION = re.compile(r"\s*(?P<name>[A-Za-z]\w*)(?P<rest>.*)", re.DOTALL)
-_TURN = re.compile(rf"\\\s*R([xyz])\s*:=\s*({NUMBER})", re.IGNORECASE)
 _OFFSET = re.compile(r"(Offs|RelTool)\s*\(", re.IGNORECASE)
 _DATA = re.compile(r"\s*(?:(?:LOCAL|TASK)\s+)?(?:CONST|PERS|VAR)\b", re.IGNORECASE)
 _HANDED = re.compile(r"\[\s*\[[^\[\]]*\](?:\s*,\s*\[[^\[\]]*\])+\s*\]")
@@ -65,12 +65,10 @@ _EXTERNAL = tuple("abcdef")
 """The external axes of a target, in order."""
 _ANY_AXIS = "any"
 """Placeholder for the axes moved by an instruction that does not name the axes."""
-_EXTERNAL_MOVES = words("moveextj actunit deactunit eoffson eoffsoff eoffsset")
-"""Instructions that move external axes or change the origin of their coordinates."""
-_EXTERNAL_MOVED = re.compile(
-    r"\b(?:MoveExtJ|ActUnit|DeactUnit|EOffsOn|EOffsSet|Ind[ARCD]Move)\b|\.\s*(?:extax|eax_[a-f])\b", re.IGNORECASE
-)
+_EXTERNAL_MOVED = re.compile(r"\b(?:MoveExtJ|SearchExtJ|Ind[ARCD]Move)\b|\.\s*(?:extax|eax_[a-f])\b", re.IGNORECASE)
 """Pattern of a text that moves any external axes."""
+_OFFSET_EXTERNAL = re.compile(r"\bEOffs(?:On|Set)\b", re.IGNORECASE)
+"""Pattern of a text that offsets external axes: only targets that name an axis are affected."""
 _COORDINATES = re.compile(rf"\[((?:\s*{NUMBER}\s*,){{5}}\s*{NUMBER}\s*)\]\s*\]")
 """The coordinates of external axes at the end of a target."""
 _NO_AXIS = 8.9e9
@@ -94,59 +92,6 @@ _UNTIL = {
 }
 """The end of a header without a semicolon."""
 _OPERATORS = ("AND", "OR", "XOR", "NOT", "DIV", "MOD")
-_MOVE = re.compile(
-    r"(?:Move(?P<move>AbsJ|J|L|C)(?:DO|AO|GO|Sync)?|Trigg(?P<trigg>J|L|C)(?:IOs)?|Arc(?P<arc>L|C)(?:Start|End)?|"
-    r"Spot(?P<spot>L|J))",
-    re.IGNORECASE,
-)
-_TOOL_THIRD = re.compile(r"Move(?:J|L|C)(?:DO|AO|GO|Sync)", re.IGNORECASE)
-"""Moves with more arguments after the tool."""
-_NOTHING = words("""
-    set reset setdo setao setgo pulsedo invertdo waittime waitdi waitdo waituntil waitai waitao waitgi waitgo waitrob
-    waitsynctask waittestandset waitload waitsensor tpwrite tperase tpreadfk tpreadnum tpreaddnum tpshow uimsgbox uishow
-    uimsgwrite stop stopmovereset systemstopaction accset velset pathacclim worldacclim speedrefresh gripload clkstart
-    clkstop clkreset incr decr add clear bitclear bitset tryint errwrite errlog errraise raise retry trynext write
-    writebin writestrbin writeanybin writerawbytes readanybin readrawbytes readblock writeblock open close rewind
-    openbin clearrawbytes copyrawbytes packrawbytes unpackrawbytes packdnheader socketcreate socketconnect socketsend
-    socketreceive socketclose socketbind socketlisten socketaccept socketsendto socketreceivefrom idelete isleep iwatch
-    ienable idisable ierror isignaldi isignaldo isignalai isignalao isignalgi isignalgo itimer ipers ivarvalue connect
-    triggio triggequip triggint triggcheckio triggrampao triggspeed triggdatareset triggdatacopy motionsup pathresol
-    mechunitload load unload startload checkprogref erasemodule
-    save aliasio aliasioreset bookerrno copyfile renamefile removefile makedir removedir setsysdata ioenable iodisable
-    iobusstart iobusstate wzboxdef wzcyldef wzsphdef wzhomejointdef wzlimjointdef wzlimsup wzdoset wzenable wzdisable
-    wzfree spystart spystop pathlengthreset pathlengthstart pathlengthstop procerrrecovery
-    break swapbytes egmreset egmgetid egmsetupuc egmsetupai egmsetupao egmsetupgi
-    egmsetupltapp egmstreamstart egmstreamstop egmactpose egmactjoint egmactmove
-    textget texttabinstall
-    testsigndefine testsignreset sensdevice startmove stopmove cornerpathwarning
-    """)
-"""Instructions that change neither tool, work object, displacement nor arm position: signals, waiting, the pendant,
-files, sockets, interrupts, speeds, loads, world zones."""
-_WRITES = words("""
-    strtoval unpackrawbytes testandset readrawbytes defaccframe getnextmechunit getsysdata getsysinfo readstrbin readstr
-    readnum readbin uimessagebox uinumentry uinumtune uialphaentry uilistview uidnumentry uidnumtune egmgetstate
-    """)
-"""Functions that write to their arguments, always or through an optional argument."""
-_SWITCHES: dict[str, tuple[str, str]] = {
-    "pdispon": ("shift", "on"), "pdispset": ("shift", "on"), "pdispoff": ("shift", OFF),
-    "softact": ("tracking", "on"), "softdeact": ("tracking", OFF),
-}  # fmt: skip
-_FUNCTIONS = words("""
-    offs reltool crobt cjointt cpos ctool cwobj calcrobt calcjointt posemult poseinv posevect defframe defdframe
-    defaccframe orobt mirpos orientzyx eulerzyx norient abs acos asin atan atan2 cos sin tan exp pow sqrt
-    round trunc max min bitand bitor bitxor bitneg bitlsh bitrsh bitcheck numtodnum dnumtonum valtostr numtostr
-    dnumtostr strtoval strtobyte bytetostr strlen strfind strmap strmatch strmemb strorder strpart strformat
-    decstrtohex hexstrtodec strdigcalc strdigcmp ctime cdate clkread gettime dim present testdi doutput diinput
-    goutput aoutput aointput ginput ginputdnum goutputdnum ainput aintput isfile filesize fssize readnum readstr
-    readbin readstrbin readdir opendir uimessagebox uinumentry uinumtune uialphaentry uilistview uidnumentry
-    uidnumtune socketgetstatus socketpeek opmode runmode robos roboname robname gettaskname getmecunitname
-    getnextmechunit ismechunitactive isstopmoveact isstopstateevent execlevel execevent eventtype errorinfo
-    cspeedoverride maxrobspeed motionplannerno pathlevel pathlengthget taskruns taskrunmec taskrunrob
-    rawbyteslen ispers isvar issysid validio iounitstate iobusstate getservicetime getsysinfo testandset triggdatavalid
-    testsignread unpackrawbytes distance dotprod vectmagn crossprod egmgetstate tasksinsync modexist modtime
-    getsysdata ipers and or xor not if then elseif while for case test return from to step do
-    """)
-"""Functions of RAPID without side effects, and keywords that can precede a bracket."""
 
 
 def literal_frames(kind: str, text: str) -> Array | None:
@@ -181,11 +126,16 @@ class RapidReader:
     declares: list[set[str]] = field(default_factory=list)
     frames: set[str] = field(default_factory=set)
     of: dict[str, int] = field(default_factory=dict)
+    globals: dict[str, int] = field(default_factory=dict)
+    """The modules that first declare tools and work objects for all modules."""
+    numeric: dict[str, NamedFrame] = field(default_factory=dict)
+    """The tools and work objects whose numbers are those of their declaration."""
     routines: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
     beside: list[Call] = field(default_factory=list)
     broken: list[Call] = field(default_factory=list)
     shadowed: dict[str, Unknown] = field(default_factory=dict)
     """Tools and work objects whose name has a different meaning in a routine."""
+    numbers: Numbers = field(default_factory=Numbers)
     by_name: Unknown | None = None
     """The place at which the program writes data selected by a name in a string."""
     file: int = 0
@@ -218,38 +168,54 @@ class RapidReader:
         why = self.why(begin, f"{name} is called" if len(routines) == 1 else f"{name} is unknown here")
         return Call(routines[0], why) if len(routines) == 1 else ForgetAll(why)
 
-    def literal(self, file: int, kind: str, begin: int, end: int, name: str) -> tuple[Target | None, Reason | None]:
-        """Return the target written as [[…],[…]…], and the reason if it cannot be corrected; None for other text."""
+    def literal(self, file: int, kind: str, begin: int, end: int, name: str) -> Target | None:
+        """Return the target written as [[…],[…]…]; None for other text."""
         text = self.texts[file]
         groups = list(re.compile(r"\[([^\[\]]*)\]").finditer(text, begin, end))
         outside = re.sub(r"\s", "", re.sub(r"\[[^\[\]]*\]", "g", text[begin:end]))
         if outside != "[" + ",".join("g" * len(_SHAPE[kind])) + "]":
-            return None, None
+            return None
         numbers: list[Number] = []
         for group, count in zip(groups, _SHAPE[kind], strict=True):
             places = arguments(text, group.start(1), group.end(1))
             matches = [(_NUMBER.fullmatch(text, *place), place) for place in places]
             if len(matches) != count or not all(match for match, _ in matches):
-                return None, None
+                return None
             numbers += [Number(*place, float(match[0])) for match, place in matches if match]
         line = self.lines[file].at(begin + len(text[begin:end]) - len(text[begin:end].lstrip()))
         named = zip(_EXTERNAL, (number.value for number in numbers[-6:]), strict=True)
         external = tuple((axis, coordinate) for axis, coordinate in named if coordinate < _NO_AXIS)
-        reason: Reason | None = "external_axes" if external else None
         if kind == "jointtarget":
-            return Target(name, file, line, "joints_deg", tuple(numbers[:6]), external=external), reason
-        flags = Flags(tuple(int(max(-99, min(99, number.value))) for number in numbers[7:11]), agreeing)
-        numbers_of_pose = tuple(numbers[:7])
-        return Target(name, file, line, "quaternion", numbers_of_pose, flags=flags, external=external), reason
+            return Target(name, file, line, "joints_deg", tuple(numbers[:6]), external=external)
+        values = tuple(int(max(-99, min(99, number.value))) for number in numbers[7:11])
+        flags = Flags(values, agreeing, quadrants, tuple(numbers[7:11]))
+        return Target(name, file, line, "quaternion", tuple(numbers[:7]), flags=flags, external=external)
 
 
-def external_axes_in(text: str) -> set[str]:
-    """Return the external axes that a text moves away from zero."""
-    axes = {_ANY_AXIS} if _EXTERNAL_MOVED.search(text) else set[str]()
-    for coordinates in _COORDINATES.finditer(text):
-        values = map(float, coordinates[1].split(","))
-        axes |= {axis for axis, value in zip(_EXTERNAL, values, strict=True) if value and value < _NO_AXIS}
-    return axes
+@dataclass(frozen=True)
+class ExternalAxes:
+    """The external axes that the texts of a program move, and the positions of those that are always elsewhere than
+    zero, but never move."""
+
+    moved: frozenset[str]
+    constant: Mapping[str, float]
+
+
+def external_axes_in(texts: Iterable[str]) -> ExternalAxes:
+    """Return the external axes of texts. An axis that every target names with the same value does not move."""
+    moved, constant = set[str](), dict[str, float]()
+    together = "\n".join(texts)
+    rows = [tuple(map(float, found[1].split(","))) for found in _COORDINATES.finditer(together)]
+    for axis, column in zip(_EXTERNAL, zip(*rows, strict=True), strict=bool(rows)):
+        values = {min(value, _NO_AXIS) for value in column}
+        if len(values) > 1 and values - {0.0, _NO_AXIS}:
+            moved.add(axis)
+        elif not values & {0.0, _NO_AXIS}:
+            constant[axis] = column[0]
+    names_any = any(value < _NO_AXIS for row in rows for value in row)
+    if _EXTERNAL_MOVED.search(together) or (names_any and _OFFSET_EXTERNAL.search(together)):
+        moved.add(_ANY_AXIS)
+    return ExternalAxes(frozenset(moved), constant)
 
 
 def read_module(reader: RapidReader, file: int) -> None:
@@ -266,6 +232,7 @@ def read_module(reader: RapidReader, file: int) -> None:
             elif reader.routine in reader.routines:  # The name is ambiguous, so calls of it are uncertain.
                 reader.routine = f"{reader.routine} {len(reader.routines)}"
             reader.blocks = Blocks()
+            reader.numbers.loops.clear()
         elif reader.blocks is None:
             continue
         elif head is not None and head["label"]:
@@ -330,11 +297,15 @@ def _flow(reader: RapidReader, blocks: Blocks, word: str, begin: int, end: int) 
         case "ELSE" | "DEFAULT":
             blocks.other()
         case "WHILE" | "FOR":
+            if word == "FOR":
+                reader.numbers.enter(text[begin:end])
             _functions(reader, begin, end)
             blocks.loop()
             _functions(reader, begin, end)
             blocks.may_leave()
         case "ENDIF" | "ENDTEST" | "ENDWHILE" | "ENDFOR":
+            if word == "ENDFOR":
+                reader.numbers.leave()
             blocks.close()
         case "ENDPROC" | "ENDFUNC" | "ENDTRAP" | "ENDMODULE":
             _close(reader)
@@ -385,10 +356,10 @@ def _functions(reader: RapidReader, begin: int, end: int) -> None:
     closes = brackets(text[begin:end])
     for call in _CALL.finditer(text, begin, end):
         closing = begin + closes.get(call.end() - 1 - begin, end - begin)
-        if reader.defined(call[1]) or call[1].lower() not in _FUNCTIONS:
+        if reader.defined(call[1]) or call[1].lower() not in FUNCTIONS:
             reader.blocks.evaluated(text[begin : call.start()], reader.call_of(call.start(), call[1]))
             _handed(reader, call.end(), closing)
-        elif call[1].lower() in _WRITES:
+        elif call[1].lower() in WRITES:
             _handed(reader, call.end(), closing)
 
 
@@ -397,7 +368,7 @@ def _handed(reader: RapidReader, begin: int, end: int) -> None:
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text = reader.texts[reader.file]
     for handed in _HANDED.finditer(text, begin, end):
-        if any(reader.literal(reader.file, kind, handed.start(), handed.end(), "")[0] for kind in _SHAPE):
+        if any(reader.literal(reader.file, kind, handed.start(), handed.end(), "") for kind in _SHAPE):
             _list(reader, handed.start(), "handed", handed[0])
     for word in _WORD.finditer(text, begin, end):
         for kind in ("tool", "frame"):
@@ -427,7 +398,7 @@ def _statement(reader: RapidReader, begin: int, end: int) -> None:
     if reader.defined(instruction["name"]):
         blocks.add(reader.call_of(at, instruction["name"]))
         _handed(reader, instruction.start("rest"), end)
-    elif move := _MOVE.fullmatch(instruction["name"]):
+    elif move := MOVE.fullmatch(instruction["name"]):
         _move(reader, at, instruction, move)
     elif switch := _switch(name, instruction["rest"]):
         blocks.add(switch)
@@ -435,18 +406,28 @@ def _statement(reader: RapidReader, begin: int, end: int) -> None:
         blocks.add(Jump((instruction["rest"].strip().lower(),)))
     elif name in ("return", "exit", "exitcycle"):
         blocks.add(End(halts=name != "return"))
-    elif name in _EXTERNAL_MOVES:
-        _handed(reader, instruction.start("rest"), end)
-        blocks.add(ForgetFamily(EXTERNAL, reader.why(at, f"{instruction['name']} moves external axes")))
-    elif name in ("setdataval", "setalldataval"):
-        reader.by_name = reader.why(at, "data are written by a name in a string")
-        blocks.add(ForgetAll(reader.by_name))
-    elif name in _NOTHING:
-        _handed(
-            reader, instruction.start("rest"), end
-        )  # Incr, Add, UnpackRawBytes and others write to their arguments.
     else:
-        blocks.add(ForgetAll(reader.why(at, f"{instruction['name']} is unknown here")))
+        _handed(reader, instruction.start("rest"), end)  # Incr, Add, UnpackRawBytes and others write to arguments.
+        _apply(reader, at, instruction["name"])
+
+
+def _apply(reader: RapidReader, at: int, name: str) -> None:
+    """Apply the effect of an instruction that is neither a move nor a switch."""
+    assert reader.blocks is not None  # noqa: S101 - within a routine
+    match EFFECT.get(name.lower(), "nothing" if name.lower() in FUNCTIONS else None):
+        case "nothing":
+            return
+        case "arm":
+            reader.blocks.add(Elsewhere())
+        case "external" | "offset of external axes":
+            reader.blocks.add(ForgetFamily(EXTERNAL, reader.why(at, f"{name} moves external axes")))
+        case "program":
+            reader.blocks.add(ForgetAll(reader.why(at, f"{name} may load or select another program")))
+        case "data by name":
+            reader.by_name = reader.why(at, "data are written by a name in a string")
+            reader.blocks.add(ForgetAll(reader.by_name))
+        case None:
+            reader.blocks.add(ForgetAll(reader.why(at, f"{name} is unknown here")))
 
 
 def _switch(name: str, rest: str) -> Set | None:
@@ -460,7 +441,7 @@ def _switch(name: str, rest: str) -> Set | None:
     if name == "cirpathmode":
         wrist = re.search(r"\\\s*Wrist\d\d\b", rest, re.IGNORECASE)
         return Set("switch arcs", "on" if wrist else OFF)
-    return Set(*_SWITCHES[name]) if name in _SWITCHES else None
+    return Set(*SWITCHES[name]) if name in SWITCHES else None
 
 
 def _assigned(reader: RapidReader, begin: int, assignment: re.Match[str]) -> None:
@@ -484,14 +465,17 @@ def _assigned(reader: RapidReader, begin: int, assignment: re.Match[str]) -> Non
 def _move(reader: RapidReader, at: int, instruction: re.Match[str], move: re.Match[str]) -> None:
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text = reader.texts[reader.file]
-    kind = (move["move"] or move["trigg"] or move["arc"] or move["spot"]).upper()
+    kind = next(found for found in move.groups() if found).upper()
     places = arguments(text, instruction.start("rest"), instruction.end("rest"))
     places = [place for place in places if not text.startswith("\\", place[0])]  # \Conc, and \WObj after a comma
+    may_stop = move["search"] or move["contact"]
+    if move["search"]:  # The signal and the found point come first.
+        places = places[2:]
     count = 2 if kind == "C" else 1
-    if len(places) < count + 3:
+    if len(places) < count + (2 if may_stop else 3):
         _leave(reader, at, "computed", instruction[0])
         return
-    of_tool = places[count + 2 if _TOOL_THIRD.fullmatch(instruction["name"]) else -1]
+    of_tool = places[count + 2 if TOOL_THIRD.fullmatch(instruction["name"]) else -1]
     wobj = _WOBJ.search(text, instruction.start("rest"), instruction.end("rest"))
     names = {
         "tool": text[slice(*of_tool)].partition("\\")[0].strip(),
@@ -505,18 +489,20 @@ def _move(reader: RapidReader, at: int, instruction: re.Match[str], move: re.Mat
             active[family] = reader.why(at, f"{name} is a part of other data")
     if wobj and wobj["given"] == "?":
         active["frame"] = reader.why(at, f"{names['frame']} may be passed to a routine")
-    way = "joint" if kind in ("J", "ABSJ") else "line"
-    tracked = _TRACKED.search(text, instruction.start("rest"), instruction.end("rest"))
+    way = "closest" if kind in ("J", "ABSJ") else "line"
+    tracked = move["egm"] or _TRACKED.search(text, instruction.start("rest"), instruction.end("rest"))
     reader.blocks.add(Set("tracking here", "on" if tracked else Ref("tracking")))
     for place, (begin, end) in enumerate(places[:count]):
         line = reader.lines[reader.file].at(begin)
-        trusts = "conf j" if way == "joint" else "conf l"
+        trusts = "conf l" if way == "line" else "conf j"
         needs = ("shift", "tracking here", "switch", *(["switch arcs"] if kind == "C" else []))
         arc = f"arc at {reader.file}:{at}" if kind == "C" else ""
         state = Move(
             "", way, reader.file, line, active["tool"], active["frame"], needs, trusts, arc=arc, through=place == 0
         )
         _target(reader, begin, end, state, "jointtarget" if kind == "ABSJ" else "robtarget", instruction["name"])
+    if may_stop:
+        reader.blocks.add(Elsewhere())
     if instruction["name"].lower().endswith("sync"):
         reader.blocks.add(ForgetAll(reader.why(at, f"{instruction['name']} runs a procedure named in a string")))
 
@@ -527,20 +513,20 @@ def _target(reader: RapidReader, begin: int, end: int, move: Move, kind: str, in
     text, of_program = reader.texts[reader.file], reader.file < reader.points.files
     name = text[begin:end].partition("\\")[0].strip() if not _OFFSET.match(text, begin, end) else text[begin:end]
     key = name.lower()
-    offset: tuple[str, Value] | None = None
+    offsets: list[tuple[str, Value]] = []
     if wrapped := _OFFSET.match(text, begin, end):
         places = arguments(text, wrapped.end(), text.rfind(")", begin, end))
         key = text[slice(*places[0])].lower()
-        value: Value = reader.why(begin, "the offset is not given as numbers")
-        if (T := _shift(wrapped[1].lower(), [text[slice(*place)] for place in places[1:]])) is not None:
-            value = as_value(T)
-        offset = ("frame" if wrapped[1].lower() == "offs" else "tool", value)
-        begin = places[0][0]
-    if name.startswith("[") and offset is None and of_program:
-        target, reason = reader.literal(reader.file, kind, begin, begin + len(name), instruction)
+        frames = offset_frames(wrapped[1].lower(), [text[slice(*place)] for place in places[1:]], reader.numbers)
+        values: list[Value] = list(map(as_value, frames))
+        values = values or [reader.why(begin, "the offset is not known from the texts")]
+        offsets = [("frame" if wrapped[1].lower() == "offs" else "tool", value) for value in values]
+        begin, end = places[0]
+    if text.startswith("[", begin) and of_program:
+        target = reader.literal(reader.file, kind, begin, end if offsets else begin + len(name), instruction)
         key = f"[{reader.file}:{begin}"
         if target:
-            reader.points.declare(key, target, reason)
+            reader.points.declare(key, target)
     visible = of_program or (key in reader.shared and key not in reader.declares[reader.file])
     if not visible or not reader.points.knows(key):
         _leave(reader, begin, "not_literal" if _WORD.fullmatch(name) else "computed", name)
@@ -549,27 +535,12 @@ def _target(reader: RapidReader, begin: int, end: int, move: Move, kind: str, in
         reader.spent.add((reader.file, begin))
     if reader.points.joints(key):
         move = replace(move, needs=())
-    point_key = f"{key}@{reader.file}:{begin}" if offset else key
-    reader.blocks.add(replace(move, key=point_key, base=key if offset else "", offset=offset))
-
-
-def _shift(function: str, texts: list[str]) -> Array | None:
-    """Return the frame (4, 4) in mm of the arguments of Offs or RelTool, or None if an argument is not a number.
-
-    RelTool rotates about x, then the new y, then the new z.
-    """
-    parts = [part.strip(" \n\t,") for part in re.split(r"(?=\\)", ",".join(texts))]
-    places, turns = [place.strip() for place in parts[0].split(",")], {"x": 0.0, "y": 0.0, "z": 0.0}
-    for text in parts[1:]:
-        turn = _TURN.fullmatch(text)
-        if function != "reltool" or not turn:
-            return None
-        turns[turn[1].lower()] = float(turn[2])
-    if len(places) != 3 or not all(map(_NUMBER.fullmatch, places)):
-        return None
-    T = frame_of("roll_pitch_yaw", [0, 0, 0, *(-turn for turn in turns.values())]).T  # Inverse of the rotation
-    T[:3, 3] = [float(place) for place in places]
-    return T
+    if not offsets:
+        reader.blocks.add(replace(move, key=key))
+        return
+    place = f"{key}@{reader.file}:{begin}"
+    moves = [replace(move, key=f"{place}#{k}", base=key, offset=offset) for k, offset in enumerate(offsets)]
+    reader.blocks.add_one_of(moves)
 
 
 def _leave(reader: RapidReader, begin: int, reason: Reason, name: str) -> None:

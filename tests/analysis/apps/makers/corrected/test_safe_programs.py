@@ -192,7 +192,7 @@ UR_ROWS: dict[str, tuple[str, Left]] = {
 
 def ur_files(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:
     rig = rig_of("ur10e")
-    turned = (10, -75, 95, -25, 70 - 140, 15 + 180)  # the other wrist
+    turned = (10, -75, 95, -25, 70 - 140, 15 + 150)  # the other wrist
     angles = [*UR, turned]
 
     def joints(k: int) -> str:

@@ -165,7 +165,7 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         [(7, "external_axes")],
     ),
     "a track that another target moves": (
-        module_of("MoveAbsJ {q0+E},v9,fine,t;\nMoveJ {p1},v9,fine,t;\n"), [(5, "external_axes"), (6, "external_axes")]
+        module_of("MoveAbsJ {q0+E},v9,fine,t;\nMoveJ {p1},v9,fine,t;\n"), [(6, "external_axes")]
     ),
     "an approach": (module_of("MoveJ Offs(p,0,0,50),v9,fine,t;\nMoveL p,v9,fine,t;\n", data=NEAR), []),
     "one along the tool": (

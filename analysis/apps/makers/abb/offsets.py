@@ -1,0 +1,177 @@
+"""Offsets of Offs and RelTool: numbers, constants, variables that nothing writes, and loops with known bounds."""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import operator
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from analysis.apps.makers.numbers import frame_of
+from analysis.robot.kinematics.arm import Array
+
+_MOST_POSITIONS = 27
+"""Maximum number of positions of a move in loops, 3 in each direction. Of more positions, the corners of the pattern
+are taken: between them the correction of an arm changes smoothly."""
+_LONGEST_LOOP = 1000
+_TURN = re.compile(r"\\\s*R([xyz])\s*:=(.*)", re.IGNORECASE | re.DOTALL)
+_LOOP = re.compile(r"\s*(\w+)\s+FROM\b(.*?)\bTO\b(.*?)(?:\bSTEP\b(.*?))?\bDO\b", re.IGNORECASE | re.DOTALL)
+_DIV_MOD = re.compile(r"\b(DIV|MOD)\b", re.IGNORECASE)
+_OPERATORS: dict[type[ast.operator], Callable[[float, float], float]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv, ast.Mod: operator.mod,
+}  # fmt: skip
+
+
+@dataclass
+class Numbers:
+    """Numbers known from the texts by name, and the values of the loop variables around a statement.
+
+    Names are in lower case. The values are None if the bounds of the loop are unknown.
+    """
+
+    known: dict[str, float] = field(default_factory=dict)
+    loops: list[tuple[str, tuple[float, ...] | None]] = field(default_factory=list)
+
+    def enter(self, header: str) -> None:
+        """Enter a loop, given the text "i FROM 1 TO n STEP 1 DO"."""
+        loop = _LOOP.fullmatch(header)
+        name = loop[1].lower() if loop else ""
+        bounds = [self.value(text or "1") for text in loop.groups()[1:]] if loop else []
+        values = None
+        if bounds and None not in bounds:
+            first, last, step = (float(bound) for bound in bounds if bound is not None)
+            count = int(np.floor((last - first) / step + 1e-9)) + 1 if step else 0
+            if 0 < count <= _LONGEST_LOOP:
+                values = tuple(first + step * k for k in range(count))
+        self.loops.append((name, values))
+
+    def leave(self) -> None:
+        """Leave the innermost loop."""
+        if self.loops:
+            self.loops.pop()
+
+    def value(self, text: str) -> float | None:
+        """Return the single value of an expression, None if it is unknown or varies."""
+        values = self.every_value([text])
+        return values[0][0] if len(values) == 1 else None
+
+    def every_value(self, texts: Sequence[str]) -> list[tuple[float, ...]]:
+        """Return the possible values of expressions, together for each pass of the loops; none if any is unknown."""
+        trees = [_tree(text) for text in texts]
+        used = {node.id for tree in trees if tree for node in ast.walk(tree) if isinstance(node, ast.Name)}
+        loops = {name: values for name, values in self.loops if name in used}
+        if None in trees or None in loops.values() or not used <= self.known.keys() | loops.keys():
+            return []
+        ranges = [values for values in loops.values() if values]
+        if np.prod([len(values) for values in ranges]) > _MOST_POSITIONS:
+            ranges = [tuple(dict.fromkeys((values[0], values[-1]))) for values in ranges]
+        found = dict[tuple[float, ...], None]()
+        for one in itertools.product(*ranges):
+            names = self.known | dict(zip(loops, one, strict=True))
+            try:
+                found[tuple(_computed(tree.body, names) for tree in trees if tree)] = None
+            except (ZeroDivisionError, KeyError, OverflowError):
+                return []
+        return list(found)
+
+
+def _tree(text: str) -> ast.Expression | None:
+    """Return the syntax tree of an arithmetic expression, with names in lower case; None for other text."""
+    python = _DIV_MOD.sub(lambda word: "//" if word[1].upper() == "DIV" else "%", " ".join(text.lower().split()))
+    try:
+        return ast.parse(python.strip(), mode="eval")
+    except (SyntaxError, ValueError, RecursionError):
+        return None
+
+
+def _computed(node: ast.expr, names: Mapping[str, float]) -> float:
+    match node:
+        case ast.Constant(value) if isinstance(value, int | float):
+            return float(value)
+        case ast.Name(name):
+            return names[name]
+        case ast.UnaryOp(ast.USub(), operand):
+            return -_computed(operand, names)
+        case ast.UnaryOp(ast.UAdd(), operand):
+            return _computed(operand, names)
+        case ast.BinOp(left, sign, right) if type(sign) in _OPERATORS:
+            return _OPERATORS[type(sign)](_computed(left, names), _computed(right, names))
+        case _:
+            raise KeyError(ast.dump(node))
+
+
+def offset_frames(function: str, texts: Sequence[str], numbers: Numbers) -> list[Array]:
+    """Return the possible frames (4, 4) in mm of the arguments of "offs" or "reltool"; none if an argument is unknown.
+
+    RelTool rotates about x, then the new y, then the new z.
+    """
+    parts = [part.strip(" \n\t,") for part in re.split(r"(?=\\)", ",".join(texts))]
+    places, turns = parts[0].split(","), {"x": "0", "y": "0", "z": "0"}
+    for text in parts[1:]:
+        turn = _TURN.fullmatch(text)
+        if function != "reltool" or not turn:
+            return []
+        turns[turn[1].lower()] = turn[2]
+    if len(places) != 3:
+        return []
+    return [_frame(values) for values in numbers.every_value([*places, *turns.values()])]
+
+
+def _frame(values: Sequence[float]) -> Array:
+    """Return the frame (4, 4) of an offset in mm and rotations about x, the new y and the new z in degrees."""
+    T = frame_of("roll_pitch_yaw", [0, 0, 0, *(-turn for turn in values[3:])]).T  # Inverse of the rotation
+    T[:3, 3] = values[:3]
+    return T
+
+
+_NUM = re.compile(
+    r"(?<![\w\\])(?:LOCAL\s+|TASK\s+)?(?P<storage>CONST|PERS|VAR)\s+num\s+(?P<name>\w+)\s*(?P<value>:=[^;]*)?;",
+    re.IGNORECASE,
+)
+_READ_BEFORE, _READ_AFTER = tuple("+-*/<>="), tuple("+-*/<>")
+
+
+def known_numbers(texts: Sequence[str]) -> dict[str, float]:
+    """Return the numbers that are declared once with a value, and that no statement of the texts writes.
+
+    A variable counts as written if it is mentioned anywhere but in a calculation, a comparison, an offset or the
+    bounds of a loop.
+    """
+    declared: dict[str, list[re.Match[str]]] = {}
+    for text in texts:
+        for found in _NUM.finditer(text):
+            declared.setdefault(found["name"].lower(), []).append(found)
+    together = "\n".join(texts).lower()
+    known = Numbers()
+    for name, every in declared.items():
+        constant = every[0]["storage"].upper() == "CONST"
+        if len(every) == 1 and every[0]["value"] and (constant or _only_read(name, together)):
+            value = known.value(every[0]["value"][2:])
+            if value is not None:
+                known.known[name] = value
+    return {name: value for name, value in known.known.items() if not _is_hidden(name, together)}
+
+
+def _is_hidden(name: str, text: str) -> bool:
+    """Return whether a parameter of a routine or other data may have the name as well."""
+    declarations = re.findall(rf"\b(?:num|dnum|bool|string|robtarget|switch|intnum)\s+{name}\b", text)
+    return len(declarations) > 1
+
+
+def _only_read(name: str, text: str) -> bool:
+    for word in re.finditer(rf"\b{name}\b", text):
+        before, after = text[: word.start()].rstrip(), text[word.end() :].lstrip()
+        if re.search(r"\bnum$", before):  # The declaration
+            continue
+        if after.startswith((":", "{", ".")):
+            return False
+        inside = re.search(r"\b(?:offs|reltool)\s*\([^;]*$|\b(?:from|to|step)$", before)
+        compared = after.startswith("=") or after.startswith(_READ_AFTER) or before.endswith(_READ_BEFORE)
+        if not (inside or compared):
+            return False
+    return True
