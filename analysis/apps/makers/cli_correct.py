@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from analysis.apps.makers.correct_rig import Corrections
+    from analysis.apps.makers.corrected_program import CorrectedProgram
     from rigs.errors import FileError
     from rigs.rig import Rig
 
@@ -169,9 +170,7 @@ def correct(
         _say_next(rig_file, rig, maker, directory, corrected, settled=settled, both=both)
     for program in corrections.programs:
         if start and program.start is None:
-            unknown = any(left.reason == "no_posture" for left in program.left)
-            why = "the files do not show which routine starts first" if unknown else "no target needs it"
-            say(f"{program.path.name}: --start-joints is not used: {why}", err=True)
+            say(f"{program.path.name}: {_unused_start(program)}", err=True)
     if any(program.names and not program.held for program in corrections.programs):
         say("next: compare each program with the original line by line; rig did not send anything to a robot", err=True)
         say(
@@ -183,6 +182,13 @@ def correct(
         problem = "the constants of the controller are unknown, and values to enter are differences from them"
         errors.append(FileError(rig_file, problem, how_to_state_controller(rig)))
     end_with_errors([*errors, *_not_written(corrections, in_vain)], ", all in corrections.yaml")
+
+
+def _unused_start(program: CorrectedProgram) -> str:
+    """Return a sentence on why the start posture of a program is not used."""
+    if any(left.reason == "no_posture" for left in program.left):
+        return "--start-joints is not used, because the files do not show which routine starts first"
+    return "--start-joints is not needed by any target"
 
 
 def _not_written(corrections: Corrections, in_vain: Mapping[Path, str]) -> list[FileError]:
