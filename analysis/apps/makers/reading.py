@@ -100,7 +100,7 @@ def read_program(path: Path, neutral: Sequence[str] = ()) -> tuple[Maker, Progra
     """
     maker, files = program_texts(path)
     reader, full = maker.reader, path.resolve()
-    backup = next((parent for parent in full.parents if parent.name and parent.name.upper() == reader.backup), None)
+    backup = next((parent for parent in full.parents if re.fullmatch(reader.backup, parent.name.upper())), None)
     root = full if path.is_dir() else backup or full.parent
     own = {full / name if path.is_dir() else full.parent / name for name in files}
     tree = _tree(root, reader.beside, deep=path.is_dir() or backup is not None) if reader.beside else {}

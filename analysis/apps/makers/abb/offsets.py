@@ -60,8 +60,11 @@ class Numbers:
         values = self.every_value([text])
         return values[0][0] if len(values) == 1 else None
 
-    def every_value(self, texts: Sequence[str]) -> list[tuple[float, ...]]:
-        """Return the possible values of expressions, together for each pass of the loops; none if any is unknown."""
+    def every_value(self, texts: Sequence[str], *, corners: bool = True) -> list[tuple[float, ...]]:
+        """Return the possible values of expressions, together for each pass of the loops; none if any is unknown.
+
+        corners: take the first and last values of loops with too many passes; otherwise there are none.
+        """
         trees = [_tree(text) for text in texts]
         used = {node.id for tree in trees if tree for node in ast.walk(tree) if isinstance(node, ast.Name)}
         loops = {name: values for name, values in self.loops if name in used}
@@ -69,6 +72,8 @@ class Numbers:
             return []
         ranges = [values for values in loops.values() if values]
         if np.prod([len(values) for values in ranges]) > _MOST_POSITIONS:
+            if not corners:
+                return []
             ranges = [tuple(dict.fromkeys((values[0], values[-1]))) for values in ranges]
         found = dict[tuple[float, ...], None]()
         for one in itertools.product(*ranges):

@@ -15,7 +15,13 @@ from typing import Literal
 import numpy as np
 
 from analysis.apps.makers.abb.offsets import known_numbers
-from analysis.apps.makers.abb.statements import RapidReader, external_axes_in, literal_frames, read_module
+from analysis.apps.makers.abb.statements import (
+    MOST_ELEMENTS,
+    RapidReader,
+    external_axes_in,
+    literal_frames,
+    read_module,
+)
 from analysis.apps.makers.numbers import Decimals
 from analysis.apps.makers.points import Points, as_value
 from analysis.apps.makers.program_machine import OFF, Call, Program, Set, Unknown, Value
@@ -27,6 +33,7 @@ from analysis.apps.makers.target import (
     ProgramTexts,
     UncorrectedTarget,
     blanked,
+    brackets,
     lines_of,
     with_newlines,
 )
@@ -72,11 +79,13 @@ def parse(texts: ProgramTexts) -> Parsed:
     _other_tasks(reader)
     for file, text in enumerate(blank):
         for word in _WORD.finditer(text):
-            key = word[0].lower()
-            if not reader.points.knows(key) or (file, word.start()) in reader.spent:
+            name = word[0].lower()
+            keys = reader.arrays.get(name, [name] if reader.points.knows(name) else [])
+            if (file, word.start()) in reader.spent:
                 continue
-            if file < texts.own or (key in reader.shared and key not in reader.declares[file]):
-                reader.points.change(key, file, reader.lines[file].at(word.start()))
+            if file < texts.own or (name in reader.shared and name not in reader.declares[file]):
+                for key in keys:
+                    reader.points.change(key, file, reader.lines[file].at(word.start()))
     if reader.by_name:
         for key in list(reader.points.keys()):
             reader.points.change(key, reader.by_name.file, reader.by_name.line)
@@ -171,9 +180,7 @@ def _declare(reader: RapidReader, file: int, stated: dict[str, Value]) -> None:
             if kind in ("tooldata", "wobjdata"):
                 _declare_frame(reader, file, kind, declared, stated, shares=not local)
         elif of_program and declared["value"] and declared["array"]:
-            for element in _ELEMENT.finditer(declared["value"]):
-                line = reader.lines[file].at(declared.start("value") + element.end() - 1)
-                reader.points.leave(UncorrectedTarget(file, line, declared["name"], "array"))
+            _declare_array(reader, file, declared, shares=not local)
         elif of_program and declared["value"]:
             begin = declared.start("value")
             target = reader.literal(file, kind, begin, declared.end("value"), declared["name"])
@@ -183,6 +190,29 @@ def _declare(reader: RapidReader, file: int, stated: dict[str, Value]) -> None:
                 if not local:
                     reader.shared.add(name)
     reader.declares.append(declares)
+
+
+def _declare_array(reader: RapidReader, file: int, declared: re.Match[str], *, shares: bool) -> None:
+    """Add the elements of an array as points if rig can trace it: one dimension, numbers, and not too many elements."""
+    text, kind, name = reader.texts[file], declared["kind"].lower(), declared["name"]
+    begin, end = declared.span("value")
+    closes = brackets(text[begin:end])
+    starts = [found.start() for found in _ELEMENT.finditer(text, begin, end)]
+    elements = [
+        reader.literal(file, kind, start, begin + closes.get(start - begin, 0) + 1, f"{name}{{{k}}}")
+        for k, start in enumerate(starts, start=1)
+    ]
+    targets = [target for target in elements if target]
+    size = re.fullmatch(r"\{\s*(\d+)\s*\}\s*", declared["array"])
+    if size and 0 < len(targets) == len(elements) == int(size[1]) <= MOST_ELEMENTS:
+        reader.arrays[name.lower()] = [f"{name.lower()}{{{k}}}" for k in range(1, len(targets) + 1)]
+        reader.spent.add((file, declared.start("name")))
+        for key, target in zip(reader.arrays[name.lower()], targets, strict=True):
+            reader.points.declare(key, target)
+        reader.shared |= {name.lower()} if shares else set()
+        return
+    for start in starts:
+        reader.points.leave(UncorrectedTarget(file, reader.lines[file].at(start), name, "array"))
 
 
 def _declare_frame(
@@ -225,5 +255,6 @@ READER = ProgramReader(
     _DECIMALS,
     Remark("  ! ", before=dict.fromkeys((".mod", ".modx", ".prg"), _END)),
     beside=(".mod", ".modx", ".prg", ".sys", ".sysx"),
+    backup=r"TASK\d+|T_ROB\d+",
     empty="MODULE {0}_stated\nPROC {0}()\nENDPROC\nENDMODULE\n",
 )

@@ -73,6 +73,9 @@ _COORDINATES = re.compile(rf"\[((?:\s*{NUMBER}\s*,){{5}}\s*{NUMBER}\s*)\]\s*\]")
 """The coordinates of external axes at the end of a target."""
 _NO_AXIS = 8.9e9
 """The value 9E9 for an axis not present."""
+MOST_ELEMENTS = 30
+"""Maximum size of an array of points that is traced: a move to a variable element leads from and to any other one."""
+_INDEXED = re.compile(r"(\w+)\s*\{([^{},]*)\}")
 _HEAD = re.compile(
     r"\s*(?:(?P<routine>(?:LOCAL\s+)?(?:PROC|FUNC\s+\w+|TRAP))\s+(?P<name>\w+)"
     r"|(?P<word>IF|ELSEIF|ELSE|ENDIF|WHILE|ENDWHILE|FOR|ENDFOR|TEST|CASE|DEFAULT|ENDTEST|ENDPROC|ENDFUNC|ENDTRAP|"
@@ -135,6 +138,8 @@ class RapidReader:
     broken: list[Call] = field(default_factory=list)
     shadowed: dict[str, Unknown] = field(default_factory=dict)
     """Tools and work objects whose name has a different meaning in a routine."""
+    arrays: dict[str, list[str]] = field(default_factory=dict)
+    """The keys of the elements of arrays of points."""
     numbers: Numbers = field(default_factory=Numbers)
     by_name: Unknown | None = None
     """The place at which the program writes data selected by a name in a string."""
@@ -527,20 +532,36 @@ def _target(reader: RapidReader, begin: int, end: int, move: Move, kind: str, in
         key = f"[{reader.file}:{begin}"
         if target:
             reader.points.declare(key, target)
-    visible = of_program or (key in reader.shared and key not in reader.declares[reader.file])
-    if not visible or not reader.points.knows(key):
+    name_of_point, keys = _elements(reader, key)
+    visible = of_program or (name_of_point in reader.shared and name_of_point not in reader.declares[reader.file])
+    if not visible or not all(map(reader.points.knows, keys)):
         _leave(reader, begin, "not_literal" if _WORD.fullmatch(name) else "computed", name)
         return
     if not key.startswith("["):
         reader.spent.add((reader.file, begin))
-    if reader.points.joints(key):
+    if reader.points.joints(keys[0]):
         move = replace(move, needs=())
-    if not offsets:
-        reader.blocks.add(replace(move, key=key))
-        return
-    place = f"{key}@{reader.file}:{begin}"
-    moves = [replace(move, key=f"{place}#{k}", base=key, offset=offset) for k, offset in enumerate(offsets)]
+    moves: list[Statement] = []
+    for of in keys:
+        place = f"{of}@{reader.file}:{begin}"
+        moves += [replace(move, key=f"{place}#{k}", base=of, offset=offset) for k, offset in enumerate(offsets)]
+        moves += [] if offsets else [replace(move, key=of)]
     reader.blocks.add_one_of(moves)
+
+
+def _elements(reader: RapidReader, key: str) -> tuple[str, list[str]]:
+    """Return the name of the point or array of a target, and the keys of the points it may be.
+
+    An element with an unknown index may be any element.
+    """
+    indexed = _INDEXED.fullmatch(key)
+    elements = reader.arrays.get(indexed[1]) if indexed else None
+    if indexed is None or elements is None:
+        return key, [key]
+    values = [value for (value,) in reader.numbers.every_value([indexed[2]], corners=False)]
+    places = [int(value) - 1 for value in values if value.is_integer() and 0 < value <= len(elements)]
+    known = len(places) == len(values) > 0
+    return indexed[1], [elements[place] for place in places] if known else elements
 
 
 def _leave(reader: RapidReader, begin: int, reason: Reason, name: str) -> None:

@@ -266,6 +266,55 @@ def test_pattern_is_corrected_if_its_offsets_are_known(row: str, tmp_path: Path)
     assert ("p" in found.names) == is_known and [one.reason for one in found.left] == ([] if is_known else ["offset"])
 
 
+ARRAYS: dict[str, tuple[str, list[str], list[str]]] = {
+    "numbers": ("MoveL ps{1},v9,fine,t;\nMoveL ps{2},v9,fine,t;\nMoveL ps{3},v9,fine,t;\n", ["1", "2", "3"], []),
+    "a loop": ("FOR i FROM 1 TO 3 DO\nMoveL ps{i},v9,fine,t;\nENDFOR\n", ["1", "2", "3"], []),
+    "a calculation": ("FOR i FROM 0 TO 1 DO\nMoveL ps{2*i+1},v9,fine,t;\nENDFOR\n", ["1", "3"], ["unused"]),
+    "an unknown index": ("MoveL ps{w},v9,fine,t;\n", ["1", "2", "3"], []),
+    "an approach": ("MoveL ps{2},v9,fine,t;\nMoveL Offs(ps{2},0,0,dx),v9,fine,t;\n", ["2"], ["unused", "unused"]),
+    "an element that is written": ("MoveL ps{2},v9,fine,t;\nps{w}.trans.z:=3;\n", [], ["changed"] * 3),
+    "one that is handed over": ("MoveL ps{1},v9,fine,t;\nown ps;\n", [], ["changed"] * 3),
+    "two tools": ("MoveL ps{w},v9,fine,t;\nMoveL ps{1},v9,fine,tool0;\n", ["2", "3"], ["several_frames"]),
+}
+
+
+@pytest.mark.parametrize("row", ARRAYS)
+def test_element_of_an_array_is_a_point(row: str, tmp_path: Path) -> None:
+    moves, done, left = ARRAYS[row]
+    data = f"{DATA}\nPERS robtarget ps{{3}}:=[{{p1}},{{p2}},{{p3}}];"
+    rig, files = abb_files(
+        module_of("MoveAbsJ {q1},v9,fine,t;\n" + moves, "PROC own(INOUT robtarget r{*})\nENDPROC\n", data)
+    )
+    found = corrected_files(rig, tmp_path, files)
+    assert sorted(name for name in found.names if name[:2] == "ps") == [f"ps{{{k}}}" for k in done]
+    assert [one.reason for one in found.left if one.name[:2] == "ps"] == left
+
+
+@pytest.mark.parametrize("size", ["2,2", "n", "4"])
+def test_array_that_is_not_traced_is_listed(size: str, tmp_path: Path) -> None:
+    data = f"{DATA}\nCONST robtarget ps{{{size}}}:=[{{p1}},{{p2}}];"
+    rig, files = abb_files(module_of("MoveL ps{1},v9,fine,t;\n", data=data))
+    assert [one.reason for one in corrected_files(rig, tmp_path, files).left if one.name == "ps"] == ["array"] * 2
+
+
+def test_modules_of_a_backup_are_read_from_the_folder_of_the_task(tmp_path: Path) -> None:
+    rig, files = abb_files(
+        {
+            "a.mod": "MODULE a\nPROC main()\nMoveJ {p1},v9,fine,t;\nENDPROC\nENDMODULE\n",
+            "b.sys": "MODULE b\n{t}\nENDMODULE\n",
+        }
+    )
+    for task in ("TASK1", "TASK2"):
+        for folder, name in (("PROGMOD", "a.mod"), ("SYSMOD", "b.sys")):
+            text = files[name] if task == "TASK1" else files[name].replace("[5,0,90]", "[0,0,300]")
+            (tmp_path / "RAPID" / task / folder).mkdir(parents=True)
+            (tmp_path / "RAPID" / task / folder / name).write_text(text)
+    wrong = known(rig)
+    path = tmp_path / "RAPID" / "TASK1" / "PROGMOD" / "a.mod"
+    found = correct_program(wrong, supports(wrong), path, frames_of(rig.robot, [], []), None)
+    assert found.names == ("MoveJ",) and not found.left
+
+
 def test_parameter_hides_a_constant(tmp_path: Path) -> None:
     files = module_of(J0 + "go 400;\n", "PROC go(num dx)\nMoveL Offs(p,0,0,dx),v9,fine,t;\nENDPROC\n", DATA)
     rig, files = abb_files(files)

@@ -117,10 +117,10 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
     "a handler that does nothing": (module_of(J0 + L1 + "ERROR\nTPWrite \"x\";\nRETRY;\n"), []),
     "points of an array that a module beside drives": (
         {
-            **module_of(J0 + "go;\n", data="CONST robtarget a{2}:=[{p1},\n{p2}];"),
-            "b.mod": "MODULE b\nPROC go()\nMoveJ a{1},v9,fine,tool0;\nENDPROC\nENDMODULE\n",
+            **module_of(J0 + "go;\n", data="CONST robtarget ps{2}:=[{p1},\n{p2}];"),
+            "b.mod": "MODULE b\nPROC go()\nMoveJ ps{1},v9,fine,t;\nENDPROC\nENDMODULE\n",
         },
-        [(3, "array"), (4, "array")],
+        [],
     ),
     "a routine of a module beside": (
         {**module_of(J0 + "go;\n" + L1), "b.mod": "MODULE b\nPROC go()\nPDispOn\\Rot,p,t;\nENDPROC\nENDMODULE\n"},
