@@ -20,7 +20,7 @@ from rigs.calibration import MOST_CALIBRATION_BYTES, TIMES, CalibratedModel, Cal
 from rigs.effects import AnyEffect
 from rigs.errors import FileError, RigPlace
 from rigs.files import of_newer_rig, read_bytes, read_from, read_text
-from rigs.problems import RigFileError, problems_of
+from rigs.problems import RigFileError, problems_of, truth_values
 from rigs.rig import Rig
 from rigs.schema.effect import size_field
 from rigs.schema.part import Part, Vector
@@ -264,9 +264,12 @@ def _parsed(text: str, where: str) -> Rig:
     _refuse_other_texts(text, where)
     root, data = read_yaml(text, where)
     try:
-        return Rig.model_validate(data)
+        rig = Rig.model_validate(data)
     except ValidationError as error:
         raise RigFileError(where, problems_of(error, data, root)) from None
+    if mistakes := list(truth_values(data, rig, root)):
+        raise RigFileError(where, mistakes)
+    return rig
 
 
 _SEPARATORS = (",", ";", "\t")

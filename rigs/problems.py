@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -22,6 +23,8 @@ _MOST_TOLD = 100
 _CLOSE = 0.5
 """Minimum similarity of a name and a known name (ratio of difflib) for a suggestion."""
 _BRIEF = 60
+_LONG = re.compile(rf"'[^']{{{_BRIEF},}}'")
+"""A value in quotes that is too long for a message."""
 Place = tuple[int | str, ...]
 _PLAIN = {
     "missing": "missing; add it",
@@ -30,8 +33,32 @@ _PLAIN = {
     "model_type": "must be a mapping of keys to values",
     "model_attributes_type": "must be a mapping of keys to values",
     "name": "may contain only a–z, 0–9, - and _, and begins with a letter or digit",
+    "int_type": "must be a whole number",
+    "int_parsing": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "int_parsing_size": "must be a whole number of ordinary size",
+    "float_type": "must be a number",
+    "float_parsing": "must be a number",
+    "finite_number": "must be a finite number",
+    "bool_type": "must be true or false",
+    "bool_parsing": "must be true or false",
+    "string_type": "must be a text; put a number that is a name in quotes",
+    "tuple_type": "must be a list in brackets, such as [1, 2, 3]",
+    "list_type": "must be a list in brackets, such as [1, 2, 3]",
+    "dict_type": "must be a mapping of keys to values",
+    "date_type": "must be a date such as 2026-11-29",
+    "date_from_datetime_parsing": "must be a date such as 2026-11-29",
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be less than {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "too_long": "has {actual_length} entries, but takes at most {max_length}",
+    "too_short": "has {actual_length} entries, but needs at least {min_length}",
+    "string_too_long": "must have at most {max_length} characters",
+    "string_too_short": "must have at least {min_length} characters",
+    "string_pattern_mismatch": "must have the form {pattern}",
 }
-"""Replacements for Python terms in messages of pydantic."""
+"""Messages by the type of a pydantic error, with its context."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +102,24 @@ def problems_of(
     if untold := len(details) - len(problems):
         problems.append(Problem(problems[-1].line, "", f"and {untold} more mistakes; correct these first"))
     return problems
+
+
+def truth_values(data: Any, value: Any, node: yaml.Node | None, place: str = "") -> Iterator[Problem]:
+    """Yield a mistake for each true or false that became a number: Python takes them as 1 and 0.
+
+    data: content of the file. value: the part of the rig made of it. node: its place in the file.
+    """
+    if isinstance(data, bool) and not isinstance(value, bool) and isinstance(value, int | float):
+        yield Problem(node.start_mark.line + 1 if node else 1, place, f"must be a number, not {str(data).lower()}")
+    elif isinstance(data, dict):
+        nodes = {key.value: child for key, child in node.value} if isinstance(node, yaml.MappingNode) else {}
+        for key, part in data.items():
+            made = value.get(key) if isinstance(value, dict) else getattr(value, str(key), None)
+            yield from truth_values(part, made, nodes.get(key, node), f"{place}.{key}" if place else str(key))
+    elif isinstance(data, list) and isinstance(value, list | tuple) and len(data) == len(value):
+        nodes_in = node.value if isinstance(node, yaml.SequenceNode) else [node] * len(data)
+        for number, (part, made, child) in enumerate(zip(data, value, nodes_in, strict=True), 1):
+            yield from truth_values(part, made, child, f"{place}[{number}]")
 
 
 def _with_hidden(data: Any, details: list[ErrorDetails], model: type[BaseModel]) -> list[ErrorDetails]:
@@ -144,19 +189,19 @@ def _message(detail: ErrorDetails, place: Place, model: type[BaseModel]) -> str:
         return f"unknown key{_nearest(str(place[-1]), _keys_at(detail['loc'][:-1], model))}"
     if kind == "union_tag_invalid":
         tag, choices, _ = _tag_error(detail)
-        return BROKEN.get(tag) or f"{tag!r} is unknown{_nearest(tag, choices)}"
+        return BROKEN.get(tag) or f"{_short(tag)} is unknown{_nearest(tag, choices)}"
     if kind == "literal_error":
         choices = [name.strip().strip("'") for name in detail["ctx"]["expected"].replace(" or ", ", ").split(",")]
         tag = _short(value).strip("'")
         return f"{tag!r} is unknown{_nearest(tag, choices)}"
-    if kind == "too_short":
-        return f"has {detail['ctx']['actual_length']} entries, but needs at least {detail['ctx']['min_length']}"
     if kind == "string_pattern_mismatch" and place == ("name",):
         kind = "name"
     if kind == "union_tag_not_found":
         kind = detail["ctx"]["discriminator"].strip("'")
-    message = _PLAIN.get(kind, detail["msg"]).removeprefix("Value error, ").removeprefix("Input ")
-    if not isinstance(value, int | float | str):
+    known = _PLAIN.get(kind)
+    message = known.format(**detail.get("ctx", {})) if known else detail["msg"].removeprefix("Value error, ")
+    message = _LONG.sub(lambda long: f"{long[0][:_BRIEF]}…'", message)
+    if not isinstance(value, int | float | str) or kind in ("too_short", "too_long"):
         return message
     written = re.escape(_short(value).strip("'"))
     is_said = re.search(rf"(?<![\w.]){written}(?![\w.])", message)  # 0.001 does not contain 0

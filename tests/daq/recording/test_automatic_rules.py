@@ -77,7 +77,7 @@ retention: {}"""
     words += [
         "give a more distant posture",
         "'pose' is unknown",
-        "greater than or equal to 0.2",
+        "at least 0.2",
         "days, gigabytes or both",
     ]
     for word in words:
