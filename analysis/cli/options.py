@@ -128,8 +128,9 @@ Calibration = Annotated[
     str | None,
     typer.Option(
         metavar="FILE",
-        help="Constants of this robot in its controller: calibration.conf, the YAML of ur_calibration (ROS), or a "
-        "table of joints and flange poses from the pendant; data_sheet if it has none; default: as in the rig file.",
+        help="Constants of this robot in its controller: calibration.conf, the YAML of ur_calibration (ROS), the INI "
+        "file of LinuxCNC, or a table of joints and flange poses from the pendant; data_sheet if it has none; default: "
+        "as in the rig file.",
     ),
 ]
 Anyway = Annotated[

@@ -14,6 +14,7 @@ Reason = Literal[
     "handed",
     "array",
     "arc",
+    "arc_centre",
     "arc_turns",
     "changed",
     "offset",

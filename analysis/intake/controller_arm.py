@@ -14,7 +14,8 @@ from analysis.robot.description.controller_constants import (
     data_sheet_of,
     robot_with,
 )
-from analysis.robot.description.rig_section import robot_text
+from analysis.robot.description.linuxcnc_configuration import configured_robot
+from analysis.robot.description.rig_section import flange_poses, largest_difference, random_postures, robot_text
 from analysis.robot.description.ur_calibration import factory_constants, is_ur_calibration
 from analysis.runs.csv_tables import table_from
 from analysis.runs.table_layout import JOINTS, PLACE, TURN
@@ -23,7 +24,7 @@ from rigs.errors import FileError
 from rigs.files import read_text
 from rigs.load import parse
 from rigs.rig import Rig
-from rigs.schema.robot import Robot
+from rigs.schema.robot import LinkConstants, Robot
 from rigs.yaml_text import nodes_of
 
 DATA_SHEET = "data_sheet"
@@ -43,8 +44,8 @@ def rig_with_controller(rig: Rig, text: str, source: Path | str) -> tuple[Rig, s
 
 
 def read_controller(robot: Robot, source: Path | str) -> ControllerConstants:
-    """Read the arm in the controller of a robot: calibration.conf or the YAML of ur_calibration, or a table of joint
-    angles and flange poses as the controller shows them.
+    """Read the arm in the controller of a robot: calibration.conf or the YAML of ur_calibration, the INI file of
+    LinuxCNC, or a table of joint angles and flange poses as the controller shows them.
 
     Raises FileError if the file is of another type of arm, or if its poses show own constants but do not determine
     them.
@@ -59,6 +60,8 @@ def read_controller(robot: Robot, source: Path | str) -> ControllerConstants:
         text = read_text(path, _MOST_BYTES) if path.suffix.lower() not in (".xlsx", ".ods") else ""
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "check the path") from None
+    if path.suffix.lower() == ".ini":
+        return _from_pins(robot, path)
     if not is_ur_calibration(text):
         return _from_poses(robot, path)
     found = factory_constants(robot, path)
@@ -67,6 +70,18 @@ def read_controller(robot: Robot, source: Path | str) -> ControllerConstants:
         return ControllerConstants(robot.axes, "unknown", found.moved_mm, words, found.notes)
     words = f"{path}: the controller's own constants; they move the flange by up to {found.moved_mm:.2f} mm"
     return ControllerConstants(found.axes, "constants", found.moved_mm, words, found.notes)
+
+
+def _from_pins(robot: Robot, path: Path) -> ControllerConstants:
+    """Return the axes of a robot with the constants of a LinuxCNC configuration."""
+    read = configured_robot(path)
+    pairs = zip(robot.axes, read.axes, strict=True)
+    keys = LinkConstants.model_fields
+    axes = tuple(axis.model_copy(update={key: getattr(its, key) for key in keys}) for axis, its in pairs)
+    q = random_postures(robot)
+    moved_mm, _ = largest_difference(flange_poses(robot.model_copy(update={"axes": axes}), q), flange_poses(robot, q))
+    words = f"{path}: the pins of genserkins; they move the flange by up to {moved_mm:.2f} mm"
+    return ControllerConstants(axes, "constants", moved_mm, words)
 
 
 def _from_poses(robot: Robot, path: Path) -> ControllerConstants:

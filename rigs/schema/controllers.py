@@ -34,6 +34,7 @@ PRACTICE: dict[str, Practice] = {
     "kuka": Practice("option", "KUKA, option High Accuracy (absolutely accurate robot, PID file)", _PAIRS),
     "abb": Practice("option", "ABB, option Absolute Accuracy (3HAC050798, Configuring motion, moc.cfg)", _PAIRS),
     "fanuc": Practice("option", "FANUC, option iRCalibration Signature", _PAIRS),
+    "linuxcnc": Practice("always", "LinuxCNC, kins(9): the pins of genserkins in a HAL file", "the INI file"),
     "yaskawa": Practice("option", "Yaskawa, option absolute calibration (ABSO), file ABSO.DAT", _PAIRS),
 }
 """By the maker's name in lower-case letters."""

@@ -118,6 +118,8 @@ class ROS2JointStates(Part):
         return joints
 
 
+LINUXCNC_PORT = 5480
+"""TCP port of the program that serves the joints of LinuxCNC. Chosen: next to 5005 to 5007 of linuxcncrsh, and free."""
 JOINT_FIELDS = {f"q{axis}_{unit}" for axis in range(1, 7) for unit in ("deg", "rad")}
 CLOCK_FIELDS = {"t_s", "t_ms", "t_us"}
 SIGNAL = "signal"
@@ -316,6 +318,35 @@ class FANUCStreamMotion(_Feedback):
     """Record the joint motor currents, which are part of every status."""
 
 
+class LinuxCNC(_Feedback):
+    """LinuxCNC: a line for each servo period from `halsampler`, served by the program that `rig init` writes.
+
+    The samples also contain the number in `motion.analog-out-00`, set by `M68 E0 Q…`.
+    """
+
+    listens: ClassVar[bool] = False
+    origin: ClassVar[Origin] = Origin(
+        instruments="LinuxCNC 2.9 with six joints in degrees, such as arms with genserkins",
+        source="manual pages sampler(9), halsampler(1) and motion(9) of LinuxCNC 2.9; a session with the package "
+        "linuxcnc-uspace 2.9.0 of Debian 12 (docs/evidence/linuxcnc.md)",
+        standing="confirmed",
+        doubts="drives: the controller ran without hardware, so its joints follow the commands at once",
+    )
+    interface: Literal["linuxcnc"]
+    port: Port
+    servo_period_ms: float = Field(default=1.0, ge=0.1, le=100)
+    """Period of the servo thread: SERVO_PERIOD in the section EMCMOT of the INI file, there in ns."""
+    linear_units: Literal["mm", "inch"] = "mm"
+    """LINEAR_UNITS in the section TRAJ of the INI file: the unit of the lengths of genserkins."""
+
+    @field_validator("port")
+    @classmethod
+    def _network(cls, port: str) -> str:
+        if tcp_address(port) is None:
+            raise ValueError(f"{port!r} is not a TCP port; write 'tcp://host:{LINUXCNC_PORT}'")
+        return port
+
+
 class ModbusJoints(_Feedback, RegisterBlock):
     """Joint angles in controller registers, read over Modbus TCP."""
 
@@ -348,7 +379,15 @@ class ModbusJoints(_Feedback, RegisterBlock):
 
 
 Feedback = Annotated[
-    URRTDE | LineFeed | KUKARSI | ABBEGM | FANUCStreamMotion | ModbusJoints | ROS2JointStates | OPCUARobotics,
+    URRTDE
+    | LineFeed
+    | KUKARSI
+    | ABBEGM
+    | FANUCStreamMotion
+    | LinuxCNC
+    | ModbusJoints
+    | ROS2JointStates
+    | OPCUARobotics,
     Field(discriminator="interface"),
 ]
 if not TYPE_CHECKING:
@@ -362,11 +401,13 @@ def carries_signal(feedback: Feedback) -> bool:
             return feedback.signal is not None
         case LineFeed():
             return SIGNAL in feedback.fields
-    return False
+    return isinstance(feedback, LinuxCNC)
 
 
 def signal_of_outputs(feedback: Feedback) -> RTDESignal | None:
     """Return the outputs or register of the signal; None if the interface has none."""
+    if isinstance(feedback, LinuxCNC):
+        return RTDESignal(int_register=0)
     return feedback.signal if isinstance(feedback, URRTDE) else None
 
 

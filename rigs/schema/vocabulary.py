@@ -69,6 +69,7 @@ _ALSO_NAMED: dict[MakerName, tuple[str, ...]] = {
     "kuka": (),
     "abb": (),
     "yaskawa": ("motoman",),
+    "linuxcnc": (),
 }
 """Makers supported for programs and corrections, with other names of their arms.
 
@@ -102,7 +103,7 @@ def _letters(word: str) -> str:
 
 def maker_of(interface: str) -> MakerName | None:
     """Return the maker of controllers that use a feedback interface; None for general interfaces."""
-    return next((maker for maker in makers() if interface.startswith(f"{maker}_")), None)
+    return next((maker for maker in makers() if f"{interface}_".startswith(f"{maker}_")), None)
 
 
 Build = Literal["industrial", "light", "torque_sensing", "servo"]

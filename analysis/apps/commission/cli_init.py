@@ -36,7 +36,8 @@ def init(
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="Host of the robot, tcp://host:port, or udp://address:port; none with sockets; default: interactive.",
+            help="Host of the robot, tcp://host:port, udp://address:port or linuxcnc://host; none with sockets; "
+            "default: interactive.",
         ),
     ] = None,
     port: Annotated[

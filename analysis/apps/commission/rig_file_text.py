@@ -14,6 +14,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from analysis.apps.commission.init_answers import Answers
+from analysis.robot.description.linuxcnc_configuration import configured_robot
 from analysis.robot.description.rig_section import robot_text
 from rigs.arms import arm_names, load_arm
 from rigs.errors import FileError
@@ -63,6 +64,8 @@ def chosen_arm(name: str, measured_by: MeasuredBy = "gauges") -> ChosenArm:
 def _arm_of(name: str) -> ChosenArm:
     if the_same(name, arm_names()):
         return _of_library(name)
+    if Path(name).suffix.lower() == ".ini":
+        return ChosenArm(configured_robot(Path(name)), None, f"the LinuxCNC configuration {Path(name).name}")
     try:
         text = read_text(Path(name), _MAX_BYTES)
     except FileNotFoundError:

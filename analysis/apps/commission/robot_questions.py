@@ -18,14 +18,17 @@ from analysis.apps.commission.init_answers import Answers, Options, checked, has
 from analysis.apps.commission.rig_file_text import chosen_arm
 from analysis.cli.dialogue import Dialogue
 from analysis.robot.kinematics.arm import Array, arm_of, forward
+from analysis.runs.written_files import holding, write_all_over
 from daq.apps.commission.attempts import RobotReport
-from daq.apps.commission.robots import ADDRESSES, joints_of, search_robot
+from daq.apps.commission.linuxcnc_files import linuxcnc_files
+from daq.apps.commission.robots import ADDRESSES, joints_of, linuxcnc_port, search_robot
 from rigs.arms import arm_names
 from rigs.errors import CellError, FileError, UseError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle
 from rigs.schema.feedback import Feedback
 from rigs.schema.limits import TOLERANCE_BY_RP, USUAL_RP_MM, WATCH_SHARE, offered_tolerance_mm
+from rigs.schema.links import tcp_address
 from rigs.schema.part import Vector
 from rigs.schema.robot import Pose, Robot
 from rigs.schema.vocabulary import DRIVEN_AXES, Build, maker_of
@@ -131,7 +134,23 @@ def robot_at(address: str, keys: Mapping[str, Any]) -> RobotReport:
     return replace(report, feedback=with_keys(Feedback, report.feedback, keys, "feedback"))
 
 
+def _write_controller_files(options: Options, dialogue: Dialogue, port: str) -> None:
+    """Write the files for a LinuxCNC controller next to the rig file, unless they are there."""
+    directory = options.path.parent / "linuxcnc"
+    number = tcp_address(port)
+    assert number is not None  # noqa: S101 - formed from an address
+    files = linuxcnc_files(number[1])
+    if not all((directory / name).exists() for name in files):
+        write_all_over(directory, {name: holding(content) for name, content in files.items()})
+    dialogue.say(
+        f"  {directory}: copy {' and '.join(files)} to the INI file of LinuxCNC, and add to its section [HAL]:"
+    )
+    dialogue.say("      HALFILE = rig.hal")
+
+
 def _reported(options: Options, dialogue: Dialogue, address: str) -> RobotReport:
+    if port := linuxcnc_port(address):
+        _write_controller_files(options, dialogue, port)
     with dialogue.busy(f"searching for a robot at {address}"):
         report = robot_at(address, options.keys["feedback"])
     if report.feedback is None:

@@ -20,6 +20,7 @@ them. Without these, a change is stated in degrees of the reading.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -30,9 +31,11 @@ from rigs.errors import UseError
 from rigs.schema.vocabulary import MAKERS, MakerName, makers, offered_makers
 
 if TYPE_CHECKING:
+    from analysis.apps.makers.controller_entries import ControllerEntries
     from analysis.apps.makers.emulated import ProgramDriver
     from analysis.apps.makers.program_reader import ProgramReader
     from analysis.apps.makers.program_writer import ProgramWriter
+    from rigs.rig import Rig
 
 T = TypeVar("T")
 
@@ -83,7 +86,8 @@ class Controller:
     multiplied by the scale of the axis if `scale` describes a scale. changes_reading: whether the reading of a joint
     changes, rather than only the model of the arm. steps: instructions for the operator. source: public reference; (W)
     marks references other than a manual of the maker. missing: information not found in public. place: menu or file in
-    which the operator enters the values.
+    which the operator enters the values. first_joint: number of the first joint. signs_tested: whether the values were
+    entered in a real controller. files: texts by name that enter the values of a rig.
     """
 
     maker: str
@@ -97,21 +101,29 @@ class Controller:
     missing: str
     changes_reading: bool = True
     constants: tuple[ConstantParameter, ...] = ()
+    first_joint: int = 1
+    signs_tested: bool = False
+    files: Callable[[Rig, ControllerEntries], dict[str, str]] | None = None
+
+    def zero_of(self, axis: int) -> str:
+        """Return the name of the zero of an axis of the rig file."""
+        return self.zero.format(axis=axis - 1 + self.first_joint)
 
     @property
     def check(self) -> str:
         """Check for the correct sign of an entered value, to be done before the robot moves."""
-        return _CHECK_READING if self.changes_reading else f"{_CHECK_MODEL} If not, restore {self.place}."
+        check = _CHECK_READING if self.changes_reading else f"{_CHECK_MODEL} If not, restore {self.place}."
+        return check.replace(_UNTESTED, "") if self.signs_tested else check
 
 
+_UNTESTED = ", because these signs were not tested on a real controller"
 _CHECK_READING = (
-    "Check before any motion, because these signs were not tested on a real controller: at an unchanged "
+    f"Check before any motion{_UNTESTED}: at an unchanged "
     "posture the reading of every corrected axis must have increased by the degrees above, and all other "
     "readings must be unchanged. Otherwise, restore the old value."
 )
 _CHECK_MODEL = (
-    "Check before any motion, because these signs were not tested on a real controller: the joint angles "
-    "on the pendant must be unchanged; the tool position changes."
+    f"Check before any motion{_UNTESTED}: the joint angles on the pendant must be unchanged; the tool position changes."
 )
 
 CHECK_LENGTH = (

@@ -233,12 +233,13 @@ _NO_MOVE_MM = 1e-9
 class ControllerChange:
     """A change at the controller: add `add` ± `u` (standard uncertainty) `unit` to `parameter` of an axis from 1.
 
-    now: previous size, if only the growth is stated. reading_deg: change of the axis reading at an unchanged posture.
-    worth_um: rms tool displacement by the change over the work area. leaves_um: part of worth_um remaining because of
-    the uncertainty.
+    key: the constant as in the rig file, or `q_deg` for the zero of the joint. now: previous size, if only the growth
+    is stated. reading_deg: change of the axis reading at an unchanged posture. worth_um: rms tool displacement by the
+    change over the work area. leaves_um: part of worth_um remaining because of the uncertainty.
     """
 
     axis: int
+    key: str
     parameter: str
     add: float
     u: float
@@ -429,7 +430,7 @@ def _entry(
             nominal = float(getattr(controller_robot(rig.robot).axes[constant.axis - 1], constant.key))
             per_unit, now = per_unit * np.sign(nominal), abs(per_unit * nominal)
     else:
-        name, unit, per_unit = controller.zero.format(axis=constant.axis), controller.unit, controller.per_deg
+        name, unit, per_unit = controller.zero_of(constant.axis), controller.unit, controller.per_deg
         # For coupled axes, a single count changes several readings.
         coupling = np.abs(np.array(rig.robot.coupling) - np.diag(np.diag(rig.robot.coupling)))
         is_coupled = (coupling.sum(axis=0) + coupling.sum(axis=1))[constant.axis - 1] != 0
@@ -440,9 +441,8 @@ def _entry(
         # If the model is changed instead of the zero, the robot's reading stays.
         reading_deg = value if controller.changes_reading else 0.0
     leaves_um = worth_um * u / abs(value) if worth_um > 1e3 * _NO_MOVE_MM else 0.0
-    return ControllerChange(
-        constant.axis, name, per_unit * value, abs(per_unit) * u, unit, now, reading_deg, worth_um, leaves_um
-    )
+    sizes = (per_unit * value, abs(per_unit) * u, unit, now, reading_deg, worth_um, leaves_um)
+    return ControllerChange(constant.axis, constant.key, name, *sizes)
 
 
 def scale_of(text: str | None) -> tuple[float, ...] | None:

@@ -365,8 +365,9 @@ class ControllerParameter:
 
     def axis_of(self, name: str) -> int | None:
         """Return the axis of the rig file, from 1, for a name of this parameter; None for any other name."""
-        match = re.fullmatch(re.escape(self.name).replace(r"\{axis\}", "([1-6])"), name)
-        return (self.axis or int(match[1]) + self.later) if match else None
+        match = re.fullmatch(re.escape(self.name).replace(r"\{axis\}", "([0-6])"), name)
+        axis = (self.axis or int(match[1]) + self.later) if match else 0
+        return axis if 1 <= axis <= 6 else None
 
 
 READING = ControllerParameter("reading of axis {axis}", "deg", "reading", math.radians(1))

@@ -92,6 +92,7 @@ WHY: dict[Reason, str] = {
     "handed": "is an argument of a routine, which may use a different tool, frame or posture",
     "array": "is in an array, which rig does not trace",
     "arc": "belongs to an arc with an angle in degrees, which does not end at the target",
+    "arc_centre": "is the end of an arc with a centre relative to the start (I, J, K), which would have to move too",
     "arc_turns": "is on an arc along which the tool turns with the tangent: the orientation there is not as written, "
     "or is unknown",
     "changed": "is also used, or assigned, elsewhere in the program",

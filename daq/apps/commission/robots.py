@@ -13,6 +13,7 @@ radians. Otherwise the user is asked.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -31,7 +32,17 @@ from daq.protocol.framing import DelimitedLines, Message
 from daq.protocol.numerals import number
 from daq.wire.links import LinkLost, open_link
 from rigs.errors import CellError
-from rigs.schema.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed, OPCUARobotics
+from rigs.schema.feedback import (
+    ABBEGM,
+    KUKARSI,
+    LINUXCNC_PORT,
+    URRTDE,
+    FANUCStreamMotion,
+    Feedback,
+    LineFeed,
+    LinuxCNC,
+    OPCUARobotics,
+)
 from rigs.schema.links import tcp_address, udp_address
 
 _SEPARATORS = (",", ";", " ")
@@ -101,7 +112,8 @@ ADDRESSES = """\
 Robot: its host name or IP address (Universal Robots);
   tcp://HOST:PORT, or a serial port, of a program that prints its joints;
   udp://HOST:60015 of FANUC's Stream Motion;
-  udp://ADDRESS:PORT of this computer, which KUKA RSI or ABB EGM calls"""
+  udp://ADDRESS:PORT of this computer, which KUKA RSI or ABB EGM calls;
+  linuxcnc://HOST of a LinuxCNC controller, for which the HAL lines are written first"""
 """Help text: forms of an address and the interface of each."""
 _LISTEN_S = 1.5
 _SILENCES = 3
@@ -124,9 +136,17 @@ class _Tried:
     sure: bool = True
 
 
+def linuxcnc_port(address: str) -> str | None:
+    """Return the `tcp://host:port` of `linuxcnc://host` or `linuxcnc://host:port`; None for other addresses."""
+    scheme, _, host = address.partition("linuxcnc://")
+    if scheme or not host:
+        return None
+    return f"tcp://{host}" if re.search(r":\d+$", host) else f"tcp://{host}:{LINUXCNC_PORT}"
+
+
 def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
-    """Search for a robot at a host, at a `tcp://host:port` or serial port that prints lines, or at a
-    `udp://address:port`.
+    """Search for a robot at a host, at a `tcp://host:port` or serial port that prints lines, at a
+    `udp://address:port`, or at `linuxcnc://host`.
 
     At a local UDP address the search waits for the controller. named: interface given by the user; no other is tried.
     """
@@ -155,7 +175,8 @@ def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
         return RobotReport(
             address, problem="is not an address", remedy="give HOST, tcp://HOST:PORT or udp://ADDRESS:PORT"
         )
-    remedy = _remedy(address, named, answers=answers)
+    load = "load rig.hal in LinuxCNC, start it and home all joints (docs/linuxcnc.md)"
+    remedy = load if linuxcnc_port(address) else _remedy(address, named, answers=answers)
     return RobotReport(address, problem="; ".join(dict.fromkeys(failed)), remedy=remedy)
 
 
@@ -173,7 +194,9 @@ def joints_of(robot: Feedback) -> tuple[float, ...]:
 def _tries(address: str) -> Iterator[_Tried]:
     """Try all interfaces possible at an address in sequence."""
     tcp, udp = tcp_address(address), udp_address(address)
-    if udp and udp[1] == _STREAM_MOTION:
+    if port := linuxcnc_port(address):
+        yield _try(LinuxCNC(interface="linuxcnc", port=port))
+    elif udp and udp[1] == _STREAM_MOTION:
         yield _try(FANUCStreamMotion(interface="fanuc_stream_motion", port=address))
     elif udp:
         for cycle_ms in _CYCLES_MS:

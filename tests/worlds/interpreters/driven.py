@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analysis.apps.emulate.pendant import interpret
+from analysis.apps.makers import maker_by
 from analysis.apps.makers.emulated import Array, Event, LinearMove, Machine, PointToPointMove, Round
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
@@ -17,7 +18,7 @@ ROUNDING = 1e-6
 
 def run(dialect: MakerName, files: dict[str, str], rig: Rig) -> list[Event]:
     """Run a program, given as files by name, on the arm of a rig. Raises ProgramError if it is refused."""
-    machine = Machine(flange_of(rig), pose_of(rig.robot.tool) if dialect == "yaskawa" else None)
+    machine = Machine(flange_of(rig), pose_of(rig.robot.tool) if maker_by(dialect).driver.tool_entered else None)
     interpret(dialect, files, machine)
     return machine.events
 

@@ -43,30 +43,33 @@ class ToolPath:
         return fastest
 
 
-def straight_path(begin: Array, end: Array, speed_mm_s: float) -> ToolPath:
-    """Return the straight path from one pose (4, 4) to another."""
+def straight_path(begin: Array, end: Array, speed_mm_s: float, shares: Array | None = None) -> ToolPath:
+    """Return the straight path from one pose (4, 4) to another, at shares (n,) or every 4 mm."""
     way_mm = end[:3, 3] - begin[:3, 3]
     length = float(np.linalg.norm(way_mm))
-    share = _shares(length, 0.0)
+    share = _shares(length, 0.0) if shares is None else shares
     return _way(begin, end, share, begin[:3, 3] + share[:, None] * way_mm, length / speed_mm_s)
 
 
-def turned(begin: Array, end: Array, speed_rad_s: float) -> ToolPath:
-    """Return the rotation about the tool's origin from one pose (4, 4) to another."""
+def turned(begin: Array, end: Array, speed_rad_s: float, shares: Array | None = None) -> ToolPath:
+    """Return the rotation about the tool's origin from one pose (4, 4) to another, at shares (n,) or every 4°."""
     angle = float(np.linalg.norm(rotation_vector(begin, end)))
-    share = _shares(0.0, angle)
+    share = _shares(0.0, angle) if shares is None else shares
     return _way(begin, end, share, np.tile(begin[:3, 3], (len(share), 1)), angle / speed_rad_s)
 
 
-def circular_path(begin: Array, via_mm: Array, end: Array, speed_mm_s: float) -> ToolPath:
-    """Return the circular path from one pose (4, 4) through a position (3,) mm to another pose."""
+def circular_path(begin: Array, via_mm: Array, end: Array, speed_mm_s: float, shares: Array | None = None) -> ToolPath:
+    """Return the circular path from one pose (4, 4) through a position (3,) mm to another pose.
+
+    The poses are at shares (n,) of the path, or every 4 mm or 4°.
+    """
     centres, axes, _ = circles_through(np.stack([begin[:3, 3], via_mm, end[:3, 3]])[None])
     centre, axis = centres[0], axes[0]
     arm = begin[:3, 3] - centre
     to_end = end[:3, 3] - centre
     angle = float(np.arctan2(axis @ np.cross(arm, to_end), arm @ to_end) % (2 * np.pi))
     length = angle * float(np.linalg.norm(arm))
-    share = _shares(length, angle)
+    share = _shares(length, angle) if shares is None else shares
     return _way(begin, end, share, centre + _rotations(angle * axis, share) @ arm, length / speed_mm_s)
 
 

@@ -322,6 +322,9 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
         rows = corrected_table(corrections.rig, corrections.constants)
         table = pa.table({key: [row[key] for row in rows] for key in ("axis", "name", *CONSTANTS)})
         files["dh.csv"] = partial(write_csv, table)
+    if (at := corrections.at_controller) and at.entries and at.controller.files and not corrections.entered:
+        values = at.controller.files(corrections.rig, at)
+        files |= {name: holding(text_of_file.encode()) for name, text_of_file in values.items()}
     if corrections.path:
         given_path, path, targets = corrections.path
         files[f"corrected-{given_path.name}"] = partial(

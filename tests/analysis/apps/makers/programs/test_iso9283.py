@@ -58,7 +58,7 @@ def test_the_cube_is_visited_in_the_order_of_the_standard(arm: str, dialect: Mak
     assert sum(event.seconds >= 4.0 for event in events if isinstance(event, Waited)) == 15
 
 
-@pytest.mark.parametrize("dialect", MAKERS)
+@pytest.mark.parametrize("dialect", [maker for maker in MAKERS if maker != "linuxcnc"])  # its rings are lines
 @pytest.mark.parametrize("arm", ARMS)
 def test_paths_are_those_of_the_standard_with_a_stand_before_and_after(arm: str, dialect: MakerName) -> None:
     rig = with_cube(arm)

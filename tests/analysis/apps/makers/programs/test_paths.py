@@ -41,9 +41,10 @@ from tests.worlds.interpreters.driven import ROUNDING, along, paths, run, stops
 from tests.worlds.interpreters.joints import postures
 
 DWELL_S = 4.0
-PLACE_MM = {"yaskawa": 5e-3}
-"""A job holds 0.001 mm: its points are wrong by up to 0.9 µm, and what its arcs are longer or shorter adds up."""
-TURN_RAD = {"yaskawa": 1e-4}
+PLACE_MM = {"yaskawa": 5e-3, "linuxcnc": 5e-3}
+"""A job holds 0.001 mm: its points are wrong by up to 0.9 µm, and what its arcs are longer or shorter adds up. Lines of
+G-code deviate from a curve by up to 1 µm, and the chords are shorter than their arcs."""
+TURN_RAD = {"yaskawa": 1e-4, "linuxcnc": 1e-4}
 """A job holds 0.0001°; places wrong by 5 µm along a circle of 70 mm are 7e-5 rad."""
 EXACT_MM, EXACT_RAD = 1e-6, 1e-7
 
@@ -141,7 +142,10 @@ def test_the_link_is_never_pulled_between_targets(arm: str, dialect: MakerName) 
     centre = pose_of(rig.robot.base).turn.inv().apply(np.array(sphere.centre_mm) - rig.robot.base.xyz_mm)
     pieces = paths(run(dialect, programs(arm, "radial", dialect)[0], rig))
     places = np.concatenate([piece.at(np.linspace(0, 1, 11))[0] for piece in pieces])
-    assert np.abs(np.linalg.norm(places - centre, axis=1) - sphere.radius_mm).max() < tolerances(dialect)[0]
+    # Between stops the lines of G-code deviate by up to 20 µm.
+    assert np.abs(np.linalg.norm(places - centre, axis=1) - sphere.radius_mm).max() < max(
+        tolerances(dialect)[0], 2e-2 * (dialect == "linuxcnc")
+    )
 
 
 @pytest.mark.parametrize("dialect", MAKERS)
@@ -154,7 +158,8 @@ def test_laps_run_at_the_speed_of_the_rig_file_and_stop_at_their_ends_only(diale
     count = len(pieces) // laps
     speeds = [{round(piece.speed_mm_s, 3) for piece in pieces[k * count : (k + 1) * count]} for k in range(laps)]
     assert speeds[0] == {circle.speed_mm_s} and speeds[1] == {2 * circle.speed_mm_s}
-    assert all(isinstance(piece, Round) and np.degrees(piece.angle) <= 90.001 for piece in pieces)
+    if dialect != "linuxcnc":  # a tilted circle is a chain of lines
+        assert all(isinstance(piece, Round) and np.degrees(piece.angle) <= 90.001 for piece in pieces)
 
 
 @pytest.mark.parametrize("dialect", MAKERS)

@@ -1,0 +1,270 @@
+"""Writer of G-code for LinuxCNC with the kinematics genserkins.
+
+Sources: LinuxCNC 2.9, G-code reference (G1 to G3, G10 L2, G59.3, G61.1, G64, G93, M66, M68, parameters 5420 to 5425),
+Switchable Kinematics, manual page kins(9); and linuxcnc-uspace 2.9.0, which drove the programs.
+
+- X Y Z A B C is the last frame of genserkins, the flange: A, B, C are its roll, pitch and yaw in degrees. genserkins
+  has no tool, so the poses are those of the flange, and the controller does not need the tool of the rig file.
+- G0 and G1 are straight lines, and A, B, C change evenly. A joint move therefore selects the second kinematics, in
+  which X … C are the joints 0 to 5. Joints are in degrees, but X, Y, Z in the unit of the machine: G20 if it is inch.
+- Other paths are divided into lines that deviate from them by at most `_CHORD_MM` at the tool. An arc is a G2 or G3 if
+  the flange moves on a circle in a coordinate plane while A, B, C change evenly.
+- Each move states its duration (G93), because F would count the path of the flange and not that of the tool.
+- A controller starts with A, B, C between -180 and 180 after a change of kinematics. Whole turns to the numbers of the
+  program are put into the offset of G59.3, so that no move turns the long way round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from analysis.apps.makers.program_writer import BY_ITSELF, ProgramWriter
+from analysis.apps.makers.programs.motion_plan import (
+    Arc,
+    Demand,
+    JointMove,
+    MotionPlan,
+    Move,
+    PlannedTarget,
+    Signal,
+    StraightMove,
+    ToolRotation,
+    end_of,
+    start_of,
+)
+from analysis.apps.makers.programs.program_text import (
+    DEG_DECIMALS,
+    MM_DECIMALS,
+    Words,
+    fixed,
+    fixed_xyz_deg,
+    heading,
+    identifier,
+)
+from analysis.apps.makers.programs.ways import ToolPath, circular_path, straight_path, turned
+from analysis.robot.geometry.circle import circles_through
+from analysis.robot.kinematics.arm import Array, transforms
+from rigs.errors import FileError
+from rigs.schema.feedback import LinuxCNC
+
+_WORDS = Words("G4 P{}", 3, "M64 P{}", "M65 P{}", "; {}", 100, "M0")
+_NAME_LENGTH = 60
+_CHORD_MM, _COARSE_MM = 1e-3, 2e-2
+"""Largest deviation of the tool between the ends of a line of a curve. Where probes read along the curve, it is their
+resolution. Between the stops of a test, the link has to follow, which has some 0.1 mm of play for the probes."""
+_SHORTEST = 2.0**-14
+"""Smallest share of a move for a line. A shorter line would be needed where B passes ±90°."""
+_LEAST_S = 0.5
+"""Duration of a line without length. If constants were entered since, it moves by up to some mm."""
+_AWAY_MM = 10.0
+"""Largest difference, summed over X, Y and Z, between the start and the displayed pose: above it the units or the arm
+differ, and the program ends. Chosen: larger than any correction of constants."""
+_JOINTS, _POSES = ("M68 E3 Q1", "M66 E0 L0"), ("M68 E3 Q0", "M66 E0 L0")
+"""Change of the kinematics and synchronisation, by the usual output of motion.switchkins-type."""
+_ZERO = "G10 L2 P9 X0 Y0 Z0 A0 B0 C0 R0"
+_LETTERS = "XYZABC"
+
+
+@dataclass
+class _Program:
+    """Lines of a program during writing, with the last commanded numbers X … C and the mode at the ends of moves."""
+
+    plan: MotionPlan
+    lines: list[str] = field(default_factory=list)
+    numbers: Array = field(default_factory=lambda: np.zeros(6))
+    at: PlannedTarget | None = None
+    stops: bool | None = None
+
+    def move(self, step: Move) -> None:
+        """Add the lines of a move."""
+        if isinstance(step, JointMove):
+            self._joints(step)
+        else:
+            self._along(step)
+        self.at = end_of(step)
+
+    def _joints(self, step: JointMove) -> None:
+        """Add a joint move, with the kinematics of joints."""
+        joints = np.degrees(step.target.q)
+        inch = isinstance(self.plan.feedback, LinuxCNC) and self.plan.feedback.linear_units == "inch"
+        degrees_min = 60 * np.degrees(step.speed_rad_s)
+        if self.at is None:
+            # The joints stand anywhere. The sum of their ways limits the fastest of them.
+            ways = " + ".join(f"ABS[#{5420 + k}{-value:+z.4f}]" for k, value in enumerate(joints))
+            rate = f"[{fixed(degrees_min, 2)} / [0.01 + {ways}]]"
+        else:
+            rate = fixed(degrees_min / max(float(np.abs(joints - np.degrees(self.at.q)).max()), 0.01), 6)
+        self._ends(stops=True)
+        # In the unit of an inch machine X, Y and Z are joint angles.
+        self.lines += [_ZERO, *_JOINTS, *["G20"] * inch, f"G1 {_words(joints)} F{rate}", *_POSES, *["G21"] * inch]
+        T = self._flanges(step.target.T[None])[0]
+        self.numbers = np.array([*T[:3, 3], *fixed_xyz_deg(T)])
+        self._check_start()
+
+    def _check_start(self) -> None:
+        """Compare the displayed pose with that of the rig file, and take whole turns of A, B and C as offsets."""
+        number = len(self.lines)
+        away = " + ".join(f"ABS[#{5420 + k}{-value:+z.4f}]" for k, value in enumerate(self.numbers[:3]))
+        turns = " ".join(
+            f"{letter}[360 * ROUND[[#{5423 + k}{-value:+z.4f}] / 360]]"
+            for k, (letter, value) in enumerate(zip("ABC", self.numbers[3:], strict=True))
+        )
+        self.lines += [
+            f"o{number} if [[{away}] GT {_AWAY_MM:g}]",
+            "(MSG, the pose differs from the rig file: compare units, genserkins and HOME_OFFSET)",
+            "M2",
+            f"o{number} endif",
+            f"G10 L2 P9 X0 Y0 Z0 {turns} R0",
+        ]
+
+    def _path(self, step: StraightMove | ToolRotation | Arc, shares: Array | None = None) -> ToolPath:
+        assert self.at is not None  # noqa: S101 - the first step is a joint move
+        begin = self.at.T
+        match step:
+            case Arc(via, end, speed_mm_s):
+                return circular_path(begin, via.T[:3, 3], end.T, speed_mm_s, shares)
+            case ToolRotation(target, _, speed_rad_s):
+                return turned(begin, target.T, speed_rad_s, shares)
+            case StraightMove(target, speed_mm_s):
+                return straight_path(begin, target.T, speed_mm_s, shares)
+
+    def _flanges(self, tools: Array) -> Array:
+        return np.asarray(tools @ np.linalg.inv(self.plan.arm.T_flange_tool))
+
+    def _along(self, step: StraightMove | ToolRotation | Arc) -> None:
+        """Add the lines along a path."""
+        path, stops = self._path(step), isinstance(step, ToolRotation) or step.stops
+        coarse = self.plan.has_link and not (isinstance(step, Arc) and step.with_path)
+        numbers = self._unwound(path.poses)
+        if isinstance(step, Arc) and (words := _arc_words(self.numbers, numbers)):
+            self._ends(stops=stops)
+            self.lines.append(f"{words} F{_per_minute(path.seconds)}")
+            self.numbers = numbers[-1]
+            return
+        shares, numbers = self._refined(partial(self._path, step), _COARSE_MM if coarse else _CHORD_MM)
+        for k, (share, row) in enumerate(zip(np.diff(shares), numbers, strict=True), start=1):
+            self._ends(stops=stops and k == len(numbers))
+            self.lines.append(f"G1 {_words(row)} F{_per_minute(share * path.seconds)}")
+        self.numbers = numbers[-1]
+
+    def _unwound(self, tools: Array) -> Array:
+        """Return the numbers X … C (n - 1, 6) of tool poses (n, 4, 4) after the first, without jumps by turns."""
+        flanges = self._flanges(tools[1:])
+        angles, before = fixed_xyz_deg(flanges), self.numbers[3:]
+        for row in angles:
+            row[:] = before = _nearest(row[None], before[None])[0]
+        return np.concatenate([flanges[:, :3, 3], angles], axis=1)
+
+    def _refined(self, path: Callable[[Array], ToolPath], chord_mm: float) -> tuple[Array, Array]:
+        """Return the shares (n + 1,) of a path between which lines keep flange and tool on it, and their numbers
+        (n, 6)."""
+        begins, ends, fine = np.zeros(1), np.ones(1), list[Array]()
+        while len(begins):
+            if ends[0] - begins[0] < _SHORTEST:
+                problem = "B of the flange passes ±90°, where A and C have no definite values"
+                raise FileError(self.plan.name, problem, "turn the tool on the flange, or choose a different posture")
+            middles = (begins + ends) / 2
+            first, middle, last = np.split(self._flanges(path(np.concatenate([begins, middles, ends])).poses), 3)
+            off = transforms(_middle_numbers(first, last)) - middle
+            at_tool = off @ self.plan.arm.T_flange_tool
+            off_mm = np.linalg.norm([off[:, :3, 3], at_tool[:, :3, 3]], axis=2).max(axis=0)
+            fine.append(ends[off_mm <= chord_mm])
+            split = off_mm > chord_mm
+            begins, ends = (
+                np.concatenate([begins[split], middles[split]]),
+                np.concatenate([middles[split], ends[split]]),
+            )
+        shares = np.concatenate([[0.0], np.sort(np.concatenate(fine))])
+        return shares, self._unwound(path(shares).poses)
+
+    def _ends(self, *, stops: bool) -> None:
+        """Select an exact stop at the ends of the next moves, or blending."""
+        if self.stops is not stops:
+            self.lines.append("G61.1" if stops else f"G64 P{_CHORD_MM:g}")
+            self.stops = stops
+
+
+def _middle_numbers(first: Array, last: Array) -> Array:
+    """Return the numbers X … C (n, 6) halfway between frames (n, 4, 4), at which a line of the controller is."""
+    begin = fixed_xyz_deg(first)
+    angles = (begin + _nearest(fixed_xyz_deg(last), begin)) / 2
+    return np.concatenate([(first[:, :3, 3] + last[:, :3, 3]) / 2, angles], axis=1)
+
+
+def _nearest(angles: Array, to: Array) -> Array:
+    """Return the angles A, B, C (n, 3) of the same orientations nearest to others (n, 3), in degrees."""
+    sets = np.stack([angles, angles * [1, -1, 1] + 180])  # each orientation has two sets of angles
+    sets += 360 * np.rint((to - sets) / 360)
+    return np.asarray(sets[np.abs(sets - to).max(axis=2).argmin(axis=0), np.arange(len(angles))])
+
+
+_PLANES = ((17, 2, (0, 1), "IJ"), (18, 1, (2, 0), "KI"), (19, 0, (1, 2), "JK"))
+"""Plane, its normal, its axes so that G3 turns from the first to the second, and the words of the centre."""
+_PLANE_MM, _EVEN_DEG = 1e-7, 1e-7
+"""Rounding of a path in a plane, and of angles that change evenly."""
+
+
+def _arc_words(begin: Array, numbers: Array) -> str:
+    """Return the words of a G2 or G3 from numbers X … C (6,) along numbers (n, 6), or an empty text.
+
+    The rows are at equal shares of a path. They have to lie on a circle in a coordinate plane, and A, B, C must change
+    evenly.
+    """
+    rows = np.concatenate([begin[None], numbers])
+    shares = np.linspace(0, 1, len(rows))[:, None]
+    if np.abs(rows[:, 3:] - rows[0, 3:] - shares * (rows[-1, 3:] - rows[0, 3:])).max() > _EVEN_DEG:
+        return ""
+    for plane, normal, (first, second), letters in _PLANES:
+        if np.ptp(rows[:, normal]) > _PLANE_MM:
+            continue
+        flat = np.stack([rows[:, first], rows[:, second], np.zeros(len(rows))], axis=1)
+        if np.linalg.norm(flat[-1] - flat[0]) < _PLANE_MM:
+            return ""
+        centres, axes, _ = circles_through(flat[[0, len(flat) // 2, -1]][None])
+        away = np.linalg.norm(flat - centres[0], axis=1)
+        if np.ptp(away) > _PLANE_MM:
+            return ""
+        centre = centres[0] - flat[0]
+        words = f"{letters[0]}{fixed(centre[0], MM_DECIMALS)} {letters[1]}{fixed(centre[1], MM_DECIMALS)}"
+        return f"G{plane} G{3 if axes[0, 2] > 0 else 2} {_words(rows[-1])} {words}"
+    return ""
+
+
+def _words(numbers: Array) -> str:
+    decimals = (MM_DECIMALS,) * 3 + (DEG_DECIMALS,) * 3
+    return " ".join(
+        f"{letter}{fixed(value, places)}" for letter, value, places in zip(_LETTERS, numbers, decimals, strict=True)
+    )
+
+
+def _per_minute(seconds: float) -> str:
+    return fixed(60 / max(seconds, _LEAST_S if seconds < 1e-6 else 0.0), 6)
+
+
+def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
+    """Write the program."""
+    program = _Program(plan)
+    start = start_of(plan)
+    flange = program._flanges(start.T[None])[0]
+    x, y, z = flange[:3, 3]
+    a, b, c = fixed_xyz_deg(flange)
+    shown = f"X {x:z.1f} Y {y:z.1f} Z {z:z.1f} mm A {a:z.2f} B {b:z.2f} C {c:z.2f} deg"
+    program.lines += _WORDS.remarks(*heading(plan, demand, shown))
+    program.lines += ["G21 G90 G17 G40 G49 G80 G93", "G92.1", _ZERO, "G59.3"]
+    for step in plan.steps:
+        match step:
+            case Signal(value) if plan.signal_place.int_register is not None:
+                program.lines.append(f"M68 E{plan.signal_place.int_register} Q{value}")
+            case _ if isinstance(step, Move):
+                program.move(step)
+            case _:
+                program.lines += _WORDS.lines(plan, step, lambda _: [])
+    return {f"{identifier(plan.name, _NAME_LENGTH)}.ngc": "\n".join([*program.lines, "G94", "M2", ""])}
+
+
+WRITER = ProgramWriter(write, {LinuxCNC: BY_ITSELF}, "\n", range(64))
+"""LinuxCNC has 4 digital outputs by default, and 64 with num_dio of motmod."""
