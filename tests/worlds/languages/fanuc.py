@@ -122,8 +122,7 @@ class Program:
             self._at += 1
             return [Loop(place, body)]
         if upper.startswith(("IF", "SELECT")) or re.match(r"(=|ELSE,)", upper):
-            action = text.rpartition(",")[2].strip() if "(" not in text.rpartition(",")[2] or "CALL" in text else text
-            action = re.sub(r"^IF.*?\)\s*,\s*", "", action)
+            action = re.split(r",(?![^(]*\))", text)[-1].strip()  # Commas in brackets separate arguments.
             return [Branch(place, [self._statement(_Line(place, action))], False)]
         if re.match(r"(END|ABORT)$", upper):
             return [Do(place, (lambda _: None) if upper == "END" else _abort, ends=True)]
@@ -136,17 +135,19 @@ def _abort(_: Any) -> None:
 
 def _lines(name: str, rows: list[str], begin: int) -> list[_Line]:
     lines: list[_Line] = []
+    ended = False
     for number, row in enumerate(rows, start=begin + 1):
         found = re.match(r"\s*(\d*)\s*:(.*)$", row)
         if not found:
             continue
         text = found[2].rstrip().removesuffix(";").strip()
-        if not found[1] and lines:
+        if not found[1] and lines and not ended:
             lines[-1] = _Line(lines[-1].place, lines[-1].text + " " + text)
         elif text and not text.startswith(("!", "//", "--")):
             lines.append(_Line((name, number), text))
         elif found[1]:
             lines.append(_Line((name, number), "!"))
+        ended = row.rstrip().endswith(";")
     return [line for line in lines if not line.text.startswith("!")]
 
 

@@ -141,6 +141,8 @@ class _YaskawaReader:
     frame: str | None = None
     """The frame of a relative job."""
     blocks: Blocks = field(default_factory=Blocks)
+    neutral: frozenset[str] = frozenset()
+    """Macro instructions that change nothing, as stated by the user, in upper case."""
 
     def why(self, fact: str) -> Unknown:
         return Unknown(self.file, self.line, " ".join(fact.split())[:80])
@@ -165,7 +167,7 @@ class _YaskawaReader:
 
 def parse(texts: ProgramTexts) -> Parsed:
     """Parse the targets of the jobs in a file."""
-    reader = _YaskawaReader(Points(1))
+    reader = _YaskawaReader(Points(1), neutral=frozenset(name.upper() for name in texts.neutral))
     blank = [blanked(with_newlines(text), _BLANK).split("\n") for text in texts.texts]
     for file, lines in enumerate(blank):
         stem = texts.names[file].rpartition(".")[0].upper()
@@ -289,7 +291,7 @@ def _instruction(reader: _YaskawaReader, text: str) -> None:
         blocks.add(Set(f"{family}[{int(number[1])}]", why) if number else ForgetFamily(family, why))
     elif word in _SWITCHES:
         blocks.add(Set(*_SWITCHES[word]))
-    elif not _flow(blocks, word, text) and word not in _NOTHING:
+    elif not _flow(blocks, word, text) and word not in _NOTHING | reader.neutral:
         blocks.add(ForgetAll(reader.why(f"{text} is unknown here")))
 
 

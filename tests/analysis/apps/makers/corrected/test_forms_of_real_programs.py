@@ -412,6 +412,9 @@ def test_routines_of_other_makers_can_be_stated(tmp_path: Path) -> None:
     frames = ["3=0,0,150,0,0,0"], ["4=0"]
     assert uncorrected(corrected_files(yaskawa, tmp_path, job, *frames))
     assert not uncorrected(corrected_files(yaskawa, tmp_path, job, *frames, neutral=["GRIP"]))
+    yaskawa, job = yaskawa_files({"a.jbi": job_of(M1, "MACRO1 MJ#(0) ARGF8", M2)})
+    assert uncorrected(corrected_files(yaskawa, tmp_path, job, *frames, neutral=["MACRO2"]))
+    assert not uncorrected(corrected_files(yaskawa, tmp_path, job, *frames, neutral=["macro1"]))
     ur, script = ur_files({"a.script": "movej({q0})\n"})
     with pytest.raises(UseError):
         corrected_files(ur, tmp_path, script, neutral=["GRIP"])
