@@ -105,7 +105,20 @@ class Writer:
             lines = [one for _ in range(3) for one in self.line(inner)]
         arguments = ""
         if kind == "point":
-            arguments, lines = "goal", ["movel(goal, a=1.2, v=0.25)"]
+            shift = f"p[{_numbers(pen.small() / 1e3, 4)}, 0, 0, 0]"
+            arguments, lines = pen.pick(
+                [
+                    ("goal", ["movel(goal, a=1.2, v=0.25)"]),
+                    ("goal", ["movej(goal, a=1.4, v=1.05)"]),
+                    ("goal", [f"movel(pose_trans(goal, {shift}), a=1.2)", "movel(goal, a=1.2)"]),
+                    ("goal", [f"above = pose_trans(goal, {shift})", "movel(above)", "movel(goal)", "movel(above)"]),
+                    ("goal", ["movel(goal, a=1.2)", f"movel(pose_add(goal, {shift}), a=1.2)"]),
+                    ("goal, speed", ["movel(goal, a=1.2, v=speed)"]),
+                    ("goal", ["goal[2] = goal[2] + 0.01", "movel(goal, a=1.2)"]),
+                    ("goal", ["if get_standard_digital_in(5):", "  goal = get_actual_tcp_pose()", "end", "movel(goal)"]),
+                    ("goal", [f"set_tcp({pose(pen.tool())})", "movel(goal, a=1.2)"]),
+                ]
+            )
         self.texts.append("\n".join([f"def {name}({arguments}):", *("  " + one for one in lines), "end"]))
         self.routines.append((name, kind))
 
@@ -131,6 +144,8 @@ class Writer:
             (0.4, lambda: self.turning_arc(scope)),
             (0.2, self.to_joints),
             (0.2, lambda: self.other_program(scope)),
+            (0.8, lambda: self.approach(scope)),
+            (0.3, lambda: self.plane(scope)),
         ]
         return drawn(self.pen, plain if self.pen.plain else plain + wild)
 
@@ -241,10 +256,65 @@ class Writer:
             return self.harmless()
         name, kind = pen.pick(self.routines)
         if kind == "point":
-            return [f"{name}({self._target(scope)})"]
+            given = pen.pick(scope.points) if scope.points and pen.maybe(0.5) else self._target(scope)
+            return [f"{name}({given}{', 0.2' if 'goal, speed' in self._text_of(name) else ''})"]
         if kind == "value":
             return pen.pick([[f"ok = {name}()"], [f"if {name}():", "  sleep(0.1)", "end"], [f"{name}()"]])
         return [f"{name}()"]
+
+    def _text_of(self, name: str) -> str:
+        return next((text for text in self.texts if text.startswith(f"def {name}(")), "")
+
+    def approach(self, scope: _Scope) -> list[str]:
+        """Return moves above a point, given as an offset in the tool or in the base, and mostly to the point."""
+        pen = self.pen
+        if not scope.points:
+            return self.named(scope)
+        self.count += 1
+        name, k, shift = pen.pick(scope.points), self.count, pen.small() / 1e3
+        turned = _numbers(pen.rng.uniform(-0.2, 0.2, 3), 3) if pen.maybe(0.3) else "0, 0, 0"
+        d = _numbers(shift, 4)
+        made, begin = pen.pick(
+            [
+                (f"pose_trans({name}, p[{d}, {turned}])", []),
+                (f"pose_add({name}, p[{d}, 0, 0, 0])", []),
+                (f"pose_add({name}, p[{d}, 0, 0, 0.1])", []),
+                (f"pose_trans({name}, p[0, 0, -h_{k}, 0, 0, 0])", [f"h_{k} = {abs(shift[2]):.4f}"]),
+                (f"pose_trans({name}, p[0, 0, 2 * h_{k} - 0.01, 0, 0, d2r(5)])", [f"h_{k} = {abs(shift[2]):.4f}"]),
+                (f"pose_trans({name}, o_{k})", [f"o_{k} = p[{d}, {turned}]"]),
+                (f"pose_trans({name}, o_{k})", [f"o_{k} = p[{d}, {turned}]", f"o_{k}[2] = 0.01"]),
+                (
+                    f"p[{name}[0] + {shift[0]:.4f}, {name}[1], {name}[2]+h_{k}, {name}[3], {name}[4], {name}[5]]",
+                    [f"h_{k} = {shift[2]:.4f}"],
+                ),
+                (f"p[{name}[0], {name}[1], {name}[2] - 0.01, {name}[3], {name}[4], {name}[4]]", []),
+            ]
+        )
+        move = pen.pick(["movel({}, a=1.2, v=0.25)", "movel({}, a=1.2)", "movej(get_inverse_kin({}), a=1.4)"])
+        if pen.maybe(0.4):
+            begin = [*begin, f"above_{k} = {made}"]
+            made = f"above_{k}"
+            if pen.maybe(0.15):
+                begin.append(f"{made}[0] = {made}[0] + 0.002")
+        return [*begin, move.format(made), *([f"movel({name})", move.format(made)] if pen.maybe(0.6) else [])]
+
+    def plane(self, scope: _Scope) -> list[str]:
+        """Return moves to points in a plane."""
+        pen = self.pen
+        self.count += 1
+        name, flange = f"plane_{self.count}", pen.flange(pen.near()) @ scope.tool
+        frame = np.eye(4)
+        frame[:3, :3] = Rotation.from_rotvec(pen.rng.uniform(-0.5, 0.5, 3)).as_matrix()
+        frame[:3, 3] = pen.rng.uniform(-300, 300, 3)
+        inside = pose(np.linalg.inv(frame) @ flange)
+        lines = [f"{name} = {pose(frame)}", f"movel(pose_trans({name}, {inside}), a=1.2, v=0.25)"]
+        if pen.maybe(0.3):
+            lines[1:] = [f"w_{self.count} = {inside}", f"movel(pose_trans({name}, w_{self.count}), a=1.2)"]
+        if pen.maybe(0.2):
+            lines.append(f"movel({name}, a=1.2)")
+        if pen.maybe(0.2):
+            lines.insert(1, f"{name}[2] = {name}[2] + 0.004")
+        return lines
 
     def block(self, scope: _Scope) -> list[str]:
         pen = self.pen

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -53,6 +53,16 @@ from analysis.apps.makers.target import (
     with_newlines,
     words,
 )
+from analysis.apps.makers.ur.derived_poses import DerivedPose, PoseReader, pairs_in
+from analysis.apps.makers.ur.handed_points import (
+    Argument,
+    CallSite,
+    HandedPoints,
+    Routine,
+    parameter_key,
+    routines_in,
+    traced,
+)
 from analysis.correction.reasons import Reason
 
 _DECIMALS = Decimals(place=(8, 10), turn=(8, 10))
@@ -64,6 +74,19 @@ _DECLARED = re.compile(
     r"[ \t]*$",
     re.MULTILINE,
 )
+_NUMBER_DECLARED = re.compile(
+    rf"^[ \t]*(?:global[ \t]+|local[ \t]+)?([A-Za-z_]\w*)[ \t]*=[ \t]*({NUMBER})[ \t]*$", re.MULTILINE
+)
+_DERIVED = re.compile(
+    r"^[ \t]*(?P<scope>global[ \t]+|local[ \t]+)?(?P<name>[A-Za-z_]\w*)[ \t]*=[ \t]*"
+    r"(?P<pose>(?:pose_trans|pose_add)[ \t]*\(|p\[)",
+    re.MULTILINE,
+)
+_REACHED = re.compile(
+    r"\b(?:movej|movel|movep|movec|servoj|servoc|optimovej|optimovel|get_inverse_kin)\s*\(\s*"
+    r"(?:\w+\s*=\s*)?([A-Za-z_]\w*)\s*[,)]"
+)
+_POSE = re.compile(r"(?<!\w)p\[([^\[\]]*)\]")
 _PART_DECLARED = re.compile(
     r"(?<![\w.])(?P<name>[A-Za-z_]\w*(?:\.\w+|\[[^\[\]\n]*\])+)[ \t]*=[ \t]*p?\[(?P<list>[^\[\]]*)\]"
 )
@@ -154,6 +177,11 @@ _NOTHING = words("""
 registers, wait, or show messages. `get_inverse_kin` is a target if it is the argument of a move."""
 _METHOD = re.compile(r"(?<![\w.])([A-Za-z_]\w*)[ \t]*\.[ \t]*([A-Za-z_]\w*)[ \t]*\(")
 _OF_LISTS = words("append clear excluding extend insert pop remove slice length size to_string")
+_NO_TARGETS = words("""
+    set_tcp force_mode path_offset_set pose_dist point_dist pose_sub is_within_safety_limits
+    get_inverse_kin_has_solution track_conveyor_linear track_conveyor_circular wrench_trans set_base_acceleration
+    """)
+"""Functions with poses as arguments that are not targets."""
 _TARGET = re.compile(r"(?:q|pose|pose_via|pose_to|x)\s*=\s*")
 _INVERSE = re.compile(r"get_inverse_kin\s*\(")
 _WORD = re.compile(r"[A-Za-z_]\w*")
@@ -180,8 +208,17 @@ class _UrReader:
     open: list[tuple[str, Blocks]] = field(default_factory=lambda: [("", Blocks())])
     beside: list[Call] = field(default_factory=list)
     outer: list[str] = field(default_factory=list)
+    literals: set[int] = field(default_factory=set)
+    """Positions of the poses in numbers that are points, tools, or listed."""
+    listed: set[int] = field(default_factory=set)
+    """Lines with a listed place."""
+    all_routines: list[Routine] = field(default_factory=list)
+    sites: dict[str, CallSite] = field(default_factory=dict)
+    derived: dict[str, DerivedPose] = field(default_factory=dict)
+    expressions: PoseReader | None = None
 
     def uncorrected_target(self, place: int, reason: Reason, name: str) -> UncorrectedTarget:
+        self.listed.add(self.lines.at(place))
         return UncorrectedTarget(0, self.lines.at(place), name[:60], reason)
 
     def why(self, place: int, fact: str) -> Unknown:
@@ -190,6 +227,16 @@ class _UrReader:
     @property
     def blocks(self) -> Blocks:
         return self.open[-1][1]
+
+    def routine_at(self, place: int) -> Routine | None:
+        """Return the innermost routine at a position."""
+        return next((one for one in reversed(self.all_routines) if one.begin <= place < one.end), None)
+
+    def parameter(self, name: str, place: int) -> str:
+        """Return the key of the parameter with this name at a position, or an empty string."""
+        routine = self.routine_at(place)
+        is_parameter = routine and name in routine.parameters and self.defined[routine.name] == 1
+        return parameter_key(routine, name) if routine and is_parameter else ""
 
 
 def parse(texts: ProgramTexts) -> Parsed:
@@ -202,6 +249,7 @@ def parse(texts: ProgramTexts) -> Parsed:
     text = reader.text
     events = list(_EVENT.finditer(text))
     reader.defined.update(event["name"] for event in events if event["routine"])
+    reader.all_routines = routines_in(events, len(text))
     _declare(reader, events)
     _other_computers(reader)
     # List the numbers of targets assigned to parts of structs and lists: moves to them are computed.
@@ -210,11 +258,15 @@ def parse(texts: ProgramTexts) -> Parsed:
         if numbers and len(numbers) == 6:
             reader.points.leave(reader.uncorrected_target(part.start(), "not_literal", part["name"]))
     _read(reader, events)
+    _hand(reader)
     for name in reader.tools.keys() & reader.reached:
         reader.points.change(name, 0, reader.lines.at(reader.tools[name]))
     for word in _WORD.finditer(text):
         if reader.points.knows(word[0]) and word.start() not in reader.spent:
             reader.points.change(word[0], 0, reader.lines.at(word.start()))
+        elif word[0] in reader.derived and word.start() not in reader.spent:
+            _change_base(reader, reader.derived[word[0]], word.start())
+    _other_poses(reader)
     # A script starts with the statements outside all routines or, if there are none, with the only outer routine.
     starts = "" if reader.routines[""] else reader.outer[0] if len(reader.outer) == 1 else None
 
@@ -256,7 +308,100 @@ def _declare(reader: _UrReader, events: list[re.Match[str]]) -> None:
         reader.points.silent.update(() if pose else (name,))
         line = reader.lines.at(declared.start("name"))
         form: Form = "rotation_vector" if pose else "joints_rad"
+        reader.literals.add(declared.start("list") - 2)
         reader.points.declare(name, Target(name, 0, line, form, numbers, "tcp", "base"))
+    numbers_of = {found[1]: float(found[2]) for found in _NUMBER_DECLARED.finditer(text) if written[found[1]] == 1}
+
+    def is_point(name: str, place: int) -> bool:
+        return bool(reader.parameter(name, place)) or name in reader.poses
+
+    reached = frozenset(_REACHED.findall(text))
+    reader.expressions = PoseReader(text, reader.closes, numbers_of, reader.poses, is_point, reached, pairs_in(text))
+    for found in _DERIVED.finditer(text):
+        begin, end = found.start("pose"), reader.closes.get(found.end() - 1, -1) + 1
+        if written[found["name"]] != 1 or text[end : text.find("\n", end) if "\n" in text[end:] else None].strip():
+            continue
+        pose = reader.expressions.derived(begin, end, reader.why(begin, "the offset is computed"))
+        of_parameter = pose and reader.parameter(text[pose.begin : pose.end], pose.begin)
+        if pose and not (of_parameter and (found["scope"] or "").startswith("global")):
+            reader.derived[found["name"]] = pose
+            reader.spent.add(found.start("name"))
+
+
+def _change_base(reader: _UrReader, pose: DerivedPose, place: int) -> None:
+    """Record that the script computes with a derived pose: its point may not change."""
+    if reader.points.knows(name := reader.text[pose.begin : pose.end]):
+        reader.points.change(name, 0, reader.lines.at(place))
+
+
+def _hand(reader: _UrReader) -> None:
+    """Let the moves of each routine go to the points that its calls hand to it."""
+    keys = traced(reader.all_routines, reader.sites, reader.text, reader.spent)
+    mentions = Counter(word[0] for word in _WORD.finditer(reader.text))
+    calls = Counter(site.routine.name for site in reader.sites.values())
+    for site in reader.sites.values():
+        for name, argument in list(site.arguments.items()):
+            is_literal = argument.key.startswith("\2")
+            if parameter_key(site.routine, name) in keys:
+                reader.spent.add(argument.place)
+                if is_literal:
+                    _declare_handed(reader, argument, site.routine.name)
+                elif reader.points.knows(argument.key):
+                    reader.reached.add(argument.key)
+                continue
+            del site.arguments[name]
+            if is_literal:
+                end = reader.closes[reader.text.index("[", argument.place)] + 1
+                text = reader.text[argument.place : end]
+                reader.points.leave(reader.uncorrected_target(argument.place, "handed", text))
+    only = {name for name, count in calls.items() if mentions[name] == count + 1}
+    plain = {site.routine.name for site in reader.sites.values() if not site.arguments}
+    seen: set[tuple[int, str]] = set()
+
+    def leave(move: Move) -> None:
+        name = (move.base or move.key).rpartition(".")[2]
+        if (move.line, name) not in seen:
+            seen.add((move.line, name))
+            reader.listed.add(move.line)
+            reader.points.leave(UncorrectedTarget(0, move.line, name, "not_literal"))
+
+    handed = HandedPoints(reader.routines, reader.sites, reader.points.joints, leave, _KEEPS)
+    reader.routines = handed.replaced(only - plain)
+
+
+def _declare_handed(reader: _UrReader, argument: Argument, name: str) -> None:
+    literal = _list(reader.text, argument.place, reader.closes[reader.text.index("[", argument.place)] + 1)
+    if literal:
+        reader.literals.add(argument.place)
+        form: Form = "rotation_vector" if literal[0] else "joints_rad"
+        line = reader.lines.at(argument.place)
+        reader.points.declare(argument.key, Target(name, 0, line, form, literal[1], "tcp", "base"))
+
+
+def _other_poses(reader: _UrReader) -> None:
+    """List the poses in numbers that are neither points nor tools, frames and offsets."""
+    calls = [
+        (call["call"], call.end(), end)
+        for call in _EVENT.finditer(reader.text)
+        if call["call"] and (end := reader.closes.get(call.end() - 1))
+    ]
+    for pose in _POSE.finditer(reader.text):
+        numbers = numbers_in(reader.text, pose.start(1), pose.end(1))
+        line = reader.lines.at(pose.start())
+        if not numbers or len(numbers) != 6 or pose.start() in reader.literals or line in reader.listed:
+            continue
+        around = [name for name, begin, end in calls if begin <= pose.start() < end]
+        if _NO_TARGETS.isdisjoint(around):
+            is_handed = any(name in reader.defined or name not in _NOTHING for name in around)
+            reason: Reason = "handed" if is_handed else "array" if _in_list(reader, pose.start()) else "computed"
+            reader.points.leave(reader.uncorrected_target(pose.start(), reason, pose[0]))
+
+
+def _in_list(reader: _UrReader, place: int) -> bool:
+    return any(
+        reader.text[opening] == "[" and opening + 1 != place + 2 and opening < place < end
+        for opening, end in reader.closes.items()
+    )
 
 
 def _read(reader: _UrReader, events: list[re.Match[str]]) -> None:
@@ -357,7 +502,8 @@ def _call(reader: _UrReader, event: re.Match[str]) -> None:
     end = reader.closes.get(event.end() - 1)
     if name in reader.defined:
         before = reader.text[reader.text.rfind("\n", 0, at) + 1 : at]
-        blocks.evaluated(before, Call(name, reader.why(at, f"{name} is called")))
+        called = _site(reader, name, at, arguments(reader.text, event.end(), end)) if end else name
+        blocks.evaluated(before, Call(called, reader.why(at, f"{name} is called")))
     elif name in _WAYS:
         if end is None:
             _leave(reader, at, "computed", name)
@@ -373,7 +519,29 @@ def _call(reader: _UrReader, event: re.Match[str]) -> None:
         blocks.add(ForgetAll(reader.why(at, f"{name} is unknown here")))
         for place in arguments(reader.text, event.end(), end) if end else ():
             if _list(reader.text, *place):
+                reader.literals.add(place[0])
                 reader.points.leave(reader.uncorrected_target(place[0], "handed", reader.text[slice(*place)]))
+
+
+def _site(reader: _UrReader, name: str, at: int, places: list[tuple[int, int]]) -> str:
+    """Return the name of a call of an own routine. A call with points has its own name."""
+    routine = next(one for one in reader.all_routines if one.name == name)
+    found: dict[str, Argument] = {}
+    for k, (begin, end) in enumerate(places):
+        named = re.compile(r"([A-Za-z_]\w*)\s*=\s*(?!=)").match(reader.text, begin, end)
+        parameter = named[1] if named else routine.parameters[k] if k < len(routine.parameters) else ""
+        start = named.end() if named else begin
+        text = reader.text[start:end]
+        key = f"\2{name} at {start}" if _list(reader.text, start, end) else reader.parameter(text, start)
+        key = key or (text if reader.points.knows(text) else "")
+        if key and parameter in routine.parameters and routine.kind == "def" and reader.defined[name] == 1:
+            found[parameter] = Argument(key, start)
+        elif key.startswith("\2"):
+            reader.points.leave(reader.uncorrected_target(start, "handed", text))
+    if not found:
+        return name
+    reader.sites[f"\1{name} at {at}"] = CallSite(routine, found)
+    return f"\1{name} at {at}"
 
 
 def _move(reader: _UrReader, name: str, at: int, places: list[tuple[int, int]]) -> None:
@@ -419,7 +587,9 @@ def _tool(reader: _UrReader, at: int, opening: int) -> Value:
     values = tuple(number.value for number in literal[1]) if literal and literal[0] else reader.poses.get(name)
     if values is None or not np.isfinite(values).all():
         return unknown
-    if not literal:
+    if literal:
+        reader.literals.add(begin)
+    else:
         reader.spent.add(begin)
         reader.tools[name] = begin
         reader.points.silent.add(name)
@@ -459,27 +629,65 @@ def _target(
         else:
             _inverse(reader, call, inverse.end(), reader.closes.get(inverse.end() - 1))
         return
-    name = text[begin:end]
-    key = name
-    if literal := _list(text, begin, end):
-        key = f"{call} at {begin}"
-        form: Form = "rotation_vector" if literal[0] else "joints_rad"
-        reader.points.declare(key, Target(call, 0, line, form, literal[1], "tcp", "base"))
-    elif reader.points.knows(name):
-        reader.spent.add(begin)
-        reader.reached.add(name)
-    if not reader.points.knows(key):
+    name, way = text[begin:end], _WAYS[call]
+    pose = _derived(reader, begin, end)
+    key = _point(reader, call, *((pose.begin, pose.end) if pose else (begin, end)))
+    if not key or (pose and pose.offset and not key.startswith("\1") and reader.points.joints(key)):
         _leave(reader, begin, "not_literal" if _WORD.fullmatch(name) else "computed", name)
         return
-    way = _WAYS[call]
     near = near if way == "joint" else None
-    by_angles = way == "joint" and (near is not None or reader.points.joints(key))
-    reader.blocks.add(
-        Move(
-            key, way, 0, line, Ref("tool"), needs=("shift", "tracking"), trusts=None if by_angles else _KEEPS,
-            near=near, arc=arc[0], tangent=arc[1], through=arc[2],
-        )
+    by_angles = way == "joint" and (near is not None or (not key.startswith("\1") and reader.points.joints(key)))
+    move = Move(
+        key, way, 0, line, Ref("tool"), needs=("shift", "tracking"), trusts=None if by_angles else _KEEPS,
+        near=near, arc=arc[0], tangent=arc[1], through=arc[2],
     )  # fmt: skip
+    if pose and pose.offset:
+        move = replace(move, key=f"{name} of {key}", base=key, offset=pose.offset)
+    elif pose:
+        move = replace(move, frame=pose.frame)
+    reader.blocks.add(move)
+
+
+def _derived(reader: _UrReader, begin: int, end: int) -> DerivedPose | None:
+    """Return the derived pose of an argument: written there, or in a variable."""
+    name = reader.text[begin:end]
+    if pose := reader.derived.get(name):
+        # A parameter has its value only while its routine runs.
+        of = reader.parameter(reader.text[pose.begin : pose.end], pose.begin)
+        if of and reader.routine_at(begin) != reader.routine_at(pose.begin):
+            return None
+        reader.spent.add(begin)
+    elif reader.expressions and not _WORD.fullmatch(name):
+        pose = reader.expressions.derived(begin, end, reader.why(begin, "the offset is computed"))
+    if pose:
+        reader.spent.update(pose.sources)
+        reader.literals.update(pose.literals)
+        for source in pose.sources:
+            word = _WORD.match(reader.text, source)
+            if word and word[0] != reader.text[pose.begin : pose.end]:  # The numbers of a frame or an offset
+                reader.points.silent.add(word[0])
+                reader.tools[word[0]] = source
+    return pose
+
+
+def _point(reader: _UrReader, call: str, begin: int, end: int) -> str:
+    """Return the key of the point of a move: numbers in place, a variable or a parameter; empty for other text."""
+    name = reader.text[begin:end]
+    if literal := _list(reader.text, begin, end):
+        key = f"at {begin}"
+        if begin not in reader.literals:
+            reader.literals.add(begin)
+            form: Form = "rotation_vector" if literal[0] else "joints_rad"
+            reader.points.declare(key, Target(call, 0, reader.lines.at(begin), form, literal[1], "tcp", "base"))
+        return key
+    if key := reader.parameter(name, begin):
+        reader.spent.add(begin)
+        return key
+    if not reader.points.knows(name):
+        return ""
+    reader.spent.add(begin)
+    reader.reached.add(name)
+    return name
 
 
 def _inverse(reader: _UrReader, call: str, begin: int, end: int | None) -> None:

@@ -109,7 +109,8 @@ UR_ROWS: dict[str, tuple[str, Left]] = {
         "movej({q0})\nmovel({p1})\n" + OTHER, [(2, "unknown_tool")]
     ),
     "numbers that become a part of a struct": (
-        TCP + "w=struct(pose={p1})\nmovej({q0})\nw.pose = {p2}\nmovel(w.pose)\n", [(4, "not_literal"), (5, "computed")]
+        TCP + "w=struct(pose={p1})\nmovej({q0})\nw.pose = {p2}\nmovel(w.pose)\n",
+        [(2, "computed"), (4, "not_literal"), (5, "computed")],
     ),
     "a computed tool": ("set_tcp(pose_add(a, b))\nmovej({q0})\nmovel({p1})\n", [(3, "unknown_tool")]),
     "a tool in a variable": ("t = p[0,0,0.145,0,0,0]\nset_tcp(t)\nmovej({q0})\nmovel({p1})\n", []),
@@ -169,7 +170,7 @@ UR_ROWS: dict[str, tuple[str, Left]] = {
     ),
     "a variable written by index": (TCP + "a = {p1}\nmovej({q0})\na[2] = 0.3\nmovel(a)\n", [(2, "changed")]),
     "a variable of a routine's own": (
-        TCP + "a = {p1}\ndef f(a):\nmovel(a)\nend\nmovej({q0})\nf(p[0,0,0,0,0,0])\n", [(2, "changed")]
+        TCP + "a = {p1}\ndef f(a):\nmovel(a)\nend\nmovej({q0})\nf({p2})\n", [(2, "changed")]
     ),
     "a word that is no word of the language here": (
         TCP + "movej({q0})\nif a:\n" + OTHER + "default = 1\nmovel({p1})\nend\n", []
