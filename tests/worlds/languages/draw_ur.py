@@ -115,7 +115,10 @@ class Writer:
                     ("goal", ["movel(goal, a=1.2)", f"movel(pose_add(goal, {shift}), a=1.2)"]),
                     ("goal, speed", ["movel(goal, a=1.2, v=speed)"]),
                     ("goal", ["goal[2] = goal[2] + 0.01", "movel(goal, a=1.2)"]),
-                    ("goal", ["if get_standard_digital_in(5):", "  goal = get_actual_tcp_pose()", "end", "movel(goal)"]),
+                    (
+                        "goal",
+                        ["if get_standard_digital_in(5):", "  goal = get_actual_tcp_pose()", "end", "movel(goal)"],
+                    ),
                     ("goal", [f"set_tcp({pose(pen.tool())})", "movel(goal, a=1.2)"]),
                 ]
             )

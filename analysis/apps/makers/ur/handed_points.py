@@ -12,7 +12,8 @@ from dataclasses import dataclass, field, replace
 
 from analysis.apps.makers.program_machine import Call, Elsewhere, Move, Statement
 
-_WORD = re.compile(r"[A-Za-z_]\w*")
+NAME_OR_POSE = re.compile(r"(?<!\w)p\[(?=[^\]]*,)|[A-Za-z_]\w*")
+"""A name, or the beginning of a pose, which is not the variable p."""
 _OPENS = frozenset(("if", "while", "for", "switch"))
 
 
@@ -77,7 +78,7 @@ def traced(routines: Iterable[Routine], sites: dict[str, CallSite], text: str, s
             handed[argument.place] = parameter_key(site.routine, name)
     uses: dict[str, list[int]] = {}
     for routine in routines:
-        for word in _WORD.finditer(text, routine.begin, routine.end):
+        for word in NAME_OR_POSE.finditer(text, routine.begin, routine.end):
             if word[0] in routine.parameters:
                 uses.setdefault(parameter_key(routine, word[0]), []).append(word.start())
     keys = {parameter_key(routine, name) for routine in routines for name in routine.parameters}

@@ -55,6 +55,7 @@ from analysis.apps.makers.target import (
 )
 from analysis.apps.makers.ur.derived_poses import DerivedPose, PoseReader, pairs_in
 from analysis.apps.makers.ur.handed_points import (
+    NAME_OR_POSE,
     Argument,
     CallSite,
     HandedPoints,
@@ -261,7 +262,7 @@ def parse(texts: ProgramTexts) -> Parsed:
     _hand(reader)
     for name in reader.tools.keys() & reader.reached:
         reader.points.change(name, 0, reader.lines.at(reader.tools[name]))
-    for word in _WORD.finditer(text):
+    for word in NAME_OR_POSE.finditer(text):
         if reader.points.knows(word[0]) and word.start() not in reader.spent:
             reader.points.change(word[0], 0, reader.lines.at(word.start()))
         elif word[0] in reader.derived and word.start() not in reader.spent:
