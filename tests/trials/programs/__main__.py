@@ -3,6 +3,7 @@
     scripts/dev programs 100                            # of each dialect, and a fifth as many plain ones
     scripts/dev programs 10000 --dialect fanuc --seed 5
     scripts/dev programs 1 --seed 4711 --show           # one program, with what came of it
+    scripts/dev programs 100 --controller unknown       # controllers with constants of their own, not stated
 
 Each target that is reached on any way (unknown conditions either way, loops none, once and twice, unknown values in two
 worlds) is held against where the text wants the tool: a wrong arm whose rig file names what is wrong drives both
@@ -19,7 +20,7 @@ import tempfile
 from pathlib import Path
 
 from tests.trials.programs.trial import Table, Verdict, grave, judge, story
-from tests.worlds.languages.arms import DIALECTS
+from tests.worlds.languages.arms import CONTROLLERS, DIALECTS, choose_controller
 from tests.worlds.languages.drawing import Draft
 from tests.worlds.languages.grammars import draw
 
@@ -37,7 +38,15 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="the first seed")
     parser.add_argument("--keep", type=Path, help="directory for programs with faults; default: a new temporary one")
     parser.add_argument("--show", action="store_true", help="print what came of each program")
+    parser.add_argument(
+        "--controller",
+        choices=CONTROLLERS,
+        default="data_sheet",
+        help="constants of the controllers: of the data sheet, or own ones, which the rig file states from the "
+        "diagnosis, states afterwards, or does not state",
+    )
     given = parser.parse_args()
+    choose_controller(given.controller)
     keep = given.keep or Path(tempfile.mkdtemp(prefix="rig-programs-"))
     print(_HEAD, flush=True)
     bad = False
@@ -48,6 +57,8 @@ def main() -> int:
         for seed in range(given.seed, given.seed + -(-given.count // 5)):
             _one(draw(dialect, seed, plain=True), seed, plain, keep, show=given.show)
         print(_row(dialect, wild, plain), flush=True)
+        if unknown := wild.reasons["controller_unknown"] + plain.reasons["controller_unknown"]:
+            print(f"{'':9}poses left because the constants of the controller are unknown: {unknown}", flush=True)
         bad |= any(_counts(table)[0] or _counts(table)[3] or _counts(table)[4] for table in (wild, plain))
     print(f"programs with faults are in {keep}" if any(keep.glob("*")) else "no program had a fault")
     return int(bad)

@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -73,14 +72,10 @@ class Verdict:
     seconds: float = 0.0
 
 
-@lru_cache
-def _support(dialect: str) -> Any:
-    return supports(cell(dialect).rig)
-
-
 def correct(draft: Draft) -> Corrected:
     """Correct a draft as `rig correct --program` does."""
     rig = cell(draft.dialect).rig
+    supported = supports(rig)
     tools = [f"{name}={stated(T)}" for name, T in draft.tools.items()]
     frames = [f"{name}={stated(T)}" for name, T in draft.frames.items()]
     files, done, left, u_mm = dict(draft.files), set[Place](), [], [0.0]
@@ -90,9 +85,7 @@ def correct(draft: Draft) -> Corrected:
         for name, data in draft.files.items():
             (Path(directory) / name).write_bytes(data)
         for name in draft.given:
-            one = correct_program(
-                rig, _support(draft.dialect), Path(directory) / name, frames_of(rig.robot, tools, frames), scale
-            )
+            one = correct_program(rig, supported, Path(directory) / name, frames_of(rig.robot, tools, frames), scale)
             names = list(one.files)
             files |= one.files
             read |= set(names)

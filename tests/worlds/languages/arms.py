@@ -1,13 +1,15 @@
-"""Arms for each dialect: the nominal arm of the controller, which solves poses, and the real arm with errors.
+"""Arms for each dialect: the arm in the controller, which solves poses, and the real arm with errors.
 
-Both are computed here from the constants of the rig file (modified Denavit-Hartenberg, mm, rad).
+The controller computes with the constants of the rig file (modified Denavit-Hartenberg, mm, rad), or with constants of
+its own: a chain of six frames, as the maker of a Universal Robots arm stores them. Joint targets mean the pose of the
+data sheet.
 """
 
 from __future__ import annotations
 
 import datetime as dt
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -19,8 +21,10 @@ from analysis.robot.kinematics.arm import arm_of
 from analysis.robot.kinematics.inverse import inverse
 from rigs.effects import EffectProvenance, JointOffset, LinkGeometry, TransmissionError
 from rigs.rig import Rig
-from tests.worlds.arms.independent_arm import Constants, Wrong, flange
+from rigs.schema.robot import LinkConstants
+from tests.worlds.arms.independent_arm import Constants
 from tests.worlds.interpreters.arms import rig_of
+from tests.worlds.languages.own_constants import ur_constants, ur_frames
 
 Array = NDArray[np.float64]
 DIALECTS = ("ur", "kuka", "abb", "fanuc", "yaskawa")
@@ -44,30 +48,51 @@ _EYE = np.eye(4)
 _NEARLY_BACK = 0.9
 """Rotation steps near half a turn have no well-defined axis; such large steps are rare."""
 _A3_MM, _GEAR_DEG = 0.4, 0.03
+CONTROLLERS = ("data_sheet", "stated", "added", "unknown")
+"""Constants of the controllers: of the data sheet, or their own, which the rig file states from the beginning, states
+in addition to the axes of the data sheet, or does not state."""
+_chosen = {"controller": "data_sheet"}
 _FOUND = EffectProvenance(
     date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd={"offset_deg": 1e-3, "delta": 0.01, "amplitude_deg": 5e-4}
 )
+_EXACT = 1e-5
+"""Standard uncertainty of the differences from the data sheet, in mm or degrees: exact for a correction."""
 
 
-def _found(key: str) -> EffectProvenance:
-    return _FOUND.model_copy(update={"sd": {key: _FOUND.sd[key]}})
+def _found(key: str, u: float | None = None) -> EffectProvenance:
+    return _FOUND.model_copy(update={"sd": {key: u or _FOUND.sd[key]}})
+
+
+def choose_controller(kind: str) -> None:
+    """Let the cells of all dialects have one of CONTROLLERS."""
+    _chosen["controller"] = kind
 
 
 @dataclass(frozen=True)
 class Cell:
-    """An arm with a rig file that states its errors."""
+    """An arm with a rig file that states its errors.
+
+    nominal: constants of the data sheet. links (6, 4, 4), offset (6,) rad: frames of the links in the controller at
+    zero, and zeros of the links.
+    """
 
     rig: Rig
     nominal: Constants
-    wrong: Wrong
+    links: Array
+    offset: Array
     centre: Array
     limits: Array
+    controller: str
 
     @cached_property
-    def twisted(self) -> list[list[float]]:
-        """Return for each axis a in mm, cosine and sine of alpha, and d in mm."""
-        arm = self.nominal
-        return np.column_stack([arm.a, np.cos(arm.alpha), np.sin(arm.alpha), arm.d]).tolist()
+    def steps(self) -> list[list[float]]:
+        """Return the frames of the links in the controller, each as twelve numbers by rows."""
+        return self.links[:, :3].reshape(6, 12).tolist()
+
+    @cached_property
+    def sheet(self) -> Cell:
+        """Return the cell with a controller that computes with the data sheet."""
+        return replace(self, links=links_of(self.nominal), offset=self.nominal.offset, controller="data_sheet")
 
     def allows(self, q: Array) -> bool:
         """Return whether joint angles (6,) rad are within the limits."""
@@ -75,15 +100,36 @@ class Cell:
 
     def flanges(self, q: Array) -> Array:
         """Return the real flange frames (n, 4, 4) in the base at reported angles q (n, 6) rad."""
-        R, p = flange(self.nominal, self.wrong, q)
+        link = q + np.radians(_ZEROS_DEG)
+        link[:, 0] += np.radians(_GEAR_DEG) * np.sin(2 * q[:, 0])
         T = np.tile(np.eye(4), (len(q), 1, 1))
-        T[:, :3, :3], T[:, :3, 3] = R, p
+        for k, theta in enumerate((link @ self.nominal.coupling.T + self.offset).T):
+            step = self.links[k].copy()
+            step[0, 3] += _A3_MM * (k == 2)
+            turn = np.tile(np.eye(4), (len(q), 1, 1))
+            turn[:, 0, 0] = turn[:, 1, 1] = np.cos(theta)
+            turn[:, 1, 0] = np.sin(theta)
+            turn[:, 0, 1] = -turn[:, 1, 0]
+            T = T @ step @ turn
         return T
 
 
-@lru_cache
+def links_of(arm: Constants, beta: Array | None = None) -> Array:
+    """Return the frames (6, 4, 4) of the links at zero; beta (6,) rad: Hayati's angle after alpha."""
+    T = np.tile(np.eye(4), (6, 1, 1))
+    for k in range(6):
+        T[k, :3, :3] = Rotation.from_euler("XY", [arm.alpha[k], 0.0 if beta is None else beta[k]]).as_matrix()
+        T[k, :3, 3] = [arm.a[k], 0.0, 0.0] + arm.d[k] * T[k, :3, 2]
+    return T
+
+
 def cell(dialect: str) -> Cell:
-    """Return the cell of a dialect."""
+    """Return the cell of a dialect with the chosen controller."""
+    return _cell(dialect, _chosen["controller"])
+
+
+@lru_cache
+def _cell(dialect: str, controller: str) -> Cell:
     rig = rig_of(RIGS[dialect])
     zeros = [
         JointOffset(axis=axis, offset_deg=deg, found=_found("offset_deg"))
@@ -94,10 +140,6 @@ def cell(dialect: str) -> Cell:
         LinkGeometry(axis=3, field="a", delta=_A3_MM, found=_found("delta")),
         TransmissionError(axis=1, order=2, amplitude_deg=_GEAR_DEG, phase_deg=0, found=_found("amplitude_deg")),
     )
-    wrong = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
-    wrong.offset[:] = np.radians(_ZEROS_DEG)
-    wrong.a[2] = _A3_MM
-    wrong.sine[0, 1] = np.radians(_GEAR_DEG)
     axes = rig.robot.axes
     nominal = Constants(
         np.array([axis.a_mm for axis in axes]),
@@ -106,9 +148,54 @@ def cell(dialect: str) -> Cell:
         np.radians([axis.offset_deg for axis in axes]),
         np.array(rig.robot.coupling),
     )
-    known = rig.model_copy(update={"effects": (*zeros, *others)})
     limits = np.radians([axis.limits_deg for axis in axes])
-    return Cell(known, nominal, wrong, np.radians(np.array(POSTURE_DEG[dialect], dtype=float)), limits)
+    centre = np.radians(np.array(POSTURE_DEG[dialect], dtype=float))
+    here = Cell(rig, nominal, links_of(nominal), nominal.offset, centre, limits, controller)
+    if controller == "data_sheet":
+        return replace(here, rig=rig.model_copy(update={"effects": (*zeros, *others)}))
+    own, here = _own(here, dialect)
+    effects = (*_differences(rig, own), *zeros, *others)
+    if controller == "stated":
+        rows = zip(axes, own, strict=True)
+        new, effects = tuple(axis.model_copy(update=dict(row)) for axis, row in rows), (*zeros, *others)
+        robot = rig.robot.model_copy(update={"controller": "constants", "axes": new})
+    elif controller == "added":
+        robot = rig.robot.model_copy(update={"controller": "constants", "controller_axes": own})
+    else:
+        robot = rig.robot.model_copy(update={"controller": "unknown"})
+    return replace(here, rig=rig.model_copy(update={"robot": robot, "effects": effects}))
+
+
+def _own(here: Cell, dialect: str) -> tuple[tuple[LinkConstants, ...], Cell]:
+    """Return constants of a controller as the rig file has them, and the cell with this controller.
+
+    A Universal Robots arm has those of a real arm. The others are drawn with the sizes of such arms.
+    """
+    if dialect == "ur":
+        return ur_constants(here.rig.robot), replace(here, links=ur_frames(), offset=np.zeros(6))
+    rng, arm = np.random.default_rng(sum(map(ord, dialect))), here.nominal
+    a, d = (arm.a + rng.normal(0, 0.3, 6)).round(4), (arm.d + rng.normal(0, 0.3, 6)).round(4)
+    alpha = (np.degrees(arm.alpha) + rng.normal(0, 0.1, 6)).round(5)
+    beta, offset = rng.normal(0, 0.05, 6).round(5), (np.degrees(arm.offset) + rng.normal(0, 0.01, 6)).round(5)
+    own = tuple(
+        LinkConstants(a_mm=row[0], alpha_deg=row[1], beta_deg=row[2], d_mm=row[3], offset_deg=row[4])
+        for row in np.column_stack([a, alpha, beta, d, offset]).tolist()
+    )
+    constants = Constants(a, np.radians(alpha), d, np.radians(offset), arm.coupling)
+    return own, replace(here, links=links_of(constants, np.radians(beta)), offset=constants.offset)
+
+
+def _differences(rig: Rig, own: tuple[LinkConstants, ...]) -> list[LinkGeometry | JointOffset]:
+    """Return the effects that turn the axes of the data sheet into others."""
+    effects: list[LinkGeometry | JointOffset] = []
+    turns = np.array([row.offset_deg - axis.offset_deg for row, axis in zip(own, rig.robot.axes, strict=True)])
+    for k, deg in enumerate(np.linalg.solve(rig.robot.coupling, turns).tolist(), start=1):
+        effects.append(JointOffset(axis=k, offset_deg=deg, found=_found("offset_deg", _EXACT)))
+    for k, (row, axis) in enumerate(zip(own, rig.robot.axes, strict=True), start=1):
+        for field in ("a_mm", "alpha_deg", "beta_deg", "d_mm"):
+            delta, found = getattr(row, field) - getattr(axis, field), _found("delta", _EXACT)
+            effects.append(LinkGeometry(axis=k, field=field.split("_")[0], delta=delta, found=found))
+    return [effect for effect in effects if abs(effect.model_dump().get("delta", 1.0)) > _EXACT]
 
 
 def _walked(here: Cell, q: Array) -> list[tuple[float, ...]]:
@@ -118,15 +205,16 @@ def _walked(here: Cell, q: Array) -> list[tuple[float, ...]]:
     """
     xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
     frames = []
-    theta = (here.nominal.coupling @ q + here.nominal.offset).tolist()
-    for (a, ca, sa, d), angle in zip(here.twisted, theta, strict=True):
+    theta = (here.nominal.coupling @ q + here.offset).tolist()
+    for (ax, bx, cx, tx, ay, by, cy, ty, az, bz, cz, tz), angle in zip(here.steps, theta, strict=True):
         c, s = math.cos(angle), math.sin(angle)
-        px, py, pz = px + a * xx, py + a * xy, pz + a * xz
-        ux, uy, uz = ca * yx + sa * zx, ca * yy + sa * zy, ca * yz + sa * zz
-        zx, zy, zz = ca * zx - sa * yx, ca * zy - sa * yy, ca * zz - sa * yz
-        px, py, pz = px + d * zx, py + d * zy, pz + d * zz
+        px, py = px + tx * xx + ty * yx + tz * zx, py + tx * xy + ty * yy + tz * zy
+        pz += tx * xz + ty * yz + tz * zz
+        ux, uy, uz = ax * xx + ay * yx + az * zx, ax * xy + ay * yy + az * zy, ax * xz + ay * yz + az * zz
+        vx, vy, vz = bx * xx + by * yx + bz * zx, bx * xy + by * yy + bz * zy, bx * xz + by * yz + bz * zz
+        zx, zy, zz = cx * xx + cy * yx + cz * zx, cx * xy + cy * yy + cz * zy, cx * xz + cy * yz + cz * zz
         xx, xy, xz, yx, yy, yz = (
-            c * xx + s * ux, c * xy + s * uy, c * xz + s * uz, c * ux - s * xx, c * uy - s * xy, c * uz - s * xz,
+            c * ux + s * vx, c * uy + s * vy, c * uz + s * vz, c * vx - s * ux, c * vy - s * uy, c * vz - s * uz,
         )  # fmt: skip
         frames.append((xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz))
     return frames
@@ -138,8 +226,8 @@ def _as_frame(columns: tuple[float, ...]) -> Array:
 
 
 def chain(here: Cell, q: Array) -> tuple[Array, Array]:
-    """Return the nominal flange (4, 4) at q (6,) rad, and its derivatives (6, 6) per rad of each reported angle in
-    mm and rad.
+    """Return the flange (4, 4) that the controller computes at q (6,) rad, and its derivatives (6, 6) per rad of each
+    reported angle in mm and rad.
     """
     frames = _walked(here, q)
     ex, ey, ez = frames[-1][9:]
@@ -182,14 +270,18 @@ def solved(here: Cell, F: Array, q: Array) -> Array | None:
     return None
 
 
-@lru_cache
 def branches(dialect: str) -> Array:
-    """Return all postures (n, 6) rad of the nominal arm with the flange in the middle of the work, the middle posture
-    first.
+    """Return all postures (n, 6) rad of the arm in the controller with the flange in the middle of the work, the middle
+    posture first.
 
     The closed form of rig gives the start values; the solutions are refined here.
     """
-    here = cell(dialect)
+    return _branches(dialect, _chosen["controller"])
+
+
+@lru_cache
+def _branches(dialect: str, controller: str) -> Array:
+    here = _cell(dialect, controller)
     arm, (F, _) = arm_of(here.rig.robot), chain(here, here.centre)
     given = inverse(arm, (arm.T_world_base @ F @ arm.T_flange_tool)[None])
     ways = [solved(here, F, q) for q in given.q[0][given.found[0]]]

@@ -149,6 +149,7 @@ class Robot:
 
     def __init__(self, dialect: str, here: Cell, world: World, ways: Ways) -> None:
         self.dialect, self.here, self.world, self.ways = dialect, here, world, ways
+        self._cell = (dialect, here.controller)
         self.q = here.centre.copy()
         self.rail_mm = 0.0
         """Position of the track that carries the arm along y."""
@@ -160,8 +161,7 @@ class Robot:
         if not np.isfinite(q).all() or np.abs(q).max() > 7:
             raise Ended
         self.q = np.array(q, dtype=float)
-        F = self.flange(self.q)
-        self.reached.append(Reached(place, sources, F, tool[:3, 3], self.q))
+        self.reached.append(Reached(place, sources, self.meant(self.q), tool[:3, 3], self.q))
 
     def pose(
         self,
@@ -172,25 +172,31 @@ class Robot:
         chosen: Callable[[Array], bool] | None = None,
         *,
         straight: bool = False,
+        meant: Array | None = None,
     ) -> None:
         """Move the flange to F (4, 4), with the solution nearest to the current angles or the one accepted by `chosen`.
 
-        On a straight line the arm keeps its posture.
+        On a straight line the arm keeps its posture. meant (4, 4): flange that the text means, by default F.
         """
         q = self._line(F) if straight and chosen is None else self.solve(F, self.q, chosen)
         if q is None:
             raise Ended
         self.q = q
-        self.reached.append(Reached(place, sources, F, point, q))
+        self.reached.append(Reached(place, sources, F if meant is None else meant, point, q))
 
     def solve(self, F: Array, near: Array, chosen: Callable[[Array], bool] | None = None) -> Array | None:
         """Return joint angles (6,) rad for a flange F (4, 4), or None."""
-        key = (self.dialect, F.tobytes(), near.tobytes(), chosen)
+        key = (self._cell, F.tobytes(), near.tobytes(), chosen)
         return self._once(key, lambda: self._solved(F, near, chosen))
 
     def flange(self, q: Array) -> Array:
-        """Return the nominal flange (4, 4) at joint angles q (6,) rad."""
-        return self._once((self.dialect, q.tobytes()), lambda: chain(self.here, q)[0])
+        """Return the flange (4, 4) that the controller computes at joint angles q (6,) rad."""
+        return self._once((self._cell, q.tobytes()), lambda: chain(self.here, q)[0])
+
+    def meant(self, q: Array) -> Array:
+        """Return the flange (4, 4) that a joint target q (6,) rad means: of the data sheet."""
+        key = (self.dialect, "data_sheet")
+        return self._once((key, q.tobytes()), lambda: chain(self.here.sheet, q)[0])
 
     def _once(self, key: Any, make: Callable[[], Any]) -> Any:
         """Return the cached value for a key, because execution paths repeat positions."""
@@ -211,7 +217,7 @@ class Robot:
             return q
         ways = [] if q is None else [q]
         others = self._once(
-            (self.dialect, F.tobytes()), lambda: [solved(self.here, F, seed) for seed in branches(self.dialect)]
+            (self._cell, F.tobytes()), lambda: [solved(self.here, F, seed) for seed in branches(self.dialect)]
         )
         for other in others:
             if other is not None:
@@ -222,7 +228,7 @@ class Robot:
 
     def _line(self, F: Array) -> Array | None:
         """Return the cached result of `_along` for a line."""
-        return self._once((self.dialect, F.tobytes(), self.q.tobytes(), "line"), lambda: self._along(F))
+        return self._once((self._cell, F.tobytes(), self.q.tobytes(), "line"), lambda: self._along(F))
 
     def _along(self, F: Array) -> Array | None:
         """Return joint angles (6,) rad at the end of a line, followed from the current angles."""

@@ -385,7 +385,9 @@ class Machine:
         for (value, src), F in zip(targets, frames, strict=True):
             sources = src | frozenset(line.places)
             if isinstance(value, Pose) or straight:  # a line to joint angles uses only their pose
-                self.robot.pose(F, self.tool[:3, 3], line.places[0], sources, straight=straight)
+                of_sheet = None if isinstance(value, Pose) else self.robot.meant(np.array(value, dtype=float))
+                place, point = line.places[0], self.tool[:3, 3]
+                self.robot.pose(F, point, place, sources, straight=straight, meant=of_sheet)
             else:
                 self.robot.joints(np.array(value, dtype=float), self.tool, line.places[0], sources)
 
