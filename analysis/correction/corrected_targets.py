@@ -26,6 +26,7 @@ from analysis.correction.work import (
     FEWEST_TAUGHT,
     base_u_um,
     left_out_mm,
+    real_model,
     rest_effects,
     rest_mm,
     rms_um,
@@ -49,7 +50,7 @@ from analysis.robot.kinematics.arm import (
 from analysis.robot.kinematics.inverse import inverse
 from analysis.robot.kinematics.joint_limits import within_limits
 from analysis.robot.kinematics.newton import newton, newton_in_part, turned_rad
-from analysis.robot.model.predict import Model, model_of
+from analysis.robot.model.predict import Model
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
 from rigs.schema.vocabulary import DRIVEN_AXES
@@ -224,8 +225,8 @@ def corrected_angles(
     wanted: Array | None = None,
 ) -> tuple[Array, Mask, list[NotCorrected]]:
     """Return only the corrected angles (n, 6) rad, the mask (n,), and the uncorrected targets, as for `corrected`."""
-    model = model_of(rig, used_effects(rig, supported))
-    wanted = forward(model.arm, q) if wanted is None else wanted
+    model = real_model(rig, used_effects(rig, supported))
+    wanted = forward(arm_of(rig.robot), q) if wanted is None else wanted
     skipped = {target.place: target for target in unsolved}
     beyond = _beyond_limits(model.arm, q)
     if rig.robot.rail is not None:
@@ -325,7 +326,7 @@ def _turned(rig: Rig, supported: Sequence[Support], wanted: Array, at: Array) ->
     """
     if (axes := len(rig.robot.axes)) >= DRIVEN_AXES or not len(at):
         return []
-    really = tool_poses(model_of(rig, used_effects(rig, supported)), at)
+    really = tool_poses(real_model(rig, used_effects(rig, supported)), at)
     most_deg = float(np.degrees(turned_rad(really, wanted).max()))
     return [
         f"an arm of {axes} axes turns the tool in {axes - 3} ways at a position: each position is corrected, and the "

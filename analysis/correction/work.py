@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,8 +24,8 @@ import numpy as np
 from analysis.correction.support import Support
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import drive, radial_program
-from analysis.robot.geometry.pose_setup import best_rigid, in_frame
-from analysis.robot.kinematics.arm import RAIL_MM, Array, arm_of
+from analysis.robot.geometry.pose_setup import best_rigid, fit_setup, in_frame
+from analysis.robot.kinematics.arm import RAIL_MM, Array, arm_of, controller_arm, forward
 from analysis.robot.model.motion import Motion
 from analysis.robot.model.predict import Model, Path, model_of, moved
 from rigs.effects import Effect
@@ -103,7 +103,26 @@ def at_rest(q: Array) -> Path:
 
 def tool_places(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
     """Return tool positions (n, 3) mm with effects independent of history at joint angles q (n, 6) rad."""
-    return tool_poses(model_of(rig, effects), q)[:, :3, 3]
+    return tool_poses(real_model(rig, effects), q)[:, :3, 3]
+
+
+_ANCHORS = 200
+"""Number of postures, over a full turn of every joint, that determine base and tool of a model. Chosen."""
+
+
+def real_model(rig: Rig, effects: Sequence[Effect]) -> Model:
+    """Return the model of the real arm with effects of the rig file and its calibration.
+
+    The runs of a calibration cannot show a motion of the whole arm on its base or a shift of the tool on the flange.
+    If the rig file has constants of the controller in addition to the axes of the model, these are taken from them.
+    """
+    model = model_of(rig, effects)
+    if rig.calibrated is None or not rig.robot.controller_axes:
+        return model
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_ANCHORS, model.arm.axes))
+    setup = fit_setup(tool_poses(model, q), forward(controller_arm(rig.robot), q)[:, :3, 3])
+    base, tool = setup.T_world_base @ model.arm.T_world_base, model.arm.T_flange_tool @ setup.T_flange_tool
+    return replace(model, arm=replace(model.arm, T_world_base=base, T_flange_tool=tool))
 
 
 def used_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:

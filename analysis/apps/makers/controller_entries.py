@@ -34,6 +34,7 @@ from analysis.correction.work import (
     TaughtFrame,
     base_u_um,
     left_out_mm,
+    real_model,
     rest_effects,
     rest_mm,
     rms_um,
@@ -169,7 +170,7 @@ def project(
     lever = max(_LEVER_MM, float(np.linalg.norm(rig.robot.tool.xyz_mm)))
     shares = np.repeat([(1 - _OUTSIDE_WEIGHT) / len(work), _OUTSIDE_WEIGHT / len(spread)], [len(work), len(spread)])
     weights = np.sqrt(shares)[:, None] * [1, 1, 1, lever, lever, lever]
-    q, real = np.concatenate([work, spread]), tool_poses(model_of(rig, effects), np.concatenate([work, spread]))
+    q, real = np.concatenate([work, spread]), tool_poses(real_model(rig, effects), np.concatenate([work, spread]))
     rig = at_controller(rig)
     base = tool_poses(model_of(rig, ()), q)
     least_mm = max(_LEAST_MM, _CRUMB * float(np.linalg.norm(pose_error(base, real) * weights)))

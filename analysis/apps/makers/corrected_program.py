@@ -169,6 +169,14 @@ def correct_program(
     reasons |= {k: "unused" for k, target in enumerate(targets) if target.file >= texts.own}
     nominal, joints = forward(arm, q), np.array([target.joints for target in targets], dtype=bool)
     wanted = np.where(joints[:, None, None], forward(offline_arm(rig.robot), q), nominal)
+    # The correction of these joint targets includes the difference of the controller from the data sheet, that of a
+    # pose does not: an arc from one to the other would turn the tool differently.
+    offline = {k for k in np.flatnonzero(joints).tolist() if not np.allclose(wanted[k], nominal[k], atol=_SAME_MM)}
+    reasons |= {
+        step.target: "arc_turns"
+        for step in parsed.steps
+        if step.arc and step.arc.tangent and offline & step.arc.starts and step.target not in reasons
+    }
     done = corrected(rig, supported, q, [NotCorrected(k, why, "") for k, why in reasons.items()], wanted)
     done = replace(done, T=forward(arm, done.q))
     moved_mm = np.linalg.norm(done.T[:, :3, 3] - nominal[:, :3, 3], axis=1)
@@ -220,7 +228,7 @@ def correct_program(
         given_away_mm=shared.kept_mm[kept],
         shared=shared.of(kept),
         changed=changed,
-        notices=parsed.notices,
+        notices=(*parsed.notices, *_offline_notice(targets, sorted(offline & {*kept}))),
         named=parsed.named,
         held=whole and any(target.reason != "unused" for target in left),
         start=start if _needs_start(parsed) else None,
@@ -230,6 +238,19 @@ def correct_program(
 
 _OF_TEXT: tuple[Reason, ...] = ("unknown_tool", "unknown_frame")
 """Reasons that the text of a pose gives, whatever arm computes it."""
+
+
+_SAME_MM = 1e-3
+"""Difference of two poses of a joint target, in mm, below which they are the same."""
+
+
+def _offline_notice(targets: Sequence[Target], places: Sequence[int]) -> list[Notice]:
+    """Return a notice of joint targets that mean a different pose than the controller computes."""
+    fact = (
+        "joint targets are taken as computed with the data sheet; targets that were taught with the robot or computed "
+        "with the controller's own constants should stay as they are"
+    )
+    return [Notice(targets[k].file, targets[k].line, fact) for k in places[:1]]
 
 
 def offline_arm(robot: Robot) -> Arm:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from importlib.util import find_spec
 
@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.support.nightly import cases
 from tests.trials.programs.trial import Corrected, correct, grave, judge, story
-from tests.worlds.languages.arms import DIALECTS, frame
+from tests.worlds.languages.arms import DIALECTS, choose_controller, frame
 from tests.worlds.languages.drawing import Draft
 from tests.worlds.languages.grammars import draw
 
@@ -40,6 +40,28 @@ def test_plain_programs_are_corrected(dialect: str) -> None:
     verdicts = [judge(draw(dialect, seed, plain=True)) for seed in range(_PLAIN)]
     assert not [story(verdict) for verdict in verdicts if verdict.faults]
     assert sum(verdict.moved for verdict in verdicts) >= 0.95 * sum(verdict.asked for verdict in verdicts) > 0
+
+
+@pytest.fixture
+def controller(request: pytest.FixtureRequest) -> Iterator[str]:
+    """Constants that the controllers of all dialects have, and whether the rig file states them."""
+    choose_controller(request.param)
+    yield request.param
+    choose_controller("data_sheet")
+
+
+@pytest.mark.parametrize("controller", ["stated", "added", "unknown"], indirect=True)
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_controllers_with_own_constants_get_no_target_farther_off(dialect: str, controller: str) -> None:
+    plain = [judge(draw(dialect, seed, plain=True)) for seed in range(4)]
+    verdicts = plain + [judge(draw(dialect, seed, plain=False)) for seed in range(4)]
+    assert not [story(one) for one in verdicts if one.error or any(map(grave, one.faults))]
+    reasons = Counter(why for one in plain if one.corrected for _, why in one.corrected.left)
+    if controller == "unknown":
+        assert reasons["controller_unknown"] > 3
+    else:
+        assert sum(one.moved for one in plain) >= 0.8 * sum(one.asked for one in plain) > 0
+        assert not reasons["controller_unknown"]
 
 
 def _kinds(dialect: str, correction: Callable[[Draft], Corrected]) -> Counter[str]:

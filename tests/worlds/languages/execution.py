@@ -156,12 +156,15 @@ class Robot:
         self.reached: list[Reached] = []
         self.steps = 0
 
-    def joints(self, q: Array, tool: Array, place: Place, sources: frozenset[Place]) -> None:
-        """Move to joint angles q (6,) rad."""
+    def joints(
+        self, q: Array, tool: Array, place: Place, sources: frozenset[Place], meant: Array | None = None
+    ) -> None:
+        """Move to joint angles q (6,) rad. meant (4, 4): flange that the text means, by default of the data sheet."""
         if not np.isfinite(q).all() or np.abs(q).max() > 7:
             raise Ended
         self.q = np.array(q, dtype=float)
-        self.reached.append(Reached(place, sources, self.meant(self.q), tool[:3, 3], self.q))
+        F = self.meant(self.q) if meant is None else meant
+        self.reached.append(Reached(place, sources, F, tool[:3, 3], self.q))
 
     def pose(
         self,

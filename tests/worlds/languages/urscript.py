@@ -57,6 +57,10 @@ class Pose(list[float]):
         return of_vector(1e3 * x, 1e3 * y, 1e3 * z, *vector)
 
 
+class Solved(list[float]):
+    """Joint angles that the controller computed for a pose: they mean this pose."""
+
+
 def as_pose(T: Array) -> Pose:
     """Return the pose of a frame (4, 4)."""
     return Pose([*(T[:3, 3] / 1e3).tolist(), *vector_of(T)])
@@ -365,7 +369,7 @@ class Machine:
         q = self.robot.solve(X.matrix() @ inverted(tool), self.robot.q if near is None else np.array(near[0]))
         if q is None:
             raise Ended
-        return [float(one) for one in q]
+        return Solved(float(one) for one in q)
 
     def _move(self, name: str, keyed: dict[str, Value], plain: list[Value], line: _Line) -> None:
         targets = plain[: 2 if name == "movec" else 1] + [
@@ -385,11 +389,13 @@ class Machine:
         for (value, src), F in zip(targets, frames, strict=True):
             sources = src | frozenset(line.places)
             if isinstance(value, Pose) or straight:  # a line to joint angles uses only their pose
-                of_sheet = None if isinstance(value, Pose) else self.robot.meant(np.array(value, dtype=float))
+                of_sheet = None if isinstance(value, Pose | Solved) else self.robot.meant(np.array(value, dtype=float))
                 place, point = line.places[0], self.tool[:3, 3]
                 self.robot.pose(F, point, place, sources, straight=straight, meant=of_sheet)
             else:
-                self.robot.joints(np.array(value, dtype=float), self.tool, line.places[0], sources)
+                q = np.array(value, dtype=float)
+                meant = self.robot.flange(q) if isinstance(value, Solved) else None
+                self.robot.joints(q, self.tool, line.places[0], sources, meant)
 
     def _unknown(self, name: str) -> None:
         """Execute a routine without text: it does nothing, or changes position and tool."""
