@@ -13,6 +13,7 @@ from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_
 from rigs.calibration import CalibratedModel, CalibrationFile
 from rigs.effects import AnyEffect
 from rigs.errors import FileError
+from rigs.families import link_sizes
 from rigs.schema.controllers import practice_of
 from rigs.schema.declared_tests import Automatic, KnownSocketDistance, Retention, Tests
 from rigs.schema.effect import name_of
@@ -21,6 +22,7 @@ from rigs.schema.gauges import NO_GAUGES, Gauges
 from rigs.schema.limits import Limits
 from rigs.schema.part import Part
 from rigs.schema.probe import Ball, BallLink, Temperature
+from rigs.schema.reference import Reference
 from rigs.schema.robot import ControllerArm, Robot
 from rigs.schema.vocabulary import DRIVEN_AXES, MOST_AXES, MakerName, maker_named, maker_of, makers
 
@@ -88,6 +90,23 @@ class Rig(Part):
         """Arm with which the controller computes poses: as stated, else unknown if its maker may measure each robot."""
         stated = self.robot.controller
         return stated or ("unknown" if practice_of(self.maker or self.robot.name) else "data_sheet")
+
+    @property
+    def is_calibrated(self) -> bool:
+        """True if this file holds an earlier calibration of the links of this robot."""
+        return self.calibration is not None or any(not effect.WEARS for effect in self.effects)
+
+    @property
+    def has_controller_constants(self) -> bool:
+        """True if `axes` are the constants of this robot's controller, without an earlier calibration."""
+        return self.controller == "constants" and not self.robot.controller_axes and not self.is_calibrated
+
+    @property
+    def reference(self) -> Reference:
+        """Arms with which this arm is compared: of its family, unless constants of this robot itself are known."""
+        of_data_sheet = not (self.is_calibrated or self.has_controller_constants)
+        maker = self.maker if of_data_sheet else None
+        return Reference(self.robot.design, link_sizes(self.robot.design, maker), of_data_sheet)
 
     @property
     def takes_programs(self) -> bool:

@@ -9,6 +9,7 @@ functions.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from numbers import Integral, Real
 from pathlib import Path
 from textwrap import shorten
@@ -374,6 +375,7 @@ def _diagnosed(
     tolerance_um: float | None,
     given: Sequence[Effect] | None,
 ) -> Diagnosis:
+    from analysis.correction.passport import passport_of  # noqa: PLC0415
     from analysis.diagnosis.diagnose import diagnose as diagnose_with  # noqa: PLC0415
     from analysis.movement.between import with_movements, without_moved  # noqa: PLC0415
     from analysis.runs.loading import as_recorded, refuse_copied_rows, refuse_copies, with_controller_of  # noqa: PLC0415
@@ -386,7 +388,7 @@ def _diagnosed(
     refuse_copied_rows(every)
     sound, movements, doubts = without_moved(model, used)
     diagnosis = diagnose_with(model, sound, held_out, elsewhere, progress or _silent, tolerance_um, given)
-    return with_movements(diagnosis, movements, doubts)
+    return replace(with_movements(diagnosis, movements, doubts), passport=passport_of(diagnosis))
 
 
 def _require(name: str, value: object, expected: str, *, fits: bool) -> None:

@@ -123,13 +123,16 @@ def as_recorded(rig: Rig, runs: Iterable[Measured]) -> Rig:
 
 
 def with_controller_of(rig: Rig, runs: Iterable[Measured]) -> list[Measured]:
-    """Return runs with the constants of the controller of a rig, in place of the same ones that each run showed."""
+    """Return runs with the constants of the controller of a rig, in place of the same ones that each run showed, and of
+    those of a data sheet in runs of that model whose rig file does not state the controller.
+    """
     robot, made = rig.robot, []
     for run in runs:
         shown = run.rig.robot
-        if shown != robot and robot.controller and shown.controller == robot.controller:
-            update = {"axes": robot.axes, "controller_axes": robot.controller_axes}
-            if are_same_constants(shown, robot):
+        if shown != robot and robot.controller and shown.controller in (robot.controller, None):
+            update = {"axes": robot.axes, "controller": robot.controller, "controller_axes": robot.controller_axes}
+            is_unstated = shown.controller is None and shown.name == robot.name
+            if is_unstated or are_same_constants(shown, robot):
                 run = replace(run, rig=run.rig.model_copy(update={"robot": shown.model_copy(update=update)}))  # noqa: PLW2901
         made.append(run)
     return made

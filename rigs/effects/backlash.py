@@ -25,8 +25,8 @@ from rigs.schema.effect import (
     size,
 )
 from rigs.schema.part import Axis
+from rigs.schema.reference import Reference
 from rigs.schema.scene import S, plays, plays_of_visits
-from rigs.schema.vocabulary import Build
 
 _SPREAD = np.linspace(-0.9, 0.9, 7)
 _FIRM_NM = 1.0
@@ -81,14 +81,14 @@ class Backlash(Effect):
     def forms(cls, scope: Scope) -> list[list[Backlash]]:
         return at_each_axis(cls, scope)
 
-    def usual_times(self, build: Build) -> float:
+    def usual_times(self, reference: Reference) -> float:
         """Return a multiple of thirty for servos: more than 1.5° is a fault.
 
         New Feetech STS3215, as in an SO-101, show 0.87° (robonine.com, test of 2025), about 1°
         (TheRobotStudio/SO-ARM100, issue 134), 1.30° (robonine.com, backlash compensation) and up to 1.49° in logs of
         complete arms, although the data sheet allows 0.5°. A test stand with its logs: doi.org/10.5281/zenodo.19261714.
         """
-        return 30.0 if build == "servo" else 1.0
+        return 30.0 if reference.design == "servo" else 1.0
 
     def plain(self, joint: str) -> str:
         return f"play of {joint}"

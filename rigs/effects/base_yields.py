@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 
 from rigs.schema.effect import BY_TARGETS, Compensation, Effect, FreeShape, Scope, SeatNotation, shape, size
+from rigs.schema.reference import Reference
 from rigs.schema.scene import S
-from rigs.schema.vocabulary import Build
 
 Yields = Literal["evenly", "x", "y", "xy", "yx"]
 _WAYS: tuple[Yields, ...] = ("evenly", "x", "y", "xy", "yx")
@@ -84,12 +84,12 @@ class BaseYields(Effect):
         """Return a compensation by targets: the effect depends only on the posture."""
         return BY_TARGETS
 
-    def usual_times(self, build: Build) -> float:
+    def usual_times(self, reference: Reference) -> float:
         """Return a multiple of five for light arms on frames, tables and carts.
 
         Assumed; no measured support was available.
         """
-        return 1.0 if build == "industrial" else 5.0
+        return 1.0 if reference.design == "industrial" else 5.0
 
     @property
     def seat(self) -> str:

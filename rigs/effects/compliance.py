@@ -8,6 +8,7 @@ import numpy as np
 
 from rigs.schema.effect import AT_AXIS, BY_TARGETS, Compensation, Effect, FreeShape, Scope, at_each_axis, shape, size
 from rigs.schema.part import Axis
+from rigs.schema.reference import Reference
 from rigs.schema.scene import S
 from rigs.schema.vocabulary import Build
 
@@ -97,9 +98,9 @@ class Compliance(Effect):
         """Healthy size: 5e-5 °/Nm on axes 1 to 3, 3e-4 on the wrist. Assumed, as for reducers of industrial arms."""
         return 5e-5 if self.axis <= 3 else 3e-4
 
-    def usual_times(self, build: Build) -> float:
+    def usual_times(self, reference: Reference) -> float:
         """Return the ratio to industrial arms: joints of light arms are ten times as soft."""
-        return max(_SOFT_DEG_PER_NM[build][self.axis > 3] / self.healthy, 1.0)
+        return max(_SOFT_DEG_PER_NM[reference.design][self.axis > 3] / self.healthy, 1.0)
 
     @property
     def idle(self) -> str:

@@ -8,8 +8,8 @@ import numpy as np
 
 from rigs.schema.effect import AT_AXIS, Compensation, Effect, Scope, at_each_axis, size
 from rigs.schema.part import Axis
+from rigs.schema.reference import Reference
 from rigs.schema.scene import S
-from rigs.schema.vocabulary import Build
 
 
 class JointOffset(Effect):
@@ -47,13 +47,13 @@ class JointOffset(Effect):
         """Return the zero of the joint in the controller as the constant to correct."""
         return Compensation("joint zero", constant=(self.axis, "q_deg"))
 
-    def usual_times(self, build: Build) -> float:
+    def usual_times(self, reference: Reference) -> float:
         """Return a multiple of two for light arms and of ten for servos.
 
         Zeros of axes 2 to 4 of a UR10 are wrong by up to 0.06° (Landgraf et al., 2021). Zeros of servos are set by eye
         and limited by the teeth of a horn; assumed, so that an offset of 1° is a fault.
         """
-        return {"industrial": 1.0, "servo": 10.0}.get(build, 2.0)
+        return {"industrial": 1.0, "servo": 10.0}.get(reference.design, 2.0)
 
     @property
     def symbol(self) -> str:

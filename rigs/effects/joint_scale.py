@@ -6,8 +6,8 @@ from typing import Literal
 
 from rigs.schema.effect import AT_AXIS, BY_TARGETS, Compensation, Effect, Scope, at_each_axis, size
 from rigs.schema.part import Axis
+from rigs.schema.reference import Reference
 from rigs.schema.scene import S
-from rigs.schema.vocabulary import Build
 
 _LEAST_TURN = 0.15
 """Minimum motion of a joint in turns, 54°, for distinguishing a wrong scale from a wrong zero. Chosen: with a
@@ -59,9 +59,9 @@ class JointScale(Effect):
         """Return a compensation by targets: the effect depends only on the posture."""
         return BY_TARGETS
 
-    def usual_times(self, build: Build) -> float:
+    def usual_times(self, reference: Reference) -> float:
         """Return a multiple of thirty for hobby servos, 0.15 %: magnet and sensor are not centred; assumed."""
-        return 30.0 if build == "servo" else 1.0
+        return 30.0 if reference.design == "servo" else 1.0
 
     @property
     def idle(self) -> str:

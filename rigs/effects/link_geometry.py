@@ -8,8 +8,8 @@ import numpy as np
 
 from rigs.schema.effect import EVERY_AXIS, Compensation, Effect, Scope, SeatNotation, size
 from rigs.schema.part import Axis
+from rigs.schema.reference import Reference
 from rigs.schema.scene import S
-from rigs.schema.vocabulary import Build
 
 Constant = Literal["a", "alpha", "d", "beta"]
 _CONSTANTS: tuple[Constant, ...] = ("a", "alpha", "d", "beta")
@@ -32,6 +32,7 @@ class LinkGeometry(Effect):
     FORM_U = 0.0
     SEAT_NOUN = "axis"
     DEED = "enter"
+    WEARS = False
     STRAIGHT = 0.02  # beyond this share of a healthy size the non-linearity would be visible
     # The angle beta of Hayati is an addition to the four parameters of a joint.
     PLACE = SeatNotation(
@@ -73,15 +74,9 @@ class LinkGeometry(Effect):
         """Return the constant to correct."""
         return Compensation("link constant", constant=(self.axis, _KEYS[self.field]))
 
-    def usual_times(self, build: Build) -> float:
-        """Return a multiple of two for light arms, and of ten for angles of printed brackets.
-
-        A UR10 has 0.78 mm and 0.089° in two series (Landgraf et al., 2021, as fitted by rig). For brackets assumed: an
-        edge of 30 mm is printed to 0.1 mm.
-        """
-        if build == "servo" and not self._length:
-            return 10.0
-        return 1.0 if build == "industrial" else 2.0
+    def usual_times(self, reference: Reference) -> float:
+        """Return the typical deviation of this constant in arms of the family (rigs/families/sizes.yaml)."""
+        return reference.link_sizes.get(self.seat, self.healthy) / self.healthy
 
     @property
     def healthy(self) -> float:

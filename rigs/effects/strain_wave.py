@@ -33,8 +33,8 @@ from rigs.schema.effect import (
     size,
 )
 from rigs.schema.part import Axis
+from rigs.schema.reference import Reference
 from rigs.schema.scene import Array, S, play
-from rigs.schema.vocabulary import Build
 
 _KNEE_2, _K2, _K3 = 3.5, 1.55, 1.75
 """T2 / T1, K2 / K1 and K3 / K1: means over sizes 17 to 40 of the table."""
@@ -120,13 +120,13 @@ class StrainWave(Effect):
         """Return a compensation by targets: the effect depends on the posture and, slightly, on the path to it."""
         return BY_TARGETS
 
-    def usual_times(self, build: Build) -> float:
+    def usual_times(self, reference: Reference) -> float:
         """Return a multiple of sixty for arms with strain-wave gears, 6e-4 °/Nm.
 
         This is their linear compliance (`compliance`, axes 2 and 3 of a UR10). Arms with torque sensors have the same
         gears.
         """
-        return 60.0 if build in ("light", "torque_sensing") else 1.0
+        return 60.0 if reference.design in ("light", "torque_sensing") else 1.0
 
     @property
     def idle(self) -> str:

@@ -20,8 +20,9 @@ import numpy as np
 from pydantic import Field
 
 from rigs.schema.part import Part
+from rigs.schema.reference import Reference
 from rigs.schema.scene import Array, S, Stage
-from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES, Build
+from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES
 
 Gauge = Literal["g1", "g2"]
 PartKind = Literal["constants", "gravity", "curve", "reversal", "warming", "gauges", "clocks"]
@@ -229,6 +230,8 @@ class Effect(Part, ABC):
     STRETCHED: ClassVar[tuple[StretchedShape, ...]] = ()
     DEED: ClassVar[Deed] = "repair"
     """Action for this effect."""
+    WEARS: ClassVar[bool] = True
+    """False for constants of the arm: their difference from a data sheet is no fault, because they do not wear."""
     MOST: ClassVar[float] = 120.0
     """Largest size in a fit, in healthy sizes.
 
@@ -284,8 +287,8 @@ class Effect(Part, ABC):
         """Return the size for a healthy arm, in the unit of the size."""
         return float(_schema_extra(type(self), size_field(self))["healthy"])
 
-    def usual_times(self, build: Build) -> float:
-        """Return the normal multiple of the healthy size for a build."""
+    def usual_times(self, reference: Reference) -> float:
+        """Return the normal multiple of the healthy size in comparable arms."""
         return 1.0
 
     @property

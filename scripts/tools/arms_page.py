@@ -155,6 +155,8 @@ def page() -> str:
         "",
         "The source of the Doosan has 1.571 for right angles; the library has right angles.",
         "",
+        *_differences(),
+        "",
         "## Sources",
         "",
     ]
@@ -167,6 +169,26 @@ def page() -> str:
         lines.append("")
     tail = "This page is generated: `scripts/dev arms_page > docs/arms.md`."
     return HEAD + "\n".join([*lines, tail, ""])
+
+
+def _differences() -> Iterator[str]:
+    """Yield the section on typical differences from the data sheet, by family and by design."""
+    from rigs.families import families  # noqa: PLC0415
+
+    yield "## Typical differences from the data sheet"
+    yield ""
+    yield "A sound arm differs from its data sheet by about these values (rms of several arms, and the largest),"
+    yield "in mm for lengths `a` and `d`, in degrees for twists `alpha` and `beta` ([the arm in the"
+    yield "controller](controller.md)). Constants that poses cannot separate share a row."
+    for family in families().families:
+        yield from ("", f"**{family.name}**: {family.source}.", "")
+        yield from ("| constant | rms | largest | arms |", "| --- | --- | --- | --- |")
+        for row in family.constants:
+            yield f"| {', '.join(row.seats)} | {row.rms:g} | {row.largest:g} | {row.arms} |"
+    yield from ("", "**Other arms**, by `build`:", "")
+    yield from ("| build | length | twist | arms | source |", "| --- | --- | --- | --- | --- |")
+    for build, sizes in families().designs.items():
+        yield f"| `{build}` | {sizes.length_mm:g} mm | {sizes.angle_deg:g}° | {sizes.arms} | {sizes.source} |"
 
 
 def _cells(arm: LibraryArm) -> Iterator[str]:

@@ -85,11 +85,11 @@ def arm_terms(rig: Rig) -> tuple[Term, ...]:
     Constants that change only the base frame or the ball position are omitted: all of axis 1, and zero and d of the
     last axis.
     """
-    axes, build = rig.robot.axes, rig.robot.design
+    axes = rig.robot.axes
     scope = Scope(False, (), tuple(axis.alpha_deg for axis in axes), (1.0,) * len(axes), False, rig.robot.payload_kg)
     forms = [form for cls in VOCABULARY.values() for seat in cls.forms(scope) for form in seat]
     grouped = [(group, form) for group in GROUPS for form in forms if _group_of(form, rig) == group]
-    usual = [(group, scaled(healthy(form), form.usual_times(build))) for group, form in grouped]
+    usual = [(group, scaled(healthy(form), form.usual_times(rig.reference))) for group, form in grouped]
     return tuple(
         Term(sine, group)
         for group, effect in usual

@@ -37,4 +37,4 @@ def typical_plays(rig: Rig) -> list[Effect]:
         for cls in plays
         for axis in range(1, len(rig.robot.axes) + 1)
     ]
-    return [scaled(play, play.usual_times(rig.robot.design)) for play in of_axes]
+    return [scaled(play, play.usual_times(rig.reference)) for play in of_axes]

@@ -296,6 +296,22 @@ class AnswerWords:
             return ""
         return self.texts("times_usual", times=f"{times:.1f}" if times >= 0.05 else "< 0.1")
 
+    @property
+    def passport(self) -> list[tuple[str, str]]:
+        """The known distances of the real arm in words, each with its size in µm; empty without a model."""
+        passport = self.diagnosis.passport
+        distances = passport.distances.items() if passport else ()
+        return [(self.texts(f"passport_{name}"), error_size(of.value, of.u)) for name, of in distances]
+
+    @property
+    def passport_changes(self) -> str:
+        """Sentence that names what left the factory state or changed since the last visit; empty if nothing did."""
+        passport = self.diagnosis.passport
+        if not (passport and passport.changed):
+            return ""
+        which = "moved" if passport.last_visit else "changed"
+        return self.texts(f"passport_{which}", names=", ".join(map(self.noun, passport.changed)))
+
     def noun(self, effect: Effect) -> str:
         """Return the noun phrase for an effect within a sentence."""
         words = self.texts.nouns.get(name_of(effect), self.texts.nouns.get(effect.effect))

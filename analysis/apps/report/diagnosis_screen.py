@@ -82,6 +82,7 @@ def as_screen(diagnosis: Diagnosis) -> RenderableType:
         unexplained += map(Text, remains_lines(diagnosis.remains, texts) if diagnosis.remains else ())
     sections = (
         ("Details", [Text(words.findings), Text(words.accuracy)]),
+        (texts("passport"), _passport(words)),
         ("Error budget", _budget(diagnosis)),
         ("Fitted effects" if diagnosis.given else "Faults", _faults(diagnosis)),
         ("All steps", [Text(f"{k + 1}. {act}") for k, act in enumerate(acts_in_words(diagnosis, texts))]),
@@ -125,6 +126,16 @@ def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
         )
     cut_off = f"× usual: multiple of the typical size in a healthy arm; a size certainly above {FAULT:g} is unusual"
     return [table, Text(cut_off, style="dim")]
+
+
+def _passport(words: AnswerWords) -> list[RenderableType]:
+    """Return the table of distances of the real arm, and what left the factory state."""
+    if not words.passport:
+        return []
+    table = bare_table("rms in the joint ranges of the runs, base and tool taught", right("µm"))
+    for row in words.passport:
+        table.add_row(*row)
+    return [table, *([Text(words.passport_changes)] if words.passport_changes else [])]
 
 
 def _faults(diagnosis: Diagnosis) -> list[RenderableType]:

@@ -199,7 +199,7 @@ class _SummaryWords:
         is_certain = named.posterior >= CERTAIN_ODDS
         certainty = self.texts("certain") if is_certain else self.texts("likely", odds=sure(named.posterior))
         certainty = "" if is_certain and named.twins else certainty  # of the group, not of its first member
-        usual = self.texts("usual_size") if part and part.rank == "usual" else ""
+        usual = self.texts(f"size_{part.rank}") if part and part.rank in ("usual", "difference") else ""
         first = ", ".join(filter(None, [self.answer.noun(named.effect), size(named), certainty, usual]))
         others_too = (*named.twins, *(rival.effect for rival in likely_rivals(named)))
         rivals = list(dict.fromkeys(map(self.answer.noun, others_too)))

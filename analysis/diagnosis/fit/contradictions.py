@@ -23,7 +23,6 @@ from analysis.procedures.shared.quantity import Quantity
 from rigs.effects import Effect, changed, healthy_size
 from rigs.rig import Rig
 from rigs.schema.declared_tests import KnownSocketDistance
-from rigs.schema.robot import Robot
 
 _SIGMA = 5.0
 """Difference of a stated distance from the prediction, in standard uncertainties, from which it is contradicted.
@@ -74,17 +73,17 @@ def _fitted_distances(distances: KnownDistances, result: SearchResult) -> list[Q
     slopes = distances.by_setup(linear.setups, linear.terms, len(columns))
     moves, covariance = posterior.mean[columns], posterior.covariance_among(columns)
     distances_mm, u_mm = distances.fitted_mm(linear.setups, slopes, moves, covariance)
-    u_mm = np.hypot(u_mm, _scale_u(linear.blocks[0].model.rig.robot) * distances_mm)
+    u_mm = np.hypot(u_mm, _scale_u(linear.blocks[0].model.rig) * distances_mm)
     return [Quantity(float(value), float(u), "mm") for value, u in zip(distances_mm, u_mm, strict=True)]
 
 
-def _scale_u(robot: Robot) -> float:
+def _scale_u(rig: Rig) -> float:
     """Return the relative standard uncertainty of a common scale of all lengths, which touches do not determine: that
     of the longest link.
     """
     length = changed(1, "a_mm", 0.0)
-    usual_mm = healthy_size(length) * length.usual_times(robot.design)
-    return usual_mm / max(max(abs(axis.a_mm), abs(axis.d_mm)) for axis in robot.axes)
+    usual_mm = healthy_size(length) * length.usual_times(rig.reference)
+    return usual_mm / max(max(abs(axis.a_mm), abs(axis.d_mm)) for axis in rig.robot.axes)
 
 
 def _without(runs: Sequence[ObservedRun], left_out: Container[KnownSocketDistance] | None = None) -> list[ObservedRun]:

@@ -113,9 +113,9 @@ class EffectPrices:
         Every arm has a usual amount of every effect. It is therefore no evidence against an effect that a search
         ignores it below a given gain, or that the arm shows little of most other effects.
         """
-        build = self.linear.blocks[0].model.rig.robot.design
+        reference = self.linear.blocks[0].model.rig.reference
         levels = np.array([level.of(effect) for effect in effects])
-        usual = np.maximum(levels, [effect.usual_times(build) for effect in effects])
+        usual = np.maximum(levels, [effect.usual_times(reference) for effect in effects])
         healthy = -HEALTHY_PRICE - 0.5 * (size / levels) ** 2 - np.log(levels)
         as_usual, gains = -0.5 * (size / usual) ** 2 - np.log(usual), np.zeros(len(effects))
         for of_these in np.unique(levels).tolist():

@@ -147,7 +147,7 @@ def rival_odds(selection: Selection, state: SelectionState, place: int, *, fault
 
     faults_only: only rivals that would be faults.
     """
-    forms, effect, build = selection.columns.forms, state.effects[place], selection.backgrounds.build
+    forms, effect, reference = selection.columns.forms, state.effects[place], selection.backgrounds.reference
     without = selection.without(state, place)
     bare, whole = selection.evidence(without), selection.evidence(state)
     gain = whole - bare + selection.prices.usual_gain(effect, state.level)
@@ -162,7 +162,7 @@ def rival_odds(selection: Selection, state: SelectionState, place: int, *, fault
     least = min(gain - _NEAR, _MISSED * min(gain, own_linear))
     score = linear - np.maximum(gains, 0.0)
     if faults_only:
-        least_faults = np.array([least_fault(form.effect, build) for form in forms])
+        least_faults = np.array([least_fault(form.effect, reference) for form in forms])
         score[size < _NEARLY * least_faults] = -np.inf
     rivals: list[tuple[SelectionState, float]] = []
     seen: set[str] = set()
@@ -175,7 +175,7 @@ def rival_odds(selection: Selection, state: SelectionState, place: int, *, fault
         if name_of(tried.effects[-1]) == name_of(effect):
             continue
         seen.add(name_of(tried.effects[-1]))
-        if faults_only and abs(size_of(tried.effects[-1])) <= least_fault(tried.effects[-1], build):
+        if faults_only and abs(size_of(tried.effects[-1])) <= least_fault(tried.effects[-1], reference):
             continue
         instead = selection.evidence(tried) - bare + selection.prices.usual_gain(tried.effects[-1], without.level)
         gain_over = instead - max(float(gains[k]), 0.0)

@@ -34,7 +34,7 @@ from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, Mask
 from analysis.robot.model.predict import SetUp
 from rigs.effects import Effect
-from rigs.schema.vocabulary import Build
+from rigs.schema.reference import Reference
 from rigs.text import counted
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -121,9 +121,9 @@ class SearchResult:
         return np.sqrt(np.clip(1 - 1 / np.maximum(self.strength, 1.0), 0.0, 1.0))
 
     @property
-    def design(self) -> Build:
-        """Build of the arm, the reference for usual effects."""
-        return self.linear.blocks[0].model.rig.robot.design
+    def reference(self) -> Reference:
+        """Arms with which this arm is compared, for usual effects."""
+        return self.linear.blocks[0].model.rig.reference
 
     @cached_property
     def contributions(self) -> list[Array]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,7 +28,7 @@ from analysis.robot.kinematics.arm import Array, Mask
 from rigs.calibration import Term, effects_of, is_nothing
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import PHASE, is_wave, name_of, size_of
-from rigs.schema.vocabulary import Build
+from rigs.schema.reference import Reference
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The state of a selection: the fitted effects, and the noise and healthy level of everything else.
@@ -38,9 +39,14 @@ with a level below 1, smaller effects may be faults.
 """
 
 
-def least_fault(effect: Effect, build: Build) -> float:
-    """Return the size, in healthy sizes, above which an effect of any size is a fault of an arm of a build."""
-    return FAULT * effect.usual_times(build)
+def least_fault(effect: Effect, reference: Reference) -> float:
+    """Return the size, in healthy sizes, above which an effect is a fault.
+
+    It is infinite for a link constant that is compared with a data sheet: constants do not wear, and every real arm
+    differs from its data sheet.
+    """
+    is_difference = reference.is_data_sheet and not effect.WEARS
+    return math.inf if is_difference else FAULT * effect.usual_times(reference)
 
 
 DRIVEN_WAVES = 2.0
@@ -167,14 +173,14 @@ _GRAMS = 4
 
 @dataclass(frozen=True)
 class Backgrounds:
-    """Backgrounds of states about given columns, for an arm of a build.
+    """Backgrounds of states about given columns, for an arm compared with a reference.
 
     States that differ only in the fitted sizes and shapes of the same effects share a background. States that differ
     only in named effects and level share the weighted products of the columns.
     """
 
     columns: Columns
-    build: Build
+    reference: Reference
     _recent: dict[tuple[bytes, bytes], Background] = field(default_factory=dict, init=False, repr=False)
     _grams: dict[bytes, Array] = field(default_factory=dict, init=False, repr=False)
     _shares: dict[tuple[str, str], Array] = field(default_factory=dict, init=False, repr=False)
@@ -207,7 +213,7 @@ class Backgrounds:
         usual = np.ones(len(self.columns.healthy))
         for form in self.columns.forms:
             if _is_soft_shoulder(form.effect):
-                usual[list(form.columns)] = form.effect.usual_times(self.build)
+                usual[list(form.columns)] = form.effect.usual_times(self.reference)
         return usual
 
 

@@ -61,7 +61,7 @@ class StateEvidence:
     @cached_property
     def backgrounds(self) -> Backgrounds:
         """The backgrounds of states: all contributions not fitted as an effect."""
-        return Backgrounds(self.columns, self.linear.blocks[0].model.rig.robot.design)
+        return Backgrounds(self.columns, self.linear.blocks[0].model.rig.reference)
 
     def posterior(self, state: SelectionState) -> CoefficientPosterior:
         """Return the posterior of all coefficients in a state."""

@@ -250,7 +250,8 @@ def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, don
     is_own = part.index is not None and diagnosis.effects[part.index] is named
     u_um, um = (part.u_um, part.um) if is_own else (named.u_um, named.worth_um)
     figures = judged.removed([*done, named.effect], u_um / um if um > 0 else 1.0)
-    is_wrong = named.stands and named.effect.DEED == "enter" and (named.times_usual or 0.0) >= _WRONG
+    is_constant = named.stands or part.rank == "difference"
+    is_wrong = is_constant and named.effect.DEED == "enter" and (named.times_usual or 0.0) >= _WRONG
     rivals = tuple(name_of(rival.effect) for rival in likely_rivals(named))
     against = [Against("rivals", names=rivals)] if rivals else []
     if named.doubt is not None and named.doubt != "usual":

@@ -14,7 +14,7 @@ from analysis.diagnosis.fit.background import CoefficientPosterior
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Form
 from analysis.diagnosis.fit.responses import Linearisation, Response, basis_of, rms_by_block
 from analysis.diagnosis.fit.search import SearchResult
-from analysis.diagnosis.fit.selection_state import FAULT, combined_effect
+from analysis.diagnosis.fit.selection_state import FAULT, combined_effect, least_fault
 from analysis.diagnosis.judge.result import LARGE_SHARE, SURE_SIGMA, BudgetPart, Gap, GroupMember, Named, Rank, Share
 from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
@@ -151,7 +151,7 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
         u_um = float(np.sqrt(max(np.sum(columns @ covariance[np.ix_(parameters, parameters)] * columns), 0.0)))
         # as in an arm without a fault, in multiples of its healthy size
         shapes = {shape.field: shape.expected for shape in effect.free(result.linear.payload_kg)}
-        as_usual = scaled(healthy(effect), effect.usual_times(result.design), **shapes)
+        as_usual = scaled(healthy(effect), effect.usual_times(result.reference), **shapes)
         usual = measure.um(result.linear.columns([as_usual])[:, 0])
         apart, times = runs_apart(result, k), um / usual if usual > _INVISIBLE_UM else None
         changes.append(EffectChange(change, um, float(np.hypot(u_um, apart * um)), times, apart))
@@ -211,7 +211,8 @@ class Budget:
             if name.effect in effects:
                 change = changes[effects.index(name.effect)]
                 is_unsure = name.doubt != "usual" or change.um < _DOUBTED_SIGMA * change.u_um
-                rank: Rank = "unusual" if name.stands else "undecided" if is_unsure else "usual"
+                as_usual: Rank = "usual" if least_fault(name.effect, self.result.reference) < np.inf else "difference"
+                rank: Rank = "unusual" if name.stands else "undecided" if is_unsure else as_usual
                 vector = self.measure.of(change.change)
                 part = BudgetPart(
                     "effect", change.um, change.u_um, self.share(vector), axis=getattr(name.effect, "axis", None),
@@ -274,7 +275,7 @@ class Budget:
             moved = self.measure.of(columns.X[:, indices])
             vector = moved @ posterior.mean[indices]
             u_um = self._u_um(moved, indices)
-            times = np.array([form.effect.usual_times(self.result.design) for form in forms for _ in form.columns])
+            times = np.array([form.effect.usual_times(self.result.reference) for form in forms for _ in form.columns])
             usual_um = float(np.sqrt(np.sum(moved**2 @ (columns.healthy[indices] * times**2))))
             um = float(np.linalg.norm(vector))
             ratio = um / usual_um if usual_um > _INVISIBLE_UM else 0.0

@@ -19,6 +19,7 @@ from analysis.procedures.facts import labels_of
 from analysis.robot.kinematics.arm import rail_mm
 from rigs.effect_names import name_in_words
 from rigs.rig import Rig
+from rigs.schema.controllers import practice_of
 from rigs.schema.effect import label_of
 
 _BETTER = 0.97
@@ -80,11 +81,19 @@ def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
 
 
 def doubts_of_rig(rig: Rig, fitted: FittedRuns) -> tuple[str, ...]:
-    """Return a message for each effect of the rig file without which the model fits better."""
-    if not rig.effects:
-        return ()
-    whole = rms(fitted.fit_with_effects(())[1])
+    """Return a message if the controller's own constants are not given, and for each effect of the rig file without
+    which the model fits better.
+    """
     doubts = []
+    practice = practice_of(rig.maker or rig.robot.name)
+    if practice and practice.own_constants == "always" and rig.controller == "unknown" and rig.reference.is_data_sheet:
+        doubts.append(
+            "a difference from the data sheet is normal for this maker: each robot has its own constants; repeat the "
+            f"diagnosis with --calibration FILE: {practice.get}"
+        )
+    if not rig.effects:
+        return tuple(doubts)
+    whole = rms(fitted.fit_with_effects(())[1])
     for k, effect in enumerate(rig.effects):
         bare = (*rig.effects[:k], *rig.effects[k + 1 :])
         without = rms(fit_run_setups([replace(run, model=replace(run.model, effects=bare)) for run in fitted.runs])[1])

@@ -12,6 +12,7 @@ import pyarrow as pa
 from analysis.diagnosis.evidence.contradiction import Contradiction
 from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.judge.acts import Act, Doubt, JudgedOn
+from analysis.diagnosis.judge.passport import Passport
 from analysis.diagnosis.judge.remains import ResidualSummary, Unexplained, independent_um
 from analysis.diagnosis.judge.residuals import Curve, Map, ResidualBand, ResidualPlace
 from analysis.diagnosis.judge.staircase import Staircase
@@ -36,8 +37,9 @@ Condition = Literal[
 """Condition of the arm: effects are named; effects are named, but a rival is possible; a single parameter exceeds
 the range that rig corrects, and is the only named effect; the cause is not in the library; the runs are too few;
 many usual errors that a calibration was shown to remove; nothing unusual; or the runs cannot show effects."""
-Rank = Literal["unusual", "usual", "undecided"]
-"""Whether an effect is larger than in healthy arms and than others in this arm."""
+Rank = Literal["unusual", "usual", "undecided", "difference"]
+"""Whether an effect is larger than in healthy arms and than others in this arm. A `difference` is a link constant that
+differs from the data sheet: no fault, at any size."""
 
 
 @dataclass(frozen=True)
@@ -504,6 +506,8 @@ class Diagnosis(Verdict, Tabular):
     """Movements between the runs or between rows of a run."""
     contradictions: tuple[Contradiction, ...] = ()
     """Stated constants that the readings contradict. The diagnosis does not use them."""
+    passport: Passport | None = None
+    """Distances of the real arm from its data sheet, its controller and the last visit; None without a model."""
 
     @property
     def next_act(self) -> Act | None:
@@ -539,6 +543,7 @@ class Diagnosis(Verdict, Tabular):
                 "movements": [movement.to_dict() for movement in self.movements],
                 **({"contradictions": [made.to_dict() for made in self.contradictions]} if self.contradictions else {}),
                 "runs_to_decide": self.runs_to_decide,
+                "passport": self.passport.to_dict() if self.passport else None,
                 "rig": self.rig.name,
                 "runs": self.runs,
                 "effects": [name.to_dict() for name in self.effects],

@@ -142,7 +142,7 @@ def unrepeated_um(result: SearchResult) -> float | None:
     """
     if any(block.measured or not shows_noise(block) for block in result.linear.blocks):
         return None
-    stops_mm = REPEATABILITY_MM / RP_PER_SD * play_of_joint(1, 1.0).usual_times(result.design)
+    stops_mm = REPEATABILITY_MM / RP_PER_SD * play_of_joint(1, 1.0).usual_times(result.reference)
     usual_um = 1e3 * float(np.sqrt(3) * np.hypot(stops_mm, TRACKER_U_MM))
     off_um = float(np.sqrt(3)) * _scatter_um(result)
     return off_um if off_um > usual_um else None
@@ -154,7 +154,7 @@ def most_usual_visits_um(result: SearchResult) -> float:
     For industrial and light arms it is the data-sheet repeatability in each of three coordinates. For other builds it
     is larger in proportion to their usual backlash.
     """
-    return 1e3 * float(np.sqrt(3)) * TARGET_MM.high * play_of_joint(1, 1.0).usual_times(result.design)
+    return 1e3 * float(np.sqrt(3)) * TARGET_MM.high * play_of_joint(1, 1.0).usual_times(result.reference)
 
 
 def _folds(result: SearchResult) -> Integers:

@@ -16,7 +16,7 @@ from analysis.diagnosis.fit.free_forms import best_free_form, free_forms_of
 from analysis.diagnosis.fit.out_of_range import OutOfRange
 from analysis.diagnosis.fit.responses import LEAST_MATERIAL_UM, plain_rms_by_block, rms_by_block
 from analysis.diagnosis.fit.search import SearchResult
-from analysis.diagnosis.fit.selection_state import background_effects, least_fault, spurious_wave_series
+from analysis.diagnosis.fit.selection_state import FAULT, background_effects, least_fault, spurious_wave_series
 from analysis.diagnosis.judge.acts import IMITATED, Doubt, JudgedOn
 from analysis.diagnosis.judge.budget import EffectChange, GapMeasure, sizes_by_setup
 from analysis.diagnosis.judge.imitations import imitation_of, shows_waves
@@ -284,7 +284,7 @@ def _judge_effect(
     for tried, likely in own_odds.rivals:
         if likely > _NEGLIGIBLE:
             other = tried.effects[-1]
-            is_fault = abs(size_of(other)) > least_fault(other, result.design)
+            is_fault = abs(size_of(other)) > least_fault(other, result.reference)
             rival = Rival(other, tried.refined.sd(len(tried.effects) - 1), likely, is_fault)
             apart = result.linear.without_set_up(tried.refined.residual - result.fit.residual)
             (twins if np.linalg.norm(apart) < _SAME_SIGMA else rivals).append(rival)
@@ -314,7 +314,7 @@ def _doubt(
     state, healthy_odds = result.state, result.rival_odds[k].healthy_odds
     effect = state.effects[k]
     size, times = abs(getattr(effect, size_field(effect))), abs(size_of(effect))
-    least = least_fault(effect, result.design)
+    least = least_fault(effect, result.reference)
     reasons: tuple[tuple[bool, Doubt], ...] = (
         (times <= least, "usual"),
         (effect.NEEDS_REPEATS and not shows_time(result.linear.blocks), "one_lap"),
@@ -452,7 +452,8 @@ def condition_of(
         return "named" if sure_um2 > open_um2 else "ambiguous"
     if is_undecided(named) or unrepeated_um:
         return "undecided"
-    return "uncalibrated" if gaps.gains_elsewhere else "nothing_unusual"
+    differs = any(name.doubt == "usual" and (name.times_usual or 0.0) > FAULT for name in named)  # from a data sheet
+    return "uncalibrated" if differs or gaps.gains_elsewhere else "nothing_unusual"
 
 
 def as_scatter(budget: Sequence[BudgetPart], remainder: Remainder) -> tuple[tuple[BudgetPart, ...], Remainder]:

@@ -69,11 +69,12 @@ def test_one_parameter_beyond_its_limit_is_the_only_name_with_its_estimate(
     assert [act.kind for act in found.acts] == ["check"] and found.calibrated is None
 
 
-def test_a_large_error_within_the_limits_is_an_ordinary_fault() -> None:
+def test_large_difference_from_the_data_sheet_is_no_fault_and_is_checked_in_the_rig_file() -> None:
     found = _found(replace(none(), a=np.array([0, 0, -15.0, 0, 0, 0])), seed=5)
-    assert found.condition == "named" and found.calibrated is not None
+    assert found.condition == "uncalibrated" and found.calibrated is not None
     assert [act.kind for act in found.acts][:2] == ["check", "load"], "a correction would hide a wrong rig file"
-    assert [name_of(name.effect) for name in found.standing] == ["link_geometry 3.a"]
+    assert not found.standing and found.budget[0].rank == "difference"
+    assert found.budget[0].name == "link_geometry 3.a"
 
 
 @pytest.mark.parametrize(("initial_um", "is_found"), [(9.0, False), (2000.0, True)])

@@ -34,8 +34,10 @@ from analysis.diagnosis.plan.naming_tests import NamingTests, naming_tests
 from analysis.runs.tables import CircleTable
 from rigs.calibration import ModelAssessment, ground_of, verdict_of
 from rigs.effects import VOCABULARY, Backlash, BallForm, Compliance, Effect, JointOffset, LinkGeometry
+from rigs.families import link_sizes
 from rigs.load import load
 from rigs.schema.effect import name_of, whole_order
+from rigs.schema.reference import Reference
 from rigs.schema.vocabulary import Direction
 from tests.support.diagnosis_cells import DEMO, LIMITS, RIG, circles, demo, found_in, measured, seen, table_of, there
 from tests.support.handmade_calibration import calibrated_model
@@ -263,9 +265,9 @@ def test_the_model_of_the_demo_says_of_itself_where_it_was_judged() -> None:
 
 def test_softness_is_usual_by_the_build_of_the_arm() -> None:
     soft = Compliance(axis=2, deg_per_Nm=5.5e-4)
-    assert soft.usual_times("industrial") == 1
-    assert soft.deg_per_Nm / (soft.healthy * soft.usual_times("light")) < 2  # a UR10 as it was measured
-    assert LinkGeometry(axis=3, field="a", delta=0.2).usual_times("light") == 2
+    assert soft.usual_times(Reference("industrial")) == 1
+    assert soft.deg_per_Nm / (soft.healthy * soft.usual_times(Reference("light"))) < 2  # a UR10 as it was measured
+    assert LinkGeometry(axis=3, field="a", delta=0.2).usual_times(Reference("light", link_sizes("light", None))) == 2
     assert load("ur10")[0].robot.design == "light" and RIG.robot.design == "industrial"
 
 

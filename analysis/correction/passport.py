@@ -1,0 +1,49 @@
+"""The passport of a robot: how far its real arm is from the data sheet, the controller and the last visit."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+from analysis.correction.pose_uncertainty import CalibratedUncertainty, frame_u_mm
+from analysis.correction.work import rest_mm, rms_um, spread_angles, tool_poses
+from analysis.diagnosis.judge.passport import Passport
+from analysis.diagnosis.judge.result import CERTAIN_ODDS, SURE_SIGMA, Diagnosis, Named
+from analysis.procedures.shared.quantity import Quantity
+from analysis.robot.description.controller_constants import data_sheet_of
+from analysis.robot.kinematics.arm import Array, arm_of, controller_arm, forward
+from analysis.robot.model.predict import model_of
+from rigs.errors import FileError
+
+
+def passport_of(diagnosis: Diagnosis) -> Passport | None:
+    """Compare the calibrated arm of a diagnosis with the other arms of this robot; None without a calibrated model."""
+    rig, calibrated = diagnosis.rig, diagnosis.calibrated
+    if calibrated is None or not diagnosis.is_modelled:
+        return None
+    real = diagnosis.extended_rig.with_calibration(None, calibrated)
+    uncertainty = CalibratedUncertainty(real, calibrated)
+    q = spread_angles(real, uncertainty.joints_rad)  # a single circle would not determine base and tool
+    of_posture = [effect for effect in model_of(real).effects if effect.compensation().use != "none"]
+    places = tool_poses(model_of(real, of_posture), q)[:, :3, 3]
+    u_um = rms_um(frame_u_mm(real, uncertainty, q, q))
+
+    def distance(poses: Array) -> Quantity:
+        return Quantity(rms_um(rest_mm(places, poses)), u_um, "µm")
+
+    data_sheet = None
+    with suppress(FileError):  # constants of a controller whose data sheet is not in the library
+        axes = data_sheet_of(rig.robot).axes
+        update = {"axes": axes, "controller": None, "controller_axes": ()}
+        data_sheet = distance(forward(arm_of(rig.robot.model_copy(update=update)), q))
+    is_known = rig.controller != "unknown"
+    controller = distance(forward(controller_arm(rig.robot), q)) if is_known else None
+    last_visit = distance(tool_poses(model_of(rig), q)) if rig.is_calibrated else None
+    changed = tuple(named.effect for named in diagnosis.effects if _has_changed(diagnosis, named))
+    return Passport(data_sheet, controller, last_visit, changed)
+
+
+def _has_changed(diagnosis: Diagnosis, named: Named) -> bool:
+    """True for a fault and, if constants of this robot are known, for every certain difference from them."""
+    is_certain = named.posterior >= CERTAIN_ODDS and named.worth_um > SURE_SIGMA * named.u_um
+    is_own = not diagnosis.rig.reference.is_data_sheet
+    return named.stands or (is_own and named.doubt == "usual" and is_certain)
