@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from analysis.apps.makers.abb.copies import copies_in
 from analysis.apps.makers.abb.offsets import known_numbers
 from analysis.apps.makers.abb.statements import (
     MOST_ELEMENTS,
@@ -72,6 +73,8 @@ def parse(texts: ProgramTexts) -> Parsed:
         reader.frames |= {f"tool {name.lower()}" for name in _LAST.findall(text)}
         reader.frames |= {f"frame {name.lower()}" for name in _WOBJ.findall(text)}
     reader.numbers.known |= known_numbers(blank)
+    reader.copies, places = copies_in(blank, reader.numbers, frozenset(reader.points.keys()))
+    reader.spent |= places
     _external_axes(reader)
     _hide_by_parameters(reader)
     for file in range(len(blank)):

@@ -10,8 +10,9 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
+from analysis.apps.makers.abb.copies import OFFSET, Reached, read_target
 from analysis.apps.makers.abb.instructions import EFFECT, FUNCTIONS, MOVE, SWITCHES, TOOL_THIRD, WRITES
-from analysis.apps.makers.abb.offsets import Numbers, offset_frames
+from analysis.apps.makers.abb.offsets import Numbers
 from analysis.apps.makers.abb.posture import agreeing, quadrants
 from analysis.apps.makers.numbers import frame_of, is_frame
 from analysis.apps.makers.points import Points, as_value
@@ -56,7 +57,6 @@ _ASSIGNED = re.compile(
     r"\s*(?P<name>[A-Za-z]\w*)(?P<part>\s*(?:\{[^{};]*\}|\.\w+)(?:\s*\{[^{};]*\}|\.\w+)*)?\s*:=(?P<right>.*)", re.DOTALL
 )
 _INSTRUCTION = re.compile(r"\s*(?P<name>[A-Za-z]\w*)(?P<rest>.*)", re.DOTALL)
-_OFFSET = re.compile(r"(Offs|RelTool)\s*\(", re.IGNORECASE)
 _DATA = re.compile(r"\s*(?:(?:LOCAL|TASK)\s+)?(?:CONST|PERS|VAR)\b", re.IGNORECASE)
 _HANDED = re.compile(r"\[\s*\[[^\[\]]*\](?:\s*,\s*\[[^\[\]]*\])+\s*\]")
 """A literal target among the arguments of a routine."""
@@ -140,6 +140,7 @@ class RapidReader:
     """Tools and work objects whose name has a different meaning in a routine."""
     arrays: dict[str, list[str]] = field(default_factory=dict)
     """The keys of the elements of arrays of points."""
+    copies: dict[str, Reached] = field(default_factory=dict)
     numbers: Numbers = field(default_factory=Numbers)
     by_name: Unknown | None = None
     """The place at which the program writes data selected by a name in a string."""
@@ -516,17 +517,14 @@ def _target(reader: RapidReader, begin: int, end: int, move: Move, kind: str, in
     """Parse the target of a move: a point, a literal, or a point with an offset."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text, of_program = reader.texts[reader.file], reader.file < reader.points.files
-    name = text[begin:end].partition("\\")[0].strip() if not _OFFSET.match(text, begin, end) else text[begin:end]
-    key = name.lower()
-    offsets: list[tuple[str, Value]] = []
-    if wrapped := _OFFSET.match(text, begin, end):
-        places = arguments(text, wrapped.end(), text.rfind(")", begin, end))
-        key = text[slice(*places[0])].lower()
-        frames = offset_frames(wrapped[1].lower(), [text[slice(*place)] for place in places[1:]], reader.numbers)
-        values: list[Value] = list(map(as_value, frames))
-        values = values or [reader.why(begin, "the offset is not known from the texts")]
-        offsets = [("frame" if wrapped[1].lower() == "offs" else "tool", value) for value in values]
-        begin, end = places[0]
+    name = text[begin:end].partition("\\")[0].strip() if not OFFSET.match(text, begin, end) else text[begin:end]
+    reached = read_target(text, begin, end, reader.numbers, reader.copies)
+    key, offsets = reached.point, list[tuple[str, Value]]()
+    if reached.offsets is None:
+        offsets = [("frame", reader.why(begin, "the offset is not known from the texts"))]
+    else:
+        offsets = [(of, as_value(T)) for of, T in reached.offsets]
+    begin, end = reached.begin, reached.end
     if text.startswith("[", begin) and of_program:
         target = reader.literal(reader.file, kind, begin, end if offsets else begin + len(name), instruction)
         key = f"[{reader.file}:{begin}"

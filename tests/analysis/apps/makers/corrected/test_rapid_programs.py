@@ -315,6 +315,34 @@ def test_modules_of_a_backup_are_read_from_the_folder_of_the_task(tmp_path: Path
     assert found.names == ("MoveJ",) and not found.left
 
 
+COPIES = {
+    "an approach": ("c:=Offs(p,0,0,30);\nMoveL c,v9,fine,t;\nMoveL p,v9,fine,t;\n", True),
+    "an approach along the tool": ("c:=RelTool(p,0,0,-30\\Rz:=3);\nMoveL c,v9,fine,t;\n", True),
+    "a copy": ("c:=p;\nMoveL c,v9,fine,t;\n", True),
+    "an offset from a copy": ("c:=Offs(p,0,0,up);\nMoveL Offs(c,0,0,-dx),v9,fine,t;\nMoveL c,v9,fine,t;\n", True),
+    "offsets in one another": ("MoveL Offs(Offs(p,0,0,dx),5,0,0),v9,fine,t;\n", True),
+    "two kinds of offsets": ("MoveL p,v9,fine,t;\nMoveL RelTool(Offs(p,0,0,dx),5,0,0),v9,fine,t;\n", None),
+    "two assignments": ("c:=Offs(p,0,0,5);\nMoveL c,v9,fine,t;\nc:=Offs(p,0,0,9);\nMoveL c,v9,fine,t;\n", False),
+    "a part that is assigned": ("c:=p;\nc.trans.z:=400;\nMoveL c,v9,fine,t;\n", False),
+    "an unknown offset": ("c:=Offs(p,0,0,w);\nMoveL c,v9,fine,t;\n", False),
+    "a routine that is given the copy": ("c:=p;\nown c;\nMoveL c,v9,fine,t;\n", False),
+    "a search that writes the copy": ("c:=p;\nSearchL\\Stop,di1,c,{p2},v9,t;\nMoveL c,v9,fine,t;\n", False),
+    "a parameter of the same name": ("c:=p;\nMoveL c,v9,fine,t;\nother p;\n", False),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("row", COPIES)
+def test_copy_of_a_point_is_a_move_with_an_offset(row: str, tmp_path: Path) -> None:
+    moves, is_copy = COPIES[row]
+    rest = "PROC own(INOUT robtarget r)\nENDPROC\n"
+    rest += "PROC other(robtarget c)\nMoveL c,v9,fine,t;\nENDPROC\n" if "other" in moves else ""
+    data = f"{DATA}\nVAR robtarget c;"
+    rig, files = abb_files(module_of(f"MoveAbsJ {{q1}},v9,fine,t;\nConfL\\Off;\n{moves}", rest, data))
+    found = corrected_files(rig, tmp_path, files)
+    assert ("p" in found.names) == (is_copy is not False)
+    assert bool(found.left) == (is_copy is not True)
+
+
 def test_parameter_hides_a_constant(tmp_path: Path) -> None:
     files = module_of(J0 + "go 400;\n", "PROC go(num dx)\nMoveL Offs(p,0,0,dx),v9,fine,t;\nENDPROC\n", DATA)
     rig, files = abb_files(files)
