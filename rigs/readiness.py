@@ -91,9 +91,10 @@ def unmeasurable(rig: Rig) -> tuple[MissingEntry, ...]:
 
 
 def readiness_lines(rig: Rig, unreachable: Collection[str] = ()) -> list[str]:
-    """Return a line with the tests that are ready, and a line for each missing part with the tests that need it.
+    """Return a line with what the file is ready for, and the missing parts with the tests that need them.
 
-    unreachable: parts of `tests` with a path that the arm cannot drive.
+    unreachable: parts of `tests` with a path that the arm cannot drive. A file without gauges is meant for tables, so
+    the parts are listed in one line.
     """
     lacks: dict[MissingEntry, list[str]] = {}
     for test in get_args(TestName):
@@ -103,8 +104,11 @@ def readiness_lines(rig: Rig, unreachable: Collection[str] = ()) -> list[str]:
         for missing in lacking:
             lacks.setdefault(missing, []).append(test)
     lacking_tests = {test for tests in lacks.values() for test in tests}
-    ready = ", ".join(test for test in get_args(TestName) if test not in lacking_tests) or "none"
-    lines = [f"possible tests: {ready}; tables of poses and touches can be imported with any rig file"]
+    ready = ", ".join(test for test in get_args(TestName) if test not in lacking_tests)
+    lines = [f"ready for: {f'{ready}; ' if ready else ''}tables of tracker poses and of touches (rig import)"]
+    if not dict(rig.gauges) and not unreachable:
+        parts = ", ".join(f"{missing.key} ({', '.join(tests)})" for missing, tests in lacks.items())
+        return lines + [f"other tests need {parts} in the rig file"] * bool(parts)
     return lines + [
         f"not possible: {', '.join(tests)}: {missing.problem}; {missing.remedy}" for missing, tests in lacks.items()
     ]

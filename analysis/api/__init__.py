@@ -280,8 +280,8 @@ def calibrate(
     effects: effects to fit, separated by commas, such as `backlash:1,joint_offset`: NAME:AXIS, or NAME for all axes. If
     None, the runs determine the effects, as in `diagnose`.
     rig: the initial model; the rig file of the first run if None.
-    hold_out: runs used for validation only. By default a fifth of the poses is held out, in groups of neighbouring
-    postures.
+    hold_out: runs used for validation only. By default a fifth of 60 or more poses is held out, in groups of
+    neighbouring postures.
     unseen: runs at a different place or radius for validation.
     progress: called with a short text at each step, which may take seconds.
 

@@ -34,9 +34,9 @@ def diagnose(
     """Diagnose runs of one robot with the model of a rig, validated on held-out runs and unseen places.
 
     `tolerance_um`: largest accepted rms error of the readings; by default the limits of the rig file decide. `given`:
-    effects to be fitted regardless of their significance, without a search. Without held-out runs, a fifth of the poses
-    is held out, in groups of neighbouring postures. Raises FileError for runs of a different robot, or not readable as
-    the stated test.
+    effects to be fitted regardless of their significance, without a search. Without held-out runs, a fifth of 60 or
+    more poses is held out, in groups of neighbouring postures. Raises FileError for runs of a different robot, or not
+    readable as the stated test.
     """
     begin_s = time.perf_counter()
     evidence = gather(rig, Uses(used, held_out, unseen), tolerance_um, progress)

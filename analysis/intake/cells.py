@@ -23,24 +23,27 @@ from analysis.runs.written_files import as_it_was
 from daq.store.chunk import ColumnType
 from rigs.errors import FileError
 from rigs.schema.vocabulary import direction_of
-from rigs.text import counted, enumerated
+from rigs.text import counted, enumerated, first_of
 
-_SHOWN = 20
+_SHOWN, _LINES = 20, 6
+"""Largest number of mistakes shown, and of other lines with the same mistake."""
 
 
 @dataclass(frozen=True, order=True)
 class TableProblem:
-    """A mistake in a table: line number from 1, column or "" for the complete row, reason, and number of rows that
-    have it.
+    """A mistake in a table: line number from 1, column or "" for the complete row, reason, number of rows that have
+    it, and the first other lines.
     """
 
     line: int
     column: str
     message: str
     rows: int = 1
+    also: tuple[int, ...] = ()
 
     def __str__(self) -> str:
-        message = self.message if self.rows == 1 else f"{self.message} ({self.rows} rows, the first is given)"
+        others = f"{first_of(self.also, _LINES)}{f' and {self.rows - 1 - _LINES} more' * (self.rows - 1 > _LINES)}"
+        message = f"{self.message} (also in line {others})" if self.also else self.message
         if not self.column:
             return f"line {self.line}: {message}"
         column = self.column if self.column.isprintable() else quoted(self.column)
@@ -53,7 +56,8 @@ def _without_repeats(problems: Iterable[TableProblem]) -> list[TableProblem]:
     for problem in sorted(problems):
         first = together.setdefault((problem.column, problem.message), problem)
         if first is not problem:
-            together[problem.column, problem.message] = replace(first, rows=first.rows + problem.rows)
+            also = (*first.also, problem.line, *problem.also)[:_LINES]
+            together[problem.column, problem.message] = replace(first, rows=first.rows + problem.rows, also=also)
     return list(together.values())
 
 

@@ -13,6 +13,9 @@ from dataclasses import dataclass, replace
 from itertools import permutations
 from typing import Literal
 
+import numpy as np
+
+from analysis.intake.cells import Problems
 from analysis.intake.raw_table import RawTable
 from analysis.intake.table_map import Unit
 from rigs.errors import FileError
@@ -62,6 +65,8 @@ _NAMELESS = re.compile(r"column \d+( \(.*\))?")
 """Name given to a column without a header (`analysis.intake.raw_table`). The number is the position only."""
 _ORDERS = tuple("".join(order) for order in permutations("xyz"))
 _ZYZ = ("zyz", "zxz")
+_TRIPLES = 12
+"""Largest number of places tried among unnamed columns; each is compared with the arm in every unit."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +141,11 @@ def is_of_spot(column: str) -> bool:
     return bool(set(_name(column, "").words) & _SPOTS)
 
 
+def is_nameless(column: str) -> bool:
+    """Return whether a column has no name in the header."""
+    return bool(_NAMELESS.fullmatch(column))
+
+
 def count_places(columns: Iterable[str]) -> int:
     """Return the number of places, each with columns x, y and z, in a header."""
     names = [name for name in (_name(column, "") for column in columns) if name.role not in ("other", "residual")]
@@ -158,7 +168,7 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
     numeric = set(raw.numeric)
     names = [_name(name, unit) for name, unit in zip(raw.names, raw.units, strict=True) if name in numeric]
     names = [name for name in names if name.role != "other"]
-    named = [name for name in names if not _NAMELESS.fullmatch(name.column)]
+    named = [name for name in names if not is_nameless(name.column)]
     axes = len(axis_names)
     numbered = [_as_named(raw, group, axis_names) for group in _numbered(named, axes)]
     joints = list({group.columns: group for group in (*numbered, *_groups_by_axis_name(named, axis_names))}.values())
@@ -429,14 +439,21 @@ def _by_position(
     raw: RawTable, columns: list[str], axes: int, joints: bool, seen: bool
 ) -> tuple[list[ColumnGroup], list[PlaceColumns]]:
     """Return groups of unnamed columns by count, with the joints before or after the pose."""
-    if columns and columns[0] == raw.names[0] and len(columns) - int(joints) * axes in (4, 7, 8, 13, 17):
+    is_first = columns[:1] == [raw.names[0]] and len(columns) - int(joints) * axes in (4, 7, 8, 13, 17)
+    if is_first or (columns and (np.diff(raw.numbers(columns[:1], Problems())[:, 0]) == 1).all()):
         columns = columns[1:]  # a counter or a time
     pose = len(columns) - axes if joints else len(columns)
     if not joints:
-        return [], list(_poses(columns))
+        return [], list(_poses(columns)) or _triples(columns)
     if not seen or pose == 0:
         return [ColumnGroup(tuple(columns), "unsaid")] if pose == 0 else [], []
-    if pose not in (3, 6, 7, 12, 16):
+    if pose < 3:
         return [], []
     groups = [ColumnGroup(tuple(columns[:axes]), "unsaid"), ColumnGroup(tuple(columns[pose:]), "unsaid")]
-    return groups, [*_poses(columns[axes:]), *_poses(columns[:pose])]
+    places = [*_poses(columns[axes:]), *_poses(columns[:pose])]
+    return groups, places or [*_triples(columns[axes:]), *_triples(columns[:pose])]
+
+
+def _triples(columns: Sequence[str]) -> list[PlaceColumns]:
+    """Every three adjacent columns as a place, for tables with counters, uncertainties or times without names."""
+    return [PlaceColumns(ColumnGroup(tuple(columns[k : k + 3]), "unsaid")) for k in range(len(columns) - 2)][:_TRIPLES]

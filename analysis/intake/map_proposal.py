@@ -14,7 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.intake.cells import TableFileError
-from analysis.intake.column_groups import ColumnGroup, Groups, PlaceColumns, groups_of, is_of_controller, is_of_spot
+from analysis.intake.column_groups import (
+    ColumnGroup,
+    Groups,
+    PlaceColumns,
+    groups_of,
+    is_nameless,
+    is_of_controller,
+    is_of_spot,
+)
 from analysis.intake.controller_places import COMPUTED_MM, FittingPlace, PlaceRoles, place_roles
 from analysis.intake.cube_stops import with_joints
 from analysis.intake.mapped import MappedPoses, fits_in_parts, meant, plausibility, poses_of, radians
@@ -519,6 +527,8 @@ def _turned(judge: Judge, table_map: TableMap, seen: PlaceColumns) -> TableMap:
     judge.checked.append(best.line(others[0] if others else None))
     none = TableReading(None, np.nan, "°", "turn missing: only places are imported")
     rivals = _rivals(readings)
+    if best.left > _RIGHT_DEG and all(map(is_nameless, best.value.columns)):
+        return table_map  # other numbers next to the place, such as its uncertainties
     if best.left > _RIGHT_DEG:
         asks = f"the readings of the turn do not fit the arm within {_RIGHT_DEG:g}°; ignore the turn, or use which?"
         judge.questions.append(Question("turn", asks, (none, *readings[:_SHOWN])))

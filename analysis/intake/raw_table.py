@@ -46,8 +46,8 @@ _NUMBER = r"^[ \t]*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?[ \t]*$"
 _POINT = re.compile(_NUMBER)
 _COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+([eE][+-]?[0-9]+)?")
 _UNIT = re.compile(r"[\[(]?\s*(mm|m|cm|um|µm|in|inch|deg|°|rad|s|ms|-|degrees|radians|°c|)\s*[\])]?", re.IGNORECASE)
-_MOSTLY = 0.9
-"""Minimum share of numbers in a numeric column."""
+_MOSTLY = 0.6
+"""Minimum share of numbers in a numeric column. The other cells are reported one by one."""
 _FEWEST = 3
 """Minimum number of columns: a position has three."""
 
@@ -213,7 +213,7 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> FileLayout:
         k
         for k in rows
         if len(cells := _fields(lines[k], mark)) == fields
-        and all(_is_number(cell, comma) for cell, number in zip(cells, numeric, strict=True) if number)
+        and np.mean([_is_number(cell, comma) for cell, number in zip(cells, numeric, strict=True) if number]) > 0.5
     )
     first = next(data, None)
     if first is None:

@@ -219,8 +219,9 @@ class Polled(PassesShapes):
             return item
         if not (part := echoed_part(self._sent, self._heard)):
             return item
-        echo = f"it starts with {part} of the {len(self._sent)} bytes of the request, so the adapter echoes"
-        return replace(item, detail=f"{item.detail}; {echo}: switch off the echo of the RS-485 adapter")
+        echo = f"it starts with {part} of the {len(self._sent)} bytes of the request, which comes back"
+        remedy = "switch off the echo of the adapter or converter; over a network check host and port too"
+        return replace(item, detail=f"{item.detail}; {echo}: {remedy}")
 
     def _go_on(self, then: Then, items: list[Item], surplus: int, now_ns: int) -> ConversationStep:
         if then is Then.DRAIN:

@@ -151,6 +151,9 @@ class Touch(Part):
     """Approximate ball centre in the tool frame. The exact position is estimated."""
     touches: int = Field(default=40, ge=1, le=2000)
     """Number of touches requested by a recording, over all sockets."""
+    seat: Literal["ball", "tip"] = "ball"
+    """Kind of contact: a ball held in a socket, or the tip of a pointer that is guided into a punch mark by eye and
+    scatters more."""
     distances: tuple[KnownSocketDistance, ...] = ()
 
     _in_mm = field_validator("ball_mm")(place_not_in_metres)

@@ -36,7 +36,7 @@ def init(
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="Host of the robot, tcp://host:port, udp://address:port or linuxcnc://host; none with sockets; "
+            help="Host of the robot, tcp://host:port, udp://address:port or linuxcnc://host; none: typed joints; "
             "default: interactive.",
         ),
     ] = None,

@@ -22,6 +22,7 @@ from analysis.apps.commission.init_answers import (
 )
 from analysis.apps.commission.rig_file_text import chosen_arm, rig_text
 from analysis.apps.commission.robot_questions import (
+    NO_ROBOT,
     ask_arm,
     ask_build,
     ask_circle,
@@ -58,7 +59,7 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
         raise FileError(str(path.parent), "is not a directory", "create the directory, or choose a different name")
     _check_new(path)
     other = {"tracker": "a tracker", "arm": "a second arm"}.get(options.measured_by)
-    if other and options.robot is not None:
+    if other and options.robot not in (None, NO_ROBOT):
         raise UseError("--robot", f"is not used with {other}: the table contains the joints", "remove it")
     gauges = {"--port": options.ports, "--g1, --g2": any(options.places), "--baseline-mm": options.baseline_mm}
     gauges |= {"--key": options.keys.get("g1") or options.keys.get("g2"), "--circle-here": options.circle_here}

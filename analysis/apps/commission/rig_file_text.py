@@ -166,6 +166,7 @@ def _of_sockets(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield f"    sockets: [{', '.join(_SOCKETS)}]"
     yield f"    ball_mm: {flow(ball_mm)} # approximate ball position on the flange, refined by the diagnosis"
     yield f"    touches: {Touch.model_fields['touches'].default}"
+    yield "    seat: ball # tip for a pointer that is guided into a punch mark by eye"
     yield "    # A known distance sets the scale of the arm; measure over both balls (rig parts --over-balls-mm):"
     yield f"    # distances: [{{between: [{', '.join(_SOCKETS)}], distance_mm: 100, u_mm: 0.05}}]"
     yield from _limits(answers, arm.repeatability_mm, "sockets")

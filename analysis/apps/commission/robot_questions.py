@@ -64,7 +64,7 @@ The build determines the usual plays, zeros and lengths of the arm:
   industrial: reducers of large machines; light: strain-wave gears, as of cobots;
   torque_sensing: with torque sensors in the joints; servo: hobby servos
 Build"""
-_NO_ROBOT = "none"
+NO_ROBOT = "none"
 _MOST_TOLERANCE_MM = 1000.0
 _LEAST_TOOL_MM = 1.0
 """Lower bound of the largest coordinate of a ball on the flange. Chosen: the longest tools have 1 m, 1.0 in metres."""
@@ -98,7 +98,7 @@ def ask_robot_if_any(answers: Answers, options: Options, dialogue: Dialogue) -> 
     """Find a robot for guided touches. If there is none, the joint angles will be typed into a table."""
     axes = len(chosen_arm(answers.arm or "", options.measured_by).robot.axes)
     address = options.robot or answers.robot_address
-    if axes != DRIVEN_AXES and options.robot not in (None, _NO_ROBOT):
+    if axes != DRIVEN_AXES and options.robot not in (None, NO_ROBOT):
         problem = f"is supported only for arms of {DRIVEN_AXES} axes, and {answers.arm} has {axes}"
         raise UseError("--robot", problem, "remove the option: the joints are typed into a table")
     if axes != DRIVEN_AXES:
@@ -108,9 +108,9 @@ def ask_robot_if_any(answers: Answers, options: Options, dialogue: Dialogue) -> 
             "rigd can read the joints and guide from touch to touch; otherwise type the joints into a table.\n"
             "Address of the robot, or none"
         )
-        address = dialogue.ask(question, "--robot", str, _NO_ROBOT)
-    if address == _NO_ROBOT:
-        return answers.model_copy(update={"robot_address": _NO_ROBOT, "feedback": None})
+        address = dialogue.ask(question, "--robot", str, NO_ROBOT)
+    if address == NO_ROBOT:
+        return answers.model_copy(update={"robot_address": NO_ROBOT, "feedback": None})
     return ask_robot(answers, replace(options, robot=address), dialogue)
 
 

@@ -356,7 +356,12 @@ def _require_an_axis(joint: UrdfJoint, where: str, *, rail: bool) -> None:
     """Check that a joint is valid as an axis or rail of a rig file."""
     place = f"joint {joint.name}"
     if joint.follows is not None:
-        raise FileError(where, f"{place} follows joint {joint.follows}", "write an independent joint")
+        problem = (
+            f"{place} follows joint {joint.follows}, as in a parallelogram; rig describes arms whose joints all move"
+        )
+        raise FileError(
+            where, f"{problem} by themselves", "choose an end before that joint with --tip, if there is one"
+        )
     if joint.type == "prismatic" and not rail:
         raise FileError(where, f"{place} is prismatic", _SLIDES)
     if np.linalg.norm(joint.axis) < 1e-6:

@@ -29,7 +29,7 @@ def calibrate(
         typer.Option(
             parser=location,
             autocompletion=completion.runs,
-            help="Run directory or URL to judge by, not used to fit; repeatable; default: a fifth of the poses.",
+            help="Run directory or URL to judge by, not used to fit; repeatable; default: a fifth of 60 or more.",
         ),
     ] = None,
     unseen: RunsElsewhere = None,

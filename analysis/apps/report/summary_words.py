@@ -262,7 +262,9 @@ class _SummaryWords:
             after = self._error(diagnosis.train.after_um, diagnosis.train.left_u_um)
             now = self._error(accuracy.now_um, diagnosis.train.u_um)
             return replace(change, now=now, after=after, basis=texts("basis_out_of_range"))
-        basis = " ".join(filter(None, [texts(f"basis_{place}"), self._each_by_itself]))
+        crossed = diagnosis.remains if place == "used" else None
+        basis = texts("basis_crossed", um=micrometres(crossed.um)) if crossed else texts(f"basis_{place}")
+        basis = " ".join(filter(None, [basis, self._each_by_itself]))
         return replace(change, now=now, after=self._error(after_um, gap.left_u_um), basis=basis)
 
     def _error(self, um: float, u_um: float) -> str:

@@ -53,8 +53,8 @@ class Evidence:
 def gather(rig: Rig, uses: Uses, tolerance_um: float | None, progress: Callable[[str], None]) -> Evidence:
     """Prepare the runs of a robot with the model of its rig.
 
-    Without held-out runs, a fifth of the poses is held out, in groups of neighbouring postures. Raises FileError for
-    runs of a different robot, or not readable as the stated test.
+    Without held-out runs, a fifth of 60 or more poses is held out, in groups of neighbouring postures. Raises FileError
+    for runs of a different robot, or not readable as the stated test.
     """
     progress("reading the runs")
     (runs, judges, elsewhere), doubts = prepare_runs(rig, uses.used, uses.held_out, uses.unseen)

@@ -95,7 +95,7 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Verdict
     )
     accuracy = accuracy_of(gaps, *standing)
     remainder = remainder_of(result, named, result.scatter_limits_um, gaps)
-    unrepeated = None if early else unrepeated_um(result)
+    unrepeated = None if early else unrepeated_um(result, evidence.rig.tests.touch)
     unknown_um = max(remainder.um if _limits_names(remainder) else 0.0, unrepeated or 0.0)
     named = within_unexplained(named, unknown_um, gaps.train.noise_floor_um)
     if any(run.has_only_commanded_angles for run in evidence.uses.used):

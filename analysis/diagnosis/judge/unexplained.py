@@ -29,10 +29,12 @@ from analysis.runs.noise.cell_noise import (
     RP_PER_SD,
     SLOW_MM,
     TARGET_MM,
+    TIP_MM,
     TRACKER_U_MM,
     WHITE_MM,
 )
 from rigs.effects import play_of_joint
+from rigs.schema.declared_tests import Touch
 
 _UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
 """Units of an error of a joint and of a place. They do not affect the result, because the strength is scaled."""
@@ -134,16 +136,17 @@ def _visits_um(result: SearchResult) -> float | None:
     return visits_um if visits_um > most_usual_visits_um(result) else None
 
 
-def unrepeated_um(result: SearchResult) -> float | None:
+def unrepeated_um(result: SearchResult, touch: Touch | None) -> float | None:
     """Return the rms deviation in µm of places from the calibrated model if it exceeds the usual scatter of such arms
-    and instruments and no place was measured twice; otherwise None.
+    and instruments and no place was measured twice; otherwise None. touch: how the arm was seated, if by touches.
 
     The deviations may then be scatter or an error of an unknown cause.
     """
     if any(block.measured or not shows_noise(block) for block in result.linear.blocks):
         return None
     stops_mm = REPEATABILITY_MM / RP_PER_SD * play_of_joint(1, 1.0).usual_times(result.reference)
-    usual_um = 1e3 * float(np.sqrt(3) * np.hypot(stops_mm, TRACKER_U_MM))
+    by_tip = touch is not None and touch.seat == "tip"
+    usual_um = 1e3 * float(np.sqrt(3) * np.hypot(stops_mm, TIP_MM if by_tip else TRACKER_U_MM))
     off_um = float(np.sqrt(3)) * _scatter_um(result)
     return off_um if off_um > usual_um else None
 

@@ -64,6 +64,9 @@ RP_PER_SD = 3.6
 SEAT_MM = 0.01
 """Standard uncertainty of a coordinate of a ball held by a magnet in a cone or on three balls. Kinematic seats
 repeat to some micrometres; dust and oil contribute a hundredth of a millimetre."""
+TIP_MM = 0.09
+"""Standard deviation of a coordinate of a pointer guided into a punch mark by eye: the eye resolves one minute of arc,
+0.09 mm at 300 mm."""
 TRACKER_U_MM = 0.02
 """Standard uncertainty of a coordinate measured by a laser tracker at some metres, if a table does not state it."""
 TRACKER_MM = 0.01

@@ -98,11 +98,11 @@ def test_the_same_mistake_of_many_rows_is_told_once_with_its_first_line() -> Non
     rows = {name: list(cells) for name, cells in plain("pose").items()}
     rows["y_mm"], rows["x_mm"][3] = ["?"] * len(rows["y_mm"]), "?"
     told = refusal(csv_text(rows), "pose")
-    many = f"({len(rows['y_mm'])} rows, the first is given)"
-    assert told == [
-        f"t.csv, line 2, y_mm: '?' is not a number {many}",
-        "t.csv, line 5, x_mm: '?' is not a number; correct the file",
-    ]
+    assert (
+        told[0].startswith("t.csv, line 2, y_mm: '?'")
+        and f"3, 4, 5, 6, 7, 8 and {len(rows['y_mm']) - 7} more" in told[0]
+    )
+    assert told[1] == "t.csv, line 5, x_mm: '?' is not a number; correct the file"
 
 
 def test_lines_are_those_an_editor_shows() -> None:

@@ -215,3 +215,37 @@ def test_a_table_without_a_fitting_place_is_refused(tmp_path: Path) -> None:
     written(tmp_path, "ur10e", [*JOINTS, *axes_of("{}1"), *axes_of("{}2")], np.degrees(p.q), other.xyz_mm, other.xyz_mm)
     with pytest.raises(FileError, match="does not fit"):
         propose_map([tmp_path / "t.csv"], tmp_path / "arm.yaml")
+
+
+@pytest.mark.parametrize("joints_are", ["appended", "in a file of their own", "first"])
+@pytest.mark.parametrize("extra", ["", "uncertainties", "numbered points", "times"])
+def test_points_of_a_report_without_a_header_are_found_among_other_numbers(
+    joints_are: str, extra: str, tmp_path: Path
+) -> None:
+    p, rng = measured("ur10e", 12, 30), np.random.default_rng(13)
+    u_mm = rng.uniform(0.01, 0.03, p.xyz_mm.shape) if extra == "uncertainties" else np.empty((30, 0))
+    t_s = 100 + 3.5 * np.arange(30)[:, None] if extra == "times" else np.empty((30, 0))
+    point = [str(k) if extra == "numbered points" else f"p{k}" for k in range(30)]
+    blocks = {"appended": [p.xyz_mm, u_mm, t_s, np.degrees(p.q)], "first": [np.degrees(p.q), p.xyz_mm, u_mm, t_s]}
+    numbers = np.column_stack(blocks.get(joints_are, [p.xyz_mm, u_mm, t_s]))
+    cells = [",".join(f"{value:.6f}" for value in row) for row in numbers]
+    lines = [f"A,Main,{name},{values}" for name, values in zip(point, cells, strict=True)]
+    words = written(tmp_path, "ur10e", JOINTS, np.degrees(p.q))
+    (tmp_path / "report.txt").write_text("\n".join(["// FRAME: World", "// AXES: X Y Z", *lines]) + "\n")
+    files = ["report.txt", "t.csv", "--join", "rows"] if joints_are == "in a file of their own" else ["report.txt"]
+    done = ran("import", *files, *words[2:], cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert np.abs(load_measured(tmp_path / "run").table.readings - p.xyz_mm).max() < 1e-5
+
+
+@pytest.mark.parametrize("rows_off", [(3, 7, 11), (2, 9), (1, 4, 8, 15, 16), (5, 6, 7), (12, 18, 19)])
+def test_every_line_with_the_same_mistake_is_named(rows_off: tuple[int, ...], tmp_path: Path) -> None:
+    p = measured("ur10e", 14, 20)
+    words = written(tmp_path, "ur10e", [*JOINTS, *"xyz"], np.degrees(p.q), p.xyz_mm)
+    lines = (tmp_path / "t.csv").read_text().splitlines()
+    for row in rows_off:
+        lines[row] = ",".join([*lines[row].split(",")[:7], "", lines[row].split(",")[8]])
+    (tmp_path / "t.csv").write_text("\n".join(lines) + "\n")
+    done = ran(*words, cwd=tmp_path)
+    problem = done.stderr.partition("error: t.csv, line ")[2]
+    assert done.returncode == 3 and all(str(row + 1) in problem for row in rows_off), done.stderr

@@ -278,6 +278,5 @@ def test_the_commands(tmp_path: Path) -> None:
     refused = run("import", "t.csv", "--rig", RIG_FILE, "--test", "roll", "-o", "runs/other")
     assert (refused.returncode, refused.stdout) == (3, "")
     assert refused.stderr.splitlines() == [
-        "error: t.csv, line 2, direction: 'ccw' is not acw or cw; did you mean acw? (2 rows, the first is given); "
-        "correct the file"
+        "error: t.csv, line 2, direction: 'ccw' is not acw or cw; did you mean acw? (also in line 3); correct the file"
     ]

@@ -79,6 +79,18 @@ def test_from_a_cell_to_a_checked_rig_file(tmp_path: Path, gauges: str, robot: s
 
 
 @pytest.mark.parametrize(
+    ("measured_by", "arm"),
+    [("tracker", "ur5e"), ("tracker", "so-101"), ("tracker", "kuka-lbr-iiwa-14"), ("arm", "ur10e"), ("arm", "so-101")],
+)
+def test_no_robot_may_be_stated_if_none_is_used(measured_by: str, arm: str, tmp_path: Path) -> None:
+    words = ("--measured-by", measured_by, "--arm", arm, "--tool", "0,0,90")
+    assert init(tmp_path, *words, "--robot", "192.168.1.20").returncode == 2
+    done = init(tmp_path, *words, "--robot", "none")
+    assert done.returncode == 0, done.stderr
+    assert "ready for: tables" in done.stdout and "not possible" not in done.stdout
+
+
+@pytest.mark.parametrize(
     ("measured_by", "arm", "more", "then"),
     [
         (

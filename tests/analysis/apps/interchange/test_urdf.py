@@ -168,7 +168,7 @@ BAD = {
     "no such type": (GOOD.replace("revolute", "screw", 1), "joint joint_1 is screw; write type revolute"),
     "mimic": (
         GOOD.replace("<limit", '<mimic joint="joint_2"/><limit', 1),
-        "joint joint_1 follows joint joint_2; write an independent joint",
+        "joint joint_1 follows joint joint_2",
     ),
     "no limits": (GOOD.replace(f'<limit {LIMIT} effort="0"/>', "", 1), "joint joint_1 has no limits; write <limit>"),
     "no velocity": (GOOD.replace('velocity="3.5"', "", 1), "joint joint_1 has no limits; write <limit>"),

@@ -111,7 +111,7 @@ def test_what_remains_after_the_calibration_is_said_of_where_it_was_found() -> N
         "the model, a calibration reduces the error from 6.3 µm to 1.9 µm rms."
     )
     used = replace(words.diagnosis.accuracy, place="used")
-    assert "The error elsewhere is unknown" in AnswerWords(diagnosis(accuracy=used)).accuracy
+    assert "used to fit" in AnswerWords(diagnosis(accuracy=used)).accuracy
     few = diagnosis("not_testable_here", accuracy=used)  # four poses have fewer numbers than there are unknowns
     assert AnswerWords(few).accuracy.endswith("These runs cannot show the error after a calibration.")
     plain = few.to_dict()
@@ -257,7 +257,7 @@ def test_a_later_act_says_what_is_left_with_those_before_it() -> None:
 def test_what_another_place_judged_is_said_where_its_runs_joined() -> None:
     """The screen of a session stated the error at another place, but the page called it unknown."""
     used = replace(diagnosis("named"), accuracy=Accuracy(None, None, 6.12, 21.4, 1.9, 6.3, "used"))
-    assert "The error elsewhere is unknown" in AnswerWords(used).accuracy
+    assert "used to fit" in AnswerWords(used).accuracy
     told = AnswerWords(used, judged_elsewhere=(93.0, 1.7)).accuracy
     assert "different place" in told and "reduces the error from 93 µm to 1.7 µm rms" in told and "unknown" not in told
     act = Act("load", "correction", removes_um=4.0, remains_um=2.0, against=(Against("not_judged_elsewhere"),))

@@ -23,7 +23,7 @@ from analysis.apps.window.frames import shown_summary
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.judge.acts import Act
-from analysis.diagnosis.judge.remains import Unexplained
+from analysis.diagnosis.judge.remains import ResidualSummary, Unexplained
 from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis
 from analysis.movement.between import with_movements
 from rigs.effects import ClockRate, Effect, GaugeBaseline, GaugeScale
@@ -318,6 +318,8 @@ def test_the_error_says_where_it_was_measured_or_that_it_is_unknown() -> None:
     found = diagnosis("named")
     used = replace(found, accuracy=replace(found.accuracy, place="used"))
     assert "elsewhere is unknown" in summarise(used).error.basis
+    crossed = summarise(replace(used, remains=ResidualSummary(123.0, 45.0, ()))).error.basis
+    assert "123 µm" in crossed and "elsewhere is unknown" not in crossed
     judged = summarise(used, judged_elsewhere=(93.0, 1.7)).error
     assert (judged.now, judged.after) == ("93", "1.7") and "a different place" in judged.basis
     assert summarise(diagnosis("not_testable_here")).error.after == ""
