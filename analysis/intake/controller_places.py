@@ -9,12 +9,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from analysis.intake.column_groups import ColumnGroup, Groups, PlaceColumns
 from analysis.intake.mapped import poses_of
 from analysis.intake.table_reading import Judge, Question, TableReading, in_each_unit, short
-from analysis.procedures.checks.meanings import CLEARLY
+from analysis.procedures.checks.meanings import CLEARLY, fit_nearest
 from analysis.procedures.checks.place import PlaceSource, source_of
+from analysis.robot.geometry.pose_setup import position_error
+from analysis.robot.kinematics.arm import forward
 
+_STEPS = 100
+_NEAR = 6.0
+"""Largest distance from the arm, in medians, of the rows that are compared. Chosen: far beyond normal scatter."""
 COMPUTED_MM = 0.1
 """Largest residual of places computed with the constants of a data sheet. Few real arms are as close to nominal."""
 
@@ -95,8 +102,10 @@ def _fitting_places(judge: Judge, joints: Sequence[ColumnGroup], seen: Sequence[
         if best is None or not best.fits:
             continue
         poses = poses_of(judge.raw, best.value)
-        sound = (poses.xyz_mm != 0).any(axis=1)
-        if source := source_of(judge.bare, poses.q[sound], poses.xyz_mm[sound]):
+        setup = fit_nearest(judge.bare, poses.q, poses.xyz_mm, _STEPS)[1]
+        away_mm = np.linalg.norm(position_error(forward(judge.bare, poses.q), poses.xyz_mm, setup), axis=1)
+        near = away_mm <= _NEAR * np.median(away_mm)
+        if source := source_of(judge.bare, poses.q[near], poses.xyz_mm[near]):
             fitting.append(FittingPlace(pose, best, source))
     return fitting
 

@@ -227,7 +227,7 @@ def test_a_part_of_a_modbus_request_is_told_as_an_echo() -> None:
     script.receive(request[1:], S)
     while not (items := script.taken()):
         script.wake()
-    assert isinstance(items[0], Fault) and "so the adapter echoes" in items[0].detail
+    assert isinstance(items[0], Fault) and "echo" in items[0].detail
 
 
 def test_what_is_no_request_is_no_echo() -> None:
