@@ -28,6 +28,7 @@ from rigs.schema.effect import (
     Compensation,
     Scope,
     Use,
+    bounds,
     healthy,
     is_wave,
     scaled,
@@ -277,6 +278,27 @@ def covariance_root(covariance: Array) -> Array:
     correlation = covariance / unit[:, None] / unit
     correlation[np.diag_indices_from(correlation)] += _JITTER
     return np.asarray(unit[:, None] * np.linalg.cholesky(correlation), dtype=float)
+
+
+def largest_sd(effect: Effect, field: str) -> float:
+    """Return the largest plausible uncertainty of a parameter of a calibration: the bound of the effect in a rig file.
+
+    Infinite for an unbounded parameter.
+    """
+    if field != TIMES:
+        return bounds(effect, field)[1]
+    size = abs(float(getattr(effect, size_field(effect))))
+    return bounds(effect, size_field(effect))[1] / size if size else math.inf
+
+
+def limited_root(root: Array, terms: Sequence[Term], parameters: Sequence[CovarianceParameter]) -> Array:
+    """Limit a root (P, P) of a covariance to plausible uncertainties.
+
+    A parameter is within its bounds, however much the error elsewhere multiplies its uncertainty.
+    """
+    most = np.array([largest_sd(terms[parameter.term].effect, parameter.field) for parameter in parameters])
+    sd = np.linalg.norm(root, axis=1)
+    return np.asarray(root * np.minimum(1.0, most / np.where(sd > 0, sd, 1.0))[:, None], dtype=float)
 
 
 def packed_factor(root: Array) -> str:

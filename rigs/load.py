@@ -10,19 +10,18 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
 from rigs.arms import arm_files, rig_text_of
-from rigs.calibration import MOST_CALIBRATION_BYTES, TIMES, CalibratedModel, CalibrationFile, CovarianceParameter
+from rigs.calibration import MOST_CALIBRATION_BYTES, CalibratedModel, CalibrationFile, largest_sd
 from rigs.effects import AnyEffect
 from rigs.errors import FileError, RigPlace
 from rigs.files import of_newer_rig, read_bytes, read_from, read_text
 from rigs.problems import RigFileError, problems_of, truth_values
 from rigs.rig import Rig
-from rigs.schema.effect import size_field
+from rigs.schema.effect import bounds, size_field
 from rigs.schema.part import Part, Vector
 from rigs.schema.robot import LinkConstants
 from rigs.text import as_argument, nearest, the_same
@@ -37,18 +36,20 @@ _MOST_WIDENED = 1000.0
 """
 _ARCHIVE = b"PK\x03\x04"
 """First bytes of zip files, and so of workbooks (PKWARE APPNOTE, 4.3.7)."""
+_ROUNDED = 1 + 1e-6
+"""Rounding of an uncertainty in a calibration file, whose numbers have seven digits."""
 _LEAST_DEG, _MOST_DEG = -1000.0, 1000.0
 """Limits of joint angles: controllers count at most three turns."""
 
 
 def require_plausible(calibrated: CalibratedModel, rig: Rig, where: str) -> None:
     """Check that a calibration can belong to the rig. Raises FileError."""
-    for why in _reasons(calibrated, rig):
+    for why in contradictions(calibrated, rig):
         raise FileError(where, why, _REMEDY)
 
 
-def _reasons(calibrated: CalibratedModel, rig: Rig) -> Iterator[str]:
-    """Yield the contradictions between a calibration and a rig."""
+def contradictions(calibrated: CalibratedModel, rig: Rig) -> Iterator[str]:
+    """Yield the reasons why a calibration cannot belong to a rig. A diagnosis writes none that has such reasons."""
     axes = len(rig.robot.axes)
     if calibrated.rig != rig.name:
         yield f"is the calibration of {calibrated.rig}, but the rig file describes {rig.name}"
@@ -63,28 +64,13 @@ def _reasons(calibrated: CalibratedModel, rig: Rig) -> Iterator[str]:
         if (axis := getattr(term.effect, "axis", 1)) > axes:
             yield f"term {number} refers to axis {axis}, but the arm has {axes}"
         name = size_field(term.effect)
-        value, bound = abs(term.times * float(getattr(term.effect, name))), _bound(term.effect, name)
+        value, bound = abs(term.times * float(getattr(term.effect, name))), bounds(term.effect, name)[1]
         if not value <= bound:
             yield f"term {number} has a total {name} of {value:g}; the maximum for an arm is {bound:g}"
     spread = np.sqrt((calibrated.root**2).sum(axis=1))
     for parameter, sd in zip(calibrated.parameters, spread.tolist(), strict=True):
-        if not 0 < sd <= _widest(calibrated, parameter):
+        if not 0 < sd <= _ROUNDED * largest_sd(calibrated.terms[parameter.term].effect, parameter.field):
             yield f"the uncertainty of {parameter.field} of term {parameter.term} is {sd:.3g}, which is implausible"
-
-
-def _widest(calibrated: CalibratedModel, parameter: CovarianceParameter) -> float:
-    effect = calibrated.terms[parameter.term].effect
-    if parameter.field != TIMES:
-        return _bound(effect, parameter.field)
-    name = size_field(effect)
-    size = abs(float(getattr(effect, name)))
-    return _bound(effect, name) / size if size else np.inf
-
-
-def _bound(effect: Any, field: str) -> float:
-    """Return the upper bound of an effect parameter in a rig file; infinite if unbounded."""
-    bounds = [getattr(constraint, "le", None) for constraint in type(effect).model_fields[field].metadata]
-    return next((float(bound) for bound in bounds if bound is not None), np.inf)
 
 
 SHIPPED = Path(__file__).parent

@@ -446,7 +446,8 @@ def bounds(effect: Effect, name: str) -> tuple[float, float]:
 @cache
 def _bounds(cls: type[Effect], name: str) -> tuple[float, float]:
     metadata = cls.model_fields[name].metadata
-    low = [float(getattr(m, key)) for m in metadata for key in ("ge", "gt") if hasattr(m, key)]
+    low = [float(m.ge) for m in metadata if hasattr(m, "ge")]
+    low += [math.nextafter(m.gt, math.inf) for m in metadata if hasattr(m, "gt")]
     high = [float(m.le) for m in metadata if hasattr(m, "le")]
     return max(low, default=-math.inf), min(high, default=math.inf)
 

@@ -33,6 +33,7 @@ from rigs.calibration import (
     PlacedSetUp,
     Term,
     covariance_root,
+    limited_root,
     packed_factor,
 )
 from rigs.distribution import version
@@ -94,7 +95,7 @@ def calibrated_model(
         judged=judged,
         terms=(*terms, *background),
         parameters=tuple(parameters),
-        factor=packed_factor(root),
+        factor=packed_factor(limited_root(root, (*terms, *background), parameters)),
     )
     return calibrated if rig.calibrated is None else _combine_calibrations(rig.calibrated, calibrated)
 
@@ -129,13 +130,14 @@ def _combine_calibrations(before: CalibratedModel, new: CalibratedModel) -> Cali
     covariance[np.ix_(new_rows, new_rows)] += new.root @ new.root.T
     ranges = zip(before.joints_deg, new.joints_deg, strict=True)
     joints = [(min(low, new_low), max(high, new_high)) for (low, high), (new_low, new_high) in ranges]
+    root = limited_root(covariance_root(covariance), terms, parameters)
     # A copy would keep the cached root and effects of the new calibration.
     fields = {name: getattr(new, name) for name in CalibratedModel.model_fields}
     rails = [model.rail_mm for model in (before, new) if model.rail_mm]
     fields |= {
         "rail_mm": (min(low for low, _ in rails), max(high for _, high in rails)) if rails else None,
         "runs": (*before.runs, *new.runs), "joints_deg": tuple(joints), "terms": tuple(terms),
-        "parameters": tuple(parameters), "factor": packed_factor(covariance_root(covariance)),
+        "parameters": tuple(parameters), "factor": packed_factor(root),
     }  # fmt: skip
     return CalibratedModel.model_construct(**fields)
 

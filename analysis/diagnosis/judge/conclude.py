@@ -20,6 +20,7 @@ from analysis.diagnosis.judge.validate import Validation
 from analysis.diagnosis.judge.verdict import judged_of
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import Measured
+from rigs.load import contradictions
 
 
 def conclude(evidence: Evidence, fit: Fit, validation: Validation, verdict: Verdict, findings: Findings) -> Diagnosis:
@@ -34,6 +35,9 @@ def conclude(evidence: Evidence, fit: Fit, validation: Validation, verdict: Verd
     remains = remains_of(result, validation.left_out, temperature_of(used))
     staircase = staircase_of(verdict, result, stages, sound, judges, elsewhere)
     doubts = [*evidence.doubts, *findings.early, *validation.doubts, *findings.at_limits]
+    if calibrated is not None and (why := next(contradictions(calibrated, evidence.rig), "")):
+        calibrated = None
+        doubts.append(f"no calibrated model is written, because it {why}; measure again, with more postures")
     doubts += [*doubts_of_runs(result.linear.blocks), *doubts_of_rig(evidence.rig, validation.fitted)]
     return Diagnosis(
         **{field.name: getattr(verdict, field.name) for field in fields(verdict)},
