@@ -113,7 +113,12 @@ def _check_rig(rig_file: str, calibration: str | None) -> None:
     for line in calibration_lines(rig.calibrated) if rig.calibrated else ():
         say(f"  {line}")
     parts = [*(name for name, _ in rig.gauges), "ball", "link"]
-    for line in (*_in_metres(rig.robot), *doubts_of(rig, parts, dt.datetime.now(dt.UTC).date()), *tests):
+    for line in (
+        *_in_metres(rig.robot),
+        *_coupled(rig.robot),
+        *doubts_of(rig, parts, dt.datetime.now(dt.UTC).date()),
+        *tests,
+    ):
         say(f"  {line}")
     unreachable = {error.where.rpartition("tests.")[2] for error in errors if "tests." in error.where}
     for line in readiness_lines(rig, unreachable):
@@ -179,6 +184,15 @@ def _in_metres(robot: Robot) -> Iterator[str]:
         if value not in known:
             words = robot.axis_words(axis)
             yield f"doubt: {words}: {key} is only {value:g}; if it is in metres, multiply it by 1000: {1000 * value:g}"
+
+
+def _coupled(robot: Robot) -> Iterator[str]:
+    """Yield a doubt if the default mechanics of coupled axes may be wrong."""
+    if robot.drives is None and robot.drive_ratios != robot.coupling:
+        yield (
+            "doubt: robot.coupling relates several axes, and robot.drives is missing: each drive is assumed to turn "
+            "its own axis only, as in a serial arm; if a linkage couples them (palletiser), add drives"
+        )
 
 
 @command(app, "rig example rigs")

@@ -15,7 +15,7 @@ from analysis.movement.causes import Cause
 from analysis.movement.evidence import LinearReadings, Shift
 from analysis.procedures.facts import facts_of
 from analysis.robot.geometry.pose_setup import frame
-from analysis.robot.kinematics.arm import Arm, Array, forward, rotation
+from analysis.robot.kinematics.arm import Arm, Array, drive_angles, forward, rotation
 from analysis.robot.model.predict import Model, SetUp
 from analysis.robot.model.scene import pull
 from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM
@@ -109,7 +109,7 @@ def with_cause(arm: Arm, cause: Cause, centre_mm: Array, change: Array) -> Arm:
     if cause.what == "tool":
         return replace(arm, T_flange_tool=arm.T_flange_tool @ frame(np.eye(3), change))
     if cause.what == "zero" and cause.axis:
-        return replace(arm, offset=arm.offset + arm.coupling[:, cause.axis - 1] * change[0])
+        return replace(arm, offset=arm.offset + arm.by_drives.coupling[:, cause.axis - 1] * change[0])
     return arm
 
 
@@ -228,9 +228,9 @@ def _constant_sds(arm: Arm) -> Array:
 
 
 def _with_constants(arm: Arm, change: Array) -> Arm:
-    """Return an arm with the constants changed by (5 axes,) mm and rad. Zeros refer to the reported angles."""
+    """Return an arm with the constants changed by (5 axes,) mm and rad. Zeros are those of the drives."""
     parts = dict(zip((name for name, _ in _FIELDS), change.reshape(len(_FIELDS), arm.axes), strict=True))
-    parts["offset"] = arm.coupling @ parts["offset"]
+    parts["offset"] = arm.by_drives.coupling @ parts["offset"]
     return replace(arm, **{name: getattr(arm, name) + part for name, part in parts.items()})
 
 
@@ -246,10 +246,10 @@ def corrected_arm(arm: Arm, times: Array) -> Arm:
 
 
 def _joint_shapes(run: ObservedRun) -> Array:
-    """Return the prior joint errors (m, axes, k) rad at the readings of a run: waves of the joint angle, and
+    """Return the prior errors (m, axes, k) rad of the drives at the readings of a run: waves of the angle, and
     deflection under gravity, each at one standard deviation.
     """
-    q = angles_of(run)
+    q = drive_angles(run.model.arm, angles_of(run))
     curves = [_CURVE / order * f(order * q) for order in _ORDERS for f in (np.sin, np.cos)]
     torque = pull(run.model.arm, run.model.load, run.path.q[run.samples]).torque
     return np.stack([*curves, _DEFLECTION * torque], axis=2)

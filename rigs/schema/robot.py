@@ -98,7 +98,11 @@ Hobby arms have some 300 mm. The longest industrial arms have 6 m, which is 6 if
 
 
 class Robot(Part):
-    """Arm with four to seven revolute axes. `theta = coupling @ q + offset`, with q reported by the controller."""
+    """Arm with four to seven revolute axes.
+
+    `theta = coupling @ q + offset`, with q reported by the controller. The drives turn the axes mechanically:
+    `theta = drives @ m + offset`, with the angle m of each drive at the output of its gear.
+    """
 
     name: str
     serial: Annotated[str, Field(max_length=200)] = ""
@@ -115,6 +119,14 @@ class Robot(Part):
     """
     controller_axes: tuple[LinkConstants, ...] = Field(default=(), exclude_if=lambda value: not value)
     """Constants of the controller, if the effects of this file were determined relative to the other ones in `axes`."""
+    drives: Annotated[tuple[Row, ...], Field(min_length=FEWEST_AXES, max_length=MOST_AXES)] | None = Field(
+        default=None, exclude_if=lambda value: value is None
+    )
+    """Mechanics of the arm, required for a linkage: the axes that each drive turns.
+
+    By default each drive turns only the axis of its number, and a coupling of several axes exists only in the numbers
+    of the controller.
+    """
     base: Pose = Pose()
     rail: Rail | None = None
     tool: Pose = Pose()
@@ -173,6 +185,17 @@ class Robot(Part):
         name = self.axes[axis - 1].name
         return "" if _NUMBERED.fullmatch(name.lower()) else name
 
+    @property
+    def drive_ratios(self) -> tuple[Row, ...]:
+        """Mechanics of the arm, as stated in `drives` or by default.
+
+        The default of a coupling without diagonal, which exchanges axes, is the coupling itself.
+        """
+        if self.drives or not all(row[axis] for axis, row in enumerate(self.coupling)):
+            return self.drives or self.coupling
+        own = enumerate(self.coupling)
+        return tuple(tuple(row[axis] * (axis == k) for k in range(len(row))) for axis, row in own)
+
     @model_validator(mode="before")
     @classmethod
     def _coupled(cls, written: Any) -> Any:
@@ -183,18 +206,21 @@ class Robot(Part):
                 return {**written, "coupling": identity(len(axes))}
         return written
 
-    @field_validator("coupling")
+    @field_validator("coupling", "drives")
     @classmethod
-    def _solvable(cls, rows: tuple[Row, ...], info: ValidationInfo) -> tuple[Row, ...]:
+    def _solvable(cls, rows: tuple[Row, ...] | None, info: ValidationInfo) -> tuple[Row, ...] | None:
+        if rows is None:
+            return None
         count = len(info.data.get("axes", rows))
         if {len(rows), *map(len, rows)} != {count}:
-            raise ValueError(f"coupling must have {count} rows of {count} numbers, one for each axis; correct the rows")
+            key = info.field_name
+            raise ValueError(f"{key} must have {count} rows of {count} numbers, one for each axis; correct the rows")
         remaining = [list(row) for row in rows]
         for column in range(count):  # elimination with the largest pivot first
             remaining[column:] = sorted(remaining[column:], key=lambda row: -abs(row[column]))
             pivot, *below = remaining[column:]
             if abs(pivot[column]) < 1e-6:
-                raise ValueError("coupling is singular: some joint motion moves no axis; correct the rows")
+                raise ValueError(f"{info.field_name} is singular: some motion moves no axis; correct the rows")
             remaining[column + 1 :] = [
                 [x - row[column] / pivot[column] * y for x, y in zip(row, pivot, strict=True)] for row in below
             ]

@@ -9,7 +9,7 @@ Denavit-Hartenberg product published by the maker.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,8 @@ class Mastered:
     zero.
 
     zero, per_deg (6,): counts, and counts per degree with the sign of the motor. at_zero (6,): angle at the zero in
-    degrees, $MAMES of KUKA at the notch. true_zero (6,): count at which the arm really has this angle.
+    degrees, $MAMES of KUKA at the notch. true_zero (6,): count at which the arm really has this angle. shown (6, 6):
+    displayed angles by the motors. FANUC displays motor 3 less motor 2 as J3.
     """
 
     model: Forward
@@ -37,12 +38,13 @@ class Mastered:
     at_zero: Array
     true_zero: Array
     true_at_zero: Array
+    shown: Array = field(default_factory=lambda: np.eye(6))
 
     def reading_deg(self, counts: Array) -> Array:
-        return (counts - self.zero) / self.per_deg + self.at_zero
+        return self.shown @ ((counts - self.zero) / self.per_deg + self.at_zero)
 
     def counts_at(self, reading_deg: Array) -> Array:
-        return (reading_deg - self.at_zero) * self.per_deg + self.zero
+        return (np.linalg.solve(self.shown, reading_deg) - self.at_zero) * self.per_deg + self.zero
 
     def stands(self, reading_deg: Array) -> tuple[Array, Array]:
         """Return the true pose of the flange for joint readings in degrees."""

@@ -34,7 +34,7 @@ from analysis.apps.makers.emulated import (
     ToolPose,
     Waited,
 )
-from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward
+from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward, reported_angles
 from analysis.robot.kinematics.follow import follow
 from analysis.robot.kinematics.inverse import inverse
 from analysis.robot.kinematics.joint_limits import within_limits
@@ -115,12 +115,14 @@ class ControllerState:
                 problem = f"{name} is {abs(stands):g} mm at this controller, but the file assumes {now:g} mm"
                 raise FileError(where, problem, "remove earlier entries, or repeat the correction for the nominal arm")
             change *= np.sign(stands)
+        if parameter.unit == "deg" and parameter.field == "reading":  # set, after the entries before it
+            change += float(before.reads_more[axis - 1] - self.reads_more[axis - 1])
         changes = np.zeros(6)
         changes[axis - 1] = change
-        if parameter.field == "offset":  # of the displayed angle, counted in the opposite direction by some arms
-            changes = self.arm.coupling @ changes
+        if parameter.field == "offset":  # of a drive, which may turn several axes, and counts backwards in some arms
+            changes = self.arm.by_drives.coupling @ changes
         if parameter.field == "reading":
-            return replace(self, reads_more=self.reads_more + changes)
+            return replace(self, reads_more=self.reads_more + reported_angles(self.arm, changes))
         arm = replace(self.arm, **{parameter.field: getattr(self.arm, parameter.field) + changes})
         return replace(self, arm=arm)
 

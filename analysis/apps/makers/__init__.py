@@ -118,9 +118,8 @@ class Controller:
 
 _UNTESTED = ", because these signs were not tested on a real controller"
 _CHECK_READING = (
-    f"Check before any motion{_UNTESTED}: at an unchanged "
-    "posture the reading of every corrected axis must have increased by the degrees above, and all other "
-    "readings must be unchanged. Otherwise, restore the old value."
+    f"Check before any motion{_UNTESTED}: at an unchanged posture the readings must have increased by the degrees "
+    "above, and all other readings must be unchanged. Otherwise, restore the old value."
 )
 _CHECK_MODEL = (
     f"Check before any motion{_UNTESTED}: the joint angles on the pendant must be unchanged; the tool position changes."

@@ -44,7 +44,7 @@ from analysis.correction.work import (
     used_effects,
     work_or_spread,
 )
-from analysis.robot.kinematics.arm import Array, Mask, controller_robot, pose_error
+from analysis.robot.kinematics.arm import Array, Mask, arm_of, controller_robot, pose_error, reported_angles
 from analysis.robot.model.predict import model_of
 from rigs.effects import Effect, changed, turned
 from rigs.errors import UseError
@@ -235,8 +235,8 @@ class ControllerChange:
     """A change at the controller: add `add` ± `u` (standard uncertainty) `unit` to `parameter` of an axis from 1.
 
     key: the constant as in the rig file, or `q_deg` for the zero of the joint. now: previous size, if only the growth
-    is stated. reading_deg: change of the axis reading at an unchanged posture. worth_um: rms tool displacement by the
-    change over the work area. leaves_um: part of worth_um remaining because of the uncertainty.
+    is stated. reading_deg: change of the axis reading at an unchanged posture, after all changes. worth_um: rms tool
+    displacement by the change over the work area. leaves_um: part of worth_um remaining because of the uncertainty.
     """
 
     axis: int
@@ -263,6 +263,9 @@ class NotEntered:
 class ControllerEntries:
     """All changes at a controller, and the remaining error.
 
+    readings_deg (6,): changes of all axis readings at an unchanged posture. They include axes without an entry, if the
+    controller computes their reading from several drives.
+
     effects: changes as effects of the arm in the controller; empty if they remove no error. before_um, after_um: rms
     position error of the tool over the work area before and after the changes. by_targets_um: the same with corrected
     targets. All three include the uncorrectable error, the latter two also the uncertainty of the model.
@@ -275,6 +278,7 @@ class ControllerEntries:
     name: MakerName
     controller: Controller
     entries: tuple[ControllerChange, ...]
+    readings_deg: tuple[float, ...]
     effects: tuple[Effect, ...]
     twins: tuple[tuple[str, ...], ...]
     not_entered: tuple[NotEntered, ...]
@@ -317,10 +321,12 @@ def controller_entries(
     moves = uncertainty.pose_displacements(np.concatenate([q, spread]))
     larger = _significant(rig, used, controller, (q, spread), moves)
     projection, u = _certain(rig, used, larger, q, moves)
-    sizes = zip(
-        projection.constants, projection.values.tolist(), u.tolist(), (1e3 * projection.worth_mm).tolist(), strict=True
-    )
-    entries = [_entry(rig, controller, scale, *size) for size in sizes]
+    sizes = zip(projection.values.tolist(), u.tolist(), (1e3 * projection.worth_mm).tolist(), strict=True)
+    readings_deg = _readings_deg(rig, controller, projection)
+    entries = [
+        _entry(rig, controller, scale, readings_deg, constant, size)
+        for constant, size in zip(projection.constants, sizes, strict=True)
+    ]
     left_mm = np.linalg.norm(left_out_mm(rig, uncorrected, q), axis=1)
     in_base_mm, u_mm = places_u_mm(rig, uncertainty, q, q)
     doubt_mm = np.hypot(u_mm, left_mm)
@@ -328,13 +334,14 @@ def controller_entries(
     after_um = rms_um(np.hypot(_apart_mm(rig, used, projection.effects, q), doubt_mm))
     effects, twins = projection.effects, projection.twins
     if after_um >= before_um:
-        entries, effects, twins, after_um = [], (), (), before_um
+        entries, effects, twins, after_um, readings_deg = [], (), (), before_um, np.zeros(6)
     lengths = (CHECK_LENGTH,) if any(entry.now is not None for entry in entries) else ()
-    steps = (*controller.steps, *lengths, controller.check) if entries else ()
+    steps = (*controller.steps, *_coupled_step(entries, readings_deg), *lengths, controller.check) if entries else ()
     return ControllerEntries(
         name,
         controller,
         tuple(entries),
+        tuple(readings_deg.tolist()),
         effects,
         tuple(tuple(entries[k].parameter for k in group) for group in twins),
         tuple(NotEntered(effect, rms_um(left_out_mm(rig, [effect], q)[:, 0])) for effect in uncorrected),
@@ -395,11 +402,8 @@ def _certain(rig: Rig, used: Sequence[Effect], every: Projection, q: Array, move
 def as_entered(rig: Rig, targets: CorrectedTargets, at: ControllerEntries) -> CorrectedTargets:
     """Return corrected targets for a controller with the entries: joint readings for the same postures, and poses
     computed by the controller."""
-    added_deg, done = np.zeros(6), targets.done
-    for entry in at.entries:
-        added_deg[entry.axis - 1] += entry.reading_deg
-    q, T = targets.q.copy(), targets.T.copy()
-    q[done] += np.radians(added_deg)
+    q, T, done = targets.q.copy(), targets.T.copy(), targets.done
+    q[done] += np.radians(at.readings_deg)
     T[done] = tool_poses(model_of(at_controller(rig), at.effects), targets.q[done])
     return replace(targets, q=q, T=T)
 
@@ -411,17 +415,42 @@ def _apart_mm(rig: Rig, effects: Sequence[Effect], others: Sequence[Effect], q: 
     return rest_mm(tool_places(rig, effects, q), tool_poses(model_of(at_controller(rig), others), q))
 
 
+_SAME_READING_DEG = 5e-5
+"""Change of a reading that rounds to zero in the display."""
+
+
+def _readings_deg(rig: Rig, controller: Controller, projection: Projection) -> Array:
+    """Return the changes (6,) of the axis readings at an unchanged posture by entered zeros.
+
+    If the model is changed instead of the zeros, the readings of the robot stay.
+    """
+    of_drives = np.zeros(6)
+    for constant, value in zip(projection.constants, projection.values, strict=True):
+        of_drives[constant.axis - 1] += value * (constant.key == "q_deg" and controller.changes_reading)
+    return reported_angles(arm_of(rig.robot), of_drives)
+
+
+def _coupled_step(entries: Sequence[ControllerChange], readings_deg: Array) -> tuple[str, ...]:
+    """Return the instruction for axes whose readings change with the zero of another drive."""
+    entered = {entry.axis for entry in entries if entry.key == "q_deg"}
+    follow = [k for k in np.flatnonzero(np.abs(readings_deg) >= _SAME_READING_DEG).tolist() if k + 1 not in entered]
+    if not follow:
+        return ()
+    changes = " and ".join(f"of axis {k + 1} by {readings_deg[k]:+.4f}°" for k in follow)
+    return (f"The reading {changes} changes with the zeros above: leave the zero of this axis.",)
+
+
 def _entry(
     rig: Rig,
     controller: Controller,
     scale: Sequence[float] | None,
+    readings_deg: Array,
     constant: Constant,
-    value: float,
-    u: float,
-    worth_um: float,
+    size: tuple[float, float, float],
 ) -> ControllerChange:
-    """Return the entry of a change by `value` ± `u` mm or degrees with a benefit of `worth_um`."""
-    reading_deg, now = 0.0, None
+    """Return the entry of a change. size: change and its u in mm or degrees, and the benefit in µm."""
+    value, u, worth_um = size
+    add, reading_deg, now = value, 0.0, None
     if constant.key != "q_deg":
         parameter = next(
             each for each in controller.constants if each.key == constant.key and constant.axis in each.axes
@@ -432,17 +461,13 @@ def _entry(
             per_unit, now = per_unit * np.sign(nominal), abs(per_unit * nominal)
     else:
         name, unit, per_unit = controller.zero_of(constant.axis), controller.unit, controller.per_deg
-        # For coupled axes, a single count changes several readings.
-        coupling = np.abs(np.array(rig.robot.coupling) - np.diag(np.diag(rig.robot.coupling)))
-        is_coupled = (coupling.sum(axis=0) + coupling.sum(axis=1))[constant.axis - 1] != 0
-        if controller.scale and scale and not is_coupled:
+        reading_deg = float(readings_deg[constant.axis - 1])
+        if controller.scale and scale:
             per_unit *= scale[constant.axis - 1]
         elif controller.scale:
-            name, unit, per_unit = f"reading of axis {constant.axis}", "deg", 1.0
-        # If the model is changed instead of the zero, the robot's reading stays.
-        reading_deg = value if controller.changes_reading else 0.0
+            name, unit, per_unit, add = f"reading of axis {constant.axis}", "deg", 1.0, reading_deg
     leaves_um = worth_um * u / abs(value) if worth_um > 1e3 * _NO_MOVE_MM else 0.0
-    sizes = (per_unit * value, abs(per_unit) * u, unit, now, reading_deg, worth_um, leaves_um)
+    sizes = (per_unit * add, abs(per_unit) * u, unit, now, reading_deg, worth_um, leaves_um)
     return ControllerChange(constant.axis, constant.key, name, *sizes)
 
 

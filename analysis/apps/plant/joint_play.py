@@ -28,11 +28,11 @@ from analysis.procedures.results import Result
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.reduction import PHI
 from analysis.robot.geometry.circle import link_angle
-from analysis.robot.kinematics.arm import Array, Mask
+from analysis.robot.kinematics.arm import Array, Mask, arm_of, drive_angles
 from analysis.robot.model.predict import model_of
 from analysis.runs.laps import Laps
 from analysis.runs.tables import CircleTable
-from rigs.effects import Effect, play_of_joint
+from rigs.effects import Effect, play_of_joint, turned
 from rigs.rig import Rig
 
 if TYPE_CHECKING:
@@ -171,7 +171,8 @@ def joint_plays(result: Result) -> dict[str, Quantity]:
     circle, table = result.found, result.measured.table
     if not isinstance(circle, CircleResult) or not isinstance(table, CircleTable):
         return {}
-    axes = sorted({turn.axis for turn in turns(circle.laps)})
+    drives = replace(circle.laps, q=drive_angles(arm_of(result.measured.rig.robot), circle.laps.q))
+    axes = sorted({turn.axis for turn in turns(drives)})
     if not axes:
         return {}
     half_mm = result.measured.rig.gauges.baseline_mm / 2
@@ -225,7 +226,7 @@ def _starts(lap: Array, jumps: _Jumps) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class _Lap:
-    """The first lap as modelled. q (NODES, 6): joint angles in rad at the nodes."""
+    """The first lap as modelled. q (NODES, 6): angles of the drives in rad at the nodes."""
 
     rig: Rig
     way: CircleTable
@@ -244,17 +245,17 @@ class _Lap:
         way = replace(table, t_s=table.t_s[rows], q=table.q[rows], g_mm=table.g_mm[rows], u_t_s=None)
         inside = way.t_s >= lap.t_s[0]
         phi = np.interp(way.t_s[inside], lap.t_s, lap.phi)
-        q = np.stack([np.interp(PHI, phi, joint, period=2 * np.pi) for joint in way.q[inside].T], axis=1)
+        drives = drive_angles(arm_of(rig.robot), way.q[inside])
+        q = np.stack([np.interp(PHI, phi, drive, period=2 * np.pi) for drive in drives.T], axis=1)
         bare = cls(rig, way, inside, phi, half_mm, q, np.zeros(2 * len(PHI)))
         return replace(bare, without=bare.nodes(()))
 
-    def nodes(self, effects: tuple[Effect, ...], out: Array | None = None) -> Array:
-        """Return angle and distance (2 NODES,) mm of a robot with effects and joint errors `out` (6,) rad."""
+    def nodes(self, effects: tuple[Effect, ...]) -> Array:
+        """Return angle and distance (2 NODES,) mm of a robot with effects."""
         model = model_of(self.rig, effects)
-        way = self.way if out is None else replace(self.way, q=self.way.q + out)
-        g_mm = predict(model, way, path_of(model, way), nominal_setup(self.rig, self.way))[self.inside]
-        turned = link_angle(g_mm[:, 0], g_mm[:, 1], 2 * self.half_mm) * self.half_mm
-        return np.concatenate([np.interp(PHI, self.phi, y, period=2 * np.pi) for y in (turned, g_mm.mean(axis=1))])
+        g_mm = predict(model, self.way, path_of(model, self.way), nominal_setup(self.rig, self.way))[self.inside]
+        yaw = link_angle(g_mm[:, 0], g_mm[:, 1], 2 * self.half_mm) * self.half_mm
+        return np.concatenate([np.interp(PHI, self.phi, y, period=2 * np.pi) for y in (yaw, g_mm.mean(axis=1))])
 
     def play(self, axis: int, width_deg: float) -> Array:
         """Return the response (2 NODES,) mm of angle and distance to backlash of an axis, in degrees."""
@@ -262,8 +263,7 @@ class _Lap:
 
     def offset(self, axis: int) -> Array:
         """Return the response of angle and distance to an angle error of an axis, (2 NODES,) mm per degree."""
-        out = np.where(np.arange(1, 7) == axis, np.radians(_OUT_DEG), 0.0)
-        return (self.nodes((), out) - self.without) / _OUT_DEG
+        return (self.nodes((turned(axis, _OUT_DEG),)) - self.without) / _OUT_DEG
 
 
 def _smooth() -> Array:

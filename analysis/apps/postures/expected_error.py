@@ -32,7 +32,17 @@ from analysis.correction.work import (
     used_effects,
     work_or_spread,
 )
-from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of, blocks, forward, forward_and_jacobian
+from analysis.robot.kinematics.arm import (
+    Array,
+    Integers,
+    Mask,
+    arm_of,
+    blocks,
+    drive_angles,
+    forward,
+    forward_and_jacobian,
+    reported_angles,
+)
 from analysis.robot.model.predict import driven, model_of, stops
 from rigs.effects import Effect
 from rigs.rig import Rig
@@ -226,14 +236,15 @@ def _growth(uncertainty: PoseUncertainty, q: Array) -> Array:
 
 
 def _plays(rig: Rig, q: Array, *, typical: bool) -> tuple[Array, Array]:
-    """Return the displacements (m, axes, 3) mm by the backlash of each joint approaching with a rising and a falling
+    """Return the displacements (m, axes, 3) mm by the backlash of each drive approaching with a rising and a falling
     angle.
 
     Other joint effects that targets cannot correct are included. typical: use typical backlash for joints without a
     known one.
     """
     effects = [effect for effect in rest_effects(rig, supports(rig)) if effect.STAGE == "joint"]
-    motions = forward_and_jacobian(arm_of(rig.robot), q)[1][:, :3].transpose(0, 2, 1)
+    arm = arm_of(rig.robot)
+    motions = forward_and_jacobian(arm.by_drives, drive_angles(arm, q))[1][:, :3].transpose(0, 2, 1)
     rising, falling = (_lag_rad(rig, effects, q, side) for side in (-1.0, 1.0))
     if typical:
         unknown = (rising == 0).all(axis=0) & (falling == 0).all(axis=0)
@@ -243,15 +254,16 @@ def _plays(rig: Rig, q: Array, *, typical: bool) -> tuple[Array, Array]:
 
 
 def _lag_rad(rig: Rig, effects: Sequence[Effect], q: Array, side: float) -> Array:
-    """Return the lag (m, axes) rad of the links after each joint arrived from a side, -1 below and 1 above."""
+    """Return the lag (m, axes) rad of the links after each drive arrived from a side, -1 below and 1 above."""
     model = model_of(rig, effects)
     axes = model.arm.axes
     if not effects or not len(q):
         return np.zeros((len(q), axes))
     came_from = q.copy()
-    came_from[:, :axes] += side * _SWING_RAD
+    came_from[:, :axes] += reported_angles(model.arm, np.full(axes, side * _SWING_RAD))
     path = stops(q, came_from=came_from)
-    return np.asarray((driven(model, path).link_q - path.q)[path.rows][:, :axes])
+    scene = driven(model, path)
+    return np.asarray((scene.link_q - scene.q)[path.rows][:, :axes])
 
 
 def _time_square(rig: Rig, q: Array) -> Array:

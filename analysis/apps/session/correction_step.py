@@ -206,7 +206,7 @@ def reading_deg(directory: Path) -> tuple[float, ...]:
     added_deg = [0.0] * 6
     for entry in data["controller"]["entries"]:
         added_deg[entry["axis"] - 1] += entry["reading_deg"]
-    return tuple(added_deg)
+    return tuple(data["controller"].get("readings_deg", added_deg))
 
 
 def corrected_programs(

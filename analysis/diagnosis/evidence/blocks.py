@@ -41,7 +41,8 @@ from analysis.diagnosis.evidence.observation_of import observation_of
 from analysis.diagnosis.evidence.setups import moved_setup, with_effects, without_origin
 from analysis.procedures.facts import facts_of
 from analysis.procedures.pose.evaluate import groups as visits
-from analysis.robot.kinematics.arm import Array, Integers, cos_sin
+from analysis.robot.kinematics.arm import Array, Integers, cos_sin, drive_angles
+from analysis.robot.model.motion import Motion
 from analysis.robot.model.predict import Model, SetUp, driven, posed
 from analysis.robot.model.scene import ModelScene, apply
 from analysis.runs.tables import SAME_RAD
@@ -103,6 +104,16 @@ class Block(ObservedRun):
     band: Integers
     count: int
     measured: bool
+
+    @property
+    def drives(self) -> Motion:
+        """Motion of the drives, whose errors depend on their angles."""
+        return self.path.motion.of_drives(self.model.arm)
+
+    @property
+    def turns(self) -> Array:
+        """Range (axes,) of each drive at the readings, in turns."""
+        return np.asarray(np.ptp(drive_angles(self.model.arm, self.table.q), axis=0) / (2 * np.pi))
 
     def whitened(self, values: Array) -> Array:
         """Return readings (m, k, …) mm as entries (N, …) in noise standard deviations."""

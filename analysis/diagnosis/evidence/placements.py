@@ -200,7 +200,7 @@ def same_arm(first: Arm, second: Arm) -> bool:
     rail, other_rail = (np.zeros(3) if arm.rail is None else arm.rail for arm in (first, second))
     return np.allclose(rail, other_rail, atol=1e-9) and all(
         np.allclose(getattr(first, constant), getattr(second, constant), atol=1e-9)
-        for constant in ("a", "alpha", "beta", "d", "offset", "coupling")
+        for constant in ("a", "alpha", "beta", "d", "offset", "coupling", "to_drives")
     )
 
 

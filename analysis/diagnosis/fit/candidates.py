@@ -90,8 +90,8 @@ def _scope(blocks: Sequence[Block]) -> Scope:
     arm = blocks[0].model.arm
     rail = arm.rail is not None and any(np.ptp(rail_mm(arm, table.q)) > 0 for table in tables)
     # On circles, if any, joints move during the readings.
-    moving = [table for table in tables if table.swept] or tables
-    turned = np.max([np.ptp(table.q, axis=0) for table in moving], axis=0) / (2 * np.pi)
+    moving = [block for block in blocks if block.table.swept] or blocks
+    turned = np.max([block.turns for block in moving], axis=0)
     payload_kg = blocks[0].model.load.payload_kg
     return Scope(timed, gauges, tuple(twist_deg.tolist()), tuple(turned[: arm.axes].tolist()), rail, payload_kg)
 

@@ -102,7 +102,7 @@ def _initial_play(linear: Linearisation, axis: int, half_width_deg: float, parts
     usual = np.sqrt(np.mean((reached / np.diff(edges)) ** 2, axis=0))
 
     def edge_responses(block: Block) -> Array:
-        x = block.path.q[:, axis - 1]
+        x = block.drives.q[:, axis - 1]
         return np.asarray(
             np.diff([play(x, half_width_rad, float(edge)) for edge in edges], axis=0).T * usual, dtype=float
         )
@@ -119,7 +119,7 @@ def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s:
     jolts, faded = [], [np.empty((len(linear.y), 0))]
     for k, (simulated, rows) in enumerate(zip(linear.simulated, linear.rows, strict=True)):
         path = simulated.block.path
-        turns = [when for when, _ in path.motion.reversals(axis)] if simulated.block.sampling else []
+        turns = [when for when, _ in simulated.block.drives.reversals(axis)] if simulated.block.sampling else []
         for when in turns:
             after = int(np.searchsorted(path.t_s, when))
             jolts += [

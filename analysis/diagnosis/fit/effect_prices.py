@@ -147,7 +147,7 @@ class EffectPrices:
         was driven over few waves in any run.
         """
         effects = [form.effect for form in self.columns.forms]
-        turned = np.max([np.ptp(block.table.q, axis=0) for block in self.linear.blocks], axis=0) / (2 * np.pi)
+        turned = np.max([block.turns for block in self.linear.blocks], axis=0)
         driven = [
             order_of(effect) * float(turned[getattr(effect, "axis", 1) - 1]) if is_of_curve(effect) else np.inf
             for effect in effects

@@ -102,11 +102,11 @@ def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
     """
     # On circles joints move during the readings, otherwise between them.
     blocks = tuple(block for block in linear.blocks if block.sampling) or linear.blocks
-    low, high = (of([of(block.path.q, axis=0) for block in blocks], axis=0) for of in (np.min, np.max))
+    low, high = (of([of(block.drives.q, axis=0) for block in blocks], axis=0) for of in (np.min, np.max))
     span, fastest = high - low, np.max([np.abs(_rates(block)).max(axis=0) for block in blocks], axis=0)
 
     def angle(joint: int, block: Block) -> Array:
-        return _waves((block.path.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)
+        return _waves((block.drives.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)
 
     def speed(joint: int, block: Block) -> Array:
         return np.asarray(_UNIT_RAD * np.abs(_rates(block)[:, [joint]] / fastest[joint]) ** _POWERS, dtype=float)
@@ -137,14 +137,14 @@ def discrepancy_functions(linear: Linearisation) -> Array:
     These are every free form and, for each joint, an error that depends on angle and direction of motion together, like
     hysteresis and the drag of cables.
     """
-    q = [block.path.q for block in linear.blocks if block.sampling]
+    q = [block.drives.q for block in linear.blocks if block.sampling]
     low, span = (
         np.min([np.min(each, axis=0) for each in q], axis=0),
         np.max([np.ptp(each, axis=0) for each in q], axis=0),
     )
 
     def both(joint: int, block: Block) -> Array:
-        waves = _waves((block.path.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)[:, :_WAVES_BY_WAY]
+        waves = _waves((block.drives.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)[:, :_WAVES_BY_WAY]
         return np.asarray(waves * np.tanh(_rates(block)[:, [joint]] / _SLOW), dtype=float)
 
     turning = [axis for axis in range(1, linear.axes + 1) if span[axis - 1] > 0]
@@ -176,6 +176,6 @@ def _waves(share: Array, unit: float) -> Array:
 
 
 def _rates(block: Block) -> Array:
-    """Return the joint speeds (n, 6) rad/s; zero at targets."""
-    path = block.path
-    return np.gradient(path.q, path.t_s, axis=0) if block.sampling else np.zeros_like(path.q)
+    """Return the speeds (n, 6) rad/s of the drives; zero at targets."""
+    drives = block.drives
+    return np.gradient(drives.q, drives.t_s, axis=0) if block.sampling else np.zeros_like(drives.q)

@@ -31,7 +31,7 @@ from analysis.diagnosis.fit.rivals import RivalOdds, compare_with_rivals
 from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.fit.selection_state import SelectionState, beginnings
 from analysis.procedures.facts import facts_of
-from analysis.robot.kinematics.arm import Array, Mask
+from analysis.robot.kinematics.arm import Array, Mask, drive_angles
 from analysis.robot.model.predict import SetUp
 from rigs.effects import Effect
 from rigs.schema.reference import Reference
@@ -352,8 +352,9 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
 
 
 def _moves(block: Block) -> Array | None:
-    """Return the last moves of joints (n, axes) rad of the poses of a block; None if they do not state them."""
-    return block.table.last_moves if facts_of(block.table.test).of_tracker else None
+    """Return the last moves of the drives (n, axes) rad of the poses of a block; None if they do not state them."""
+    moves = block.table.last_moves if facts_of(block.table.test).of_tracker else None
+    return None if moves is None else drive_angles(block.model.arm, moves)
 
 
 def _by_angle(linear: Linearisation, shape: Callable[[Array], Array]) -> list[Array]:
@@ -362,7 +363,7 @@ def _by_angle(linear: Linearisation, shape: Callable[[Array], Array]) -> list[Ar
 
     def errors(joint: int, block: Block) -> Array:
         return np.asarray(
-            np.radians(shape(block.path.q[:, [joint]])) * facts_of(block.table.test).of_tracker, dtype=float
+            np.radians(shape(block.drives.q[:, [joint]])) * facts_of(block.table.test).of_tracker, dtype=float
         )
 
     return [linear.by_joint(axis, partial(errors, axis - 1)) for axis in range(1, linear.axes + 1)]

@@ -31,7 +31,7 @@ def shows_waves(result: SearchResult, k: int) -> bool:
     if not is_wave(effect) or effect.STAGE != "joint":
         return True
     axis = int(getattr(effect, "axis", 1))
-    turned = max(float(np.ptp(block.table.q[:, axis - 1])) for block in result.linear.blocks) / (2 * np.pi)
+    turned = max(float(block.turns[axis - 1]) for block in result.linear.blocks)
     return order_of(effect) * turned >= DRIVEN_WAVES
 
 
@@ -75,7 +75,7 @@ def may_be_friction(result: SearchResult, k: int) -> bool:
         return False
     of_circles = 0.0
     for block, rows in zip(result.linear.blocks, result.linear.rows, strict=True):
-        move = np.diff(block.path.q[:, axis])
+        move = np.diff(block.drives.q[:, axis])
         turns_one_way = abs(float(move.sum())) > _ONE_WAY * float(np.abs(move).sum())
         of_circles += float(energy[rows].sum()) * (block.sampling is not None and turns_one_way)
     return of_circles > _ALONE * float(energy.sum())

@@ -185,7 +185,7 @@ def _subjects(result: SearchResult) -> list[tuple[What, int | None, Array]]:
 
 
 def _angle(block: Block, joint: int) -> Array:
-    q = block.path.q[:, [joint]] * _ORDERS
+    q = block.drives.q[:, [joint]] * _ORDERS
     return np.concatenate([np.cos(q), np.sin(q)], axis=1)
 
 
@@ -198,7 +198,7 @@ def _load(block: Block, joint: int) -> Array:
 
 def _speed(block: Block, joint: int) -> Array:
     """Return speed, sign and signed square of the speed of a joint that moves during the readings."""
-    t_s, q = block.path.t_s, block.path.q[:, joint]
+    t_s, q = block.path.t_s, block.drives.q[:, joint]
     if facts_of(block.table.test).of_places or not block.sampling or np.diff(t_s).min() <= 0:
         return np.zeros((len(q), 3))
     speed = np.gradient(q, t_s)

@@ -31,7 +31,7 @@ from analysis.procedures.checks.finding import Finding, Misfit, Strength
 from analysis.procedures.prediction import nominal_setup, path_of, read
 from analysis.robot.geometry.circle import frame_of, link_angle, link_readings
 from analysis.robot.geometry.driven_programs import circle_of
-from analysis.robot.kinematics.arm import Array, arm_of, forward
+from analysis.robot.kinematics.arm import Array, arm_of, drive_angles, forward
 from analysis.robot.model.predict import Model, model_of, moved
 from analysis.runs.laps import is_on_circle, laps_of
 from analysis.runs.loading import Measured
@@ -348,7 +348,7 @@ class _Way:
     """Laps of one direction on the grid.
 
     readings (GRID, 2) mm; angles as unit vectors, cosine and sine (GRID, 12), for a mean modulo a turn; speeds (GRID,
-    6) rad/s; flank of each joint (GRID, 6) and each gauge (GRID, 2), -1 to 1; time (GRID,) since the start, 0 to 1.
+    6) rad/s; flank of each drive (GRID, 6) and each gauge (GRID, 2), -1 to 1; time (GRID,) since the start, 0 to 1.
     """
 
     g_mm: Array
@@ -436,9 +436,10 @@ def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[Rig, TestName, dict[str, 
             continue
         with suppress(FileError):
             laps = laps_of(table, run.rig, str(run.path))
-            flank = np.stack([(play(joint, _PLAY_RAD) - joint) / _PLAY_RAD for joint in table.q.T], axis=1)
+            drives = drive_angles(arm_of(run.rig.robot), table.q)
+            flank = np.stack([(play(drive, _PLAY_RAD) - drive) / _PLAY_RAD for drive in drives.T], axis=1)
             stuck = [(play(gauge, 2 * _RESOLVED_MM) - gauge) / (2 * _RESOLVED_MM) for gauge in table.g_mm.T]
-            moving = np.concatenate([np.gradient(table.q, table.t_s, axis=0), flank, np.stack(stuck, axis=1)], axis=1)
+            moving = np.concatenate([np.gradient(drives, table.t_s, axis=0), flank, np.stack(stuck, axis=1)], axis=1)
             since = (laps.t_s - laps.t_s[0]) / max(float(np.ptp(laps.t_s)), 1e-9)
             rows = np.searchsorted(table.t_s, laps.t_s)
             columns = [laps.g_mm, np.cos(laps.q), np.sin(laps.q), moving[rows], since[:, None]]
@@ -478,15 +479,15 @@ def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:
 
 
 def _slopes(rig: Rig, test: TestName, acw: _Way, cw: _Way) -> Array:
-    """Return the derivatives (GRID, 2, 6) in mm/rad of both gauges by each joint of the nominal arm, for both
+    """Return the derivatives (GRID, 2, 6) in mm/rad of both gauges by each drive of the nominal arm, for both
     directions.
     """
     circle = circle_of(rig)
     # Joints of a robot that continues instead of returning differ by full turns between directions and laps: only the
     # posture counts.
     cosine, sine = np.split(acw.heading + cw.heading, 2, axis=1)
-    q = np.arctan2(sine, cosine)
-    arm, centre = arm_of(rig.robot), frame_of(circle).centre
+    nominal, centre = arm_of(rig.robot), frame_of(circle).centre
+    arm, q = nominal.by_drives, drive_angles(nominal, np.arctan2(sine, cosine))
     offsets = np.array([gauge.offset_mm for _, gauge in rig.gauges])[:2]
 
     def gauge_readings(angles: Array) -> Array:

@@ -103,7 +103,7 @@ def robot_text(robot: Robot) -> str:
     lines = ["robot:", f"  name: {flow(fields.pop('name'))}", "  axes: # modified Denavit-Hartenberg (Craig)"]
     lines += [f"    - {flow(axis)}" for axis in fields.pop("axes")]
     for key, value in fields.items():
-        rows = [f"    - {flow(row)}" for row in value] if key == "coupling" else []
+        rows = [f"    - {flow(row)}" for row in value] if key in ("coupling", "drives") else []
         lines += [f"  {key}:", *rows] if rows else [f"  {key}: {flow(value)}"]
     return "\n".join(lines) + "\n"
 

@@ -34,7 +34,8 @@ _BLOCK = 1500
 class Arm:
     """Constants of an arm with `axes` joints.
 
-    a, d: (axes,) mm. alpha, beta, offset: (axes,) rad. coupling: (axes, axes).
+    a, d: (axes,) mm. alpha, beta, offset: (axes,) rad. coupling: (axes, axes). drives (axes, axes): mechanics of the
+    arm, the axes that each drive turns; None if these are the axes that its reported angle turns.
     T_world_base, T_flange_tool: (4, 4). limits: (axes, 2) rad. speed: (axes,) rad/s.
     rail (3,): direction in the world of a rail under the base, or None.
 
@@ -53,6 +54,17 @@ class Arm:
     limits: Array
     speed: Array
     rail: Array | None = None
+    drives: Array | None = None
+
+    @cached_property
+    def by_drives(self) -> Arm:
+        """The arm with joint angles of the drives in place of reported angles."""
+        return self if self.drives is None else replace(self, coupling=self.drives, drives=None)
+
+    @cached_property
+    def to_drives(self) -> Array:
+        """Matrix (axes, axes) that converts reported angles to angles of the drives."""
+        return np.asarray(np.linalg.solve(self.by_drives.coupling, self.coupling))
 
     @property
     def axes(self) -> int:
@@ -85,18 +97,20 @@ def arm_of(robot: Robot) -> Arm:
     T_world_base, rail = transform(robot.base), None
     if robot.rail:
         rail = T_world_base[:3, :3] @ (np.array(robot.rail.direction) / np.linalg.norm(robot.rail.direction))
+    coupling, drives = np.array(robot.coupling, dtype=float), np.array(robot.drive_ratios, dtype=float)
     return Arm(
         a=column("a_mm"),
         alpha=np.radians(column("alpha_deg")),
         beta=np.radians(column("beta_deg")),
         d=column("d_mm"),
         offset=np.radians(column("offset_deg")),
-        coupling=np.array(robot.coupling, dtype=float),
+        coupling=coupling,
         T_world_base=T_world_base,
         T_flange_tool=transform(robot.tool),
         limits=np.radians(column("limits_deg")),
         speed=np.radians(column("speed_deg_s")),
         rail=rail,
+        drives=None if np.array_equal(drives, coupling) else drives,
     )
 
 
@@ -112,6 +126,19 @@ def controller_robot(robot: Robot) -> Robot:
 def controller_arm(robot: Robot) -> Arm:
     """Arm with which the controller computes poses, as far as the rig file states it."""
     return arm_of(controller_robot(robot))
+
+
+def drive_angles(arm: Arm, q: Array) -> Array:
+    """Convert reported angles q (n, axes) rad to the angles of the drives, which errors of a drive are added to.
+
+    A column with the rail position is kept.
+    """
+    return q if arm.drives is None else np.hstack([q[:, : arm.axes] @ arm.to_drives.T, q[:, arm.axes :]])
+
+
+def reported_angles(arm: Arm, m: Array) -> Array:
+    """Convert angles m (…, axes) of the drives, or changes of them, to reported angles in the same unit."""
+    return m if arm.drives is None else np.asarray(m @ np.linalg.inv(arm.to_drives).T)
 
 
 def without_setup(arm: Arm) -> Arm:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from analysis.robot.kinematics.arm import Array, Integers
+from analysis.robot.kinematics.arm import Arm, Array, Integers, drive_angles
 from rigs.schema.scene import play
 
 _TURN_RAD = np.radians(0.003)
@@ -34,6 +34,16 @@ class Motion:
     q: Array
     samples_per_visit: int = 0
     _reversals: dict[int, list[tuple[float, float]]] = field(default_factory=dict, init=False, repr=False)
+    _of_drives: dict[bytes, Motion] = field(default_factory=dict, init=False, repr=False)
+
+    def of_drives(self, arm: Arm) -> Motion:
+        """Return the motion of the drives of an arm, with their angles and reversals in place of the reported ones."""
+        if arm.drives is None:
+            return self
+        key = arm.to_drives.tobytes()
+        if key not in self._of_drives:
+            self._of_drives[key] = replace(self, q=drive_angles(arm, self.q))
+        return self._of_drives[key]
 
     def reversals(self, axis: int) -> list[tuple[float, float]]:
         """Return the reversals of a joint (from 1): time in s, and new direction (±1). Visits contain no reversals."""

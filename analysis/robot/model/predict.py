@@ -156,13 +156,13 @@ def posed(model: Model, path: Path, scene: ModelScene) -> ModelScene:
 
 
 def driven(model: Model, path: Path) -> ModelScene:
-    """Return the scene up to the joint stage, at all n samples of a path."""
-    n = len(path.q)
+    """Return the scene up to the joint stage, at all n samples of a path, in angles of the drives."""
+    n, motion = len(path.q), path.motion.of_drives(model.arm)
     scene = ModelScene(
-        arm=model.arm,
+        arm=model.arm.by_drives,
         load=model.load,
-        motion=path.motion,
-        link_q=path.q,
+        motion=motion,
+        link_q=motion.q,
         T=_NOTHING,
         contact=_NOTHING,
         form_mm=np.zeros(n),
@@ -196,4 +196,4 @@ def geometric_arm(model: Model) -> Arm:
     at_zero = Path(Motion(np.zeros(1), np.zeros((1, model.arm.axes))), np.zeros(1, dtype=np.int64), stands=True)
     scene = driven(geometric_part(model), at_zero)
     turned = scene.arm.coupling @ scene.link_q[0]
-    return replace(scene.arm, offset=scene.arm.offset + turned)
+    return replace(scene.arm, offset=scene.arm.offset + turned, coupling=model.arm.coupling, drives=model.arm.drives)

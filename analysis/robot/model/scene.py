@@ -49,7 +49,7 @@ def load_of(robot: Robot) -> Load:
 class Pull:
     """Gravity at n postures.
 
-    torque (n, axes) Nm on each joint of the controller. moment (n, 3) Nm on the base, about its origin and in its axes.
+    torque (n, axes) Nm on each drive. moment (n, 3) Nm on the base, about its origin and in its axes.
     """
 
     torque: Array
@@ -90,7 +90,7 @@ def pull(arm: Arm, load: Load, q: Array) -> Pull:
             per_theta[axis, block] = _G * (z[1] * across_x - z[0] * across_y)
         beside_x, beside_y = beyond_kg_mm - beyond_kg * base_places(arm, q[block])[:, :2].T
         about_base[:2, block] = -_G * beside_y, _G * beside_x
-    pulled = Pull((arm.coupling.T @ per_theta / 1000.0).T, about_base.T @ arm.T_world_base[:3, :3] / 1000.0)
+    pulled = Pull((arm.by_drives.coupling.T @ per_theta / 1000.0).T, about_base.T @ arm.T_world_base[:3, :3] / 1000.0)
     if len(q) <= _KEPT_ROWS:
         _recent.append((arm, load, q, pulled))
     return pulled
@@ -100,9 +100,9 @@ def pull(arm: Arm, load: Load, q: Array) -> Pull:
 class ModelScene:
     """A scene with n samples in order of time. Values of later stages are empty.
 
-    motion: as reported. link_q (n, axes) rad. T (n, 4, 4): the tool in the world. contact (n,) rad: contact angle of
-    the link around the ball. form_mm (n,): distance added by the form of the ball. offsets_mm (k,): gauge positions on
-    the baseline. g_mm (n, k): readings.
+    Joint angles are those of the drives. motion: as reported. link_q (n, axes) rad. T (n, 4, 4): the tool in the world.
+    contact (n,) rad: contact angle of the link around the ball. form_mm (n,): distance added by the form of the ball.
+    offsets_mm (k,): gauge positions on the baseline. g_mm (n, k): readings.
     """
 
     arm: Arm

@@ -61,11 +61,17 @@ def constants_of(name: str) -> Constants:
 
 
 def flange(arm: Constants, wrong: Wrong, q: Array) -> tuple[Array, Array]:
-    """Return rotation (n, 3, 3) and position (n, 3) mm of the flange at reported angles q (n, 6) rad."""
-    link = q + wrong.offset
+    """Return rotation (n, 3, 3) and position (n, 3) mm of the flange at reported angles q (n, 6) rad.
+
+    Each motor turns its own axis, also if the displayed angles are coupled.
+    """
+    senses = np.diag(arm.coupling)
+    motor = q @ arm.coupling.T / senses
+    link = motor + wrong.offset
     for order in (1, 2):
-        link = link + wrong.sine[:, order - 1] * np.sin(order * q) + wrong.cosine[:, order - 1] * np.cos(order * q)
-    theta = link @ arm.coupling.T + arm.offset
+        link = link + wrong.sine[:, order - 1] * np.sin(order * motor)
+        link = link + wrong.cosine[:, order - 1] * np.cos(order * motor)
+    theta = link * senses + arm.offset
     R, p = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
     for k in range(6):
         alpha = arm.alpha[k] + wrong.alpha[k]

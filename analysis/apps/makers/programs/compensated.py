@@ -27,7 +27,7 @@ from analysis.apps.makers.programs.motion_plan import (
 )
 from analysis.apps.makers.programs.ways import ToolPath, circular_path, rotation_vector, straight_path, turned
 from analysis.correction.support import known_plays
-from analysis.robot.kinematics.arm import Array, Integers
+from analysis.robot.kinematics.arm import Array, Integers, reported_angles
 from analysis.robot.kinematics.follow import follow
 from analysis.robot.model.motion import Motion
 from analysis.robot.model.predict import Path, driven, model_of
@@ -204,7 +204,8 @@ def ahead_of_plays(rig: Rig, plan: MotionPlan) -> Array:
     visits = [places[id(target)] for target in reached(plan)]
     q, rows = interpolate_moves([targets[number].q for number in 2 * visits])
     motion = Motion(np.arange(len(q), dtype=float), q)
-    lag = (driven(model, Path(motion, rows)).link_q - q)[rows]
+    scene = driven(model, Path(motion, rows))
+    lag = reported_angles(model.arm, scene.link_q - scene.q)[rows]
     last = {number: row for row, number in enumerate(2 * visits)}
     return -np.array([lag[last[number]] for number in range(len(targets))])
 

@@ -137,6 +137,7 @@ def as_object(entries: ControllerEntries) -> dict[str, Any]:
             }
             for entry in entries.entries
         ],
+        "readings_deg": [short(degrees) for degrees in entries.readings_deg],
         "not_entered": [
             {"name": label_of(kept.effect), "worth_um": rounded_um(kept.worth_um)} for kept in entries.not_entered
         ],

@@ -241,13 +241,39 @@ def test_without_a_scale_counts_are_degrees_of_the_reading(tmp_path: Path) -> No
     ]
 
 
-def test_an_axis_that_goes_with_another_motor_has_no_count_of_its_own(tmp_path: Path) -> None:
+J3_SHOWN = np.eye(6)
+J3_SHOWN[2, 1] = -1
+
+
+@pytest.mark.parametrize("unit", ["counts", "deg"])
+@pytest.mark.parametrize("elbow_deg", [0.0, 0.11])
+def test_zeros_remove_the_error_if_the_controller_couples_the_displayed_angles(
+    tmp_path: Path, unit: str, elbow_deg: float
+) -> None:
+    zeros = [*ZEROS, JointOffset(axis=3, offset_deg=elbow_deg, found=_found(offset_deg=0.002))]
     text = load("paper-fanuc")[1].replace("    - [0, 0, -1, 0, 0, 0]", "    - [0, -1, -1, 0, 0, 0]")
     cell = tmp_path / "cell.yaml"
-    cell.write_text(extended(text, ZEROS, "cell"), encoding="utf-8")
-    scale = ["--scale", ",".join(map(str, SCALE))]
-    entries = _printed(cell, tmp_path / "out", "--for", "fanuc", *scale)["entries"]
-    assert [(one["axis"], one["unit"]) for one in entries] == [(2, "deg"), (4, "counts")]
+    cell.write_text(extended(text, zeros if elbow_deg else ZEROS, "cell"), encoding="utf-8")
+    scale = ["--scale", ",".join(map(str, SCALE))] if unit == "counts" else []
+    entries = _printed(cell, tmp_path / "out", "--for", "fanuc", *scale)
+    controller = replace(
+        _mastered("fanuc"),
+        model=lambda q: _paper_arm(np.linalg.solve(J3_SHOWN, q)),
+        true_at_zero=OFF_DEG + elbow_deg * np.eye(6)[2],
+        shown=J3_SHOWN,
+    )
+    wanted = [_paper_arm(np.radians(q)) for q in TARGETS_DEG]
+    counts, mastered = controller.counts_at(TARGETS_DEG[1]), controller
+    for one in entries["entries"]:
+        zero, k = mastered.zero.copy(), one["axis"] - 1
+        more_deg = mastered.reading_deg(counts)[k] - controller.reading_deg(counts)[k]
+        assert one["unit"] == unit
+        zero[k] += one["add"] if unit == "counts" else -SCALE[k] * (one["add"] - more_deg)
+        mastered = replace(mastered, zero=zero)
+    assert _errors_mm(controller, wanted).min() > 0.3
+    assert _errors_mm(mastered, wanted).max() < 1e-3
+    read_deg = mastered.reading_deg(counts) - controller.reading_deg(counts)
+    np.testing.assert_allclose(read_deg, entries["readings_deg"], atol=1e-7)
 
 
 @pytest.mark.parametrize(

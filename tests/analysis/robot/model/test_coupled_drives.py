@@ -1,0 +1,105 @@
+"""Errors of motors on arms whose displayed angles or mechanics are coupled, against the mechanics of another world."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.procedures.prediction import path_of
+from analysis.robot.kinematics.arm import arm_of, drive_angles, reported_angles
+from analysis.robot.model.predict import geometric_arm, model_of, moved
+from analysis.runs.tables import PoseTable
+from rigs.arms import load_arm
+from rigs.effects import Backlash, Compliance, Effect, JointOffset, LinkBending, TransmissionError
+from rigs.schema.robot import Robot
+from tests.support import command_line
+from tests.trials.linkage.__main__ import diagnosed, rig_for
+from tests.trials.linkage.__main__ import moved as moved_zero
+from tests.worlds import linkage as world
+
+TOOL_MM = np.array([50.0, 20.0, 100.0])
+PARALLEL = load_arm("fanuc-m-10ia").robot.coupling
+FAULTS: dict[str, tuple[float, Effect]] = {
+    "zero": (0.1, JointOffset(axis=1, offset_deg=0.1)),
+    "play": (0.1, Backlash(axis=1, width_deg=0.1)),
+    "wave": (0.1, TransmissionError(axis=1, order=8, amplitude_deg=0.1, phase_deg=0)),
+    "soft": (1e-3, Compliance(axis=1, deg_per_Nm=1e-3)),
+}
+
+
+@pytest.mark.parametrize("name", world.SHAPES)
+@pytest.mark.parametrize("kind", FAULTS)
+@pytest.mark.parametrize("axis", [2, 3])
+def test_an_error_of_a_motor_moves_the_tool_as_the_mechanics_do(name: str, kind: str, axis: int) -> None:
+    rng, shape = np.random.default_rng([4, axis]), world.SHAPES[name]
+    sound = world.LinkedArm(shape, np.zeros((5, 6)), world.NO_ERRORS, TOOL_MM)
+    size, effect = FAULTS[kind]
+    motors = world.postures(shape, 20, rng)
+    came_from = motors + rng.uniform(0.1, 0.3, motors.shape) * rng.choice([-1, 1], motors.shape)
+    really = world.with_fault(sound, kind, axis, size).tips(motors, came_from)
+    table = PoseTable(sound.displayed(motors), really, None, came_from=sound.displayed(came_from))
+    model = model_of(rig_for(name), [effect.model_copy(update={"axis": axis})])
+    T = moved(model, path_of(model, table)).T
+    off_mm = np.linalg.norm(really - sound.tips(motors, came_from), axis=1).max()
+    assert off_mm > 0.1
+    assert np.abs(T[:, :3, 3] + T[:, :3, :3] @ TOOL_MM - really).max() < 0.005 * off_mm
+
+
+@pytest.mark.parametrize("name", ["fanuc-m-10ia", "palletiser"])
+def test_a_zero_of_motor_2_is_named_by_diagnose_and_moved(name: str) -> None:
+    assert diagnosed(name, "zero", 2, 1) == ("right", [])
+    assert moved_zero(name, "zero", 2, 1) == ("right", [])
+
+
+def test_bending_of_the_upper_arm_of_a_linkage_does_not_bear_the_moment_of_the_forearm() -> None:
+    bends = LinkBending(axis=2, mm_per_Nm=1e-3)
+    q = np.zeros((1, 6))
+    places = {}
+    for name in ("fanuc-m-10ia", "palletiser"):
+        model = model_of(rig_for(name), [bends])
+        table = PoseTable(q, q[:, :3], None)
+        plain = moved(replace(model, effects=()), path_of(model, table)).T
+        places[name] = float(np.linalg.norm((moved(model, path_of(model, table)).T - plain)[0, :3, 3]))
+    # The upper arm is upright: only the forearm, which the rod carries, has a moment about axis 2.
+    assert places["palletiser"] < 1e-9
+    assert places["fanuc-m-10ia"] > 0.05
+
+
+def test_zeros_of_drives_become_zeros_of_the_axes_that_they_turn() -> None:
+    rng = np.random.default_rng(5)
+    for name in ("fanuc-m-10ia", "palletiser"):
+        model = model_of(rig_for(name), [JointOffset(axis=2, offset_deg=0.3), JointOffset(axis=3, offset_deg=-0.2)])
+        q = rng.uniform(-1, 1, (4, 6))
+        T = moved(model, path_of(model, PoseTable(q, q[:, :3], None))).T
+        bare = replace(model, arm=geometric_arm(model), effects=())
+        np.testing.assert_allclose(moved(bare, path_of(bare, PoseTable(q, q[:, :3], None))).T, T, atol=1e-9)
+
+
+def test_angles_of_drives_and_reported_angles_convert_into_each_other() -> None:
+    arm, q = arm_of(load_arm("fanuc-m-10ia").robot), np.random.default_rng(6).uniform(-1, 1, (5, 6))
+    drives = drive_angles(arm, q)
+    np.testing.assert_allclose(drives[:, 2], q[:, 1] + q[:, 2], atol=1e-15)
+    np.testing.assert_allclose(reported_angles(arm, drives), q, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["kuka-kr-6-r900-2", "yaskawa-gp12", "ur5e", "kinova-gen3-7"])
+def test_drives_of_uncoupled_arms_have_the_reported_angles(name: str) -> None:
+    assert arm_of(load_arm(name).robot).drives is None
+
+
+def test_a_drive_turns_its_own_axis_unless_the_rig_file_states_a_linkage() -> None:
+    fanuc = load_arm("fanuc-m-10ia").robot
+    assert fanuc.model_copy(update={"drives": None}).drive_ratios == fanuc.drives
+    assert Robot.model_validate(fanuc.model_dump() | {"drives": PARALLEL}).drive_ratios == fanuc.coupling
+
+
+@pytest.mark.parametrize(("drives", "doubtful"), [(True, False), (False, True)])
+def test_check_reports_a_coupling_without_mechanics(tmp_path: Path, drives: bool, doubtful: bool) -> None:
+    text = load_arm("fanuc-m-10ia").text
+    text = text if drives else text.partition("  drives:")[0]
+    (tmp_path / "cell.yaml").write_text(f"name: cell\n{text}", encoding="utf-8")
+    done = command_line.ran("check", tmp_path / "cell.yaml")
+    assert ("robot.drives" in done.stdout) == doubtful
