@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from analysis.apps.makers.external_axes import is_moved
 from analysis.apps.makers.numbers import frame_numbers, frame_of, is_frame, joint_numbers, joints_of, replaced, written
 from analysis.apps.makers.postures import agreeing, solved
 from analysis.apps.makers.program_reader import ProgramReader
@@ -297,7 +298,7 @@ def _joints_at(
 
 def _is_off_zero(target: Target) -> bool:
     """Return whether a pose names an external axis that is not at zero."""
-    return not target.joints and any(coordinate for _, coordinate in target.external)
+    return not target.joints and any(is_moved(coordinate) for _, coordinate in target.external)
 
 
 def _needs_start(parsed: Parsed) -> bool:

@@ -18,6 +18,7 @@ from functools import partial
 
 import numpy as np
 
+from analysis.apps.makers.external_axes import is_moved
 from analysis.apps.makers.fanuc.instructions import INSIDE, OPTIONS, change_by
 from analysis.apps.makers.numbers import Decimals, frame_of
 from analysis.apps.makers.points import Points, as_value
@@ -192,7 +193,7 @@ def parse(texts: ProgramTexts) -> Parsed:
     for text in blank:
         for position in _POSITION.finditer(text, _section(text, "POS", len(text))):
             _, group = _arm_group(position[2]) or (0, "")
-            reader.points.axes |= {axis for axis, coordinate in _others(group) if coordinate}
+            reader.points.axes |= {axis for axis, coordinate in _others(group) if is_moved(coordinate)}
     start = _section(blank[0], "POS", len(blank[0]))
     for position in _POSITION.finditer(blank[0], start):
         target, reason = _position(position, reader.lines[0])

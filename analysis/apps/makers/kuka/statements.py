@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
+from analysis.apps.makers.external_axes import is_moved
 from analysis.apps.makers.kuka.closed_lists import (
     CORRECTIONS,
     NOTHING,
@@ -267,7 +268,7 @@ class KrlReader:
         target = Target(name, file, self.lines[file].at(begin), form, numbers, flags=flags, external=external)
         if len(numbers) < 6:
             return target, "incomplete"
-        return target, "external_axes" if any(axis in parts and parts[axis].value for axis in _EXTERNAL) else None
+        return target, "external_axes" if any(is_moved(coordinate) for _, coordinate in external) else None
 
     def frame(self, text: str) -> Array | None:
         """Return the frame (4, 4) in mm of {X …} or {FRAME: X …}, or None unless all six numbers are present."""
