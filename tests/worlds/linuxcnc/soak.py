@@ -14,18 +14,17 @@ import os
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
 
-from tests.worlds.linuxcnc import machine
 from tests.worlds.linuxcnc.person import FAULTS, Person
 
 _BIN = Path(sys.executable).parent
 _PERIOD_S = 1e-3
+_READY_S = 60.0
 
 
 def rig(*words: object) -> str:
@@ -53,9 +52,19 @@ def counted(clock_s: np.ndarray[Any, Any]) -> dict[str, int]:
     }
 
 
+def start(name: str) -> None:
+    """Start a recording, as soon as rigd reads all instruments."""
+    until_s = time.monotonic() + _READY_S
+    while (shown := rig("record", "start", name, "--test", "yaw", "--direction", "acw")).startswith("error"):
+        if time.monotonic() > until_s:
+            raise SystemExit(shown)
+        time.sleep(1)
+    print(shown.strip(), flush=True)
+
+
 def record(name: str, seconds: float, runs: Path) -> Path:
     """Record for a time, and return the run."""
-    print(rig("record", "start", name, "--test", "yaw", "--direction", "acw").strip())
+    start(name)
     time.sleep(seconds)
     rig("record", "stop")
     return next(runs.glob(f"*_{name}"))
@@ -71,12 +80,11 @@ def main(directory: Path, user: str, minutes: float) -> int:
     rigd = subprocess.Popen([str(_BIN / "rigd"), str(person.rig_file), "--runs", str(runs)], stderr=log)
     loads = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
     try:
-        time.sleep(8)
         long = record("soak", 60 * minutes, runs)
         load = os.getloadavg()
         print(json.dumps({"minutes": minutes, "load": load, **counted(robot_columns(long)["device_time_s"])}))
         print(rig("verify", long).strip())
-        print(rig("record", "start", "killed", "--test", "yaw", "--direction", "acw").strip())
+        start("killed")
         time.sleep(10)
         assert person.controller is not None
         person.controller.kill()
@@ -95,8 +103,8 @@ def main(directory: Path, user: str, minutes: float) -> int:
             process.terminate()
             process.wait()
         log.close()
-        with suppress(OSError):
-            machine.ask("quit")
+        if person.controller is not None:
+            person.controller.stop()
 
 
 if __name__ == "__main__":

@@ -101,7 +101,7 @@ class _Program:
         self._ends(stops=True)
         # In the unit of an inch machine X, Y and Z are joint angles.
         self.lines += [_ZERO, *_JOINTS, *["G20"] * inch, f"G1 {_words(joints)} F{rate}", *_POSES, *["G21"] * inch]
-        T = self._flanges(step.target.T[None])[0]
+        T = self.flanges(step.target.T[None])[0]
         self.numbers = np.array([*T[:3, 3], *fixed_xyz_deg(T)])
         self._check_start()
 
@@ -132,7 +132,8 @@ class _Program:
             case StraightMove(target, speed_mm_s):
                 return straight_path(begin, target.T, speed_mm_s, shares)
 
-    def _flanges(self, tools: Array) -> Array:
+    def flanges(self, tools: Array) -> Array:
+        """Return the flange (n, 4, 4) for tool poses (n, 4, 4)."""
         return np.asarray(tools @ np.linalg.inv(self.plan.arm.T_flange_tool))
 
     def _along(self, step: StraightMove | ToolRotation | Arc) -> None:
@@ -153,7 +154,7 @@ class _Program:
 
     def _unwound(self, tools: Array) -> Array:
         """Return the numbers X … C (n - 1, 6) of tool poses (n, 4, 4) after the first, without jumps by turns."""
-        flanges = self._flanges(tools[1:])
+        flanges = self.flanges(tools[1:])
         angles, before = fixed_xyz_deg(flanges), self.numbers[3:]
         for row in angles:
             row[:] = before = _nearest(row[None], before[None])[0]
@@ -168,7 +169,7 @@ class _Program:
                 problem = "B of the flange passes ±90°, where A and C have no definite values"
                 raise FileError(self.plan.name, problem, "turn the tool on the flange, or choose a different posture")
             middles = (begins + ends) / 2
-            first, middle, last = np.split(self._flanges(path(np.concatenate([begins, middles, ends])).poses), 3)
+            first, middle, last = np.split(self.flanges(path(np.concatenate([begins, middles, ends])).poses), 3)
             off = transforms(_middle_numbers(first, last)) - middle
             at_tool = off @ self.plan.arm.T_flange_tool
             off_mm = np.linalg.norm([off[:, :3, 3], at_tool[:, :3, 3]], axis=2).max(axis=0)
@@ -249,7 +250,7 @@ def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
     """Write the program."""
     program = _Program(plan)
     start = start_of(plan)
-    flange = program._flanges(start.T[None])[0]
+    flange = program.flanges(start.T[None])[0]
     x, y, z = flange[:3, 3]
     a, b, c = fixed_xyz_deg(flange)
     shown = f"X {x:z.1f} Y {y:z.1f} Z {z:z.1f} mm A {a:z.2f} B {b:z.2f} C {c:z.2f} deg"

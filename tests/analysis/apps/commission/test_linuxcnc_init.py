@@ -1,0 +1,30 @@
+"""`rig init --robot linuxcnc://HOST` before the controller has its HAL lines."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+from tests.support.command_line import ran
+
+
+def test_absent_controller_gets_its_files_and_the_reason_is_named(tmp_path: Path) -> None:
+    cell = tmp_path / "cell.yaml"
+    done = ran("init", cell, "--robot", "linuxcnc://127.0.0.1:1", "--arm", "ur10e")
+    assert done.returncode == 4 and "refused" in done.stderr and not cell.exists()
+    hal = (tmp_path / "linuxcnc" / "rig.hal").read_text()
+    joints = re.findall(r"^net rig-joint-(\d) joint\.(\d)\.pos-fb => sampler\.0\.pin\.(\d)$", hal, re.M)
+    assert joints == [(str(joint),) * 3 for joint in range(6)]
+    assert re.search(r"^loadusr \S+ rigfeed\.py 1 0$", hal, re.M)
+    feed = (tmp_path / "linuxcnc" / "rigfeed.py").read_text()
+    imported = set(re.findall(r"^(?:import|from) (\w+)", feed, re.M))
+    assert ast.parse(feed, feature_version=(3, 9)) and not imported & {"daq", "rigs", "analysis"}
+
+
+def test_files_that_exist_are_kept(tmp_path: Path) -> None:
+    (tmp_path / "linuxcnc").mkdir()
+    for name in ("rig.hal", "rigfeed.py"):
+        (tmp_path / "linuxcnc" / name).write_text("edited")
+    ran("init", tmp_path / "cell.yaml", "--robot", "linuxcnc://127.0.0.1:1", "--arm", "ur10e")
+    assert {(tmp_path / "linuxcnc" / name).read_text() for name in ("rig.hal", "rigfeed.py")} == {"edited"}
