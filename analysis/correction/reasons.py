@@ -51,8 +51,8 @@ POSE_OF_UNKNOWN_CONTROLLER = "is a pose, which this controller may compute with 
 def how_to_state_controller(rig: Rig) -> str:
     """Return the remedy for an unknown arm in the controller."""
     practice = practice_of(rig.maker or rig.robot.name)
-    of_maker = f" ({practice.get})" if practice else ""
+    of_maker = f"{practice.get}; " if practice else ""
     return (
-        f"give --calibration FILE{of_maker}, or with one row of joints and flange pose if the controller has no "
-        "constants of its own; or state `controller: data_sheet` under robot in the rig file"
+        f"give --calibration FILE ({of_maker}one row of joints and flange pose from the pendant is enough if it agrees "
+        "with the data sheet), or state `controller: data_sheet` under robot in the rig file"
     )

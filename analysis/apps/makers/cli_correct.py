@@ -213,7 +213,7 @@ def _say_next(
     """
     axes, rail = len(rig.robot.axes), ", e1_mm" if rig.robot.rail else ""
     file = as_argument(rig_file)
-    if maker is None and rig.takes_programs and not settled:
+    if maker is None and rig.takes_programs and rig.controller != "unknown" and not settled:
         likeliest, *others = rig.makers
         directory_for = as_argument(directory.with_name(f"{directory.name}-{likeliest}"))
         alternatives = "; or ".join(filter(None, ["the controller's own parameters", ", ".join(others)]))

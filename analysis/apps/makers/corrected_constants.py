@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from analysis.correction.support import Support
+from analysis.robot.kinematics.arm import controller_robot
 from rigs.rig import Rig
 from rigs.schema.effect import Use
 
@@ -44,28 +45,23 @@ def joint_zeros(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
 def link_constants(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
     """Return the changes of the arm's constants relative to those in the controller.
 
-    The effects are relative to the axes of the rig file. If the controller has other constants, every difference from
-    them is a change; its u is NaN if no effect determined the constant.
+    The effects are relative to the axes of the rig file. If the controller has other constants, a change that is not
+    larger than its uncertainty is omitted.
     """
     axes = {k: axis.model_dump() for k, axis in enumerate(rig.robot.axes, start=1)}
-    found = {(item.axis, item.key): item for item in _summed(supported, "link constant", axes)}
-    if not rig.robot.controller_axes:
-        return list(found.values())
-    changes = []
-    for k, own in enumerate(rig.robot.controller_axes, start=1):
-        for key in CONSTANTS:
-            of_key = found.get((k, key))
-            now, real = float(getattr(own, key)), of_key.corrected if of_key else float(axes[k][key])
-            if of_key or now != real:
-                changes.append(Correction(k, key, now, real - now, of_key.u if of_key else math.nan))
-    return changes
+    found = _summed(supported, "link constant", axes)
+    if not (own := rig.robot.controller_axes):
+        return found
+    nows = [float(getattr(own[each.axis - 1], each.key)) for each in found]
+    changes = [replace(each, nominal=now, delta=each.corrected - now) for each, now in zip(found, nows, strict=True)]
+    return [change for change in changes if abs(change.delta) > change.u]
 
 
 def corrected_table(rig: Rig, corrections: Sequence[Correction]) -> list[dict[str, float | int | str]]:
-    """Return the table of constants, a row per axis, including corrections except joint zeros."""
+    """Return the constants in the controller, a row per axis, including corrections except joint zeros."""
     changed = {(correction.axis, correction.key): correction.corrected for correction in corrections}
     rows: list[dict[str, float | int | str]] = []
-    for k, axis in enumerate(rig.robot.axes, start=1):
+    for k, axis in enumerate(controller_robot(rig.robot).axes, start=1):
         constants = {key: round(changed.get((k, key), getattr(axis, key)), 9) for key in CONSTANTS}
         rows.append({"axis": k, "name": axis.name, **constants})
     return rows

@@ -89,8 +89,8 @@ def as_table(corrections: Corrections) -> RenderableType:
             for zero in corrections.zeros
         ]
         instead += [
-            f"axis {constant.axis}, {constant.key}: {constant.corrected:.6g} instead of {constant.nominal:.6g}"
-            + ("" if np.isnan(constant.u) else f" (± {constant.u:.2g})")
+            f"axis {constant.axis}, {constant.key}: {constant.corrected:.6g} instead of {constant.nominal:.6g} "
+            f"(± {constant.u:.2g})"
             for constant in corrections.constants
         ]
         parts += [Text(f"alternatively, {line}") for line in instead]
@@ -256,7 +256,7 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
                     "key": constant.key,
                     "nominal": constant.nominal,
                     "corrected": short(constant.corrected),
-                    "u": None if np.isnan(constant.u) else short(constant.u),
+                    "u": short(constant.u),
                 }
             )
             for constant in corrections.constants
