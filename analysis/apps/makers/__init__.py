@@ -45,13 +45,15 @@ class ProgramFiles:
     """The files of a program.
 
     label: short name of the maker. suffixes: suffixes of the file with the motion, in lower case. data: suffix of the
-    data list in the same directory. ending: text added to the name of the program in the file name.
+    data list in the same directory. ending: text added to the name of the program in the file name. unread: suffix of a
+    form that rig does not read, if the controller also writes the program as text.
     """
 
     label: str
     suffixes: tuple[str, ...]
     data: str = ""
     ending: str = ""
+    unread: str = ""
 
 
 @dataclass(frozen=True)
@@ -195,6 +197,15 @@ def maker_of_file(name: str | Path) -> Maker | None:
             if suffix in maker.files.suffixes:
                 return maker
     return None
+
+
+def remedy_for(name: str | Path) -> str:
+    """Return what to give instead of a file that is no program."""
+    suffix = Path(name).suffix.lower()
+    for files in (maker_by(maker).files for maker in MAKERS):
+        if suffix and suffix == files.unread:
+            return f"give the same program as {files.suffixes[0]}, which the controller ({files.label}) writes as text"
+    return f"give a program {suffixes_in_words()}"
 
 
 def suffixes_in_words() -> str:

@@ -60,8 +60,8 @@ _Programs = Annotated[
     typer.Option(
         "--program",
         metavar="FILE",
-        help=f"Robot program of yours whose targets are corrected in a copy: {suffixes_in_words()}; can be repeated; "
-        "default: none.",
+        help=f"Robot program of yours whose targets are corrected in a copy: {suffixes_in_words()}, or a directory of "
+        "programs; can be repeated; default: none.",
     ),
 ]
 _Tools = Annotated[

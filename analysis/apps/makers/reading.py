@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-from analysis.apps.makers import Maker, maker_by, maker_of_file, suffixes_in_words
+from analysis.apps.makers import Maker, maker_by, maker_of_file, remedy_for, suffixes_in_words
 from analysis.apps.makers.program_reader import Remark
 from analysis.apps.makers.target import ProgramTexts
 from rigs.errors import FileError, UseError
@@ -29,7 +29,7 @@ def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
     """
     maker = _maker_of_directory(path) if path.is_dir() else maker_of_file(path)
     if maker is None:
-        raise FileError(str(path), "is not a known kind of robot program", f"give a program {suffixes_in_words()}")
+        raise FileError(str(path), "is not a known kind of robot program", remedy_for(path))
     files, data = maker.files, maker.files.data
     if path.is_dir():
         suffixes, is_of_maker = (*files.suffixes, data), maker.reader.is_of_maker

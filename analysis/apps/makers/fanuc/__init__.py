@@ -6,7 +6,7 @@ count at zero.
 
 from analysis.apps.makers import LATER, ConstantParameter, Controller, ProgramFiles
 
-FILES = ProgramFiles("FANUC", (".ls",))
+FILES = ProgramFiles("FANUC", (".ls",), unread=".tp")
 CONTROLLER = Controller(
     "FANUC",
     "the system variables",

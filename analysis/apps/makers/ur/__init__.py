@@ -8,7 +8,7 @@ import math
 
 from analysis.apps.makers import LATER, ConstantParameter, Controller, ProgramFiles
 
-FILES = ProgramFiles("UR", (".script", ".urscript"))
+FILES = ProgramFiles("UR", (".script", ".urscript"), unread=".urp")
 CONTROLLER = Controller(
     "Universal Robots",
     "calibration.conf",

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analysis.apps.makers.reading import program_texts
+from rigs.errors import FileError
 from tests.analysis.apps.makers.corrected.test_safe_programs import (
     OTHER,
     TCP,
@@ -228,3 +230,11 @@ def _in_plane(place: tuple[float, float, float], vector: list[float]) -> str:
     turned = Rotation.from_euler("z", -90, degrees=True) * Rotation.from_rotvec(vector)
     inside = [y + 0.2, -(x - 0.1), z - 0.05, *turned.as_rotvec()]
     return f"p[{', '.join(f'{value:.12f}' for value in inside)}]"
+
+
+@pytest.mark.parametrize("name", ["a.urp", "A.URP", "b.tp", "B.TP"])
+def test_a_binary_program_is_refused_with_the_form_to_give(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(b"\x1f\x8b")
+    with pytest.raises(FileError, match=r"give the same program as \.(script|ls), which the controller"):
+        program_texts(path)
