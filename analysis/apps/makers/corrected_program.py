@@ -188,8 +188,8 @@ def correct_program(
     if rig.robot.rail is not None:
         reasons |= {k: "external_axes" for k, target in enumerate(targets) if _is_off_zero(target)}
     shared = _shared(rig, supported, parsed, located, Correction(arm, q, done, nominal, tips, reasons))
-    because = shared.refused
-    reasons |= dict.fromkeys(because, "offset")
+    because = {k: (move,) for k, (_, move) in shared.refused.items()}
+    reasons |= {k: why for k, (why, _) in shared.refused.items()}
     kept = [k for k in range(len(targets)) if k not in reasons and targets[k].of is None]
     changes: list[list[tuple[Number, str]]] = [[] for _ in range(texts.own)]
     for k in kept:

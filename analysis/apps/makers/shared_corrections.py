@@ -50,11 +50,11 @@ class SharedCorrection:
 @dataclass
 class SharedCorrections:
     """Positions with a remaining error, remaining errors (n,) mm of the moves to each target with an offset, NaN if
-    there are none, and points that no correction suits, with the moves causing it."""
+    there are none, and points that no correction suits, with the reason and the move causing it."""
 
     kept_mm: Array
     listed: dict[int, list[SharedCorrection]] = field(default_factory=dict)
-    refused: dict[int, tuple[Unknown, ...]] = field(default_factory=dict)
+    refused: dict[int, tuple[Reason, Unknown]] = field(default_factory=dict)
 
     def of(self, targets: Sequence[int]) -> tuple[SharedCorrection, ...]:
         """Return the listed positions that share the correction of these targets, in the order of the program, for
@@ -93,6 +93,11 @@ class Correction:
         position: Array = (T @ np.append(self.tips[k], 1.0))[:3]
         return position
 
+    def is_allowed(self, k: int) -> bool:
+        """Return whether the nominal angles at target k are within the limits."""
+        low, high = self.arm.limits.T
+        return bool(((self.q[k] >= low) & (self.q[k] <= high)).all())
+
     def bound_mm(self, k: int, before_mm: float) -> float:
         """Return the remaining error of a position that need not be listed: the uncertainty or the share."""
         u_mm = min(self.done.u_mm[k], self.done.u_frame_mm[k])
@@ -128,9 +133,11 @@ def add_offsets(
             )
             bound_mm = correction.bound_mm(k, before_mm)
             shared.kept_mm[point] = np.fmax(shared.kept_mm[point], after_mm)
-        stops = unknown in ("changes_flags", "beyond_limits")  # The controller could not reach the position.
-        if stops or (point not in reached and not after_mm <= max(before_mm, bound_mm)):
-            shared.refused[point] = (Unknown(target.file, target.line, "the move with the offset"),)
+        move = Unknown(target.file, target.line, "the move with the offset")
+        if unknown in ("changes_flags", "beyond_limits") and correction.is_allowed(k):
+            shared.refused[point] = unknown, move  # The controller could not reach the position any more.
+        elif point not in reached and not after_mm <= max(before_mm, bound_mm):
+            shared.refused[point] = "offset", move
         position = SharedCorrection(target.file, target.line, target.name, "offset", before_mm, after_mm, unknown)
         shared.add(point, position, bound_mm)
 

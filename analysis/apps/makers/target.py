@@ -96,7 +96,7 @@ WHY: dict[Reason, str] = {
     "arc_turns": "is on an arc along which the tool turns with the tangent: the orientation there is not as written, "
     "or is unknown",
     "changed": "is also used, or assigned, elsewhere in the program",
-    "offset": "is used with an offset that is unknown, or that may need a different correction than the point",
+    "offset": "is reached with an offset that is unknown, or for which the correction of the point is wrong",
     "displaced": "is moved by a displacement that is or may be active there",
     "tracked": "is, or may be, followed on a conveyor, or moved by a sensor or a force, there",
     "external_tcp": "is, or may be, reached with a tool fixed outside of the robot",

@@ -14,9 +14,9 @@ import numpy as np
 from analysis.apps.makers.numbers import frame_of
 from analysis.robot.kinematics.arm import Array
 
-_MOST_POSITIONS = 27
-"""Maximum number of positions of a move in loops, 3 in each direction. Of more positions, the corners of the pattern
-are taken: between them the correction of an arm changes smoothly."""
+_MOST_POSITIONS = 8
+"""Maximum number of positions of a move in loops: the corners of three loops. Of more positions, the corners of the
+pattern are taken: between them the correction of an arm changes smoothly."""
 _LONGEST_LOOP = 1000
 _TURN = re.compile(r"\\\s*R([xyz])\s*:=(.*)", re.IGNORECASE | re.DOTALL)
 _LOOP = re.compile(r"\s*(\w+)\s+FROM\b(.*?)\bTO\b(.*?)(?:\bSTEP\b(.*?))?\bDO\b", re.IGNORECASE | re.DOTALL)

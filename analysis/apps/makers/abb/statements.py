@@ -73,7 +73,7 @@ _COORDINATES = re.compile(rf"\[((?:\s*{NUMBER}\s*,){{5}}\s*{NUMBER}\s*)\]\s*\]")
 """The coordinates of external axes at the end of a target."""
 _NO_AXIS = 8.9e9
 """The value 9E9 for an axis not present."""
-MOST_ELEMENTS = 30
+MOST_ELEMENTS = 20
 """Maximum size of an array of points that is traced: a move to a variable element leads from and to any other one."""
 _INDEXED = re.compile(r"(\w+)\s*\{([^{},]*)\}")
 _HEAD = re.compile(

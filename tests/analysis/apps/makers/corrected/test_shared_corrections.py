@@ -88,6 +88,20 @@ def test_fanuc_approach_by_a_register_is_listed(tmp_path: Path) -> None:
     assert [one.kind for one in found.shared] == ["offset"] and found.shared[0].after_mm < found.shared[0].before_mm
 
 
+@pytest.mark.parametrize("turned_deg", [10, 25, 45, 60, 85])
+def test_point_stays_if_its_approach_would_leave_the_configuration(turned_deg: float, tmp_path: Path) -> None:
+    """The approach has axis 6 at the end of its quadrant, where the correction would need another configuration."""
+    rig = rig_of("abb-irb-120")
+    X = flange_at(rig, np.radians((20, 10, 20, 30, 60, turned_deg)))
+    wxyz = Rotation.from_matrix(X[:3, :3]).as_quat(scalar_first=True)
+    numbers = ",".join(f"{value:.5f}" for value in X[:3, 3]), ",".join(f"{value:.9f}" for value in wxyz)
+    pose = f"[[{numbers[0]}],[{numbers[1]}],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+    moves = f"MoveJ p,v9,fine,tool0;\nMoveJ RelTool(p,0,0,0\\Rz:=-{turned_deg}),v9,fine,tool0;\n"
+    _, files = abb_files(module_of(moves, data=f"CONST robtarget p:={pose};"))
+    found = corrected_files(rig, tmp_path, files)
+    assert [one.reason for one in found.left] == ["changes_flags"] and not found.names
+
+
 def test_approach_without_a_solution_is_listed_as_unknown(tmp_path: Path) -> None:
     rig, files = abb_files(
         module_of("MoveJ p,v9,fine,t;\nMoveL Offs(p,0,0,2000),v9,fine,t;\n", data="CONST robtarget p:={p1};")
