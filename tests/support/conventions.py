@@ -214,6 +214,15 @@ def reversed_axis(rng: np.random.Generator, number: int) -> Broken:
     return Broken([_with(run, q=q)], "joints", (f"J{axis + 1} counted in the opposite direction",))
 
 
+def several_reversed(rng: np.random.Generator, number: int) -> Broken:
+    """Reverse the signs of two to five axes."""
+    run, axes = _joints(rng, number), np.sort(rng.choice(6, int(rng.integers(2, 6)), replace=False))
+    q = run.table.q.copy()
+    q[:, axes] *= -1
+    *first, last = [f"J{axis + 1}" for axis in axes]
+    return Broken([_with(run, q=q)], "joints", (f"{', '.join(first)} and {last} counted in the opposite direction",))
+
+
 def exchanged_columns(rng: np.random.Generator, number: int) -> Broken:
     """Exchange two joint columns."""
     run = _joints(rng, number)
@@ -290,6 +299,7 @@ BREAKS: dict[str, Callable[[np.random.Generator, int], Broken]] = {
     "another unit": unit,
     "a place lost or sent again": places,
     "three readings a stand": stands,
+    "several axes reversed": several_reversed,
 }
 """Functions that create a cell with a broken convention, by the name of the fault."""
 
