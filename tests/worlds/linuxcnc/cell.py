@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import select
 import socket
 import subprocess
 import sys
@@ -37,6 +38,7 @@ _NOISE_MM = 3e-4
 _RANGE_MM = 12.0
 _KEPT_S = 3.0
 _PERIOD_S = 1e-3
+_SILENT_S = 5.0
 
 
 @dataclass
@@ -119,13 +121,17 @@ def _follow(user: str, motion: Motion, lock: threading.Lock) -> None:
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as sampler:
             assert sampler.stdout is not None
             rest = b""
-            while data := os.read(sampler.stdout.fileno(), 65536):
+            # A controller that was killed leaves a halsampler that waits for ever.
+            while select.select([sampler.stdout], [], [], _SILENT_S)[0]:
+                if not (data := os.read(sampler.stdout.fileno(), 65536)):
+                    break
                 whole, _, rest = (rest + data).rpartition(b"\n")
                 rows = [line.split() for line in whole.split(b"\n")]
                 samples = np.array([row for row in rows if len(row) == 8], dtype=float)
                 if len(samples):
                     with lock:
                         motion.add(samples, time.monotonic())
+            sampler.kill()
         time.sleep(0.5)
 
 
