@@ -100,10 +100,12 @@ class Cell:
 
     def flanges(self, q: Array) -> Array:
         """Return the real flange frames (n, 4, 4) in the base at reported angles q (n, 6) rad."""
-        link = q + np.radians(_ZEROS_DEG)
-        link[:, 0] += np.radians(_GEAR_DEG) * np.sin(2 * q[:, 0])
+        errors = np.tile(np.radians(_ZEROS_DEG), (len(q), 1))
+        errors[:, 0] += np.radians(_GEAR_DEG) * np.sin(2 * q[:, 0])
+        motors = np.diag(self.nominal.coupling)  # Each motor sits in the joint that it turns.
+        angles = q @ self.nominal.coupling.T + errors * motors + self.offset
         T = np.tile(np.eye(4), (len(q), 1, 1))
-        for k, theta in enumerate((link @ self.nominal.coupling.T + self.offset).T):
+        for k, theta in enumerate(angles.T):
             step = self.links[k].copy()
             step[0, 3] += _A3_MM * (k == 2)
             turn = np.tile(np.eye(4), (len(q), 1, 1))
