@@ -191,7 +191,7 @@ def _differences(rig: Rig, own: tuple[LinkConstants, ...]) -> list[LinkGeometry 
     """Return the effects that turn the axes of the data sheet into others."""
     effects: list[LinkGeometry | JointOffset] = []
     turns = np.array([row.offset_deg - axis.offset_deg for row, axis in zip(own, rig.robot.axes, strict=True)])
-    for k, deg in enumerate(np.linalg.solve(rig.robot.coupling, turns).tolist(), start=1):
+    for k, deg in enumerate((turns / np.diag(rig.robot.coupling)).tolist(), start=1):
         effects.append(JointOffset(axis=k, offset_deg=deg, found=_found("offset_deg", _EXACT)))
     for k, (row, axis) in enumerate(zip(own, rig.robot.axes, strict=True), start=1):
         for field in ("a_mm", "alpha_deg", "beta_deg", "d_mm"):
