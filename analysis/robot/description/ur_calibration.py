@@ -53,6 +53,8 @@ _SAME_MODEL_MM = 5.0
 """Largest difference of a link length between two arms of a model: 1.05 mm among the ten of docs/controller.md, so five
 times that. The wrists of a UR3 and a UR3e differ by 10 and 19 mm.
 """
+_TURNED_DEG = 10.0
+"""Difference of a joint zero that no factory makes: zeros of ten arms differ by up to 0.05°."""
 _DATA_SHEET_MM = 1e-3
 """Displacement of the flange below which constants are those of the data sheet, rounded: the driver's defaults."""
 
@@ -130,7 +132,7 @@ def factory_constants(robot: Robot, path: Path) -> FactoryConstants:
     bare = robot.model_copy(update={"base": Pose(), "tool": Pose()})
     q = random_postures(robot)
     moved_mm, _ = largest_difference(flange_poses(section.robot, q), flange_poses(bare, q))
-    return FactoryConstants(section.robot.axes, moved_mm, notes)
+    return FactoryConstants(section.robot.axes, moved_mm, (*notes, *_turned_zeros(section.robot, robot)))
 
 
 def is_ur_calibration(text: str) -> bool:
@@ -160,6 +162,16 @@ def _lines(path: Path, robot: Robot) -> tuple[AxisLines, _Chain, float, tuple[st
     notes = () if by.is_calibrated else ("calibration_status is 0: the arm was not calibrated",)
     tolerance_mm = TOLERANCE + _ROUNDING * float(np.abs(by.d).max())
     return classic.axes(), lambda q: classic.frames(q)[:, 6], tolerance_mm, notes
+
+
+def _turned_zeros(own: Robot, robot: Robot) -> list[str]:
+    """Return a note on each axis that the file counts from another zero than the data sheet."""
+    turns = [(x.offset_deg - y.offset_deg + 180) % 360 - 180 for x, y in zip(own.axes, robot.axes, strict=True)]
+    return [
+        f"the file counts {robot.axis_words(axis)} from {turn:.0f}° of the data sheet; check that it was not edited"
+        for axis, turn in enumerate(turns, 1)
+        if abs(turn) > _TURNED_DEG
+    ]
 
 
 def _require_same_model(own: Robot, robot: Robot, path: Path) -> None:
