@@ -53,8 +53,6 @@ _SAME_MODEL_MM = 5.0
 """Largest difference of a link length between two arms of a model: 1.05 mm among the ten of docs/controller.md, so five
 times that. The wrists of a UR3 and a UR3e differ by 10 and 19 mm.
 """
-_TURNED_DEG = 10.0
-"""Difference of a joint zero that no factory makes: zeros of ten arms differ by up to 0.05°."""
 _DATA_SHEET_MM = 1e-3
 """Displacement of the flange below which constants are those of the data sheet, rounded: the driver's defaults."""
 
@@ -165,12 +163,11 @@ def _lines(path: Path, robot: Robot) -> tuple[AxisLines, _Chain, float, tuple[st
 
 
 def _turned_zeros(own: Robot, robot: Robot) -> list[str]:
-    """Return a note on each axis that the file counts from another zero than the data sheet."""
-    turns = [(x.offset_deg - y.offset_deg + 180) % 360 - 180 for x, y in zip(own.axes, robot.axes, strict=True)]
+    """Return a note on each link that lies on the other side of its joint than in the data sheet."""
     return [
-        f"the file counts {robot.axis_words(axis)} from {turn:.0f}° of the data sheet; check that it was not edited"
-        for axis, turn in enumerate(turns, 1)
-        if abs(turn) > _TURNED_DEG
+        f"the file counts the joint before {robot.axis_words(axis)} from half a turn; check that it was not edited"
+        for axis, (x, y) in enumerate(zip(own.axes, robot.axes, strict=True), 1)
+        if x.a_mm * y.a_mm < -(_SAME_MODEL_MM**2)
     ]
 
 
