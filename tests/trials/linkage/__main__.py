@@ -1,4 +1,4 @@
-"""Arms whose displayed angles or motors are coupled: are errors of single motors named with the right axis and size?
+"""Arms whose displayed angles or motors are coupled: errors of single motors, by the named axis and size.
 
 `scripts/dev linkage --cases 20` draws arms of an independent world that computes the linkage
 (`tests/worlds/linkage.py`). `diagnose` gets 60 postures of a tracker, each measured twice, and `moved` 28 touches of
