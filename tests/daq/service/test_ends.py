@@ -103,7 +103,7 @@ def test_a_joint_that_is_no_number_gets_through_no_line_feed(joint: str) -> None
 
 @pytest.mark.parametrize("joint", [math.nan, math.inf, -math.inf, 1.7e308, 1e99])
 def test_a_joint_that_is_no_number_gets_through_no_rtde(joint: float) -> None:
-    host = daq.feedback.host(URRTDE(interface="ur_rtde", port="tcp://robot:1", condition=False))
+    host = daq.feedback.host(URRTDE(interface="ur_rtde", port="tcp://robot:1", condition=False, pose=False))
     host.connected(0)
     for kind, payload in ((b"V", b"\1"), (b"O", b"\1DOUBLE,VECTOR6D"), (b"S", b"\1")):
         host.received(_packet(kind, payload), 1)
