@@ -19,6 +19,7 @@ from analysis.diagnosis.judge.acts import FOUND, Act
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.plan.naming_tests import JOINED
 from rigs.effects import Effect, size_field
+from rigs.rig import Rig
 from rigs.schema.effect import label_of, name_of
 
 _KEYS = {
@@ -74,7 +75,7 @@ class ActWords:
             return self._check_stated()
         if act.effect is None:
             rig = self.diagnosis.rig
-            load = "act_load" if rig.takes_programs else "act_load_targets"
+            load = f"act_load{load_variant(rig)}"
             if act.command[:1] != ("correct",) or any(word.startswith(FOUND) for word in act.command):
                 load += "_unwritten"
             keys = {"mount": self._of_places("act_mount_unexplained"), "wait": "act_wait_early", "load": load}
@@ -215,6 +216,13 @@ def without_idle_mounts(acts: Sequence[Act]) -> tuple[Act, ...]:
         and abs(act.removes_um) <= LEAST_SHARE * (act.removes_um + act.residual_um)
     ]
     return tuple(act for act in acts if act not in idle) or tuple(acts)
+
+
+def load_variant(rig: Rig) -> str:
+    """Return the suffix of the texts on corrected targets: which targets `rig correct` corrects for an arm."""
+    if not rig.takes_programs:
+        return "_targets"
+    return "_joints" if rig.controller == "unknown" else ""
 
 
 def command(act: Act) -> str:

@@ -176,11 +176,17 @@ class AnswerWords:
     def preconditions(self) -> list[str]:
         """Sentences that limit all conclusions and therefore come first.
 
-        They describe contradicted constants, movements, commanded angles, and deviations that may be scatter.
+        They describe contradicted constants, movements, commanded angles, and deviations that may be scatter if only
+        repeats decide what to do.
         """
         moved = [movement_sentence(movement, self.texts) for movement in self.diagnosis.movements[:_MOST_MOVEMENTS]]
         commanded = [self.texts("finding_only_commanded")] if self.diagnosis.only_commanded else []
-        return [*self.contradictions, *moved, *commanded, *self.unrepeated]
+        return [*self.contradictions, *moved, *commanded, *(self.unrepeated if self._repeats_decide else [])]
+
+    @property
+    def _repeats_decide(self) -> bool:
+        """Whether repeated measurements come before every other act."""
+        return self.diagnosis.next_act is not None and self.diagnosis.next_act.why == "revisit"
 
     @property
     def unrepeated(self) -> list[str]:
@@ -377,7 +383,9 @@ class AnswerWords:
     def unexplained_too(self) -> str:
         """A sentence on the error of unknown cause; empty if a different sentence already states it."""
         remainder, condition = self.diagnosis.remainder, self.diagnosis.condition
-        if not remainder.is_material or self.unrepeated or condition in ("outside_library", "out_of_range"):
+        if self.unrepeated:
+            return "" if self._repeats_decide else self.unrepeated[0]
+        if not remainder.is_material or condition in ("outside_library", "out_of_range"):
             return ""
         where = "there" if remainder.at_new_places else "too"
         return self.texts(f"finding_unexplained_{where}", um=micrometres(remainder.um))

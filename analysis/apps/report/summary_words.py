@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from analysis.apps.report.act_words import ActWords, command, without_idle_mounts
+from analysis.apps.report.act_words import ActWords, command, load_variant, without_idle_mounts
 from analysis.apps.report.answer_words import (
     HARMLESS,
     AnswerWords,
@@ -314,5 +314,5 @@ class _SummaryWords:
 def step_of(act: Act, diagnosis: Diagnosis, texts: Texts) -> str:
     """Return an act as an imperative sentence, excluding its command line."""
     if act.kind == "load":
-        return texts("do_load" if diagnosis.rig.takes_programs else "do_load_targets")
+        return texts(f"do_load{load_variant(diagnosis.rig)}")
     return texts("do_convert") if act.kind == "convert" else ActWords(diagnosis, texts).what(act)

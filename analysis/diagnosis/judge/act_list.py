@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.evidence.setups import FittedRuns
 from analysis.diagnosis.judge.acts import FOUND, Act, Against, Cost, JudgedOn, NamingTest, Reason
-from analysis.diagnosis.judge.remains import independent_um
+from analysis.diagnosis.judge.remains import Unexplained, independent_um
 from analysis.diagnosis.judge.result import (
     LARGE_SHARE,
     BudgetPart,
@@ -57,6 +57,11 @@ class JudgedPlace:
     stages: Stages
     gap: Gap
     predicted_um: float | None = None
+
+    @property
+    def is_independent(self) -> bool:
+        """Whether the model was judged by readings with no part in its fit: other runs, or each pose by all others."""
+        return self.place != "used" or self.predicted_um is not None
 
     def removed(self, effects: Sequence[Effect], relative_u: float = 0.0) -> Act:
         """Return the figures of an action that removes these effects. The change has a relative uncertainty."""
@@ -105,8 +110,10 @@ def acts_of(
     reducing = [*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis, judged)]
     acts = _parameters_first(in_order(reducing, diagnosis.train.before_um), diagnosis)
     acts = one_after_the_other(acts + following, judged)
+    # Missing repeats are asked for last, unless scatter is the largest part of the error.
     asked = _measurements(diagnosis, judged, tests)
-    first = [act for act in asked if _comes_first(act, acts, diagnosis)]
+    asked.sort(key=lambda act: act.why == "revisit" and act.parts[:1] != (0,))
+    first = [act for act in asked if _comes_first(act, acts, diagnosis, judged)]
     acts = [*first, *acts, *(act for act in asked if act not in first)]
     served = {k for act in acts for k in act.parts}
     acts += [
@@ -218,7 +225,9 @@ def _repairs(diagnosis: Diagnosis, judged: JudgedPlace) -> tuple[list[Act], list
                 first.remove(act)
                 following.append(after)
                 done.append(named.effect)
-    return [act for act in first if act.why == "fault" or act.gain_um > 0], following
+    # A controller with unknown constants may already contain a usual difference.
+    not_offered = ("enter", "remaster") if diagnosis.rig.controller == "unknown" else ()
+    return [act for act in first if act.why == "fault" or (act.gain_um > 0 and act.kind not in not_offered)], following
 
 
 def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
@@ -292,10 +301,10 @@ def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
         return []
     figures = judged.removed(effects)
     before_um, fails = figures.gain_um + figures.residual_um, diagnosis.accuracy.standing in ("watch", "fail")
-    if not figures.removes or (figures.residual_um >= _WORTH * before_um and not fails):
+    # Too few poses: the model of all others predicts a pose hardly better than the rig file.
+    left_um = max(figures.residual_um, (judged.predicted_um or 0.0) * (judged.place == "used"))
+    if not figures.removes or left_um >= (1.0 if fails else _WORTH) * before_um:
         return []
-    if judged.place == "used" and judged.predicted_um is not None and judged.predicted_um >= before_um:
-        return []  # the model of the other poses predicts a pose no better than the rig file: the poses are too few
     parts = tuple(
         k
         for k, part in enumerate(diagnosis.budget)
@@ -369,62 +378,61 @@ def _may_not_have_arrived(diagnosis: Diagnosis) -> bool:
     return any(named.doubt == "commanded" for named in diagnosis.effects)
 
 
-def _may_repeat(diagnosis: Diagnosis, scatter: tuple[int, ...]) -> bool:
-    """Return whether the scatter of places may be an error that every visit repeats: it is large, and no place was
-    visited twice."""
-    if _is_more_than_scatter(diagnosis):
-        return True
-    large = any(diagnosis.budget[k].share > LEAST_SHARE for k in scatter)
-    return diagnosis.train.of_places and large and not diagnosis.repeated
-
-
-def _is_more_than_scatter(diagnosis: Diagnosis) -> bool:
-    """Return whether places visited once deviate by more than usual scatter, or by scatter that hides every error."""
-    unexplained = diagnosis.unexplained
-    return unexplained is not None and (unexplained.scatter_um or unexplained.unrepeated_um) is not None
-
-
 def _reasons_to_repeat(diagnosis: Diagnosis, scatter: tuple[int, ...]) -> list[Reason]:
-    """Return the reason to repeat measurements, if any; the parts of the budget that are scatter are given."""
+    """Return the reason to repeat measurements, if any; the parts of the budget that are scatter are given.
+
+    Places visited once that scatter much, or more than usual, may have an error that every visit repeats.
+    """
     unexplained = diagnosis.unexplained
-    if _may_repeat(diagnosis, scatter):
+    is_unusual = unexplained is not None and (unexplained.scatter_um or unexplained.unrepeated_um) is not None
+    is_large = diagnosis.train.of_places and any(diagnosis.budget[k].share > LEAST_SHARE for k in scatter)
+    if is_unusual or (is_large and not diagnosis.repeated):
         return ["revisit"]
     if unexplained and unexplained.visits_um:
         return ["visits_differ"]
     return ["gauges_differ"] if unexplained and unexplained.gauges_um else []
 
 
-def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) -> bool:
+def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis, judged: JudgedPlace) -> bool:
     """Return whether a measurement precedes all actions that reduce the error.
 
-    This is the case if correction is not allowed, if the runs are too few, if repeats differ by more than the error
-    that a certain fault causes, if the repair is undecided because of rivals of the largest part, or if only circles
-    at one place judged a correction that comes first, or show no certain fault of the arm.
+    It does so only if it can still change the first action: if the gain of that action is not proven, or if the error
+    that the measurement concerns is larger than any proven gain.
     """
-    if measurement.why == "visits_differ" and diagnosis.unexplained:
-        visits_um = diagnosis.unexplained.visits_um or 0.0
-        return not any(act.why == "fault" and act.gain_um > visits_um for act in acts)
-    if measurement.why in ("commanded", "revisit"):
-        is_largest = measurement.parts[:1] == (0,)
-        is_confirmed = bool(acts) and acts[0].why == "fault"  # a fault much larger than the deviations
-        return measurement.why == "commanded" or is_largest or (_is_more_than_scatter(diagnosis) and not is_confirmed)
-    if measurement.why == "gauges_differ":
-        return not any(act.why == "fault" for act in acts)
-    if measurement.why in ("unexplained", "follows"):
-        return not any(act.kind == "load" for act in acts)
-    of_instrument = all(named.effect.part in ("gauges", "clocks") for named in diagnosis.standing)
-    no_fault = diagnosis.condition in ("ambiguous", "undecided", "nothing_unusual", "uncalibrated")
-    no_fault |= diagnosis.condition == "named" and of_instrument
-    only_circles = not diagnosis.train.of_places
-    is_unjudged = bool(acts) and acts[0].kind == "load" and acts[0].place == "used"
+    if measurement.why == "commanded":
+        return True
+    proven = [act for act in acts if _is_proven(act, diagnosis, judged)]
+    is_open = not acts or acts[0] not in proven
+    unexplained, loads = diagnosis.unexplained or Unexplained(0.0), any(act.kind == "load" for act in acts)
+    differ_um = {
+        "visits_differ": unexplained.visits_um,
+        "gauges_differ": unexplained.gauges_um,
+        "one_lap": measurement.remains_um,
+    }.get(measurement.why)
+    if differ_um is not None:
+        return not any(act.gain_um > differ_um for act in proven)
     first: dict[Reason, bool] = {
-        "one_lap": not any(act.why == "fault" and act.gain_um > measurement.residual_um for act in acts),
-        "few_runs": not any(act.kind == "load" and act.place != "used" for act in acts),
-        "elsewhere": only_circles and (is_unjudged or (no_fault and any(act.kind == "load" for act in acts))),
-        "rivals": diagnosis.condition == "undecided" or (bool(acts) and acts[0].parts == measurement.parts),
+        "revisit": not proven,
+        "few_runs": not proven,
+        "unexplained": not proven and not loads,
+        "follows": not proven and not loads,
+        "elsewhere": is_open and loads,
+        "rivals": is_open and (diagnosis.condition == "undecided" or not acts or acts[0].parts == measurement.parts),
         "group": not acts,
     }
     return first.get(measurement.why, False)
+
+
+def _is_proven(act: Act, diagnosis: Diagnosis, judged: JudgedPlace) -> bool:
+    """Return whether readings with no part in the fit show the gain of an action, or a certain fault of the arm does.
+
+    A fault is certain only if no rival is likely and no error of an unknown cause may imitate it.
+    """
+    if any(remark.why == "rivals" for remark in act.against):
+        return False
+    faults = [named.effect for named in diagnosis.standing if named.effect.part not in ("gauges", "clocks")]
+    is_fault = diagnosis.condition == "named" and act.gain_um > 0 and act.effect in faults
+    return is_fault or (act.removes and judged.is_independent)
 
 
 def _reason(diagnosis: Diagnosis, part: BudgetPart) -> Reason:

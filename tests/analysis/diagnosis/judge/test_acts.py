@@ -14,20 +14,21 @@ from analysis.apps.report.act_words import ActWords, without_idle_mounts
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.texts import LANGUAGES, texts_of
 from analysis.diagnosis.evidence.blocks import blocks_of
-from analysis.diagnosis.evidence.setups import fit_run_setups
+from analysis.diagnosis.evidence.setups import FittedRuns, fit_run_setups
 from analysis.diagnosis.judge.act_list import (
     LEAST_SHARE,
     JudgedPlace,
     _comes_first,  # private: the same as below
     _corrections,  # private: the rest of the actions needs a search
     _parameters_first,  # private: the same
+    _repairs,  # private: the same
     acts_of,
     in_order,
     one_after_the_other,
 )
-from analysis.diagnosis.judge.acts import Act
+from analysis.diagnosis.judge.acts import Act, Against, JudgedOn
 from analysis.diagnosis.judge.remains import Unexplained
-from analysis.diagnosis.judge.result import BudgetPart, Diagnosis, GroupMember, Named, is_sure
+from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis, Gap, GroupMember, Named, is_sure
 from analysis.diagnosis.judge.verdict import Gaps, condition_of, shows_time
 from analysis.diagnosis.plan.further_tests import PossibleTest
 from analysis.diagnosis.plan.naming_tests import NamingTests, naming_tests
@@ -304,40 +305,131 @@ def test_what_hands_do_adds_up_and_what_a_program_does_not() -> None:
     assert [(act.with_before_um, act.with_before_u_um) for act in said] == [(None, None)] * 3 + [(8.0, 5.0)]
 
 
-def test_repeats_precede_a_correction_only_if_the_scatter_is_large() -> None:
-    """Fifty poses visited once: the correction, which cross-validation confirms, precedes repeats for a tenth."""
-    load, revisit = Act("load", "correction", (0,), removes_um=126.0), Act("measure", "revisit", parts=(1,))
-    found = diagnosis("nothing_unusual", repeated=False)
-    assert not _comes_first(revisit, [load], found)
-    assert _comes_first(replace(revisit, parts=(0,)), [load], found), "the scatter is the largest part"
-    unusual = replace(found, unexplained=Unexplained(0.0, unrepeated_um=80.0))
-    assert _comes_first(revisit, [load], unusual), "the scatter exceeds the usual one of arms and trackers"
-    fault = replace(load, kind="repair", why="fault")
-    assert not _comes_first(revisit, [fault], unusual), "a fault much larger than the deviations"
+_ZERO = JointOffset(axis=4, offset_deg=0.05)
+_PLAY, _BALL = Backlash(axis=1, width_deg=0.02), BallForm(lobes=2, amplitude_mm=0.02)
+_LOAD = Act("load", "correction", (0,), removes_um=90.0, removes_u_um=5.0)
+_REPAIR = Act("repair", "fault", (0,), removes_um=60.0, removes_u_um=3.0, effect=_PLAY)
+_UNSURE = replace(_LOAD, removes_u_um=50.0)
+_RIVALLED = replace(_REPAIR, against=(Against("rivals", names=("joint_offset 1",)),))
+_OF_BALL = replace(_REPAIR, effect=_BALL)
 
 
-def test_circles_that_show_faults_of_the_instrument_only_are_judged_elsewhere_first() -> None:
-    """A form of the ball named for an axis that wanders: the correction made other places worse."""
-    measurement, load = Act("measure", "elsewhere"), Act("load", "correction")
-    play = diagnosis("named")
-    ball = replace(play.effects[0], effect=BallForm(lobes=2, amplitude_mm=0.02))
-    repair = Act("repair", "fault", removes_um=10.0)
-    assert _comes_first(measurement, [repair, load], diagnosis("named", effects=(ball,)))
-    assert not _comes_first(measurement, [repair, load], play)
+@pytest.mark.parametrize(
+    ("measurement", "acts", "condition", "place", "predicted_um", "is_first"),
+    [
+        # Poses and touches visited once: the correction is judged at places that had no part in the fit.
+        ("revisit", [_LOAD], "named", "unseen", None, False),
+        ("revisit", [_LOAD], "undecided", "held_out", None, False),
+        ("revisit", [_LOAD], "undecided", "used", 20.0, False),
+        ("revisit", [_LOAD], "undecided", "used", None, True),
+        ("revisit", [_UNSURE], "undecided", "unseen", None, True),
+        ("revisit", [_REPAIR], "named", "used", None, False),
+        ("commanded", [_REPAIR, _LOAD], "named", "unseen", None, True),
+        # Four faults named for an axis that wanders: the correction increased the error elsewhere from 157 to 713 µm.
+        ("elsewhere", [_LOAD, _REPAIR], "named", "used", None, True),
+        ("elsewhere", [_LOAD], "named", "unseen", None, False),
+        ("elsewhere", [_REPAIR, _LOAD], "named", "used", None, False),
+        ("elsewhere", [_REPAIR, _LOAD], "undecided", "used", None, True),
+        # A form of the ball named for an axis that wanders: the correction made other places worse.
+        ("elsewhere", [_OF_BALL, _LOAD], "named", "used", None, True),
+        ("few_runs", [_LOAD], "undecided", "used", None, True),
+        ("few_runs", [_LOAD], "undecided", "held_out", None, False),
+        ("rivals", [_RIVALLED], "ambiguous", "unseen", None, True),
+        ("rivals", [_LOAD, _RIVALLED], "undecided", "unseen", None, False),
+        ("unexplained", [_REPAIR], "outside_library", "used", None, True),
+        ("unexplained", [_REPAIR], "outside_library", "unseen", None, False),
+        ("unexplained", [_LOAD], "outside_library", "unseen", None, False),
+    ],
+)
+def test_measurement_comes_first_only_if_no_gain_is_proven(
+    measurement: Any, acts: list[Act], condition: Condition, place: Any, predicted_um: float | None, is_first: bool
+) -> None:
+    faults = [replace(diagnosis().effects[0], effect=act.effect) for act in acts if act.effect]
+    found, judged = diagnosis(condition, effects=tuple(faults)), _place(place, predicted_um)
+    assert _comes_first(Act("measure", measurement, (0,)), acts, found, judged) is is_first
 
 
-def test_no_correction_that_only_its_own_circles_judged_comes_first() -> None:
-    """Four faults named for an axis that wanders: the correction increased the error elsewhere from 157 to 713 µm."""
-    measurement, found = Act("measure", "elsewhere"), diagnosis("named")
-    assert _comes_first(measurement, [Act("load", "correction", place="used")], found)
-    assert not _comes_first(measurement, [Act("load", "correction", place="unseen")], found)
-
-
-def test_the_repair_of_a_fault_larger_than_the_scatter_of_repeats_comes_first() -> None:
-    repeat, found = Act("measure", "visits_differ"), diagnosis("named", unexplained=Unexplained(0.0, visits_um=50.0))
+@pytest.mark.parametrize(
+    ("measurement", "unexplained"),
+    [
+        (Act("measure", "visits_differ"), Unexplained(0.0, visits_um=50.0)),
+        (Act("measure", "gauges_differ"), Unexplained(0.0, gauges_um=50.0)),
+        (Act("measure", "one_lap", remains_um=50.0), None),
+    ],
+)
+def test_a_proven_gain_larger_than_the_change_between_repeats_comes_first(
+    measurement: Act, unexplained: Unexplained | None
+) -> None:
+    found = diagnosis("named", unexplained=unexplained)
+    fault = replace(_REPAIR, effect=found.effects[0].effect)
     for removes_um, is_first in ((60.0, False), (40.0, True)):
-        assert _comes_first(repeat, [Act("repair", "fault", removes_um=removes_um)], found) is is_first
-    assert _comes_first(repeat, [Act("load", "correction", removes_um=60.0)], found)
+        acts = [replace(fault, removes_um=removes_um)]
+        assert _comes_first(measurement, acts, found, _place("used")) is is_first
+    assert _comes_first(measurement, [_LOAD], found, _place("used")), "only its own circles judged it"
+    assert not _comes_first(measurement, [_LOAD], found, _place("unseen"))
+
+
+@pytest.mark.parametrize(
+    ("place", "predicted_um", "kinds"),
+    [("used", 15.0, ["load"]), ("used", 85.0, []), ("used", 120.0, []), ("unseen", 120.0, ["load"])],
+)
+def test_poses_that_the_others_do_not_predict_are_not_corrected(
+    place: Any, predicted_um: float, kinds: list[str]
+) -> None:
+    found = diagnosis("named", calibrated=calibrated_model(effects=(_ZERO,)))
+    assert [act.kind for act in _corrections(found, _place(place, predicted_um))] == kinds
+
+
+@pytest.mark.parametrize(("controller", "kinds"), [("data_sheet", ["remaster"]), ("unknown", [])])
+def test_usual_zero_is_not_entered_where_the_controller_may_contain_it(controller: Any, kinds: list[str]) -> None:
+    zero = replace(diagnosis("ambiguous").effects[0], doubt="usual", posterior=0.9999, rivals=())
+    rig = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"controller": controller})})
+    found = diagnosis("nothing_unusual", effects=(zero,), rig=rig)
+    assert [act.kind for act in _repairs(found, _place("unseen"))[0]] == kinds
+
+
+_SURE_ZERO = replace(diagnosis("ambiguous").effects[0], posterior=0.9999, rivals=())
+_ONCE = {"repeated": False, "unexplained": Unexplained(0.0, unrepeated_um=15.0)}
+
+
+@pytest.mark.parametrize(
+    ("condition", "changed", "place", "expected"),
+    [
+        ("named", {"effects": (_SURE_ZERO,), **_ONCE}, "unseen", ["load", "remaster", "measure revisit"]),
+        ("named", {"effects": (_SURE_ZERO,)}, "used", ["measure elsewhere", "load", "remaster"]),
+        ("uncalibrated", _ONCE, "held_out", ["load", "measure revisit"]),
+        ("undecided", {"runs_to_decide": 3}, "used", ["measure few_runs", "measure elsewhere", "load"]),
+        ("undecided", {"runs_to_decide": 3, **_ONCE}, "unseen", ["load", "measure revisit", "measure few_runs"]),
+        ("outside_library", {"effects": (_SURE_ZERO,)}, "unseen", ["load", "remaster", "mount unexplained"]),
+        ("outside_library", {"calibrated": None, "effects": ()}, "unseen", ["mount unexplained"]),
+        ("nothing_unusual", {"calibrated": None, **_ONCE}, "unseen", ["measure revisit"]),
+        ("not_testable_here", {}, "used", ["measure not_visible"]),
+    ],
+)
+def test_acts_begin_with_the_largest_proven_gain(
+    condition: Condition, changed: dict[str, Any], place: JudgedOn, expected: list[str]
+) -> None:
+    model = calibrated_model(effects=(_ZERO,))
+    found = diagnosis(condition, **{"calibrated": model, "runs_to_decide": None, "movements": (), **changed})
+    acts = acts_of(found, _place(place))
+    said = [
+        f"{act.kind} {act.why}" if act.kind in ("measure", "mount") else act.kind for act in acts if act.kind != "none"
+    ]
+    assert said == expected
+
+
+def _place(place: JudgedOn, predicted_um: float | None = None) -> JudgedPlace:
+    """Return a place at which the correction with its two effects removes 90 of 100 µm, and one effect 60 µm."""
+    stages: Any = SimpleNamespace(
+        calibrated=SimpleNamespace(effects=[_ZERO, LinkGeometry(axis=3, field="a", delta=0.2)])
+    )
+
+    class Place(JudgedPlace):
+        def removed(self, effects: Sequence[Effect], _relative_u: float = 0.0) -> Act:
+            um = 90.0 if len(effects) > 1 else 60.0
+            return Act("none", "sound", removes_um=um, removes_u_um=1.0, remains_um=100.0 - um, place=place)
+
+    return Place(place, cast("FittedRuns", None), (), stages, cast("Gap", None), predicted_um)
 
 
 def test_a_figure_that_was_not_computed_is_null_and_never_zero() -> None:
@@ -413,12 +505,7 @@ def test_a_gain_that_was_not_computed_is_none_and_said_so() -> None:
 def test_no_correction_hides_an_angle_that_the_arm_may_not_have_reached() -> None:
     found = one_zero()
     doubted = replace(found, effects=tuple(replace(named, doubt="commanded") for named in found.effects))
-    removed = Act("none", "sound", removes_um=90.0, removes_u_um=1.0, remains_um=10.0)
-    calibrated = SimpleNamespace(effects=[named.effect for named in found.effects])
-    stages = SimpleNamespace(calibrated=calibrated)
-    judged = cast(
-        "JudgedPlace", SimpleNamespace(place="used", stages=stages, predicted_um=None, removed=lambda _: removed)
-    )
+    judged = _place("used")
     assert [act.kind for act in _corrections(found, judged)] == ["load"] and _corrections(doubted, judged) == []
     (usual,) = _corrections(replace(found, only_commanded=True), judged)
     assert "commanded" in [objection.doubt for objection in usual.against], "the doubt is told in the step"
