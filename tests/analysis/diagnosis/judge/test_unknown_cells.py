@@ -117,8 +117,8 @@ def test_friction_of_the_ball_joint_confirms_no_play(turn: Array, elsewhere: flo
     """Stick-slip of 30 µm in the ball joint was a certain play of axis 6, which only the yaw circles show."""
     q = np.zeros((50, 6))
     q[:, 5] = turn
-    path = SimpleNamespace(q=q)
-    blocks = [SimpleNamespace(path=path, sampling=True), SimpleNamespace(path=path, sampling=None)]
+    drives = SimpleNamespace(q=q)
+    blocks = [SimpleNamespace(drives=drives, sampling=True), SimpleNamespace(drives=drives, sampling=None)]
     linear = SimpleNamespace(blocks=blocks, rows=[slice(0, 4), slice(4, 8)])
     contribution = np.array([1.0] * 4 + [elsewhere] * 4)
     result = SimpleNamespace(effects=[Backlash(axis=6, width_deg=0.08)], contributions=[contribution], linear=linear)
@@ -130,7 +130,7 @@ def test_a_piece_of_a_wave_that_is_not_whole_is_no_gear(order: float, u: float, 
     """A tilting axis 1 was a certain gear error of axis 5, which turned over 81 degrees; many waves are recognised."""
     q = np.zeros((50, 6))
     q[:, 4] = np.linspace(0.0, np.radians(81), 50)
-    linear = SimpleNamespace(blocks=[SimpleNamespace(table=SimpleNamespace(q=q))])
+    linear = SimpleNamespace(blocks=[SimpleNamespace(turns=np.ptp(q, axis=0) / (2 * np.pi))])
     effect = TransmissionError(axis=5, order=order, amplitude_deg=0.1)
     fit = SimpleNamespace(sd=lambda _: {"order": u})
     result = SimpleNamespace(effects=[effect], linear=linear, fit=fit)
