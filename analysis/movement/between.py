@@ -13,9 +13,9 @@ from analysis.diagnosis.evidence.observation import ObservedRun, by_socket
 from analysis.diagnosis.evidence.placements import observe_runs
 from analysis.diagnosis.judge.act_list import MOVED
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.movement.cause_odds import odds_of
+from analysis.movement.cause_odds import CauseOdds, odds_of
 from analysis.movement.causes import look_alike
-from analysis.movement.changes import MovementStep, find_step
+from analysis.movement.changes import find_step
 from analysis.procedures.checks.check_runs import findings_of, why_no_measurement
 from analysis.procedures.facts import facts_of, shows_joints
 from analysis.robot.kinematics.arm import Mask
@@ -40,35 +40,32 @@ def observed(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
 
 
 def without_moved(rig: Rig, runs: Sequence[Measured]) -> tuple[list[Measured], list[Movement], list[str]]:
-    """Remove the rows of runs of places that a movement affects.
+    """Reduce the runs of each placement to one state of the arm: the one with most readings, the newest of equal ones.
 
-    Return the remaining runs, the movements, and a message for each shortened or removed run.
+    Return the remaining runs, the movements, and a message for each shortened, removed or relabelled run.
     """
-    kept, movements, doubts = list(runs), list[Movement](), list[str]()
-    groups: dict[tuple[str, str], list[int]] = {}
+    kept, movements, doubts = dict(enumerate(runs)), list[Movement](), list[str]()
+    groups: dict[tuple[str, str], dict[int, Measured]] = {}
     for k, run in enumerate(runs):
         if facts_of(run.table.test).of_places and not why_no_measurement(run):  # the diagnosis ignores the others
-            groups.setdefault((run.table.test, run.run.manifest.placement), []).append(k)
-    dropped: set[int] = set()
-    pending = list(groups.values())
-    for numbers in pending:  # which grows by the runs after each movement
-        movement, masks, after = _of_group(rig, [kept[k] for k in numbers])
-        if movement is None:
-            continue
-        movements.append(movement)
-        if after is not None:
-            doubts.append(f"{movement.to} and later runs were fitted as a separate placement, after the movement")
-            pending.append(numbers[after:])
-            for k in numbers[after:]:
-                kept[k] = _with_placement(runs[k], movement.to)
-        for k, mask in zip(numbers, masks, strict=True):
-            if not mask.all():
-                name = runs[k].run.manifest.name
-                rows = f"{np.count_nonzero(~mask)} of {len(mask)} rows of {name} are ignored"
+            groups.setdefault((run.table.test, run.run.manifest.placement), {})[k] = run
+    for (_, placement), group in groups.items():
+        states, found, relabelled = _states(rig, group, placement)
+        movements += found
+        doubts += relabelled
+        state = max(reversed(states), key=lambda state: sum(map(_rows, state.values())))
+        for k, run in group.items():
+            remaining = _rows(state[k]) if k in state else 0
+            if remaining < _rows(run):
+                rows = f"{_rows(run) - remaining} of {_rows(run)} rows of {run.run.manifest.name} are ignored"
                 doubts.append(f"{rows}: they lie on the other side of the movement")
-                kept[k] = replace(kept[k], table=_shortened(kept[k].table, mask))
-                dropped |= {k} if not mask.any() else set()
-    return [run for k, run in enumerate(kept) if k not in dropped], movements, doubts
+            del kept[k]
+        kept |= state
+    return [kept[k] for k in sorted(kept)], movements, doubts
+
+
+def _rows(run: Measured) -> int:
+    return len(run.table.q)
 
 
 def with_movements(diagnosis: Diagnosis, movements: Sequence[Movement], doubts: Sequence[str]) -> Diagnosis:
@@ -80,36 +77,61 @@ def with_movements(diagnosis: Diagnosis, movements: Sequence[Movement], doubts: 
     return replace(diagnosis, movements=tuple(movements), doubts=(*doubts, *diagnosis.doubts), acts=acts)
 
 
-def _of_group(rig: Rig, runs: Sequence[Measured]) -> tuple[Movement | None, list[Mask], int | None]:
-    """Return the movement among runs of a placement, masks of the rows that a diagnosis may use, and the first run of
-    a placement of its own: None unless a frame moved between two runs."""
-    whole = [np.ones(len(run.table.q), dtype=bool) for run in runs]
+def _states(
+    rig: Rig, runs: dict[int, Measured], placement: str
+) -> tuple[list[dict[int, Measured]], list[Movement], list[str]]:
+    """Split numbered runs of a placement, in time order, at each movement.
+
+    Return the runs of each state, the movements, and messages. A frame that moved between two runs leaves the state as
+    it is: the runs after it get a placement of their own.
+    """
+    states, movements, doubts = [dict[int, Measured]()], list[Movement](), list[str]()
+    rest = runs
+    while (found := _first_step(rig, list(rest.values()))) is not None:
+        where, row, of_step = found
+        movements += of_step
+        before = dict(list(rest.items())[:where])
+        k, run = list(rest.items())[where]
+        rest = dict(list(rest.items())[where:])
+        if row:
+            is_before = np.arange(_rows(run)) < row
+            before[k] = replace(run, table=_shortened(run.table, is_before))
+            rest[k] = replace(run, table=_shortened(run.table, ~is_before))
+        states[-1] |= before
+        if row == 0 and all(movement.what in _FRAMES for movement in of_step):
+            to = of_step[0].to
+            doubts.append(f"{to} and later runs were fitted as a separate placement, after the movement")
+            rest = {k: _with_placement(run, f"{placement} from {to}".lstrip()) for k, run in rest.items()}
+        else:
+            states.append({})
+    states[-1] |= rest
+    return states, movements, doubts
+
+
+def _first_step(rig: Rig, runs: Sequence[Measured]) -> tuple[int, int, list[Movement]] | None:
+    """Return the first movement among runs of a placement as the run and row after it, with the parts that moved.
+
+    Several parts can move together between runs, but within a run such a step is more likely a drift.
+    """
     parts = [(k, piece) for k, run in enumerate(runs) for piece in observed(rig, [run])]
-    begins = np.cumsum([0, *(len(run.table.q) for run in runs)])
+    begins = np.cumsum([0, *map(_rows, runs)])
     order = np.concatenate([begins[k] + piece.rows for k, piece in parts])
     step = find_step([piece for _, piece in parts], order)
     if step is None:
-        return None, whole, None
+        return None
     where = int(np.searchsorted(begins, step.first, side="right")) - 1
     row = step.first - int(begins[where])
-    movement = _movement(runs, where, row, step, parts[0][1])
-    if row == 0 and step.found.what in _FRAMES:
-        return movement, whole, where
-    masks = [np.arange(len(mask)) + begins[k] < step.first for k, mask in enumerate(whole)]
-    before = sum(int(mask.sum()) for mask in masks)
-    if 2 * before < begins[-1]:
-        masks = [~mask for mask in masks]
-    return movement, masks, None
+    if row and step.is_joint:
+        return None
+    return where, row, [_movement(runs, where, row, part, parts[0][1]) for part in step.found]
 
 
-def _with_placement(run: Measured, first: str) -> Measured:
-    """Return a run at the part of the labelled placement that begins with the run `first`."""
-    placement = f"{run.run.manifest.placement} from {first}".lstrip()
+def _with_placement(run: Measured, placement: str) -> Measured:
     return replace(run, run=replace(run.run, manifest=run.run.manifest.model_copy(update={"placement": placement})))
 
 
-def _movement(runs: Sequence[Measured], where: int, row: int, step: MovementStep, piece: ObservedRun) -> Movement:
-    found, names = step.found, [run.run.manifest.name for run in runs]
+def _movement(runs: Sequence[Measured], where: int, row: int, found: CauseOdds, piece: ObservedRun) -> Movement:
+    names = [run.run.manifest.name for run in runs]
     rows = runs[where].table.rows
     from_, to = (
         (names[where - 1], names[where]) if row == 0 else (f"{names[where]} row {rows[k]}" for k in (row - 1, row))

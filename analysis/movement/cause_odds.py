@@ -33,7 +33,8 @@ class CauseOdds:
     """A cause with posterior probability and size.
 
     u: standard uncertainty of the length of the shift in mm, or of the zero in degrees. u_rotation_deg: of the
-    rotation. point_mm: displacement of a point in the middle of the work area. together: the members of a pair.
+    rotation. point_mm: displacement of a point in the middle of the work area. together: the members of a pair or
+    triple.
     """
 
     cause: Cause
@@ -81,11 +82,6 @@ def causes_by_odds(reference: Reference, compared: ReferenceComparison) -> list[
             continue
         found.append(_sized(reference, cause, probability, compared.posterior.estimates[cause]))
     return found
-
-
-def named_cause(reference: Reference, compared: ReferenceComparison) -> CauseOdds | None:
-    """Return the cause that the readings identify; None if they do not decide."""
-    return causes_by_odds(reference, compared)[0] if compared.identified_cause is not None else None
 
 
 def _sized(reference: Reference, cause: Cause, probability: float, estimate: Estimate) -> CauseOdds:

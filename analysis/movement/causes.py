@@ -14,13 +14,15 @@ import numpy as np
 from analysis.diagnosis.evidence.movements import Alike
 from analysis.robot.kinematics.arm import Array
 
-What = Literal["nothing", "base", "instrument", "socket", "target", "tool", "zero", "pair", "other"]
+What = Literal["nothing", "base", "instrument", "socket", "target", "tool", "zero", "pair", "triple", "other"]
 
 PRIOR: dict[What, float] = {
     "nothing": 0.90, "base": 0.02, "instrument": 0.003, "socket": 0.013, "target": 0.003, "tool": 0.02, "zero": 0.034,
-    "pair": 0.0007, "other": 0.0063,
+    "pair": 0.0007, "triple": 5e-6, "other": 0.0063,
 }  # fmt: skip
-"""Prior probability of each kind of cause, shared by the members. Chosen: most checks find no movement."""
+"""Prior probability of each kind of cause, shared by the members. Chosen: most checks find no movement. If something
+moved, a second part moved as well in 1 of 140 cases, and if two moved, a third one in as many.
+"""
 LEVELS = np.array([0.3, 1.0, 3.0, 10.0])
 """Multiples of the typical size whose mixture, in equal parts, is the prior of a size. Chosen: factors of about
 three cover 0.1 to 20 mm, and the density in between varies by less than a factor of two.
@@ -38,7 +40,7 @@ ZERO_RAD = float(np.radians(0.1))
 @dataclass(frozen=True)
 class Cause:
     """A possible cause. `name`: of the socket, target or instrument. `axis`: of the zero, from 1. `members`: the
-    causes of a pair.
+    causes of a pair or triple.
     """
 
     what: What
@@ -53,7 +55,7 @@ class Cause:
             return np.array([SHIFT_MM] * 3 + [TURN_RAD] * 3)
         if self.what == "zero":
             return np.array([ZERO_RAD])
-        if self.what == "pair":
+        if self.members:
             return np.concatenate([member.scale for member in self.members])
         return np.full(3, SHIFT_MM) if self.what in ("socket", "target", "tool") else np.empty(0)
 

@@ -8,16 +8,16 @@ readings of `rig moved`, with the readings before it as reference.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from analysis.diagnosis.evidence.observation import ObservedRun, parts
 from analysis.diagnosis.evidence.setups import fit_setups
-from analysis.movement.cause_odds import CauseOdds, named_cause
+from analysis.movement.cause_odds import CauseOdds, causes_by_odds
 from analysis.movement.causes import LEVELS, Cause
 from analysis.movement.evidence import Conditioned, LinearReadings, condition
-from analysis.movement.inference import MOST_MM, compare, study
+from analysis.movement.inference import MOST_MM, NAMED, Reference, ReferenceComparison, compare, study
 from analysis.movement.linearise import causes_of, constants_count, linearise, selected, shift_of, workplace
 from analysis.robot.kinematics.arm import Array, Integers
 
@@ -40,14 +40,17 @@ covered by other effects of a diagnosis.
 
 @dataclass(frozen=True)
 class MovementStep:
-    """A change from a given reading on: index of the first reading after it in time order, and the cause."""
+    """A change from a given reading on: index of the first reading after it in time order, and the parts that moved.
+    is_joint: the likeliest cause is a pair or triple.
+    """
 
     first: int
-    found: CauseOdds
+    found: tuple[CauseOdds, ...]
+    is_joint: bool
 
 
 def find_step(runs: Sequence[ObservedRun], order: Integers) -> MovementStep | None:
-    """Return the movement among runs of places with common set-ups; None if no movement is found.
+    """Return the first movement among runs of places with common set-ups; None if no movement is found.
 
     order (m,): position in time of each reading, in the sequence of the runs.
     """
@@ -56,18 +59,42 @@ def find_step(runs: Sequence[ObservedRun], order: Integers) -> MovementStep | No
     first = _likeliest(runs, order)
     if first is None:
         return None
-    before, after = parts(runs, order < first), parts(runs, order >= first)
+    before = parts(runs, order < first)
+    if earlier := find_step(before, order[order < first]):
+        return earlier
     reference = study(before)
     known = {run.setup for run in reference.runs}
+    after = _until_next_step(parts(runs, order >= first), order[order >= first])
     new = _thinned([run for run in after if run.setup in known])
     if sum(len(run.rows) for run in new) < _FEWEST:
         return None
     compared = compare(reference, new)
-    found = named_cause(reference, compared) if compared.distance_mm <= MOST_MM else None
-    if found is None or found.what in ("nothing", "other", "pair"):
-        return find_step(before, order[order < first])  # something else may have moved earlier
-    moves_mm = np.abs(compared.shifts[found.cause].columns @ compared.posterior.estimates[found.cause].mean).max()
-    return MovementStep(first, found) if moves_mm > _TIMES_SCATTER * reference.scatter_mm else None
+    likeliest, found = next(iter(compared.posterior.probability)), _moved_parts(reference, compared)
+    if not found or compared.distance_mm > MOST_MM:
+        return None
+    members = likeliest.members or (likeliest,)
+    columns = np.concatenate([compared.shifts[member].columns for member in members], axis=1)
+    moves_mm = np.abs(columns @ compared.posterior.estimates[likeliest].mean).max()
+    is_large = moves_mm > _TIMES_SCATTER * reference.scatter_mm
+    return MovementStep(first, found, is_joint=len(members) > 1) if is_large else None
+
+
+def _moved_parts(reference: Reference, compared: ReferenceComparison) -> tuple[CauseOdds, ...]:
+    """Return the parts of the likeliest cause that moved at odds of 20 to 1, alone or together with any others."""
+    likeliest = causes_by_odds(reference, compared)[0]
+    probability = compared.posterior.probability
+    parts = [
+        replace(part, posterior=sum(p for cause, p in probability.items() if part.cause in (cause, *cause.members)))
+        for part in likeliest.together or (likeliest,)
+    ]
+    return tuple(part for part in parts if part.posterior >= NAMED and part.what not in ("nothing", "other"))
+
+
+def _until_next_step(runs: Sequence[ObservedRun], order: Integers) -> list[ObservedRun]:
+    """Cut off the readings after later movements."""
+    while (first := _likeliest(runs, order)) is not None:
+        runs, order = parts(runs, order < first), order[order < first]
+    return list(runs)
 
 
 def _thinned(runs: Sequence[ObservedRun]) -> list[ObservedRun]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from itertools import combinations, product
 
 import numpy as np
 
@@ -42,8 +43,8 @@ _OUTLIER_ODDS = 0.01
 """Prior probability of an outlier in the new readings: a ball not seated, a disturbed tracker. Chosen."""
 OTHER_LEVELS = np.array([3.0, 10.0, 30.0, 100.0, 300.0])
 """Multiples of the scatter for changes explained by neither causes nor noise."""
-_PAIR_LEVELS = LEVELS[:3]
-"""Size levels of each member of a pair."""
+_MEMBER_LEVELS = LEVELS[:3]
+"""Size levels of each member of a pair or triple."""
 
 
 @dataclass(frozen=True)
@@ -259,7 +260,8 @@ def posterior(
 ) -> CausePosterior:
     """Return the probabilities of no movement, of the given causes, and of an unknown change.
 
-    shifts: effect of each cause on the readings (n,) in mm. Pairs of causes are tried if no single cause fits.
+    shifts: effect of each cause on the readings (n,) in mm. Pairs and triples of causes are tried if no single
+    cause fits: a pair competes with the same pair and a third cause.
     """
     single = [NOTHING, *shifts, OTHER]
     columns = {cause: Shift(shift.columns / sd_mm[:, None], shift.offset / sd_mm) for cause, shift in shifts.items()}
@@ -274,7 +276,7 @@ def posterior(
     probability = _normalised(single, estimates, outlier_log)
     best = max(probability, key=lambda cause: probability[cause])
     if probability[OTHER] > 1 / 21 or not _fits(predictions, columns, estimates, best):
-        estimates |= _pair_estimates(predictions, columns)
+        estimates |= _joint_estimates(predictions, columns)
         probability = _normalised(list(estimates), estimates, outlier_log)
         best = max(probability, key=lambda cause: probability[cause])
     wild = wild_row.get(best) if outlier_log.get(best, -np.inf) > estimates[best].log_evidence + np.log(20) else None
@@ -392,17 +394,16 @@ def _fits(
     return bool(left @ left < chdtri(freedom, 0.001))
 
 
-def _pair_estimates(predictions: Sequence[Prediction], columns: Mapping[Cause, Shift]) -> dict[Cause, Estimate]:
-    """Return the estimate of each pair of causes."""
-    causes, estimates = list(columns), {}
-    for k, first in enumerate(causes):
-        for second in causes[k + 1 :]:
-            pair = Cause("pair", members=(first, second))
-            levels = np.array([
-                [a] * len(first.scale) + [b] * len(second.scale) for a in _PAIR_LEVELS for b in _PAIR_LEVELS
-            ])  # fmt: skip
-            one, other = columns[first], columns[second]
-            both = Shift(np.concatenate([one.columns, other.columns], axis=1), one.offset + other.offset)
-            if both.columns.shape[1] < both.columns.shape[0]:
-                estimates[pair] = _estimate(predictions, both, pair.scale, levels)
+def _joint_estimates(predictions: Sequence[Prediction], columns: Mapping[Cause, Shift]) -> dict[Cause, Estimate]:
+    """Estimate each pair and each triple of causes that has fewer parameters than readings."""
+    estimates = {}
+    for members in (*combinations(columns, 2), *combinations(columns, 3)):
+        joint = Cause("pair" if len(members) == 2 else "triple", members=members)
+        if len(joint.scale) >= len(predictions[0].excess):
+            continue
+        grid = list(product(_MEMBER_LEVELS, repeat=len(members)))
+        levels = np.repeat(grid, [len(member.scale) for member in members], axis=1)
+        shifts = [columns[member] for member in members]
+        shift = Shift(np.concatenate([s.columns for s in shifts], axis=1), np.sum([s.offset for s in shifts], axis=0))
+        estimates[joint] = _estimate(predictions, shift, joint.scale, levels)
     return estimates

@@ -19,8 +19,8 @@ _SMALL = 2.0
 def name_of(cause: Cause, texts: Texts = _ENGLISH, *, of_tracker: bool = False) -> str:
     """Return the name of a cause in a sentence."""
     if cause.members:
-        first, second = (name_of(member, texts, of_tracker=of_tracker) for member in cause.members)
-        return texts("cause_pair", first=first, second=second)
+        *others, last = (name_of(member, texts, of_tracker=of_tracker) for member in cause.members)
+        return texts("cause_pair", first=", ".join(others), second=last)
     kind = _kind(cause.what, ("instrument" if of_tracker else "plate") if cause.what == "base" else None)
     return texts(f"cause_{kind}", axis=cause.axis or "", name=short_name(cause)).rstrip()
 

@@ -109,7 +109,7 @@ def test_a_step_within_a_run_is_found_at_its_row_and_none_without() -> None:
     both = observed(drawn.model, drawn.sockets + new[0], np.concatenate([reference, new[1]]))
     order = np.concatenate([run.rows for run in both])
     step = find_step(both, order)
-    assert step is not None and label(step.found.cause) == "zero 2"
+    assert step is not None and label(step.found[0].cause) == "zero 2"
     assert abs(step.first - len(reference)) <= 1
     sound = observed(drawn.model, drawn.sockets, reference)
     assert find_step(sound, np.concatenate([run.rows for run in sound])) is None

@@ -1,0 +1,78 @@
+"""Runs of one arm in several states, and three parts that moved at once, on independent kinematics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis import diagnose
+from analysis.diagnosis.judge.result import Diagnosis
+from analysis.movement.between import without_moved
+from analysis.movement.inference import compare
+from analysis.runs.loading import Measured
+from rigs.load import load
+from tests.support.handmade_diagnosis import diagnosis
+from tests.support.moved_cell import Case, label, observed
+from tests.trials.moved.states import cell_with
+from tests.worlds import moved as world
+
+STATES: dict[str, tuple[str, list[dict[int, float]]]] = {
+    "one zero, three homings": ("ur10e", [{}, {4: 0.17}, {4: -0.29}]),
+    "two zeros at once": ("paper-fanuc", [{}, {2: 0.12, 4: -0.15}]),
+    "a zero, then the base": ("paper-fanuc", [{}, {3: 0.15}, {0: 1.2}]),
+}
+
+
+@pytest.mark.parametrize(("arm", "changes"), STATES.values(), ids=STATES)
+def test_each_change_between_runs_is_a_movement_and_one_state_of_the_arm_remains(
+    arm: str, changes: list[dict[int, float]]
+) -> None:
+    cell = cell_with(arm, changes, np.random.default_rng(11))
+    kept, movements, _ = without_moved(load(arm)[0].model_copy(update={"effects": ()}), cell.runs)
+    true = {(f"run_{k}", axis): size for k, change in enumerate(changes, start=1) for axis, size in change.items()}
+    assert {(one.to, one.axis or 0) for one in movements} == set(true)
+    sizes = {(one.to, one.axis): one.size_deg for one in movements if one.axis}
+    assert sizes == pytest.approx({key: size for key, size in true.items() if key[1]}, abs=0.03)
+    starts = [k for k, change in enumerate(changes) if change.keys() - {0}]
+    states = {sum(int(run.run.manifest.name[-1]) > start for start in starts) for run in kept}
+    assert len(states) == 1
+
+
+def test_runs_of_an_unchanged_arm_stay_together() -> None:
+    cell = cell_with("ur10e", [{}] * 3, np.random.default_rng(12))
+    kept, movements, doubts = without_moved(load("ur10e")[0].model_copy(update={"effects": ()}), cell.runs)
+    assert len(kept) == 3 and not movements and not doubts
+
+
+def test_a_diagnosis_gets_the_state_with_most_readings(monkeypatch: pytest.MonkeyPatch) -> None:
+    searched: list[str] = []
+
+    def diagnosed(_: object, runs: list[Measured], *others: object) -> Diagnosis:
+        searched.extend(run.run.manifest.name for run in runs)
+        return diagnosis("nothing_unusual", acts=())
+
+    monkeypatch.setattr("analysis.diagnosis.diagnose.diagnose", diagnosed)
+    cell = cell_with("ur10e", [{}, {4: 0.17}, {}], np.random.default_rng(13))
+    found = diagnose(cell.runs)
+    assert searched == ["run_2", "run_3"]
+    assert [(one.to, one.axis) for one in found.movements] == [("run_2", 4)]
+    assert found.acts[0].why == "moved"
+
+
+@pytest.mark.parametrize("axes", [(2, 3, 4), (1, 3, 5)])
+def test_three_zeros_that_moved_at_once_are_named_together(axes: tuple[int, ...]) -> None:
+    drawn = Case(world.SIX, "nothing", 0.05, 601)
+    zero = np.radians([0.1 * (axis in axes) for axis in range(1, 7)])
+    drawn.change = replace(drawn.change, zero=zero)
+    drawn.after = world.changed_arm(drawn.arm, drawn.change)
+    assert label(drawn.named(drawn.touch_again(10))) == "+".join(f"zero {axis}" for axis in axes)
+
+
+def test_odds_of_a_pair_include_a_third_part() -> None:
+    drawn = Case(world.SIX, "zero 3+zero 4", 0.05, 602)
+    probability = compare(drawn.reference, observed(drawn.model, *drawn.touch_again(10))).posterior.probability
+    third = sum(p for cause, p in probability.items() if cause.what == "triple")
+    pair = next(p for cause, p in probability.items() if label(cause) == "zero 3+zero 4")
+    assert 1e-5 < third < 0.05 and pair > 0.95
