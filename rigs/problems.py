@@ -42,7 +42,7 @@ _PLAIN = {
     "finite_number": "must be a finite number",
     "bool_type": "must be true or false",
     "bool_parsing": "must be true or false",
-    "string_type": "must be a text; put a number that is a name in quotes",
+    "string_type": "must be a text, a number in quotes",
     "tuple_type": "must be a list in brackets, such as [1, 2, 3]",
     "list_type": "must be a list in brackets, such as [1, 2, 3]",
     "dict_type": "must be a mapping of keys to values",
@@ -185,6 +185,8 @@ def _name(key: str) -> str:
 
 def _message(detail: ErrorDetails, place: Place, model: type[BaseModel]) -> str:
     kind, value = detail["type"], detail["input"]
+    if isinstance(value, bool) and kind.startswith(("greater_than", "less_than")):
+        return f"must be a number, not {str(value).lower()}"
     if kind == "extra_forbidden":
         return f"unknown key{_nearest(str(place[-1]), _keys_at(detail['loc'][:-1], model))}"
     if kind == "union_tag_invalid":

@@ -349,9 +349,10 @@ def calibrated_arm(rig: RigFile | Rig) -> CalibratedArm:
 
     rig: rig file next to its calibration, or name of a shipped rig or library arm.
 
-    Returns the arm. `forward(q_deg)` gives tool poses T (n, 4, 4), with lengths in mm, and the standard uncertainty
-    u_mm (n,) of the position. `inverse(T, near_deg)` gives q_deg (n, axes), `reached` (n,) and u_mm (n,). The poses
-    include all effects that depend only on the posture. Backlash and time-dependent effects are included in u_mm.
+    Returns the arm. `forward(q_deg)` gives tool poses T (n, 4, 4), with lengths in mm, and the standard uncertainties
+    of the position: u_mm (n,) in the robot's base, and u_frame_mm (n,) in a frame taught with the robot. `inverse(T,
+    near_deg)` gives q_deg (n, axes), `reached` (n,) and the same uncertainties. The poses include all effects that
+    depend only on the posture. Backlash and time-dependent effects are included in the uncertainties.
 
     Raises FileError if the file cannot be read.
 

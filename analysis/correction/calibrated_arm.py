@@ -12,9 +12,9 @@ from functools import cached_property
 import numpy as np
 
 from analysis.correction.corrected_targets import reached_angles
-from analysis.correction.pose_uncertainty import PoseUncertainty, covered, pose_uncertainty, position_u_mm, where_known
+from analysis.correction.pose_uncertainty import PoseUncertainty, covered, places_u_mm, pose_uncertainty, where_known
 from analysis.correction.support import supports
-from analysis.correction.work import left_out_mm, tool_poses
+from analysis.correction.work import left_out_mm, tool_poses, work_or_spread
 from analysis.robot.kinematics.arm import Array, Mask, arm_of
 from analysis.robot.kinematics.inverse import inverse
 from analysis.robot.kinematics.joint_limits import within_limits
@@ -44,8 +44,9 @@ class ArmPoses:
     """Result of `CalibratedArm.forward`: tool poses with uncertainty.
 
     T (n, 4, 4): poses in the world of the rig file, lengths in mm.
-    u_mm (n,): standard uncertainty of the position, all three coordinates together, in mm; NaN if unknown or not
-    covered.
+    u_mm (n,): standard uncertainty of the position in the robot's base, all three coordinates together, in mm; NaN if
+    unknown or not covered. It contains the place of the arm on its base, which touches and small tables hardly show.
+    u_frame_mm (n,): the same in a frame taught with the robot, which most programs use. It is often many times smaller.
     covered (n,): False if a joint is outside the range of the calibration runs, or the tool is further from the sockets
     than validated; None if unknown.
     """
@@ -53,6 +54,7 @@ class ArmPoses:
     T: Array
     u_mm: Array
     covered: Mask | None
+    u_frame_mm: Array
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class ArmAngles:
 
     q_deg (n, axes): joint angles in degrees; NaN if no solution lies within the limits.
     reached (n,): True for poses with a solution.
-    u_mm (n,): standard uncertainty of the position in mm, as in `ArmPoses`.
+    u_mm, u_frame_mm (n,): standard uncertainties of the position in mm, as in `ArmPoses`.
     covered (n,): validity of the calibration, as in `ArmPoses`.
     turned_deg (n,): rotation from the requested orientation in degrees. It is 0 for six or more axes; arms with fewer
     axes cannot reach every orientation.
@@ -72,6 +74,7 @@ class ArmAngles:
     u_mm: Array
     covered: Mask | None
     turned_deg: Array
+    u_frame_mm: Array
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,8 @@ class CalibratedArm:
             raise FileError("q_deg", problem, "give one row per posture")
         q = np.radians(angles)
         q[:, self._axes :] = angles[:, self._axes :]
-        return ArmPoses(tool_poses(self._model, q), self._u_mm(q), covered(self._pose_uncertainty, q))
+        u_mm, u_frame_mm = self._u_mm(q)
+        return ArmPoses(tool_poses(self._model, q), u_mm, covered(self._pose_uncertainty, q), u_frame_mm)
 
     def inverse(self, T: Array, near_deg: Array | None = None) -> ArmAngles:
         """Return joint angles that move the tool of the calibrated arm to poses T (n, 4, 4), or (4, 4), lengths in mm.
@@ -134,11 +138,12 @@ class CalibratedArm:
         for row, pose in enumerate(poses):
             if (angles := solved(pose, start)) is not None:
                 q[row], reached[row], start = angles, True, angles
-        u_mm, inside = np.full(len(poses), np.nan), covered(self._pose_uncertainty, q)
-        u_mm[reached] = self._u_mm(q[reached])
+        u_mm, inside = np.full((2, len(poses)), np.nan), covered(self._pose_uncertainty, q)
+        u_mm[:, reached] = self._u_mm(q[reached])
         turned = np.full(len(poses), np.nan)
         turned[reached] = np.degrees(turned_rad(tool_poses(self._model, q[reached]), poses[reached]))
-        return ArmAngles(np.degrees(q), reached, u_mm, inside, np.where(turned < _UNTURNED_DEG, 0.0, turned))
+        turned = np.where(turned < _UNTURNED_DEG, 0.0, turned)
+        return ArmAngles(np.degrees(q), reached, u_mm[0], inside, turned, u_mm[1])
 
     @cached_property
     def _model(self) -> Model:
@@ -155,13 +160,18 @@ class CalibratedArm:
         return len(self.rig.robot.axes)
 
     def _u_mm(self, q: Array) -> Array:
-        """Return the standard uncertainty (n,) mm of the position at q (n, axes) rad; NaN for an unmeasured arm."""
-        if self.rig.calibrated is None and not any(effect.found for effect in self.rig.effects):
-            return np.full(len(q), np.nan)
+        """Return the standard uncertainties (2, n) mm of the position at q (n, axes) rad, in the base and in a taught
+        frame; NaN for an unmeasured arm.
+        """
+        is_measured = self.rig.calibrated is not None or any(effect.found for effect in self.rig.effects)
+        if not is_measured or not len(q):
+            return np.full((2, len(q)), np.nan)
         uncorrected = [effect for effect in model_of(self.rig).effects if effect.compensation().use == "none"]
         stays = left_out_mm(self.rig, uncorrected, q)
-        u_mm: Array = np.hypot(position_u_mm(self._pose_uncertainty, q), np.linalg.norm(stays, axis=1))
-        return where_known(self._pose_uncertainty, q, u_mm)
+        taught = work_or_spread(self.rig, self._pose_uncertainty.joints_rad)
+        both = places_u_mm(self.rig, self._pose_uncertainty, q, taught)
+        left_mm = np.linalg.norm(stays, axis=1)
+        return np.array([where_known(self._pose_uncertainty, q, np.hypot(u_mm, left_mm)) for u_mm in both])
 
     def _solved(self, pose: Array, near: Array) -> Array | None:
         """Return the angles (axes,) rad, closest to given angles, that put the tool of an arm of six or more axes at

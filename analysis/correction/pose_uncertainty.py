@@ -239,17 +239,6 @@ def pose_uncertainty(rig: Rig, supported: Sequence[Support]) -> PoseUncertainty:
     return CalibratedUncertainty(rig, rig.calibrated, others)
 
 
-def position_u_mm(uncertainty: PoseUncertainty, q: Array) -> Array:
-    """Return the standard uncertainty (n,) mm of the tool position at joint angles q (n, 6) rad.
-
-    It is the root of the trace of the covariance plus the squared unexplained error.
-    """
-    parts = [uncertainty.pose_displacements(q[k : k + _ROWS])[:, :, :3] for k in range(0, len(q), _ROWS)]
-    squares = [np.zeros(0), *((moves**2).sum(axis=(0, 2)) for moves in parts)]
-    u_mm: Array = np.sqrt(np.concatenate(squares) + uncertainty.unexplained_mm**2)
-    return u_mm
-
-
 def few_taught(count: int) -> Integers:
     """Return the indices (k,) of the postures that teach a frame, drawn randomly from `count`. At even steps, the
     postures of a grid could all have the same orientation.

@@ -1,12 +1,13 @@
 """Readings that a gauge shows wrongly although each of them is a plausible number: the proof is in their sequence.
 
-On a circle the distance changes smoothly. Four displays break this, each in its own way:
+On a circle the distance changes smoothly. Five displays break this, each in its own way:
 
 - A *lost sign*: many instruments print the sign with the integer part, and -0.4 becomes 0.4. The readings are then
   reflected at zero: none lies between -1 and 0, and each crossing of zero is a kink with its corner at zero.
 - *Saturation*: the readings arrive at the end of the range at full speed and stay there.
 - A value that *sticks* in the middle of the range in the same way, and a later jump.
 - A counter that *wraps*: jumps from one end of the range to the other, in the middle of a motion.
+- A value that is *repeated* in place of a new one, between steps of the usual size. Figures hardly change by that.
 
 The slopes decide, not the values: no smooth curve stops at full speed or turns in a corner. A reversal of a joint with
 play makes a step or a corner too, but not at zero, and not one at each crossing.
@@ -44,6 +45,8 @@ _SURE = 8.0
 """Standard deviations by which the slopes of a corner differ. Chosen: four corners in 1e4 readings of noise have 4."""
 _WHOLE = 0.9
 """Share of the range that a wrap jumps: the rest lies between two readings."""
+_REPEATED = 0.2
+"""Share of readings equal to the one before from which a gauge is read too often. Chosen: a lap has few at its ends."""
 _MOST_LISTED = 3
 _FEWEST = 60
 """Smallest number of readings in which a sequence is a curve: a lap read every six degrees."""
@@ -77,6 +80,12 @@ class _Series:
         clear = [width for width, move in enumerate(moves, _WIDTH) if move > _CLEAR * noise_mm]
         return cls(g_mm, d_mm, float(sizes.min()), float(np.median(sizes)), noise_mm, min(clear, default=most))
 
+    @property
+    def repeated_share(self) -> float:
+        """Share of the readings that repeat the one before although the display resolves the steps; 0 if usual."""
+        share = float(np.mean(self.d_mm == 0))
+        return share if share > _REPEATED and self.usual_mm > _STEEP * self.step_mm else 0.0
+
     def slope(self, first: int, last: int) -> float:
         """Slope in mm per reading of the readings first … last, at least two of them."""
         part = self.g_mm[max(first, 0) : last + 1]
@@ -92,6 +101,10 @@ def display_findings(run: Measured) -> Iterator[Finding]:
         series = _Series.of(column)
         if series is None:
             continue
+        if share := series.repeated_share:
+            fact = f"{name}_mm: {share:.0%} of the readings repeat the one before while the robot moves"
+            remedy = "read the gauge at its own rate, or remove the repeated rows"
+            yield Finding(DISPLAY, "likely", (f"{name}_mm",), "an earlier value", fact, remedy)
         for what, rows, remedy in _faults(series):
             fact = f"{name}_mm: {what} in {rows}"
             yield Finding(DISPLAY, "decisive", (f"{name}_mm",), "another value", fact, remedy)

@@ -64,7 +64,6 @@ SOUND: dict[str, Callable[[Array], Array]] = {
     "display of 0.01 mm": lambda g: g.round(2),
     "display of 0.001 mm, towards": lambda g: -g.round(3),
     "three outliers": lambda g: g + 5.0 * np.isin(np.arange(len(g)), [100, 200, 300]),
-    "read three times as often as it measures": lambda g: g[np.arange(len(g)) // 3 * 3],
 }
 
 
@@ -74,6 +73,13 @@ def test_display_fault_is_found_with_its_rows(fault: str, cell: tuple[str, str, 
     findings = list(display_findings(shown_as(circle(*cell, tmp_path), FAULTS[fault])))
     assert {finding.columns for finding in findings} == {("g1_mm",), ("g2_mm",)}
     assert all(finding.strength == "decisive" and "rows " in finding.what for finding in findings)
+
+
+@pytest.mark.parametrize("cell", CELLS, ids=lambda cell: f"{cell[0]}-{cell[1]}")
+@pytest.mark.parametrize("times", [2, 3, 5])
+def test_repeated_readings_are_a_doubt(times: int, cell: tuple[str, str, int], tmp_path: Path) -> None:
+    run = shown_as(circle(*cell, tmp_path), lambda g: g[np.arange(len(g)) // times * times])
+    assert [finding.strength for finding in display_findings(run)] == ["likely", "likely"]
 
 
 @pytest.mark.parametrize("cell", CELLS, ids=lambda cell: f"{cell[0]}-{cell[1]}")
