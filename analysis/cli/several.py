@@ -235,7 +235,10 @@ def _run_of(table: Path, rig_file: str | None) -> Path:
         problem = "is a table without an arm"
         raise FileError(str(table), problem, "give --rig CELL.yaml, or --arm NAME (listed by rig arms)")
     measured = read_table(table, rig_file)
-    say(f"{table}: read as a {measured.run.manifest.test} table of {rig_file}, according to the columns", err=True)
+    say(
+        f"{table}: read as a {measured.run.manifest.test} table of {Path(rig_file).name}, according to the columns",
+        err=True,
+    )
     _imported.append(TemporaryDirectory(prefix="rig-"))
     return ImportedRun.of(table, save_run(measured, Path(_imported[-1].name) / table.stem))
 

@@ -62,6 +62,9 @@ def read_controller(robot: Robot, source: Path | str) -> ControllerConstants:
         raise FileError(str(path), error.strerror or str(error), "check the path") from None
     if path.suffix.lower() == ".ini":
         return _from_pins(robot, path)
+    if not is_ur_calibration(text) and path.suffix.lower() in (".yaml", ".yml", ".conf"):
+        problem = "is empty" if not text.strip() else "is neither calibration.conf nor the YAML of ur_calibration"
+        raise FileError(str(path), problem, "give one of them, or a table of joints and flange poses as CSV")
     if not is_ur_calibration(text):
         return _from_poses(robot, path)
     found = factory_constants(robot, path)

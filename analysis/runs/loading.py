@@ -115,7 +115,7 @@ def measured_in(directory: Path, path: Path) -> Measured:
 
 def as_recorded(rig: Rig, runs: Iterable[Measured]) -> Rig:
     """Return a rig that does not state its controller with the constants of the controller that a run shows."""
-    shown = (run.rig.robot for run in runs if run.rig.robot.controller is not None)
+    shown = (run.rig.robot for run in runs if run.rig.robot.controller and run.rig.controller != "unknown")
     if rig.controller != "unknown" or (robot := next(shown, None)) is None:
         return rig
     update = {"axes": robot.axes, "controller": robot.controller, "controller_axes": robot.controller_axes}

@@ -17,6 +17,7 @@ from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward
 from rigs.arms import load_arm
 from rigs.errors import FileError
 from rigs.rig import Rig
+from rigs.schema.controllers import practice_of
 from rigs.schema.robot import ControllerArm, JointAxis, LinkConstants, Pose, Robot
 
 _RESIDUAL_MM = 0.02
@@ -26,6 +27,10 @@ more indicates a tool that is not removed.
 _UNDETERMINED_MM = 0.1
 """Largest displacement of the flange by a change of 1 mm that the poses do not show. Constants differ by up to 1 mm, so
 the controller is then known to 0.1 mm.
+"""
+_PROVES = 5
+"""Poses that prove a data sheet where the maker measures each robot: one of thirty single poses of such arms agrees with
+it within the digits of a pendant.
 """
 _SPARE = 10
 """Minimum number of redundant readings that confirm the constants."""
@@ -86,7 +91,12 @@ def constants_from_poses(robot: Robot, q: Array, xyz_mm: Array, R: Array | None,
     base = _base_of(arm, q, xyz_mm)
     xyz_mm, R = xyz_mm @ base, None if R is None else base @ R
     apart_mm = float(np.linalg.norm(forward(arm, q)[:, :3, 3] - xyz_mm, axis=1).max())
-    if apart_mm <= _rounding_mm(arm, q):
+    rounding_mm = _rounding_mm(arm, q)
+    practice = practice_of(robot.name)
+    if apart_mm <= rounding_mm and practice and practice.own_constants == "always" and len(q) < _PROVES:
+        problem = f"agrees with the data sheet to {apart_mm:.2f} mm, as a single pose of own constants may"
+        raise FileError(where, problem, f"give {_PROVES} poses or more, or the constants of the controller")
+    if apart_mm <= rounding_mm:
         words = f"{where}: the controller computes with the data sheet, to {apart_mm:.3f} mm in {len(q)} poses"
         return ControllerConstants(robot.axes, "data_sheet", apart_mm, words)
     fitted = fit_constants(arm, q, xyz_mm, R)

@@ -53,6 +53,10 @@ _SAME_MODEL_MM = 5.0
 """Largest difference of a link length between two arms of a model: 1.05 mm among the ten of docs/controller.md, so five
 times that. The wrists of a UR3 and a UR3e differ by 10 and 19 mm.
 """
+_MOST_MOVED_MM = 12.0
+"""Largest displacement of the flange by own constants: 5 mm among the ten arms. The differences of a UR5 moved the flange
+of a UR16e by 13 mm.
+"""
 _DATA_SHEET_MM = 1e-3
 """Displacement of the flange below which constants are those of the data sheet, rounded: the driver's defaults."""
 
@@ -126,11 +130,15 @@ def factory_constants(robot: Robot, path: Path) -> FactoryConstants:
         path,
         tolerance_mm,
     )
-    _require_same_model(section.robot, robot, path)
+    _require_same_model(section.robot, robot, path, names_type=_CONF.search(read_text(path, _MOST_BYTES)) is None)
     bare = robot.model_copy(update={"base": Pose(), "tool": Pose()})
     q = random_postures(robot)
     moved_mm, _ = largest_difference(flange_poses(section.robot, q), flange_poses(bare, q))
-    return FactoryConstants(section.robot.axes, moved_mm, (*notes, *_turned_zeros(section.robot, robot)))
+    turned = _turned_zeros(section.robot, robot)
+    if moved_mm > _MOST_MOVED_MM and not turned:
+        problem = f"moves the flange by {moved_mm:.0f} mm: it is of another type of arm, or damaged"
+        raise FileError(str(path), problem, f"give the file of this {robot.name}, or the arm that the file is of")
+    return FactoryConstants(section.robot.axes, moved_mm, (*notes, *turned))
 
 
 def is_ur_calibration(text: str) -> bool:
@@ -171,8 +179,11 @@ def _turned_zeros(own: Robot, robot: Robot) -> list[str]:
     ]
 
 
-def _require_same_model(own: Robot, robot: Robot, path: Path) -> None:
-    """Raise FileError if the link lengths are those of another type of arm, and name it."""
+def _require_same_model(own: Robot, robot: Robot, path: Path, *, names_type: bool) -> None:
+    """Raise FileError if the link lengths are those of another type of arm.
+
+    names_type: the lengths are complete, and not differences from a model, so they tell which type it is.
+    """
 
     def difference_mm(other: Robot) -> float:
         axes = zip(own.axes, other.axes, strict=True)
@@ -180,6 +191,9 @@ def _require_same_model(own: Robot, robot: Robot, path: Path) -> None:
 
     if (apart_mm := difference_mm(robot)) <= _SAME_MODEL_MM:
         return
+    if not names_type:
+        problem = f"is of another type of arm, or damaged: a length differs from {robot.name} by {apart_mm:.1f} mm"
+        raise FileError(str(path), problem, "give the file of this arm, or the arm that the file is of")
     arms = [arm for arm in map(load_arm, arm_names()) if arm.maker == MAKER and len(arm.robot.axes) == len(robot.axes)]
     nearest = min(arms, key=lambda arm: difference_mm(arm.robot))
     fits = difference_mm(nearest.robot) <= _SAME_MODEL_MM

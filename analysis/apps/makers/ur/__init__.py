@@ -1,12 +1,13 @@
 """Universal Robots controllers: the URScript language, and calibration.conf.
 
 The angle of a link is the reading plus delta_theta. A larger angle therefore requires a larger delta_theta, and the
-reading does not change.
+reading does not change. delta_a and delta_alpha are not written: the axes 2 to 4 of a real arm are nearly parallel, so
+its delta_d has some 100 m, and a milliradian of delta_alpha would move the tool by 10 cm.
 """
 
 import math
 
-from analysis.apps.makers import LATER, ConstantParameter, Controller, ProgramFiles
+from analysis.apps.makers import ConstantParameter, Controller, ProgramFiles
 
 FILES = ProgramFiles("UR", (".script", ".urscript"), unread=".urp")
 CONTROLLER = Controller(
@@ -19,18 +20,12 @@ CONTROLLER = Controller(
     (
         "Add the values to the values in the controller's calibration.conf; indices in [ ] start at 1.",
         "Keep a copy of calibration.conf; the controller reads the file when starting.",
-        "delta_a and delta_alpha are exact if the rig file contains the robot's own calibration, or if "
-        "delta_theta of that axis is near zero.",
     ),
     "docs.ros.org, ur_calibration: the DH parameters of a calibrated robot; "
     "github.com/savidini/match_ur_control_backup: units (W); the maker's forum, threads 538 and 18921 (W): the "
     "file can be written, and holds calibration_status = 2 for a linearised robot",
-    "a and alpha before axis 1 belong to the base frame; beta has no parameter; whether a controller accepts a "
+    "a, alpha and beta are not entered; whether a controller accepts a "
     "changed file with the old joint_checksum was not found: keep calibration_status and the checksums as they are",
     changes_reading=False,
-    constants=(
-        ConstantParameter("a_mm", "delta_a[{axis}]", "m", 1e-3, 1, LATER),
-        ConstantParameter("alpha_deg", "delta_alpha[{axis}]", "rad", math.radians(1), 1, LATER),
-        ConstantParameter("d_mm", "delta_d[{axis}]", "m", 1e-3),
-    ),
+    constants=(ConstantParameter("d_mm", "delta_d[{axis}]", "m", 1e-3),),
 )
