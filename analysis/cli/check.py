@@ -153,7 +153,7 @@ def controller_line(rig: Rig, file: str) -> str:
     if rig.controller != "unknown" or practice is None:
         return ""
     may = "has" if practice.own_constants == "always" else "may have (option)"
-    asks = f"give {practice.get}, or one row of joints and flange pose from the pendant (tool: none)"
+    asks = f"give {practice.get}, or five rows of joints and flange pose from the pendant (tool: none)"
     without = "until then targets given as poses are not corrected"
     return f"the controller {may} constants of its own: {asks}: rig check {file} --calibration FILE; {without}"
 

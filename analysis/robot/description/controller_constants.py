@@ -29,8 +29,8 @@ _UNDETERMINED_MM = 0.1
 the controller is then known to 0.1 mm.
 """
 _PROVES = 5
-"""Poses that prove a data sheet where the maker measures each robot: one of thirty single poses of such arms agrees with
-it within the digits of a pendant.
+"""Poses that prove a data sheet where the maker measures each robot. One of thirty single poses of such arms agrees
+with it within the digits of a pendant.
 """
 _SPARE = 10
 """Minimum number of redundant readings that confirm the constants."""

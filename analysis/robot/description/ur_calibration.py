@@ -54,8 +54,8 @@ _SAME_MODEL_MM = 5.0
 times that. The wrists of a UR3 and a UR3e differ by 10 and 19 mm.
 """
 _MOST_MOVED_MM = 12.0
-"""Largest displacement of the flange by own constants: 5 mm among the ten arms. The differences of a UR5 moved the flange
-of a UR16e by 13 mm.
+"""Largest displacement of the flange by own constants: 5 mm among the ten arms. The differences of a UR5 moved the
+flange of a UR16e by 13 mm.
 """
 _DATA_SHEET_MM = 1e-3
 """Displacement of the flange below which constants are those of the data sheet, rounded: the driver's defaults."""

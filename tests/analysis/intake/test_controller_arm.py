@@ -34,9 +34,21 @@ def pendant(folder: Path, robot: Robot, count: int, decimals: int = 2) -> Path:
     return file
 
 
-def test_one_pair_confirms_the_data_sheet(tmp_path: Path) -> None:
+def test_one_pair_of_a_maker_that_measures_each_robot_proves_no_data_sheet(tmp_path: Path) -> None:
     text = rig_text_of("ur5e")
-    rig, edited, read = rig_with_controller(parse(text, ""), text, pendant(tmp_path, load_arm("ur5e").robot, 1))
+    with pytest.raises(FileError):
+        rig_with_controller(parse(text, ""), text, pendant(tmp_path, load_arm("ur5e").robot, 1))
+
+
+def test_one_pair_confirms_the_data_sheet_where_own_constants_are_an_option(tmp_path: Path) -> None:
+    name = "abb-irb-120"
+    pair = pendant(tmp_path, load_arm(name).robot, 1)
+    assert rig_with_controller(parse(rig_text_of(name), ""), rig_text_of(name), pair)[0].controller == "data_sheet"
+
+
+def test_five_pairs_confirm_the_data_sheet(tmp_path: Path) -> None:
+    text = rig_text_of("ur5e")
+    rig, edited, read = rig_with_controller(parse(text, ""), text, pendant(tmp_path, load_arm("ur5e").robot, 5))
     assert (read.arm, rig.controller) == ("data_sheet", "data_sheet")
     assert rig.robot.axes == load_arm("ur5e").robot.axes and parse(edited, "") == rig
 
