@@ -436,7 +436,7 @@ def _coupled_step(entries: Sequence[ControllerChange], readings_deg: Array) -> t
     follow = [k for k in np.flatnonzero(np.abs(readings_deg) >= _SAME_READING_DEG).tolist() if k + 1 not in entered]
     if not follow:
         return ()
-    changes = " and ".join(f"of axis {k + 1} by {readings_deg[k]:+.4f}°" for k in follow)
+    changes = " and ".join(f"of axis {k + 1} by {readings_deg[k]:+z.4f}°" for k in follow)
     return (f"The reading {changes} changes with the zeros above: leave the zero of this axis.",)
 
 
