@@ -122,6 +122,10 @@ def _define(reader: KrlReader, file: int, stated: dict[str, Value]) -> None:
             reader.beside.append(Call("\0", why))
 
 
+_COMPONENT = re.compile(r"[ \t]+[-+.\w'#$]")
+"""What follows the name of a component in an aggregate: its value."""
+
+
 def _watch_points(reader: KrlReader) -> None:
     """Mark points as changed if they appear outside a move or are imported under another name.
 
@@ -131,6 +135,11 @@ def _watch_points(reader: KrlReader) -> None:
         for word in _WORD.finditer(text):
             if (file, word.start()) in reader.spent or _HOME.search(text, max(0, word.start() - 40), word.start()):
                 continue
+            if _COMPONENT.match(text, word.end()) and text[max(0, word.start() - 3) : word.start()].rstrip()[-1:] in (
+                "{",
+                ",",
+            ):
+                continue  # X of {X 100, Y 50}, not a point of this name
             for key in reader.mentioned(file, word[0], text[word.end() : word.end() + 20]):
                 if reader.points.target(key).file < reader.points.files or _may_write(text, word):
                     reader.points.change(key, file, reader.lines[file].at(word.start()))

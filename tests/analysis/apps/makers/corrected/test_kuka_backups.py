@@ -129,3 +129,12 @@ def test_shifted_copy_is_off_by_the_stated_amount_only(tmp_path: Path) -> None:
     assert np.isfinite(found.given_away_mm).sum() == 1
     assert np.nanmax(found.given_away_mm) < 0.1 * found.moved_mm.max()
     assert len(KUKA) == 5
+
+
+@pytest.mark.parametrize("name", ["a", "x", "B", "S", "t", "e1"])
+def test_point_named_like_a_component_is_not_changed_by_components(name: str, tmp_path: Path) -> None:
+    files = BACKUP | {
+        "Program/cell/pick.src": INLINE.replace("XP1", name),
+        "Program/cell/pick.dat": DATA.replace("XP1", name),
+    }
+    assert uncorrected(_corrected(tmp_path, files, "Program/cell/pick.src")) == []
