@@ -111,7 +111,7 @@ from analysis.cli import main
 from analysis.apps.makers import maker_by, maker_of_file
 from rigs.errors import UseError
 from rigs.schema.vocabulary import maker_named, makers
-print(makers()[5:], maker_named("ACME 6"), maker_named("Half Made"))
+print(makers()[6:], maker_named("ACME 6"), maker_named("Half Made"))
 print(maker_by("kuka").package, maker_of_file("a.ACM").name)
 for name in "half_made", "bare":
     try:

@@ -16,7 +16,7 @@ from analysis.cli.console import say, say_error, say_json
 from analysis.cli.options import AsJson, Calibration
 from rigs.errors import FileError, UseError
 from rigs.schema.controllers import practice_of
-from rigs.text import as_argument, counted, first_of
+from rigs.text import counted, first_of
 
 if TYPE_CHECKING:
     from analysis.runs.loading import Measured
@@ -106,7 +106,7 @@ def _check_rig(rig_file: str, calibration: str | None) -> None:
     places = "touching sockets" if rig.tests.touch else "a tracker"
     robot = "" if isinstance(rig.feedback, NoFeedback) else f"; robot by {rig.feedback.interface}"
     say(f"  {rig.robot.name}; {gauges or f'no gauges; measured by {places}'}{robot}")
-    if line := controller_line(rig, as_argument(rig_file)):
+    if line := controller_line(rig):
         say(f"  {line}")
     if rig.effects:
         say(f"  the model already contains {initial_effects(rig.effects)}")
@@ -147,7 +147,7 @@ def initial_effects(effects: Sequence[Effect]) -> str:
     return f"{counted(len(effects), 'effect')}, {listed}"
 
 
-def controller_line(rig: Rig, file: str) -> str:
+def controller_line(rig: Rig) -> str:
     """Return the line on a controller that may have constants of its own; empty if the rig file states it."""
     practice = practice_of(rig.maker or rig.robot.name)
     if rig.controller != "unknown" or practice is None:
@@ -155,7 +155,7 @@ def controller_line(rig: Rig, file: str) -> str:
     may = "has" if practice.own_constants == "always" else "may have (option)"
     asks = f"give {practice.get}, or five rows of joints and flange pose from the pendant (tool: none)"
     without = "until then targets given as poses are not corrected"
-    return f"the controller {may} constants of its own: {asks}: rig check {file} --calibration FILE; {without}"
+    return f"the controller {may} constants of its own: {asks}, with the option --calibration; {without}"
 
 
 def calibration_lines(model: CalibratedModel) -> list[str]:

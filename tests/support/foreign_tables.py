@@ -463,7 +463,7 @@ def in_format(p: Poses, rig: str = "ur10e") -> list[Foreign]:
             truth=p,
         ),
         one("pairs", "hand-eye pairs without joints", _pairs, "not"),
-        one("three", "three reflectors a pose and nine joints; no header", _three_targets, "not"),
+        one("three", "three reflectors a pose and nine joints; no header", _three_targets, "one question", ("place",)),
         Foreign(
             "leica",
             "ASTL: a Leica export, and a workbook of joints",

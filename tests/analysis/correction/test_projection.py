@@ -138,7 +138,7 @@ def test_what_entries_leave_in_another_forward_kinematics_is_what_is_stated(name
     after = _as_taught_mm(real, _tool_mm(rig, _entered(name, maker, at), q), turns)
     assert 1e3 * np.sqrt(np.mean(before**2)) == pytest.approx(at.before_um, rel=1e-3)
     assert 1e3 * np.sqrt(np.mean(after**2)) == pytest.approx(at.after_um, rel=0.01, abs=0.2)
-    assert at.after_um < at.before_um
+    assert at.after_um < at.before_um or (maker == "ur" and not at.entries)  # a and alpha cannot be entered
     assert at.by_targets_um < 1
 
 

@@ -244,9 +244,9 @@ def test_beside_a_corrected_program_there_are_no_values_to_enter(tmp_path: Path,
     path, out = tmp_path / "a.script", tmp_path / "out"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
     done = ran("correct", cell, "--program", path, "-o", out)
-    assert "delta_theta" in ran("correct", cell, "-o", tmp_path / "entered").stdout
+    assert "calibration.conf" in ran("correct", cell, "-o", tmp_path / "entered").stdout
     assert (
-        "delta_theta" not in done.stdout
+        "calibration.conf" not in done.stdout
         and "two methods would correct twice" in " ".join(done.stdout.split())
         and "--for" not in done.stderr
     )
