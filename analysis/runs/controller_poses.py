@@ -22,8 +22,8 @@ from rigs.rig import Rig
 from rigs.schema.condition import POSE
 from rigs.schema.robot import Robot
 
-_MOST = 400
-"""Number of poses kept of a run. Chosen: ten times what the constants of an arm need."""
+_MOST = 60
+"""Number of poses kept of a run. Chosen: twice the number of constants of an arm, so that a run is loaded quickly."""
 _SAME_MM = 20.0
 """Distance of the first pose from the flange in the base up to which it is the flange in the base: more than own
 constants move it, less than any tool.
@@ -75,7 +75,7 @@ def are_same_constants(one: Robot, other: Robot) -> bool:
 
 
 def controller_poses(robot: Mapping[str, np.ndarray[Any, Any]]) -> ControllerPoses | None:
-    """Return up to 400 poses of a robot stream, evenly spread over its rows; None if it has none."""
+    """Return up to 60 poses of a robot stream, evenly spread over its rows; None if it has none."""
     if POSE[0] not in robot:
         return None
     columns = np.stack([np.asarray(robot[name], dtype=float) for name in POSE], axis=1)
