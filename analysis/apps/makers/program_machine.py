@@ -228,7 +228,7 @@ class _Machine:
         self.contexts: list[_Context] = []
         self.by_key: dict[object, _Context] = {}
         self.count: dict[str, int] = {}
-        self.later: set[str] = set()
+        self.later: dict[str, Unknown] = {}
         self.active: list[str] = []
         self.halted: list[MachineState] = []
         """The states in which the program ends inside a routine."""
@@ -264,7 +264,7 @@ class _Machine:
         return pinned, everything, moved
 
     def value(self, state: MachineState, part: str) -> Value:
-        if self.pinned_all:
+        if self.pinned_all and not part.endswith(HERE):  # set by the move itself
             return replace(self.pinned_all, everything=True)
         if pinned := self.pinned.get(part) or self.pinned.get(family_of(part)):
             return pinned
@@ -357,12 +357,13 @@ class _Machine:
                 return state
 
     def _state_after_call(self, name: str, why: Unknown, state: MachineState) -> MachineState | None:
-        lost = MachineState({}, {"": why}, frozenset({None}))
         if name not in self.program.routines:
-            return lost
+            return MachineState({}, {"": why}, frozenset({None}))
         if self.count.get(name, 0) >= _MOST_STATES or len(self.active) >= _DEEPEST or name in self.active:
-            self.later.add(name)
-            return lost
+            how = "again while it runs" if name in self.active else "in too many different ways"
+            why = replace(why, why=f"{why.why} {how}")
+            self.later.setdefault(name, why)
+            return MachineState({}, {"": why}, frozenset({None}))
         context = self.context(name, state)
         if context.after is None:
             return None
@@ -374,13 +375,13 @@ class _Machine:
     def run(self) -> list[Usage]:
         """Return the moves of the program, each with the state."""
         called = {
-            statement.name
+            statement.name: statement.why
             for body in self.program.routines.values()
             for statement in body
             if isinstance(statement, Call)
         }
-        names_beside = {call.name for call in self.program.beside}
-        begins = [name for name in self.program.routines if name not in called and name not in names_beside]
+        beside = {call.name: call.why for call in self.program.beside}
+        begins = [name for name in self.program.routines if name not in called and name not in beside]
         # The controller keeps values set by a routine, so the initial state is uncertain.
         parts: dict[str, Value] = {}
         families: dict[str, Unknown] = {}
@@ -394,11 +395,11 @@ class _Machine:
         # If all routines call each other, the first is the start.
         for name in begins or list(self.program.routines)[:1]:
             self._cycle(name, replace(begin, stands=frozenset({BEGIN})) if name == self.program.starts else begin)
-        self.later |= {name for name in names_beside if name in self.program.routines}
+        self.later |= {name: why for name, why in beside.items() if name in self.program.routines}
         self._in_any_state()
         reached = {context.routine for context in self.contexts}
         for name in self.program.routines.keys() - reached:  # Cycles of routines that call only each other
-            self.later.add(name)
+            self.later[name] = called[name]
         self._in_any_state()
         return self._usages()
 
@@ -420,11 +421,10 @@ class _Machine:
 
     def _in_any_state(self) -> None:
         done: set[str] = set()
-        while todo := sorted(self.later - done):
+        while todo := sorted(self.later.keys() - done):
             for name in todo:
                 done.add(name)
-                why = Unknown(-1, 0, f"{name} can be called in any state")
-                self.context(name, MachineState({}, {"": why}, frozenset({None})))
+                self.context(name, MachineState({}, {"": self.later[name]}, frozenset({None})))
 
     def _usages(self) -> list[Usage]:
         # For each context: the points at which the arm may be when it starts.

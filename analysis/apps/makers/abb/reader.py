@@ -192,7 +192,20 @@ def _declare(reader: RapidReader, file: int, stated: dict[str, Value]) -> None:
                 reader.points.declare(name, target)
                 if not local:
                     reader.shared.add(name)
+        elif of_program and not declared["array"]:
+            _declare_assigned(reader, file, declared, shares=not local)
     reader.declares.append(declares)
+
+
+def _declare_assigned(reader: RapidReader, file: int, declared: re.Match[str], *, shares: bool) -> None:
+    """Add a point that is declared without a value and assigned with numbers. A second assignment changes it."""
+    name = declared["name"]
+    for assigned in re.finditer(rf"(?<![\w.]){name}\s*:=(?P<value>[^;]*)", reader.texts[file], re.IGNORECASE):
+        target = reader.literal(file, declared["kind"].lower(), *assigned.span("value"), name)
+        if target and (file, assigned.start()) not in reader.spent:
+            reader.spent |= {(file, declared.start("name")), (file, assigned.start())}
+            reader.points.declare(name.lower(), target)
+            reader.shared |= {name.lower()} if shares else set()
 
 
 def _declare_array(reader: RapidReader, file: int, declared: re.Match[str], *, shares: bool) -> None:

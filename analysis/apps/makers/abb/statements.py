@@ -364,13 +364,13 @@ def _functions(reader: RapidReader, begin: int, end: int) -> None:
         closing = begin + closes.get(call.end() - 1 - begin, end - begin)
         if reader.defined(call[1]) or call[1].lower() not in FUNCTIONS:
             reader.blocks.evaluated(text[begin : call.start()], reader.call_of(call.start(), call[1]))
-            _handed(reader, call.end(), closing)
+            _handed(reader, call.end(), closing, call[1])
         elif call[1].lower() in WRITES:
-            _handed(reader, call.end(), closing)
+            _handed(reader, call.end(), closing, call[1])
 
 
-def _handed(reader: RapidReader, begin: int, end: int) -> None:
-    """Parse the arguments passed to a routine, which may write to tools and work objects or move to targets."""
+def _handed(reader: RapidReader, begin: int, end: int, name: str) -> None:
+    """Parse the arguments of a routine or instruction, which may write to tools and work objects or move to targets."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text = reader.texts[reader.file]
     for handed in _HANDED.finditer(text, begin, end):
@@ -379,7 +379,7 @@ def _handed(reader: RapidReader, begin: int, end: int) -> None:
     for word in _WORD.finditer(text, begin, end):
         for kind in ("tool", "frame"):
             if f"{kind} {word[0].lower()}" in reader.frames:
-                why = reader.why(begin, f"{word[0]} is passed to a routine")
+                why = reader.why(begin, f"{word[0]} is passed to {name}")
                 reader.blocks.add(Set(f"{kind} {word[0].lower()}", why))
 
 
@@ -403,7 +403,7 @@ def _statement(reader: RapidReader, begin: int, end: int) -> None:
     _functions(reader, instruction.start("rest"), end)
     if reader.defined(instruction["name"]):
         blocks.add(reader.call_of(at, instruction["name"]))
-        _handed(reader, instruction.start("rest"), end)
+        _handed(reader, instruction.start("rest"), end, instruction["name"])
     elif move := MOVE.fullmatch(instruction["name"]):
         _move(reader, at, instruction, move)
     elif switch := _switch(name, instruction["rest"]):
@@ -413,7 +413,7 @@ def _statement(reader: RapidReader, begin: int, end: int) -> None:
     elif name in ("return", "exit", "exitcycle"):
         blocks.add(End(halts=name != "return"))
     else:
-        _handed(reader, instruction.start("rest"), end)  # Incr, Add, UnpackRawBytes and others write to arguments.
+        _handed(reader, instruction.start("rest"), end, instruction["name"])  # Incr, UnpackRawBytes, WaitWObj write.
         _apply(reader, at, instruction["name"])
 
 

@@ -508,7 +508,9 @@ def _other(reader: KrlReader, blocks: Blocks, file: int, begin: int, line: str) 
     if NOTHING.fullmatch(line) or _CALL.match(line.strip()):
         _functions(reader, file, begin, line)
         return
-    blocks.add(ForgetAll(reader.why(file, begin, f"{line.strip()} is unknown here")))
+    ends = line.strip().upper() == "RESUME"  # It leaves the interrupted routines, wherever they are.
+    fact = "RESUME ends the interrupted routines at any statement" if ends else f"{line.strip()} is unknown here"
+    blocks.add(ForgetAll(reader.why(file, begin, fact)))
 
 
 def _by_number(family: str, number: int) -> ComputedValue:

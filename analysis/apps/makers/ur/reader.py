@@ -179,7 +179,7 @@ registers, wait, or show messages. `get_inverse_kin` is a target if it is the ar
 _METHOD = re.compile(r"(?<![\w.])([A-Za-z_]\w*)[ \t]*\.[ \t]*([A-Za-z_]\w*)[ \t]*\(")
 _OF_LISTS = words("append clear excluding extend insert pop remove slice length size to_string")
 _NO_TARGETS = words("""
-    set_tcp force_mode path_offset_set pose_dist point_dist pose_sub is_within_safety_limits
+    set_tcp force_mode path_offset_set is_within_safety_limits
     get_inverse_kin_has_solution track_conveyor_linear track_conveyor_circular wrench_trans set_base_acceleration
     """)
 """Functions with poses as arguments that are not targets."""

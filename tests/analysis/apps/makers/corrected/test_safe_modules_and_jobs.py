@@ -240,6 +240,17 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         [],
     ),
     "a correction by a sensor": (module_of(J0 + "MoveL {p1},v9,fine,t\\Corr;\n"), [(6, "tracked")]),
+    "a variable assigned with numbers once": (
+        module_of(J0 + "q:={p1};\nMoveL q,v9,fine,t;\n" + L2, data="VAR robtarget q;"), []
+    ),
+    "a variable assigned with numbers twice": (
+        module_of(J0 + "q:={p1};\nMoveL q,v9,fine,t;\nq:={p2};\nMoveL q,v9,fine,t;\n", data="VAR robtarget q;"),
+        [(6, "changed"), (8, "changed")],
+    ),
+    "a variable assigned with numbers, then shifted": (
+        module_of(J0 + "q:={p1};\nMoveL q,v9,fine,t;\nq.trans.z:=q.trans.z+1;\n", data="VAR robtarget q;"),
+        [(6, "changed")],
+    ),
     "axis 4 locked": (module_of(J0 + "SingArea\\LockAxis4;\n" + L1), [(7, "switched")]),
 }  # fmt: skip
 
@@ -361,6 +372,9 @@ FANUC_ROWS: dict[str, tuple[dict[str, str], list[tuple[str, str]]]] = {
     "one that runs beside": (
         {"a.ls": selecting("RUN B", L2_), "b.ls": listing("UFRAME[3]=PR[5]", name="B")}, [("P[2]", "unknown_frame")]
     ),
+    "joint angles with an unknown program beside": (
+        {"a.ls": selecting("RUN BGTASK", J1, L4_)}, [("P[4]", "not_understood")]
+    ),
     "a conveyor": (
         {"a.ls": selecting(J1, L2_, head="/APPL\n  LINE_TRACK;\n  LINE_TRACK_SCHEDULE_NUM : 1;\n")},
         [("P[1]", "tracked"), ("P[2]", "tracked")],
@@ -433,6 +447,17 @@ def test_fanuc(row: str, tmp_path: Path) -> None:
     found = corrected_files(rig, tmp_path, files, ["1=10,-20,180,0,30,10"], ["3=0"])
     assert [(one.name, one.reason) for one in found.left if one.reason != "unused"] == left
     assert len({*found.names, *(one.name for one in found.left if one.reason != "computed")}) == 4
+
+
+@pytest.mark.parametrize(("called", "file", "line"), [("A", 0, 3), ("B", 1, 4)], ids=("itself", "another"))
+def test_the_reason_of_a_recursive_program_is_the_line_of_the_call(
+    called: str, file: int, line: int, tmp_path: Path
+) -> None:
+    call = f"CALL {called}"
+    rig, files = fanuc_files({"a.ls": selecting(call, L2_), "b.ls": listing("R[1]=R[1]+1", call, name="B")})
+    found = corrected_files(rig, tmp_path, files, ["1=10,-20,180,0,30,10"], ["3=0"])
+    (left,) = (one for one in found.left if one.name == "P[2]")
+    assert left.reason == "not_understood" and (left.because[0].file, left.because[0].line) == (file, line)
 
 
 def yaskawa_files(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:

@@ -178,6 +178,9 @@ UR_ROWS: dict[str, tuple[str, Left]] = {
     "blocks that do not end": (
         TCP + "movej({q0})\nwhile a:\nmovel({p1})\n", [(2, "not_understood"), (4, "not_understood")]
     ),
+    "a pose that is compared": (
+        TCP + "movej({q0})\nif pose_dist(get_actual_tcp_pose(), {p1}) < 0.01:\nmovel({p2})\nend\n", [(3, "computed")]
+    ),
     "a usual program": (
         "def prog():\nset_standard_analog_input_domain(0, 1)\nset_tool_voltage(0)\nset_gravity([0.0, 0.0, 9.82])\n"
         "set_payload(1.2, [0,0,0])\nmodbus_add_signal(\"1\", 255, 1, 0, \"M\", False)\n" + TCP
