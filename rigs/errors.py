@@ -1,7 +1,8 @@
 """Exceptions: every expected failure is a `RigError`, reported in a single line with an exit code.
 
-A message contains the affected object, the problem and the remedy. Programs print it and exit with `exit_code`. Any
-other traceback shown to a user is a bug.
+A message contains the affected object, the problem and the remedy. Programs print it and exit with `exit_code`; with
+`--json` they print `RigError.to_dict`. Scripts and tests compare `code`, never the text. `docs/errors.md` lists all
+codes. Any other traceback shown to a user is a bug.
 """
 
 from __future__ import annotations
@@ -35,24 +36,28 @@ class RigError(Exception):
     where: affected object (file, port, gauge).
     what: description of the problem.
     remedy: action for the user.
+    code: kind of the problem, `area.problem` such as `gauge.silent`; without one that of the class.
 
     Example:
 
         try:
             run = load_run("runs/monday-acw")
         except RigError as error:
-            print(error.where, error.what, error.remedy)
+            print(error.code, error.where, error.what, error.remedy)
     """
 
     exit_code = 1
+    code = "rig"
 
-    def __init__(self, where: str, what: str, remedy: str) -> None:
+    def __init__(self, where: str, what: str, remedy: str, code: str = "") -> None:
         # Printable in a single line, for any content of a damaged file. The remedy comes last.
         text = f"{where}: {what}; {remedy}"
         if len(text) > _LONGEST:
             text = f"{text[: _LONGEST // 2]} … {text[-_LONGEST // 2 :]}"
         super().__init__(plain(text))
         self.where, self.what, self.remedy = where, what, remedy
+        if code:
+            self.code = code
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Support pickling: constructors of subclasses have arguments other than those stored by `Exception`."""
@@ -61,6 +66,11 @@ class RigError(Exception):
     def lines(self) -> list[str]:
         """Return the message with a line per problem."""
         return [str(self)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the error as plain types for JSON."""
+        names = ("code", "where", "what", "remedy", "exit_code")
+        return {name: getattr(self, name) for name in names}
 
 
 def _again(kind: type[RigError], args: tuple[Any, ...]) -> RigError:
@@ -71,19 +81,21 @@ class UseError(RigError):
     """Wrong use of a command, such as conflicting options or an impossible value."""
 
     exit_code = 2
+    code = "usage"
 
 
 class FileError(RigError):
     """A rig file, run or table is missing, damaged or wrong. A subclass of RigError."""
 
     exit_code = 3
+    code = "file"
 
 
 class PathError(FileError):
     """An arm cannot follow a path of a rig file. reason: obstacle, for decisions in code."""
 
     def __init__(self, where: str, what: str, remedy: str, reason: Undrivable) -> None:
-        super().__init__(where, what, remedy)
+        super().__init__(where, what, remedy, code=f"path.{reason}")
         self.reason = reason
 
 
@@ -91,7 +103,7 @@ class DirectionError(FileError):
     """A circle was driven against the direction in the label. drove: actual direction."""
 
     def __init__(self, where: str, what: str, remedy: str, drove: Literal["cw", "acw"]) -> None:
-        super().__init__(where, what, remedy)
+        super().__init__(where, what, remedy, code="run.direction")
         self.drove = drove
 
 
@@ -99,6 +111,7 @@ class CellError(RigError):
     """The cell does not respond as expected: a port, gauge, robot or daemon. A subclass of RigError."""
 
     exit_code = 4
+    code = "cell"
 
 
 _IN_WORDS_OF_PYDANTIC = re.compile(r"Value error, |, unable to parse string as an? \w+$")

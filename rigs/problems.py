@@ -78,11 +78,16 @@ class RigFileError(FileError):
 
     def __init__(self, path: str, problems: list[Problem]) -> None:
         count = "1 mistake" if len(problems) == 1 else f"{len(problems)} mistakes"
-        super().__init__(path, f"{count}: " + " | ".join(map(str, problems)), "correct the file")
+        listed = " | ".join(map(str, problems))
+        super().__init__(path, f"{count}: {listed}", "correct the file", code="rig_file.value")
         self.problems = problems
 
     def lines(self) -> list[str]:
         return [f"{self.where}, {problem}" for problem in self.problems]
+
+    def to_dict(self) -> dict[str, Any]:
+        problems = [{"line": one.line, "place": one.place, "message": one.message} for one in self.problems]
+        return {**super().to_dict(), "problems": problems}
 
 
 def problems_of(

@@ -35,7 +35,10 @@ def say_written(paths: Iterable[Path]) -> None:
 
 
 def say_error(error: RigError) -> None:
-    """Print an error on standard error, a line for each mistake."""
+    """Print an error on standard error: a line for each mistake, with `--json` one JSON object in a line."""
+    if "--json" in sys.argv[1:]:
+        say(json.dumps({"error": error.to_dict()}), err=True)
+        return
     for line in error.lines():
         say(f"error: {line}", err=True)
 

@@ -23,12 +23,13 @@ class _DaemonAnswer(BaseModel):
 
 
 class Refusal(_DaemonAnswer):
-    """Error of the daemon, in parts."""
+    """Error of the daemon, in parts. code: empty from an older daemon."""
 
     where: str
     what: str
     remedy: str
     exit_code: Annotated[int, Field(ge=1, le=125)]
+    code: str = ""
 
 
 class Started(_DaemonAnswer):

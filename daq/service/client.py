@@ -89,7 +89,7 @@ class Client:
             problem = f"a program other than rigd answers here: {error}"
             raise CellError(str(self._path), problem, "restart rigd in this version: rigd RIG") from None
         if not answer.pop("ok"):
-            refusal = RigError(answer["where"], answer["what"], answer["remedy"])
+            refusal = RigError(answer["where"], answer["what"], answer["remedy"], answer.get("code", ""))
             refusal.exit_code = answer["exit_code"]
             raise refusal
         return answer

@@ -254,8 +254,7 @@ def reply(line: bytes, answer: Answer) -> dict[str, Any]:
 
 
 def _as_answer(error: RigError) -> dict[str, Any]:
-    parts = {"where": error.where, "what": error.what, "remedy": error.remedy}
-    return {"ok": False, "exit_code": error.exit_code, **parts}
+    return {"ok": False, **error.to_dict()}
 
 
 def _encoded(answer: dict[str, Any]) -> bytes:

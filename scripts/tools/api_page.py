@@ -34,7 +34,7 @@ result.curve.to_table()  # error over the circle angle, a pyarrow Table
 Names state the unit, in degrees and mm. Arrays without a unit in the name are in radians and mm. `to_table()` returns a
 pyarrow Table, which polars, DuckDB and pandas can read. `to_frame()` returns a pandas DataFrame if pandas is installed.
 `to_dict()` returns the content of `--json`. No function prints, and every expected failure is a `RigError` with
-`where`, `what` and `remedy`.
+`code`, `where`, `what` and `remedy` ([error codes](errors.md)).
 
 This page is generated from the docstrings: `scripts/dev api_page > docs/api.md`.
 """

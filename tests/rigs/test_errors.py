@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from rigs.errors import FileError
+import copy
+
+import pytest
+
+from rigs.errors import CellError, FileError, PathError, RigError
 
 
 def test_a_message_is_one_line_that_a_terminal_can_bear() -> None:
@@ -13,3 +17,21 @@ def test_a_message_is_one_line_that_a_terminal_can_bear() -> None:
 def test_a_message_that_is_too_long_keeps_where_and_what_to_do() -> None:
     said = str(FileError("g1-0001.parquet", "holds the columns " + "x" * 50_000, "restore the file"))
     assert said.startswith("g1-0001.parquet: holds") and said.endswith("xx; restore the file") and len(said) < 1010
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (FileError("a.csv", "lacks x", "add it"), "file"),
+        (FileError("a.csv", "lacks x", "add it", code="table.column_missing"), "table.column_missing"),
+        (PathError("ur10", "axis 3 turns too fast", "drive slower", "speed"), "path.speed"),
+        (
+            copy.copy(CellError("p1", "is silent", "see the cable", code="gauge.silent")),
+            "gauge.silent",
+        ),
+    ],
+)
+def test_an_error_has_the_code_of_its_kind_or_its_own(error: RigError, code: str) -> None:
+    assert error.to_dict() == {
+        "code": code, "where": error.where, "what": error.what, "remedy": error.remedy, "exit_code": error.exit_code,
+    }  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 from pathlib import Path
@@ -21,7 +22,6 @@ from tests.support.command_line import ran
         (("plan", "ur10e", "--minutes", "30"), "--minutes: is allowed only with --propose"),
         (("plan", "ur10e", "-o", "out"), "--output: is allowed only with --propose"),
         (("live", "--speed", "2"), "--speed: is allowed only with --run"),
-        (("live", "--plain", "--json"), "--plain and --json: exclude each other"),
         (
             ("program", "ur10e", "--for", "ur", "--test", "yaw", "-o", "out", "--dwell-s", "5"),
             "rig program: Invalid value for --dwell-s: the yaw program has no targets to rest at",
@@ -50,6 +50,12 @@ from tests.support.command_line import ran
 def test_an_option_that_would_do_nothing_is_refused(words: tuple[str, ...], line: str) -> None:
     done = ran(*words)
     assert done.returncode == 2 and done.stderr.startswith(f"error: {line}") and len(done.stderr.splitlines()) == 1
+
+
+def test_with_json_an_error_is_one_object_with_its_code() -> None:
+    done = ran("live", "--plain", "--json")
+    error = json.loads(done.stderr)["error"]
+    assert (done.returncode, error["code"], error["exit_code"]) == (2, "usage", 2) and error["remedy"]
 
 
 def test_a_directory_without_runs_is_nothing_to_check(tmp_path: Path) -> None:
