@@ -135,6 +135,17 @@ def _follow(user: str, motion: Motion, lock: threading.Lock) -> None:
         time.sleep(0.5)
 
 
+def circle_in(p: Array, set_up: SetUp) -> Array:
+    """Return the part of a path (n, 3) mm that is the circle: of the moves between rests, the one that turns farthest
+    around the ball. A move to the start passes near the circle, too."""
+    speed = np.linalg.norm(np.diff(p, axis=0), axis=1) / _PERIOD_S
+    moving = np.flatnonzero(speed > 2.0)
+    moves = np.split(moving, np.flatnonzero(np.diff(moving) > 0.5 / _PERIOD_S) + 1)
+    x, y, _ = (p[1:] - set_up.centre_mm).T
+    turned = [abs(np.ptp(np.unwrap(np.arctan2(y[move], x[move])))) if len(move) else 0.0 for move in moves]
+    return p[1:][moves[int(np.argmax(turned))]]
+
+
 def _answer(request: dict[str, Any], motion: Motion, gauges: Gauges, lock: threading.Lock) -> dict[str, Any]:
     with lock:
         match request["do"]:
@@ -149,10 +160,7 @@ def _answer(request: dict[str, Any], motion: Motion, gauges: Gauges, lock: threa
                 motion.recording = False
                 p, set_up = np.array(motion.path), gauges.set_up
                 assert set_up is not None
-                speed = np.linalg.norm(np.diff(p, axis=0), axis=1) / _PERIOD_S
-                away = p[1:] - set_up.centre_mm
-                near = np.hypot(np.hypot(away[:, 0], away[:, 1]) - set_up.radius_mm, away[:, 2]) < 5.0
-                on_path = p[1:][near & (speed > 2.0)]
+                on_path = circle_in(p, set_up)
                 base, taught = circle_error_um(on_path, set_up.centre_mm, set_up.radius_mm)
                 return {"samples": len(on_path), "base_um": base, "taught_um": taught, "lost": motion.lost}
     return {"samples": len(motion.numbers), "lost": motion.lost}
