@@ -44,6 +44,6 @@ def passport_of(diagnosis: Diagnosis) -> Passport | None:
 
 def _has_changed(diagnosis: Diagnosis, named: Named) -> bool:
     """True for a fault and, if constants of this robot are known, for every certain difference from them."""
-    is_certain = named.posterior >= CERTAIN_ODDS and named.worth_um > SURE_SIGMA * named.u_um
+    is_certain = named.probability >= CERTAIN_ODDS and named.contribution_um > SURE_SIGMA * named.u_um
     is_own = not diagnosis.rig.reference.is_data_sheet
-    return named.stands or (is_own and named.doubt == "usual" and is_certain)
+    return named.is_confirmed or (is_own and named.doubt == "usual" and is_certain)

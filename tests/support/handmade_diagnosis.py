@@ -56,12 +56,12 @@ ZERO = Named(
 FAR = replace(
     ZERO,
     effect=ZERO.effect.model_copy(update={"offset_deg": 9.8132}),
-    posterior=1.0,
+    probability=1.0,
     rivals=(),
     twins=(LinkGeometry(axis=5, field="a"),),
 )
 """A joint zero beyond the bound of a rig file."""
-SMALL = replace(ZERO, worth_um=0.9, posterior=0.999, rivals=(), doubt="usual", times_usual=0.4)
+SMALL = replace(ZERO, contribution_um=0.9, probability=0.999, rivals=(), doubt="usual", times_usual=0.4)
 PLACES = (
     ResidualPlace("yaw", "cw", "angle", 231.4, 243.0, 1, "reversal", 14.21, 22.4),
     ResidualPlace("yaw", "acw", "distance", 352.0, 8.0, None, "orders 8–29", 3.1, 6.2),
@@ -103,8 +103,9 @@ def budget(effects: Sequence[Named]) -> tuple[BudgetPart, ...]:
     each = 0.9 / max(len(effects), 1)
     found = [
         BudgetPart(
-            "effect", one.worth_um, one.u_um, each, axis=getattr(one.effect, "axis", None), name=name_of(one.effect),
-            times_usual=one.times_usual, rank="unusual" if one.stands else "usual", odds=one.posterior,
+            "effect", one.contribution_um, one.u_um, each, axis=getattr(one.effect, "axis", None),
+            name=name_of(one.effect), times_usual=one.times_usual,
+            rank="unusual" if one.is_confirmed else "usual", odds=one.probability,
             held_out_gain=one.held_out_gain, doubt=one.doubt, index=k,
         )
         for k, one in enumerate(effects)

@@ -98,7 +98,7 @@ def sure_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
         for part in diagnosis.budget
         if part.index is not None
         and part not in large
-        and not diagnosis.effects[part.index].stands
+        and not diagnosis.effects[part.index].is_confirmed
         and is_sure(diagnosis, part)
         and (part.times_usual or 0.0) >= _WIDELY
     ]
@@ -368,7 +368,7 @@ class AnswerWords:
         if which == "undecided" and diagnosis.runs_to_decide is None:
             which = self._undecided()
         if which == "undecided" and (imitated := [named for named in diagnosis.effects if named.doubt in IMITATED]):
-            most = max(imitated, key=lambda named: named.worth_um)
+            most = max(imitated, key=lambda named: named.contribution_um)
             which, name = "not_confirmed", self.noun(most.effect)
             values |= {"name": f"{name[:1].upper()}{name[1:]}", "why": self.texts(f"doubt_{most.doubt}")}
         if which == "outside_library" and diagnosis.remainder.at_new_places:
@@ -423,19 +423,19 @@ class AnswerWords:
     def _usual_or_fault(self, named: Named) -> str:
         """Return an effect of usual size and the faults that could replace it, each with the odds."""
         faults = self.texts("or").join(
-            f"{self.noun(rival.effect)} ({sure(rival.posterior)})" for rival in fault_rivals(named)
+            f"{self.noun(rival.effect)} ({sure(rival.probability)})" for rival in fault_rivals(named)
         )
         return self.texts(
             "finding_usual_or_fault",
             share=percent(share_of(self.diagnosis, named)),
             usual=self.noun(named.effect),
-            odds=sure(named.posterior),
+            odds=sure(named.probability),
             faults=faults,
         )
 
     def _faults(self) -> tuple[list[str], list[str]]:
         """Return the sentences for certain faults, and separately those for open faults if certain ones exist."""
-        certain = [named for named in self.diagnosis.standing if named.posterior >= CERTAIN_ODDS]
+        certain = [named for named in self.diagnosis.standing if named.probability >= CERTAIN_ODDS]
         open_ones = [named for named in self.diagnosis.standing if named not in certain]
         which = "finding_open" if certain else "finding_ambiguous"
         alternatives = [", ".join([self.with_rivals(named), *self._share(named)]) for named in open_ones]
@@ -464,7 +464,7 @@ class AnswerWords:
     def _measured(self, part: BudgetPart) -> str:
         details = []
         if part.index is not None:
-            odds = self.diagnosis.effects[part.index].posterior
+            odds = self.diagnosis.effects[part.index].probability
             details = [self.size_of(part), self.times_usual(part), self._probability(odds)]
         return ", ".join(filter(None, [self.short_name(part), *details]))
 
@@ -486,7 +486,7 @@ class AnswerWords:
 
     def likeliest_first(self, named: Named) -> list[Named | Rival]:
         """Return an effect and the rivals that cannot be dismissed, the likeliest first."""
-        return sorted([named, *likely_rivals(named)], key=lambda cause: -cause.posterior)
+        return sorted([named, *likely_rivals(named)], key=lambda cause: -cause.probability)
 
     def _share(self, named: Named) -> list[str]:
         part = part_of(self.diagnosis, named)
@@ -499,7 +499,7 @@ class AnswerWords:
 def share_of(diagnosis: Diagnosis, named: Named) -> float:
     """Return the share of the error caused by an effect, also if the budget counts it with a different part."""
     part = part_of(diagnosis, named)
-    return min(part.share if part else (named.worth_um / diagnosis.accuracy.now_um) ** 2, 1.0)
+    return min(part.share if part else (named.contribution_um / diagnosis.accuracy.now_um) ** 2, 1.0)
 
 
 def _length(um: float) -> str:

@@ -145,7 +145,7 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
     for named in diagnosis.effects:
         if named.doubt is not None and named.doubt != "usual":
             name = words.noun(named.effect)
-            by_reason.setdefault(named.doubt, []).append(f"{name} ({micrometres(named.worth_um)})")
+            by_reason.setdefault(named.doubt, []).append(f"{name} ({micrometres(named.contribution_um)})")
     doubted = [
         Text(texts("unconfirmed", why=texts(f"doubt_{why}"), names="; ".join(names)), style="dim")
         for why, names in by_reason.items()
@@ -157,15 +157,15 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
     table = bare_table("cause", *map(right, numbers))
     for named in diagnosis.written or diagnosis.standing:
         name = " + ".join(map(words.noun, (named.effect, *named.twins)))
-        odds = "" if diagnosis.given else sure(named.posterior)
-        row = (size(named, times), f"{named.worth_um:.1f}", odds, error_size(named.alone_um, 0.0))
+        odds = "" if diagnosis.given else sure(named.probability)
+        row = (size(named, times), f"{named.contribution_um:.1f}", odds, error_size(named.alone_um, 0.0))
         table.add_row(Text(name, style="bold"), *row)
         for field in other_parameters(named):
             table.add_row(
                 f"  {parameter_in_words(field)}", with_uncertainty(named.effect, field, named.sd, times), "", "", ""
             )
         for rival in named.rivals:
-            cells = f"  or {words.noun(rival.effect)}", size(rival, times), "", sure(rival.posterior), ""
+            cells = f"  or {words.noun(rival.effect)}", size(rival, times), "", sure(rival.probability), ""
             table.add_row(*cells, style="dim")
     likeliest = Text("The first of each group is the most likely; -o adds it to the rig file.", style="dim")
     return [table, *([likeliest] if diagnosis.condition == "ambiguous" else []), *doubted]

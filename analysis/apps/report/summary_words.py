@@ -192,12 +192,12 @@ class _SummaryWords:
 
         If the effect is not likely by itself, return only the causes with their odds.
         """
-        if named.posterior < _LIKELY and likely_rivals(named):
+        if named.probability < _LIKELY and likely_rivals(named):
             causes = self.answer.likeliest_first(named)[: _MOST_RIVALS + 1]
-            odds = [f"{self.answer.noun(cause.effect)} ({sure(cause.posterior)})" for cause in causes]
+            odds = [f"{self.answer.noun(cause.effect)} ({sure(cause.probability)})" for cause in causes]
             return self.texts("one_of", causes=self.texts("or").join(odds))
-        is_certain = named.posterior >= CERTAIN_ODDS
-        certainty = self.texts("certain") if is_certain else self.texts("likely", odds=sure(named.posterior))
+        is_certain = named.probability >= CERTAIN_ODDS
+        certainty = self.texts("certain") if is_certain else self.texts("likely", odds=sure(named.probability))
         certainty = "" if is_certain and named.twins else certainty  # of the group, not of its first member
         usual = self.texts(f"size_{part.rank}") if part and part.rank in ("usual", "difference") else ""
         first = ", ".join(filter(None, [self.answer.noun(named.effect), size(named), certainty, usual]))
@@ -305,10 +305,10 @@ class _SummaryWords:
         named = self.diagnosis.effects[part.index] if part.index is not None else None
         if self._may_be_imitated(part):
             return f"{name} ({self.texts('not_confirmed')})"
-        if named is not None and named.posterior < _LIKELY and likely_rivals(named):
+        if named is not None and named.probability < _LIKELY and likely_rivals(named):
             return self.answer.with_rivals(named)
-        is_open = named is not None and named.posterior < CERTAIN_ODDS
-        return f"{name} ({self.texts('likely', odds=sure(named.posterior))})" if named and is_open else name
+        is_open = named is not None and named.probability < CERTAIN_ODDS
+        return f"{name} ({self.texts('likely', odds=sure(named.probability))})" if named and is_open else name
 
 
 def step_of(act: Act, diagnosis: Diagnosis, texts: Texts) -> str:

@@ -219,7 +219,7 @@ def _repairs(diagnosis: Diagnosis, judged: JudgedPlace) -> tuple[list[Act], list
     done = [act.effect for act in acts if act.gain_um > 0 and act.effect is not None]
     first, following = list(acts), []
     for (k, named), act in zip(served, acts, strict=True):
-        if done and act.gain_um <= 0 and named.stands:
+        if done and act.gain_um <= 0 and named.is_confirmed:
             after = _repair(diagnosis, judged, k, named, done)
             if after.removes:
                 first.remove(act)
@@ -245,7 +245,7 @@ def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
     own = [
         name
         for name in of_part
-        if name.stands or (is_much and (rare or name.effect.DEED in ("remaster", "enter", "check")))
+        if name.is_confirmed or (is_much and (rare or name.effect.DEED in ("remaster", "enter", "check")))
     ]
     cancelling = [
         name for name in diagnosis.standing if name not in of_part and label_of(name.effect) in part.cancelled
@@ -257,9 +257,9 @@ def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, don
     """Return the manual action for an effect of part k after removing the effects in `done`."""
     part = diagnosis.budget[k]
     is_own = part.index is not None and diagnosis.effects[part.index] is named
-    u_um, um = (part.u_um, part.um) if is_own else (named.u_um, named.worth_um)
+    u_um, um = (part.u_um, part.um) if is_own else (named.u_um, named.contribution_um)
     figures = judged.removed([*done, named.effect], u_um / um if um > 0 else 1.0)
-    is_constant = named.stands or part.rank == "difference"
+    is_constant = named.is_confirmed or part.rank == "difference"
     is_wrong = is_constant and named.effect.DEED == "enter" and (named.times_usual or 0.0) >= _WRONG
     rivals = tuple(name_of(rival.effect) for rival in likely_rivals(named))
     against = [Against("rivals", names=rivals)] if rivals else []
@@ -270,7 +270,7 @@ def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, don
     return replace(
         figures,
         kind="check" if is_wrong else named.effect.DEED,
-        why="fault" if named.stands else "sure_and_large",
+        why="fault" if named.is_confirmed else "sure_and_large",
         parts=(k,),
         effect=named.effect,
         u=named.sd.get(size_field(named.effect)),
@@ -341,8 +341,8 @@ def _measurements(
     if slow:
         labels = {label_of(named.effect) for named in slow}
         parts = tuple(k for k, part in enumerate(diagnosis.budget) if labels & {part.name, *part.cancelled})
-        largest = max(slow, key=lambda named: named.worth_um)
-        um, effect = largest.worth_um, largest.effect
+        largest = max(slow, key=lambda named: named.contribution_um)
+        um, effect = largest.contribution_um, largest.effect
         acts.append(Act("measure", "one_lap", parts=parts, remains_um=um, effect=effect, runs=_REPEATS))
     elif diagnosis.runs_to_decide is not None:
         parts = tuple(
@@ -358,7 +358,7 @@ def _measurements(
 
     fitted = {k: diagnosis.effects[part.index] for k, part in enumerate(diagnosis.budget) if part.index is not None}
     for k, named in fitted.items():
-        if (named.stands and likely_rivals(named)) or fault_rivals(named):
+        if (named.is_confirmed and likely_rivals(named)) or fault_rivals(named):
             acts.append(test_of("rivals", k))
     for k, part in enumerate(diagnosis.budget):
         if (part.members and not part.cause) or (k in fitted and is_open(part, fitted[k])):

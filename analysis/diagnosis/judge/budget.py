@@ -212,11 +212,11 @@ class Budget:
                 change = changes[effects.index(name.effect)]
                 is_unsure = name.doubt != "usual" or change.um < _DOUBTED_SIGMA * change.u_um
                 as_usual: Rank = "usual" if least_fault(name.effect, self.result.reference) < np.inf else "difference"
-                rank: Rank = "unusual" if name.stands else "undecided" if is_unsure else as_usual
+                rank: Rank = "unusual" if name.is_confirmed else "undecided" if is_unsure else as_usual
                 vector = self.measure.of(change.change)
                 part = BudgetPart(
                     "effect", change.um, change.u_um, self.share(vector), axis=getattr(name.effect, "axis", None),
-                    name=label_of(name.effect), times_usual=change.times_usual, rank=rank, odds=name.posterior,
+                    name=label_of(name.effect), times_usual=change.times_usual, rank=rank, odds=name.probability,
                     held_out_gain=name.held_out_gain, doubt=name.doubt, index=place,
                 )  # fmt: skip
                 drawn.append(_PartVector(part, vector))
@@ -229,13 +229,13 @@ class Budget:
         for place, named_effect in enumerate(named):
             if named_effect.effect not in effects:  # a vibration with a new phase in each run
                 # A vibration synchronous with the program repeats, and was unexplained; any other was scatter.
-                whole = named_effect.worth_um**2 / self.whole_um2
+                whole = named_effect.contribution_um**2 / self.whole_um2
                 of_scatter = min(whole, max(scatter.share, 0.0))
                 repeats = min(whole - of_scatter, max(unexplained.share, 0.0))
                 parts.append(
                     BudgetPart(
-                        "effect", named_effect.worth_um, named_effect.u_um, of_scatter + repeats, rank="unusual",
-                        name=label_of(named_effect.effect), odds=named_effect.posterior, index=place,
+                        "effect", named_effect.contribution_um, named_effect.u_um, of_scatter + repeats, rank="unusual",
+                        name=label_of(named_effect.effect), odds=named_effect.probability, index=place,
                     )
                 )  # fmt: skip
                 scatter = replace(scatter, share=scatter.share - of_scatter)

@@ -72,7 +72,7 @@ def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
     """Return a message for each confirmed named effect whose size reached the limit of fits."""
     doubts = []
     for named in names:
-        if named.stands and ended_at_limit(named.effect):
+        if named.is_confirmed and ended_at_limit(named.effect):
             doubts.append(
                 f"the {name_in_words(label_of(named.effect))} reached the size limit and is unreliable: "
                 "check the rig file, the cables of the gauges and the placements, and repeat the diagnosis"

@@ -100,7 +100,7 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Verdict
     named = within_unexplained(named, unknown_um, gaps.train.noise_floor_um)
     if any(run.has_only_commanded_angles for run in evidence.uses.used):
         named = within_commanded(named)
-    named = sorted(named, key=lambda name: (not name.stands, -name.worth_um))
+    named = sorted(named, key=lambda name: (not name.is_confirmed, -name.contribution_um))
     condition = condition_of(result, named, remainder, validation.whole, early=bool(early), unrepeated_um=unrepeated)
     budget: tuple[BudgetPart, ...] = ()
     if condition != "not_testable_here":
@@ -146,7 +146,7 @@ def _named_in(
     named = without_cancelling(named, train)
     if not given:
         named = without_many(within_use(without_imitating_waves(named, train), train))
-    return sorted(named, key=lambda name: (not name.stands, -name.worth_um)), doubts
+    return sorted(named, key=lambda name: (not name.is_confirmed, -name.contribution_um)), doubts
 
 
 def _of_unknown_cause(answer: _Answer, fit: Fit, validation: Validation) -> _Answer:
@@ -155,7 +155,7 @@ def _of_unknown_cause(answer: _Answer, fit: Fit, validation: Validation) -> _Ans
     If it depends on none and no target was visited twice, it is scatter.
     """
     unexplained = with_dependences(answer.unexplained, fit.result, validation.left_out)
-    if not unexplained.scatter_um or any(name.stands for name in answer.named):
+    if not unexplained.scatter_um or any(name.is_confirmed for name in answer.named):
         return replace(answer, unexplained=unexplained)
     budget, remainder = as_scatter(answer.budget, answer.remainder)
     return replace(answer, condition="nothing_unusual", budget=budget, remainder=remainder, unexplained=unexplained)

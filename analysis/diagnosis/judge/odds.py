@@ -41,11 +41,13 @@ def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
     the named effects by themselves do not reduce the gap, only almost certain named effects are confirmed.
     """
     if train.calibrated_um >= train.before_um:
-        return [doubted(name, "no_better") if name.stands else name for name in named]
-    named = [_without_use(name, train) if name.stands else name for name in named]
+        return [doubted(name, "no_better") if name.is_confirmed else name for name in named]
+    named = [_without_use(name, train) if name.is_confirmed else name for name in named]
     if train.after_um < train.before_um:
         return list(named)
-    return [_cancelling(name, "unsure") if name.stands and name.posterior < _SURE_ODDS else name for name in named]
+    return [
+        _cancelling(name, "unsure") if name.is_confirmed and name.probability < _SURE_ODDS else name for name in named
+    ]
 
 
 def _without_use(name: Named, train: Gap) -> Named:
@@ -78,7 +80,7 @@ def without_cancelling(named: Sequence[Named], train: Gap) -> list[Named]:
         return (name.effect.STAGE in OUTSIDE_ARM or is_wave(name.effect)) and not is_vibration(name.effect)
 
     return [
-        doubted(name, "cancels") if name.stands and may_imitate(name) and _only_cancels(name, train) else name
+        doubted(name, "cancels") if name.is_confirmed and may_imitate(name) and _only_cancels(name, train) else name
         for name in named
     ]
 
@@ -106,8 +108,8 @@ def without_many(named: Sequence[Named]) -> list[Named]:
     So many independent faults are less likely than one unknown cause that all of them imitate. If an axis wandered,
     circles confirmed four faults, and the correction increased the error elsewhere from 157 to 713 µm.
     """
-    kinds = {type(name.effect) for name in named if name.stands}
-    return [doubted(name, "many") if name.stands and len(kinds) > _MOST_KINDS else name for name in named]
+    kinds = {type(name.effect) for name in named if name.is_confirmed}
+    return [doubted(name, "many") if name.is_confirmed and len(kinds) > _MOST_KINDS else name for name in named]
 
 
 def within_use(named: Sequence[Named], train: Gap) -> list[Named]:
@@ -126,7 +128,7 @@ def _only_cancels(name: Named, train: Gap) -> bool:
     """Return whether an effect shown by one direction increases the initial gap by itself, clearly or if it is below
     the noise. Constants of the arm cancel each other in every arm.
     """
-    least = 1.0 if name.worth_um < train.noise_floor_um else NO_WORSE
+    least = 1.0 if name.contribution_um < train.noise_floor_um else NO_WORSE
     return name.directions < 2 and name.effect.part != "constants" and least * name.alone_um > train.before_um
 
 
@@ -140,12 +142,14 @@ def within_unexplained(named: Sequence[Named], unexplained_um: float, noise_um: 
     weight = noise_um**2 / max(noise_um**2 + unexplained_um**2, 1e-12)
 
     def weakened(name: Named) -> Named:
-        most = name.worth_um**2 / (name.worth_um**2 + unexplained_um**2)
-        doubt = "unexplained" if name.stands else name.doubt
+        most = name.contribution_um**2 / (name.contribution_um**2 + unexplained_um**2)
+        doubt = "unexplained" if name.is_confirmed else name.doubt
         return replace(_with_odds_at_most(most, _with_odds_to_the(weight, name)), doubt=doubt)
 
     return [
-        weakened(name) if name.worth_um < (_MUCH_MORE if name.directions < 2 else _MORE) * unexplained_um else name
+        weakened(name)
+        if name.contribution_um < (_MUCH_MORE if name.directions < 2 else _MORE) * unexplained_um
+        else name
         for name in named
     ]
 
@@ -176,7 +180,7 @@ def within_commanded(named: Sequence[Named]) -> list[Named]:
     Only commanded angles are known, and an angle that the arm did not reach has the same effect as such a fault.
     """
     return [
-        replace(name, doubt="commanded") if name.stands and name.effect.STAGE not in OUTSIDE_ARM else name
+        replace(name, doubt="commanded") if name.is_confirmed and name.effect.STAGE not in OUTSIDE_ARM else name
         for name in named
     ]
 
@@ -185,12 +189,12 @@ def _with_odds_to_the(power: float, name: Named) -> Named:
     """Return a named effect with the odds of the effect, of each rival and of any other cause raised to a power and
     normalised: the likelihood of readings with a larger variance, by the inverse of the power.
     """
-    odds = np.array([name.posterior, *(rival.posterior for rival in name.rivals)])
+    odds = np.array([name.probability, *(rival.probability for rival in name.rivals)])
     other = max(1.0 - float(odds.sum()), float(np.finfo(float).eps))
     raised = np.append(odds, other) ** power
     first, *rest = (raised[:-1] / raised.sum()).tolist()
-    rivals = tuple(replace(rival, posterior=share) for rival, share in zip(name.rivals, rest, strict=True))
-    return replace(name, posterior=first, rivals=rivals)
+    rivals = tuple(replace(rival, probability=share) for rival, share in zip(name.rivals, rest, strict=True))
+    return replace(name, probability=first, rivals=rivals)
 
 
 def doubted(name: Named, doubt: Doubt | None) -> Named:
@@ -200,6 +204,6 @@ def doubted(name: Named, doubt: Doubt | None) -> Named:
 
 def _with_odds_at_most(most: float, name: Named) -> Named:
     """Return a named effect whose odds, together with those of the rivals, are at most `most`."""
-    factor = most / max(most, name.posterior + sum(rival.posterior for rival in name.rivals))
-    rivals = tuple(replace(rival, posterior=factor * rival.posterior) for rival in name.rivals)
-    return replace(name, posterior=factor * name.posterior, rivals=rivals)
+    factor = most / max(most, name.probability + sum(rival.probability for rival in name.rivals))
+    rivals = tuple(replace(rival, probability=factor * rival.probability) for rival in name.rivals)
+    return replace(name, probability=factor * name.probability, rivals=rivals)

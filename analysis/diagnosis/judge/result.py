@@ -184,17 +184,17 @@ class Share:
 
 @dataclass(frozen=True)
 class Rival:
-    """Alternative to a named effect, with the odds `posterior`."""
+    """Alternative to a named effect, with its `probability`."""
 
     effect: Effect
     sd: dict[str, float]
-    posterior: float
+    probability: float
     is_fault: bool = False
     """Whether the rival would be a fault: larger than in arms of the same build."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain types: kind and seats of the effect, parameters with their standard uncertainties."""
-        return _of_effect(self.effect, self.sd, self.posterior)
+        return _of_effect(self.effect, self.sd, self.probability)
 
 
 @dataclass(frozen=True)
@@ -203,16 +203,16 @@ class Named:
 
     effect: the effect with its fitted parameters.
     sd: standard uncertainty of each parameter, in the unit of the parameter.
-    posterior: share of the evidence among this effect and its rivals.
+    probability: share of the evidence among this effect and its rivals.
     rivals: other effects that may explain the readings instead.
     gap_without_um: rms residual in µm on the runs used if only this effect is removed from the model.
     remedy: recommended action.
-    worth_um: rms change of the readings in µm caused by the effect, excluding the part that a set-up could absorb.
+    contribution_um: rms change of the readings in µm caused by the effect, without the part that a set-up absorbs.
     held_out_gain: share of the squared residual that the effect removes on held-out runs; None if no held-out run shows
     it.
     doubt: reason why the effect is not confirmed as a fault; None if confirmed.
     shares: size in each set-up.
-    u_um: standard uncertainty of `worth_um`.
+    u_um: standard uncertainty of `contribution_um`.
     times_usual: size relative to a healthy arm; None if a healthy size is invisible.
     alone_um: rms residual in µm on the runs used if only this effect is added to the model.
     twins: effects indistinguishable from this one, so only their sum is known.
@@ -220,11 +220,11 @@ class Named:
 
     effect: Effect
     sd: dict[str, float]
-    posterior: float
+    probability: float
     rivals: tuple[Rival, ...]
     gap_without_um: float
     remedy: str
-    worth_um: float
+    contribution_um: float
     held_out_gain: float | None
     doubt: Doubt | None = None
     shares: tuple[Share, ...] = ()
@@ -238,7 +238,7 @@ class Named:
     """Number of independent observations of the effect: set-ups that each show the size, and runs not fitted."""
 
     @property
-    def stands(self) -> bool:
+    def is_confirmed(self) -> bool:
         """True if the effect is confirmed as a fault."""
         return self.doubt is None
 
@@ -258,12 +258,12 @@ class Named:
     def to_dict(self) -> dict[str, Any]:
         """Return plain types, including the rivals."""
         return {
-            **_of_effect(self.effect, self.sd, self.posterior),
+            **_of_effect(self.effect, self.sd, self.probability),
             "rivals": [rival.to_dict() for rival in self.rivals],
-            "worth_um": self.worth_um,
+            "worth_um": self.contribution_um,
             "u_um": self.u_um,
             "times_usual": self.times_usual,
-            "stands": self.stands,
+            "stands": self.is_confirmed,
             "doubt": self.doubt,
             "alone_um": self.alone_um,
             "twins": [name_of(twin) for twin in self.twins],
@@ -445,7 +445,7 @@ class Verdict:
     @property
     def standing(self) -> tuple[Named, ...]:
         """Effects confirmed as faults."""
-        return tuple(name for name in self.effects if name.stands)
+        return tuple(name for name in self.effects if name.is_confirmed)
 
     @property
     def contradicted(self) -> tuple[Named, ...]:
@@ -576,7 +576,7 @@ class Diagnosis(Verdict, Tabular):
 
 def likely_rivals(named: Named) -> list[Rival]:
     """Return the rivals of a named effect that cannot be dismissed."""
-    return [rival for rival in named.rivals if rival.posterior * ODDS >= named.posterior]
+    return [rival for rival in named.rivals if rival.probability * ODDS >= named.probability]
 
 
 def fault_rivals(named: Named) -> list[Rival]:
@@ -588,7 +588,9 @@ def is_open(part: BudgetPart, named: Named) -> bool:
     """Return whether the cause of a large share of the error is undecided: the effect is not a fault, or usual errors
     may have the same result, and its odds are below those of a certain effect.
     """
-    return part.share > LARGE_SHARE and named.doubt in ("usual", "healthy_shows_it") and named.posterior < CERTAIN_ODDS
+    return (
+        part.share > LARGE_SHARE and named.doubt in ("usual", "healthy_shows_it") and named.probability < CERTAIN_ODDS
+    )
 
 
 def is_certain_part(diagnosis: Diagnosis, part: BudgetPart) -> bool:
@@ -601,5 +603,5 @@ def is_certain_part(diagnosis: Diagnosis, part: BudgetPart) -> bool:
 
 def is_sure(diagnosis: Diagnosis, part: BudgetPart) -> bool:
     """Return whether a part is certain: an effect without rivals, or a group of small terms."""
-    is_certain = part.index is None or diagnosis.effects[part.index].posterior >= CERTAIN_ODDS
+    is_certain = part.index is None or diagnosis.effects[part.index].probability >= CERTAIN_ODDS
     return is_certain and is_certain_part(diagnosis, part)

@@ -239,7 +239,7 @@ class Gaps:
 
 def ambiguous_names(named: Sequence[Named]) -> list[Named]:
     """Return the confirmed named effects with rivals that cannot be dismissed."""
-    return [name for name in named if name.stands and name.posterior < CERTAIN_ODDS]
+    return [name for name in named if name.is_confirmed and name.probability < CERTAIN_ODDS]
 
 
 def named_effects(
@@ -288,7 +288,7 @@ def _judge_effect(
             rival = Rival(other, tried.refined.sd(len(tried.effects) - 1), likely, is_fault)
             apart = result.linear.without_set_up(tried.refined.residual - result.fit.residual)
             (twins if np.linalg.norm(apart) < _SAME_SIGMA else rivals).append(rival)
-    odds = own_odds.odds + sum(twin.posterior for twin in twins)
+    odds = own_odds.odds + sum(twin.probability for twin in twins)
     doubt = _doubt(result, k, change, odds, gain, sd[size])
     # Effects that depend on more than the posture may differ from run to run, or from day to day.
     by_posture = effect.compensation().use != "none"
@@ -356,7 +356,7 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
     um = min(GapMeasure(linear).um(unexplained), train.before_um)
     # No model contains vibrations, because each run has another phase.
     vibrations = [name for name in named if name.doubt in _SURE and is_vibration(name.effect)]
-    vibration_um = float(np.linalg.norm([name.worth_um for name in vibrations]))
+    vibration_um = float(np.linalg.norm([name.contribution_um for name in vibrations]))
     is_material = plain_rms_by_block(linear, unexplained).is_material(np.maximum(limits, LEAST_MATERIAL_UM))
     if vibrations:  # the mean of repeats contains a part of them
         um = independent_um(um, vibration_um)
@@ -444,11 +444,11 @@ def condition_of(
         outside |= remainder.share * (gaps.train.before_um / whole_um) ** 2 > CRUMBS
     if outside:
         return "outside_library"
-    if any(name.stands for name in named):
+    if any(name.is_confirmed for name in named):
         open_ones = ambiguous_names(named)
-        sure = [name for name in named if name.stands and name not in open_ones]
+        sure = [name for name in named if name.is_confirmed and name not in open_ones]
         # The condition follows the larger confirmed share: a small name with a rival does not label the others.
-        sure_um2, open_um2 = (sum(name.worth_um**2 for name in names) for names in (sure, open_ones))
+        sure_um2, open_um2 = (sum(name.contribution_um**2 for name in names) for names in (sure, open_ones))
         return "named" if sure_um2 > open_um2 else "ambiguous"
     if is_undecided(named) or unrepeated_um:
         return "undecided"
@@ -500,7 +500,11 @@ def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
     noise, and enough to make the change of the most doubtful effect certain.
     """
     most = max((block.count for block in result.linear.blocks), default=1)
-    sigmas = [name.worth_um / name.u_um for name in named if not name.stands and name.u_um > 0 and name.worth_um > 0]
+    sigmas = [
+        name.contribution_um / name.u_um
+        for name in named
+        if not name.is_confirmed and name.u_um > 0 and name.contribution_um > 0
+    ]
     factor = max((CERTAIN_SIGMA / min(max(sigmas), CERTAIN_SIGMA)) ** 2, 1.0) if sigmas else 1.0
     return int(min(max(2, most + 1, np.ceil(most * factor)), _MOST_RUNS))
 

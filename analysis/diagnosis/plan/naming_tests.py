@@ -88,7 +88,7 @@ def naming_tests(
             asked += [(k, effect, None) for effect in likeliest if not is_play(effect)]
         elif rivals := fault_rivals(name):
             asked.append((k, name.effect, rivals[0].effect))
-        elif name.stands and part.share > _MUCH and likely_rivals(name):
+        elif name.is_confirmed and part.share > _MUCH and likely_rivals(name):
             asked.append((k, name.effect, name.rivals[0].effect))
     if not asked:
         return []

@@ -82,9 +82,9 @@ def _named(worth_um: float, gap_without_um: float, directions: int = 1) -> Named
 def test_a_name_that_makes_the_gap_larger_does_not_stand() -> None:
     gap = Gap(("a",), before_um=36.0, after_um=10.3, noise_floor_um=4.0, calibrated_um=4.1)
     worse, better = without_useless([_named(9.0, 4.9), _named(9.0, 13.0)], gap)
-    assert worse.doubt == "no_better" and better.stands
+    assert worse.doubt == "no_better" and better.is_confirmed
     (seen_twice,) = without_useless([_named(9.0, 4.9, directions=2)], gap)
-    assert seen_twice.stands, "in two directions, errors do not cancel by chance"
+    assert seen_twice.is_confirmed, "in two directions, errors do not cancel by chance"
 
 
 def test_a_height_of_the_ball_is_no_error_if_set_ups_are_free() -> None:
@@ -116,7 +116,7 @@ def test_an_effect_that_only_cancels_others_is_at_most_as_likely_as_not() -> Non
     zero = replace(_named(9.0, 4.9), effect=JointOffset(axis=3, offset_deg=0.1))
     judged = without_useless([gear, zero], gap)
     assert [name.doubt for name in judged] == ["no_better"] * 2 and is_undecided(judged)
-    assert judged[0].posterior <= 0.5 < judged[1].posterior
+    assert judged[0].probability <= 0.5 < judged[1].probability
 
 
 @pytest.mark.parametrize(
@@ -139,7 +139,7 @@ def test_an_error_of_an_instrument_or_a_gear_that_increases_the_error_is_doubted
     gap = Gap(("a",), before_um=15.0, after_um=10.3, noise_floor_um=4.0, calibrated_um=4.1)
     named = replace(_named(worth_um, 30.0), effect=effect, alone_um=alone_um)
     (judged,) = without_cancelling([named], gap)
-    assert judged.stands is stands and (judged.posterior > 0.5) is stands
+    assert judged.is_confirmed is stands and (judged.probability > 0.5) is stands
 
 
 @pytest.mark.parametrize(
@@ -162,7 +162,7 @@ def test_an_effect_of_usual_size_that_increases_the_error_is_not_certain(
     gap = Gap(("a",), before_um=15.0, after_um=15.3, noise_floor_um=4.0, calibrated_um=4.1)
     named = replace(_named(20.0, 30.0, directions), effect=effect, alone_um=alone_um, doubt="usual")
     (judged,) = within_use([named], gap)
-    assert judged.doubt == "usual" and judged.posterior == pytest.approx(min(most, named.posterior))
+    assert judged.doubt == "usual" and judged.probability == pytest.approx(min(most, named.probability))
     assert within_use([named], replace(gap, after_um=10.3)) == [named]
 
 
@@ -173,7 +173,7 @@ def test_waves_that_increase_the_error_by_themselves_are_a_series() -> None:
     useful = replace(waves[0], alone_um=60.0)
     assert without_imitating_waves([*waves[:2], useful], gap) == [*waves[:2], useful]
     *series, kept = without_imitating_waves([*waves, useful], gap)
-    assert [(name.doubt, name.contradicted, name.posterior <= 0.5) for name in series] == [("series", True, True)] * 3
+    assert [(name.doubt, name.contradicted, name.probability <= 0.5) for name in series] == [("series", True, True)] * 3
     assert kept == useful
 
 
@@ -187,7 +187,7 @@ def test_faults_of_more_than_three_kinds_are_not_confirmed() -> None:
     assert without_many(named[:3]) == named[:3]
     worn = [replace(named[0], effect=Backlash(axis=axis, width_deg=0.2)) for axis in range(1, 6)]
     assert without_many(worn) == worn, "wear is one kind of fault"
-    assert [(name.doubt, name.posterior <= 0.5) for name in without_many(named)] == [("many", True)] * 4
+    assert [(name.doubt, name.probability <= 0.5) for name in without_many(named)] == [("many", True)] * 4
 
 
 def test_errors_at_other_places_are_unexplained_if_repeats_state_the_noise() -> None:
@@ -209,10 +209,12 @@ def test_a_name_stands_that_does_more_than_the_unexplained_error(
     worth_um: float, directions: int, stands: bool
 ) -> None:
     (name,) = within_unexplained([_named(worth_um, 100.0, directions)], 10.0, noise_um=2.0)
-    assert name.stands == stands and (name.doubt is None or name.doubt == "unexplained")
-    assert within_unexplained([_named(worth_um, 100.0, directions)], 0.0, noise_um=2.0)[0].stands, "all is explained"
+    assert name.is_confirmed == stands and (name.doubt is None or name.doubt == "unexplained")
+    assert within_unexplained([_named(worth_um, 100.0, directions)], 0.0, noise_um=2.0)[0].is_confirmed, (
+        "all is explained"
+    )
     share = worth_um**2 / (worth_um**2 + 10.0**2)  # of the energy; 9999 to the 1/26th is 1.425
-    assert name.posterior == pytest.approx(0.9999 if stands else min(0.588, share), abs=1e-3)
+    assert name.probability == pytest.approx(0.9999 if stands else min(0.588, share), abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -221,14 +223,14 @@ def test_a_name_stands_that_does_more_than_the_unexplained_error(
 def test_a_size_that_noise_reaches_in_one_of_many_forms_has_lower_odds(sigmas: float, tried: int, most: float) -> None:
     once, twice = (replace(_named(30.0, 100.0, n), sd={"amplitude_mm": 0.02 / sigmas}) for n in (1, 2))
     limited, kept = within_chance([once, twice], tried)
-    assert limited.posterior == pytest.approx(min(most, once.posterior), abs=2e-3)
+    assert limited.probability == pytest.approx(min(most, once.probability), abs=2e-3)
     assert kept == twice, "two directions agree"
 
 
 def test_commanded_angles_confirm_no_fault_of_the_arm() -> None:
     play = replace(_named(30.0, 100.0), effect=Backlash(axis=1, width_deg=0.05))
     ball, of_arm = within_commanded([_named(30.0, 100.0), play])
-    assert ball.stands and of_arm.doubt == "commanded"
+    assert ball.is_confirmed and of_arm.doubt == "commanded"
 
 
 def _wandering(axis: int) -> Array:

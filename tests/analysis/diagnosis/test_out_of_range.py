@@ -63,7 +63,7 @@ def test_one_parameter_beyond_its_limit_is_the_only_name_with_its_estimate(
     found = _found(replace(none(), **{field: off}), seed=axis)
     (named,) = found.effects
     planted = np.degrees(value) if field == "offset" else value
-    assert (found.condition, name_of(named.effect), named.stands) == ("out_of_range", name, True)
+    assert (found.condition, name_of(named.effect), named.is_confirmed) == ("out_of_range", name, True)
     assert getattr(named.effect, size_field(named.effect)) == pytest.approx(planted, rel=0.01)
     assert found.train.after_um < 0.1 * found.train.before_um
     assert [act.kind for act in found.acts] == ["check"] and found.calibrated is None

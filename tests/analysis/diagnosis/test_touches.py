@@ -76,7 +76,7 @@ def test_a_zero_that_is_unusual_stands_although_the_widths_of_constants_may_be_a
     truth = draw_truth(rig.robot, rng, (Fault("zero", 3, 0.2),))
     table = touch_table(rig.robot, truth, rng, BALL_MM, sockets, 40)
     (zero,) = diagnose(rig, [run_of(rig, table)], [], [], lambda _: None).standing
-    assert name_of(zero.effect) == "joint_offset 3" and zero.posterior > 0.9
+    assert name_of(zero.effect) == "joint_offset 3" and zero.probability > 0.9
 
 
 def test_each_socket_has_a_place_and_all_share_the_ball(rig: Rig, run: Measured) -> None:

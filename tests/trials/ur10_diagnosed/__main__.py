@@ -41,7 +41,7 @@ def faults(look: SearchResult, seen: ObservedRun) -> list[tuple[str, float]]:
     """The faults, each with what it does to the readings in µm."""
     gains = [None] * len(look.effects)
     found = named_effects(look, FittedRuns([seen]), gains, effect_changes(look))
-    return [(label_of(one.effect), one.worth_um) for one in found if one.stands]
+    return [(label_of(one.effect), one.contribution_um) for one in found if one.is_confirmed]
 
 
 def shares_of(look: SearchResult) -> list[tuple[str, float]]:

@@ -37,7 +37,7 @@ class FaultText:
 def findings_of(diagnosis: Diagnosis, texts: Texts) -> list[FaultText]:
     """Return the faults of a diagnosis, largest part of the error first."""
     words, findings = AnswerWords(diagnosis, texts), []
-    for named in sorted(diagnosis.standing, key=lambda named: -named.worth_um):
+    for named in sorted(diagnosis.standing, key=lambda named: -named.contribution_um):
         rivals = " · ".join(_sentence(words, rival.effect, rival) for rival in likely_rivals(named))
         twins = texts("and").join(words.noun(twin) for twin in named.twins)
         others = [texts("rivals", others=rivals)] if rivals else []
@@ -51,7 +51,7 @@ def findings_of(diagnosis: Diagnosis, texts: Texts) -> list[FaultText]:
             where=_where(diagnosis, named, texts),
             share=made,
             others=tuple(others),
-            sure=texts("sure", share=sure(named.posterior)),
+            sure=texts("sure", share=sure(named.probability)),
         )
         findings.append(finding)
     return findings

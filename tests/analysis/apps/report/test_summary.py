@@ -194,7 +194,7 @@ def test_an_assumed_noise_is_no_uncertainty_of_the_error() -> None:
 
 def test_headline_and_causes_state_the_same_probability_and_the_share_separately() -> None:
     """A headline with "28 % likely" above a cause with 99.7 % reads as a contradiction."""
-    part = BudgetPart("effect", 1.0, 0.1, 0.997, axis=2, name="joint_offset 2", index=0, odds=ZERO.posterior)
+    part = BudgetPart("effect", 1.0, 0.1, 0.997, axis=2, name="joint_offset 2", index=0, odds=ZERO.probability)
     for language in LANGUAGES:
         texts = texts_of(language)
         summary = summarise(diagnosis("ambiguous", effects=(ZERO,), budget=(part,)), texts)
@@ -205,7 +205,7 @@ def test_headline_and_causes_state_the_same_probability_and_the_share_separately
 
 
 def test_the_headline_names_the_largest_cause_also_if_it_is_no_fault() -> None:
-    fault = replace(PLAY, worth_um=1.0)
+    fault = replace(PLAY, contribution_um=1.0)
     budget = (
         BudgetPart("gravity", 80.0, 2.0, 0.8, times_usual=9.0, rank="unusual"),
         BudgetPart("effect", 1.0, 0.1, 0.2, axis=1, name="backlash 1", index=0, rank="unusual", odds=1.0),
@@ -364,8 +364,8 @@ def test_a_session_that_corrected_shows_the_measured_error_and_the_step_that_is_
 def test_a_cause_that_is_unlikely_by_itself_is_no_headline() -> None:
     """The headline was a zero with a probability of 4 %, although its rival had 71 %."""
     (rival,) = ZERO.rivals
-    other = replace(rival, effect=ZERO.effect.model_copy(update={"axis": 4}), posterior=0.25)
-    unlikely = replace(ZERO, posterior=0.04, rivals=(other, replace(rival, posterior=0.71)), doubt="usual")
+    other = replace(rival, effect=ZERO.effect.model_copy(update={"axis": 4}), probability=0.25)
+    unlikely = replace(ZERO, probability=0.04, rivals=(other, replace(rival, probability=0.71)), doubt="usual")
     part = BudgetPart("effect", 60.0, 1.0, 0.9, index=0, rank="usual")
     found = replace(diagnosis("nothing_unusual"), effects=(unlikely,), budget=(part,))
     summary = summarise(found)
@@ -403,9 +403,9 @@ def test_an_error_has_one_value_in_tile_sentence_and_table(language: Language) -
 def test_a_small_undecided_part_does_not_hide_what_is_certain(language: Language) -> None:
     """The headline was an undecided 0.7 % of the error, and the certain play of 97 % was not named."""
     texts = texts_of(language)
-    play = replace(PLAY, doubt="usual", posterior=1.0)
-    fault = replace(ZERO.rivals[0], posterior=0.06, is_fault=True)
-    wave = replace(SMALL, posterior=0.94, rivals=(fault,))
+    play = replace(PLAY, doubt="usual", probability=1.0)
+    fault = replace(ZERO.rivals[0], probability=0.06, is_fault=True)
+    wave = replace(SMALL, probability=0.94, rivals=(fault,))
     parts = [replace(part, share=share) for part, share in zip(budget((play, wave)), (0.97, 0.007), strict=False)]
     found = diagnosis("undecided", effects=(play, wave), budget=tuple(parts), runs_to_decide=None, acts=(APART,))
     summary, words = summarise(found, texts), AnswerWords(found, texts)
@@ -418,7 +418,7 @@ def test_a_small_undecided_part_does_not_hide_what_is_certain(language: Language
     plain = found.to_dict()
     assert plain["condition"] == "undecided", "a script reads the same condition"
     large = replace(found, budget=(replace(parts[0], share=0.8), replace(parts[1], share=0.15)))
-    unsure = replace(found, effects=(replace(play, posterior=0.6), wave))
+    unsure = replace(found, effects=(replace(play, probability=0.6), wave))
     scatters = replace(found, unexplained=Unexplained(0.0, scatter_um=230.0))
     for matters in (large, unsure, scatters):
         assert summarise(matters, texts).badge.startswith(texts("badge_undecided"))

@@ -76,7 +76,9 @@ def test_few_poses_with_large_errors_do_not_tell() -> None:
 def test_a_play_and_a_sound_measurement_are_not() -> None:
     assert _reported(_ahead(Q)) == {}
     found = _ahead(Q + np.radians([0.0, 0.03, 0.0, 0.0, 0.0, 0.0]) * np.sign(CAME))
-    assert _reported(found) == {} and [name_of(one.effect) for one in found.effects if one.stands] == ["backlash 2"]
+    assert _reported(found) == {} and [name_of(one.effect) for one in found.effects if one.is_confirmed] == [
+        "backlash 2"
+    ]
 
 
 @pytest.mark.nightly  # 5 s

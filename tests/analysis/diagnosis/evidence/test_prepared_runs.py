@@ -62,7 +62,7 @@ def test_runs_left_out_in_a_second_cell_judge_names() -> None:
     runs = circles((PLAY,), seed=32)
     more = [_elsewhere(run) for run in circles((PLAY,), seed=33)]
     found = found_in([*runs, *more[:3]], held_out=more[3:])
-    (one,) = [one for one in found.effects if one.stands]
+    (one,) = [one for one in found.effects if one.is_confirmed]
     assert name_of(one.effect) == "backlash 3" and one.held_out_gain and one.held_out_gain > 0.9
     assert set(found.setups) == {"yaw", "yaw 2"}
 
@@ -74,14 +74,14 @@ def test_a_ball_moved_between_runs_is_reported_and_a_play_is_not_taken_for_it(ax
     more = [_driven(way, seed, (1.4, -0.5, 0.0), effects) for way in ("acw", "cw") for seed in (3, 4)]
     assert prepare_runs(RIG, runs)[1] == []
     found = found_in([*runs, *more])
-    assert [name_of(one.effect) for one in found.effects if one.stands] == [f"backlash {axis}"]
+    assert [name_of(one.effect) for one in found.effects if one.is_confirmed] == [f"backlash {axis}"]
     assert set(found.setups) == {"yaw", "yaw, frame 2"}
     assert any("yaw-acw-3, yaw-acw-4, yaw-cw-3, yaw-cw-4" in doubt for doubt in found.doubts)
 
 
 def test_poses_left_out_in_neighbourhoods_judge_each_name() -> None:
     found = found_in([poses(2, JointOffset(axis=3, offset_deg=0.2))])
-    (one,) = [one for one in found.effects if one.stands]
+    (one,) = [one for one in found.effects if one.is_confirmed]
     assert one.held_out_gain and one.held_out_gain > 0.8
     withheld = found.to_dict()["gap"]["held_out"]["rows"]
     assert list(withheld) == ["pose"] and 20 < len(withheld["pose"]) < 40

@@ -45,8 +45,8 @@ def test_a_fault_beside_usual_errors_stands(fault: Effect, seed: int, least_um: 
     found = found_in(circles((fault, *USUAL), seed=seed))
     assert found.condition == "named" and [name_of(one.effect) for one in found.standing] == [name_of(fault)]
     (one,) = found.standing
-    assert one.worth_um > least_um and one.u_um < 0.1 * one.worth_um
-    assert one.times_usual > 5 and one.posterior > 0.95
+    assert one.contribution_um > least_um and one.u_um < 0.1 * one.contribution_um
+    assert one.times_usual > 5 and one.probability > 0.95
 
 
 def test_exact_twins_are_one_name() -> None:

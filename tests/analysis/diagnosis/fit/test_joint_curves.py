@@ -114,5 +114,5 @@ def test_a_bumpy_arm_is_known_better_than_by_constants_and_has_no_gear() -> None
     peer = least_squares_fit(place.arm, Seen(q[~left], xyz_mm[~left]), "joint_offset,link_geometry")
     constants_um = 1e3 * peer.held_out_mm(place.arm, Seen(q[left], xyz_mm[left]), again=False)
     assert found.held_out and found.held_out.calibrated_um < 0.7 * constants_um
-    assert not [one for one in found.effects if one.stands and isinstance(one.effect, TransmissionError)]
+    assert not [one for one in found.effects if one.is_confirmed and isinstance(one.effect, TransmissionError)]
     assert found.calibrated and 1 <= found.calibrated.widened < 3

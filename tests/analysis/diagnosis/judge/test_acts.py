@@ -83,7 +83,7 @@ def test_the_demo_is_told_all_three_by_name_in_the_first_sentences_and_what_remo
     zero = next(one for one in found.effects if name_of(one.effect) == "joint_offset 3")
     mastered = any(act.kind == "remaster" and act.effect == zero.effect for act in others)
     # A zero of fewer than 20 to 1 is not mastered anew; the runs that only judged would make it sure.
-    assert mastered == (zero.posterior > 20 / 21)
+    assert mastered == (zero.probability > 20 / 21)
     named = [act.test.test for act in others if act.why == "group" and act.test]
     assert mastered or named == ["--unseen"]
     assert "one of the two, never both: (a) corrected programs" in ActWords(found).next
@@ -148,7 +148,7 @@ def test_a_sound_arm_within_its_limits_is_left_as_it_is() -> None:
     """Of 12 µm, with limits of 250, corrected programs were to take away 3, and a play of 3 µm had its approach."""
     play = Backlash(axis=5, width_deg=0.002)
     part = BudgetPart("effect", 10.0, 1.0, 0.7, index=0, times_usual=0.4, rank="usual")
-    named = replace(diagnosis().effects[0], effect=play, posterior=0.9999, doubt="usual")
+    named = replace(diagnosis().effects[0], effect=play, probability=0.9999, doubt="usual")
     found = diagnosis("nothing_unusual", effects=(named,), budget=(part,))
     passes = replace(found, accuracy=replace(found.accuracy, standing="pass"))
     acts = acts_of(passes, cast("JudgedPlace", _Judged()))
@@ -168,7 +168,7 @@ def test_a_sound_arm_within_its_limits_is_left_as_it_is() -> None:
 @pytest.mark.nightly
 def test_the_runs_that_only_judged_name_the_zero_once_they_are_used_as_well() -> None:
     named = found_in([*circles(DEMO, count=1), *there(DEMO)])
-    assert any(name_of(one.effect) == "joint_offset 3" and one.posterior > 20 / 21 for one in named.effects)
+    assert any(name_of(one.effect) == "joint_offset 3" and one.probability > 20 / 21 for one in named.effects)
 
 
 @pytest.mark.parametrize("make", [demo, one_lap, one_zero, one_play])
@@ -203,8 +203,8 @@ def test_a_play_of_twice_the_usual_is_no_fault_however_little_else_the_arm_shows
 
 def test_a_small_name_with_a_rival_labels_no_others() -> None:
     found = demo()
-    sure = replace(found.effects[0], doubt=None, posterior=1.0, worth_um=8900.0)
-    small = replace(sure, posterior=0.6, worth_um=133.0)
+    sure = replace(found.effects[0], doubt=None, probability=1.0, contribution_um=8900.0)
+    small = replace(sure, probability=0.6, contribution_um=133.0)
 
     def condition(*names: Named) -> str:
         gaps = Gaps(found.train, None, None)
@@ -214,7 +214,7 @@ def test_a_small_name_with_a_rival_labels_no_others() -> None:
         # private: the names are judged without runs
         patch.setattr("analysis.diagnosis.judge.verdict._is_testable", lambda *_, **__: True)
         assert condition(sure, sure, small) == "named"
-        assert condition(replace(small, worth_um=9000.0), sure) == "ambiguous"
+        assert condition(replace(small, contribution_um=9000.0), sure) == "ambiguous"
 
 
 @pytest.mark.parametrize(("predicted_um", "names_do_better"), [(None, True), (3500.0, True), (1900.0, False)])
@@ -382,13 +382,13 @@ def test_poses_that_the_others_do_not_predict_are_not_corrected(
 
 @pytest.mark.parametrize(("controller", "kinds"), [("data_sheet", ["remaster"]), ("unknown", [])])
 def test_usual_zero_is_not_entered_where_the_controller_may_contain_it(controller: Any, kinds: list[str]) -> None:
-    zero = replace(diagnosis("ambiguous").effects[0], doubt="usual", posterior=0.9999, rivals=())
+    zero = replace(diagnosis("ambiguous").effects[0], doubt="usual", probability=0.9999, rivals=())
     rig = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"controller": controller})})
     found = diagnosis("nothing_unusual", effects=(zero,), rig=rig)
     assert [act.kind for act in _repairs(found, _place("unseen"))[0]] == kinds
 
 
-_SURE_ZERO = replace(diagnosis("ambiguous").effects[0], posterior=0.9999, rivals=())
+_SURE_ZERO = replace(diagnosis("ambiguous").effects[0], probability=0.9999, rivals=())
 _ONCE = {"repeated": False, "unexplained": Unexplained(0.0, unrepeated_um=15.0)}
 
 

@@ -76,7 +76,9 @@ def test_what_cancels_another_part_is_one_line_with_it() -> None:
     assert small.alone_um > found.train.before_um, "its remedy alone makes the gap wider"
     assert line.um == pytest.approx(found.train.before_um, rel=0.01), "both together, not the larger one alone"
     assert [one.label for one in line.together] == [label_of(one) for one in BOTH]
-    assert [one.um for one in line.together] == pytest.approx([large.worth_um, small.worth_um], rel=0.01), "each alone"
+    assert [one.um for one in line.together] == pytest.approx(
+        [large.contribution_um, small.contribution_um], rel=0.01
+    ), "each alone"
     headline = AnswerWords(found).headline
     assert "zero of axis 2" in headline and "partly cancelled by zero of axis 3" in headline
     (act,) = (one for one in found.acts if one.effect == large.effect)

@@ -53,18 +53,18 @@ def test_a_stiffening_gear_is_a_strain_wave_gear_and_no_play(tmp_path: Path) -> 
 
 def test_an_unexplained_error_lowers_the_odds_of_usual_names_too() -> None:
     (named,) = diagnosis("named").effects[:1]
-    usual = replace(named, doubt="usual", posterior=0.97, rivals=(), worth_um=5.0)
+    usual = replace(named, doubt="usual", probability=0.97, rivals=(), contribution_um=5.0)
     (beside,) = within_unexplained([usual], unexplained_um=20.0, noise_um=2.0)
-    assert beside.doubt == "usual" and beside.posterior < 0.6
+    assert beside.doubt == "usual" and beside.probability < 0.6
     assert within_unexplained([usual], unexplained_um=0.0, noise_um=2.0) == [usual]
 
 
 def test_no_name_is_certain_beside_a_similar_unexplained_error() -> None:
     """However certain the shape: an unknown cause of that size may have produced it as well."""
     (named,) = diagnosis("named").effects[:1]
-    certain = replace(named, posterior=1.0, rivals=(), worth_um=20.0, directions=1)
+    certain = replace(named, probability=1.0, rivals=(), contribution_um=20.0, directions=1)
     (beside,) = within_unexplained([certain], unexplained_um=20.0, noise_um=20.0)
-    assert beside.doubt == "unexplained" and beside.posterior <= 0.5
+    assert beside.doubt == "unexplained" and beside.probability <= 0.5
 
 
 def test_chords_of_a_controller_are_no_certain_vibration(tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_a_form_of_the_ball_that_only_cancels_a_usual_twist_is_no_fault(tmp_path
     """
     found = found_in(draw_single(44006).cell, tmp_path)
     (ball,) = [named for named in found.effects if name_of(named.effect) == "ball_form"]
-    assert ball.doubt == "no_better" and ball.posterior <= 0.5 and ball.worth_um > found.accuracy.now_um
+    assert ball.doubt == "no_better" and ball.probability <= 0.5 and ball.contribution_um > found.accuracy.now_um
     assert found.acts[0].kind == "measure"
 
 

@@ -90,10 +90,10 @@ def test_what_is_hidden_is_named_with_its_size(case: str) -> None:
         one = next(one for one in found.effects if name_of(one.effect) == name_of(truth))
         field = size_field(truth)
         assert abs(getattr(one.effect, field) - getattr(truth, field)) < 3 * one.sd[field]
-        assert one.posterior > 0.95 and one.remedy and one.worth_um > 3
+        assert one.probability > 0.95 and one.remedy and one.contribution_um > 3
         assert one.shares == (), "there is one set-up"
         # Beside a gear of 257 µm, six times the usual one, the play makes 2 % of the energy on the run left out.
-        largest = one.worth_um == max(other.worth_um for other in found.effects)
+        largest = one.contribution_um == max(other.contribution_um for other in found.effects)
         assert one.held_out_gain and (0.2 if largest else 0) < one.held_out_gain < 1.05
         assert one.gap_without_um > 1.2 * found.train.after_um
         if len(truths) == 1:
@@ -115,7 +115,9 @@ def test_an_effect_deleted_from_the_vocabulary_is_outside_the_library(monkeypatc
     monkeypatch.setattr(engine, "candidates_for", fewer)
     found = found_in(runs)
     assert found.condition == "outside_library"
-    assert found.remainder.um > 10 and found.remainder.um > sum(one.worth_um for one in found.effects if one.stands)
+    assert found.remainder.um > 10 and found.remainder.um > sum(
+        one.contribution_um for one in found.effects if one.is_confirmed
+    )
     assert "it looks like" in found.remainder.words
     assert found.left and all("waves per lap" in left.words for left in found.left)
     assert any("reversal" in place.why for place in found.where)
@@ -142,8 +144,8 @@ def test_a_name_of_which_set_ups_show_different_shares_counts_to_the_remainder()
     (one,) = (one for one in found.effects if name_of(one.effect) == "transmission_error 1")
     sizes = {share.setup: share.value * size_of(one.effect) for share in one.shares}
     assert sizes == pytest.approx({"yaw": 0.03 / 0.005, "roll": 0.0075 / 0.005}, rel=0.1)
-    assert one.contradicted and not one.stands and found.contradicted == (one,)
-    assert found.condition == "outside_library" and found.remainder.um > 0.5 * one.worth_um
+    assert one.contradicted and not one.is_confirmed and found.contradicted == (one,)
+    assert found.condition == "outside_library" and found.remainder.um > 0.5 * one.contribution_um
     assert "transmission_error 1 order 60" in found.remainder.words and "of it in roll" in found.remainder.words
 
 
@@ -152,7 +154,7 @@ def test_a_name_of_which_set_ups_show_the_same_share_stands_and_is_surer() -> No
     (apart,) = (one for one in _apart().effects if name_of(one.effect) == "transmission_error 1")
     alike = found_in(_gear(0.03, 0.03))
     (one,) = (one for one in alike.effects if name_of(one.effect) == "transmission_error 1")
-    assert alike.condition == "named" and one.stands and len(one.shares) == 2
+    assert alike.condition == "named" and one.is_confirmed and len(one.shares) == 2
     assert apart.sd["amplitude_deg"] > 5 * one.sd["amplitude_deg"], "set-ups that disagree make a size less certain"
     assert all(abs(share.value - 1) < 3 * share.sd + 0.05 for share in one.shares)
     assert one.to_dict()["shares"]["yaw"]["value"] == pytest.approx(1, abs=0.05)
@@ -209,7 +211,7 @@ def test_rivals_that_the_circle_cannot_part_are_ambiguous_with_a_next_test() -> 
     (one,) = found.effects
     names = {name_of(one.effect), *(name_of(rival.effect) for rival in one.rivals)}
     assert {"joint_offset 5", "link_geometry 6.a"} <= names
-    assert one.posterior < 20 / 21 and one.posterior + sum(rival.posterior for rival in one.rivals) < 1.001
+    assert one.probability < 20 / 21 and one.probability + sum(rival.probability for rival in one.rivals) < 1.001
     for rival in one.rivals:
         assert rival.sd[size_field(rival.effect)] > 0
     assert found.next_test and found.next_test.expected_sigma > 3 and found.next_test.why
@@ -268,7 +270,7 @@ def test_a_tolerance_judges_the_accuracy_and_a_zero_that_is_off_stays_named(tole
     assert (found.accuracy.standing, found.accuracy.limit) == (standing, "tolerance")
     assert found.condition == "named"
     one = next(one for one in found.effects if name_of(one.effect) == "joint_offset 3")
-    assert one.stands and 60 < one.worth_um < 600
+    assert one.is_confirmed and 60 < one.contribution_um < 600
 
 
 def test_a_tolerance_judges_the_arm_as_it_drives_without_the_model_of_its_rig_file() -> None:
@@ -308,7 +310,7 @@ def test_no_name_stands_with_which_the_model_explains_no_more() -> None:
     (one,) = (found := _zero_of_axis_3_off(1000.0)).standing
     assert without_useless([one], found.train) == [one]
     (useless,) = without_useless([one], replace(found.train, calibrated_um=found.train.before_um))
-    assert not useless.stands and useless.doubt == "no_better"
+    assert not useless.is_confirmed and useless.doubt == "no_better"
 
 
 def test_a_name_that_ends_at_the_limit_of_its_size_is_doubted() -> None:

@@ -55,7 +55,7 @@ def test_a_ball_on_the_other_side_is_not_an_exchange() -> None:
 def test_the_others_are_diagnosed_and_the_run_is_named() -> None:
     runs = _with_swaps(circles((PLAY,), seed=43, count=3), [2])
     found = found_in(runs)
-    assert [name_of(one.effect) for one in found.effects if one.stands] == ["backlash 5"]
+    assert [name_of(one.effect) for one in found.effects if one.is_confirmed] == ["backlash 5"]
     assert any(
         doubt.startswith(
             "yaw-cw-2 is ignored: the gauges g1 and g2 are exchanged compared with the repeats of this run"
