@@ -39,10 +39,13 @@ def observed(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
     return [part for run in observe_runs(rig, with_joints) for part in by_socket(run)]
 
 
-def without_moved(rig: Rig, runs: Sequence[Measured]) -> tuple[list[Measured], list[Movement], list[str]]:
+def without_moved(
+    rig: Rig, runs: Sequence[Measured], *, latest: bool = False
+) -> tuple[list[Measured], list[Movement], list[str]]:
     """Reduce the runs of each placement to one state of the arm: the one with most readings, the newest of equal ones.
 
-    Return the remaining runs, the movements, and a message for each shortened, removed or relabelled run.
+    latest: keep the last state instead, in which no set-up moved either. Return the remaining runs, the movements, and
+    a message for each shortened, removed or relabelled run.
     """
     kept, movements, doubts = dict(enumerate(runs)), list[Movement](), list[str]()
     groups: dict[tuple[str, str], dict[int, Measured]] = {}
@@ -50,10 +53,11 @@ def without_moved(rig: Rig, runs: Sequence[Measured]) -> tuple[list[Measured], l
         if facts_of(run.table.test).of_places and not why_no_measurement(run):  # the diagnosis ignores the others
             groups.setdefault((run.table.test, run.run.manifest.placement), {})[k] = run
     for (_, placement), group in groups.items():
-        states, found, relabelled = _states(rig, group, placement)
+        states, found, relabelled = _states(rig, group, placement, _FRAMES if not latest else ())
         movements += found
         doubts += relabelled
-        state = max(reversed(states), key=lambda state: sum(map(_rows, state.values())))
+        most = max(reversed(states), key=lambda state: sum(map(_rows, state.values())))
+        state = states[-1] if latest else most
         for k, run in group.items():
             remaining = _rows(state[k]) if k in state else 0
             if remaining < _rows(run):
@@ -78,12 +82,12 @@ def with_movements(diagnosis: Diagnosis, movements: Sequence[Movement], doubts: 
 
 
 def _states(
-    rig: Rig, runs: dict[int, Measured], placement: str
+    rig: Rig, runs: dict[int, Measured], placement: str, frames: Sequence[str]
 ) -> tuple[list[dict[int, Measured]], list[Movement], list[str]]:
     """Split numbered runs of a placement, in time order, at each movement.
 
-    Return the runs of each state, the movements, and messages. A frame that moved between two runs leaves the state as
-    it is: the runs after it get a placement of their own.
+    Return the runs of each state, the movements, and messages. One of the `frames` that moved between two runs leaves
+    the state as it is: the runs after it get a placement of their own.
     """
     states, movements, doubts = [dict[int, Measured]()], list[Movement](), list[str]()
     rest = runs
@@ -98,7 +102,7 @@ def _states(
             before[k] = replace(run, table=_shortened(run.table, is_before))
             rest[k] = replace(run, table=_shortened(run.table, ~is_before))
         states[-1] |= before
-        if row == 0 and all(movement.what in _FRAMES for movement in of_step):
+        if row == 0 and all(movement.what in frames for movement in of_step):
             to = of_step[0].to
             doubts.append(f"{to} and later runs were fitted as a separate placement, after the movement")
             rest = {k: _with_placement(run, f"{placement} from {to}".lstrip()) for k, run in rest.items()}

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.evidence.observation import ObservedRun, parts
 from analysis.diagnosis.evidence.setups import fit_setups, folds_of
 from analysis.movement.causes import NOTHING, Cause, prior_of
@@ -78,6 +79,11 @@ class Reference:
     conditioned: Conditioned
     wild: int
     regional: Mapping[Cause, Array]
+    names: tuple[str, ...] = ()
+    """Runs of this state of the arm."""
+    movements: tuple[Movement, ...] = ()
+    """Movements among the given runs before this state."""
+    doubts: tuple[str, ...] = ()
 
     @property
     def causes(self) -> list[Cause]:

@@ -67,7 +67,7 @@ class GuidedCheck:
             if socket_of(run.setup)
         }
         text = touched[0].run.manifest.rig_text
-        return cls(rig or runs[0].rig, text, placements.pop(), names, reference, sockets)
+        return cls(rig or runs[0].rig, text, placements.pop(), reference.names, reference, sockets)
 
     def with_touch(self, q: Array) -> GuidedCheck:
         """Return the check with a touch at joint angles (axes,) rad, in the socket nearest to the ball.

@@ -13,7 +13,7 @@ from analysis.apps.commission.next_touch import Lever, ReferencePosture
 from analysis.apps.commission.what_moved import MovementResult
 from analysis.apps.report.diagnosis_words import sure
 from analysis.apps.report.html_page import environment, write_html
-from analysis.apps.report.movement_words import act_of, name_of, size_of
+from analysis.apps.report.movement_words import act_after, act_of, movement_sentence, name_of, size_of
 from analysis.apps.report.texts import Language, Texts, texts_of
 from analysis.cli.plain_console import bare_table, right
 from analysis.movement.cause_odds import MOST_ODDS, odds_of, short_name
@@ -38,7 +38,8 @@ def rows_of(moved: MovementResult, texts: Texts) -> list[tuple[str, str, str, st
     return [
         (
             name_of(cause.cause, texts, of_tracker=moved.of_tracker), sure(cause.posterior),
-            size_of(cause, texts) or "–", "–" if cause.point_mm is None else _at(cause.point_mm),
+            size_of(cause, texts, of_tracker=moved.of_tracker) or "–",
+            "–" if cause.point_mm is None else _at(cause.point_mm),
         )
         for cause in moved.causes[:_MOST_CAUSES]
     ]  # fmt: skip
@@ -89,7 +90,14 @@ def odds(probability: float, texts: Texts = _ENGLISH) -> str:
 
 
 def headline(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
-    """Return the answer: the moved item, the size and direction of the movement, and the odds."""
+    """The movement with size, direction and odds, after the state of differing reference runs it is compared with."""
+    answer = _movement(moved, texts)
+    if not moved.reference_movements:
+        return answer
+    return texts("check_references_differ", runs=", ".join(moved.reference_names), answer=answer)
+
+
+def _movement(moved: MovementResult, texts: Texts) -> str:
     if not moved.readings:
         return texts("check_no_readings", count=moved.reference_readings)
     named, of_tracker = moved.named, moved.of_tracker
@@ -108,8 +116,9 @@ def headline(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
     if named.what == "other":
         return texts("check_other", odds=certain)
     thing = _capitalised(name_of(named.cause, texts, of_tracker=of_tracker))
+    size = size_of(named, texts, of_tracker=of_tracker)
     key = "check_pair" if named.together else "check_by_size"
-    return texts(key, thing=thing, size=size_of(named, texts), odds=certain)
+    return texts(key, thing=thing, size=size, odds=certain)
 
 
 def _capitalised(words: str) -> str:
@@ -126,6 +135,8 @@ def what_to_do(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
     if named is not None:
         causes = [member.cause for member in named.together] or [named.cause]
         acts = [act_of(cause, short_name(cause), texts, moved.alike(cause)) for cause in causes]
+        if earlier := moved.reference_movements:
+            acts.append(texts("check_act_earlier", run=earlier[-1].to, act=act_after(earlier, texts)))
         return " ".join(dict.fromkeys(acts))
     if moved.next_posture is not None:
         return next_words(moved.next_posture, texts)
@@ -154,7 +165,7 @@ def hidden_words(lever: Lever, texts: Texts = _ENGLISH) -> str:
 
 def remarks(moved: MovementResult, texts: Texts = _ENGLISH) -> list[str]:
     """Return further remarks for the reader."""
-    lines = list(moved.doubts)
+    lines = [movement_sentence(movement, texts) for movement in moved.reference_movements] + list(moved.doubts)
     named = moved.named
     if moved.wild_row is not None:
         lines.append(texts("check_wild", row=moved.wild_row))

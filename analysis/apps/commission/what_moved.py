@@ -16,9 +16,9 @@ from analysis.apps.commission.next_touch import (
     hidden_causes,
     next_posture,
 )
-from analysis.diagnosis.evidence.movements import Alike
+from analysis.diagnosis.evidence.movements import Alike, Movement
 from analysis.diagnosis.evidence.observation import ObservedRun
-from analysis.movement.between import observed
+from analysis.movement.between import observed, without_moved
 from analysis.movement.cause_odds import CauseOdds, causes_by_odds, short_name, vector_of
 from analysis.movement.causes import NOTHING, Cause, look_alike
 from analysis.movement.inference import (
@@ -59,6 +59,9 @@ class MovementResult:
     zero_bounds_deg: tuple[float, ...] = ()
     """Largest error of each zero compatible with the new readings if only that zero moved: |size| + 2 u."""
     doubts: tuple[str, ...] = ()
+    reference_names: tuple[str, ...] = ()
+    """Runs of the reference state; those before `reference_movements` are left out."""
+    reference_movements: tuple[Movement, ...] = ()
 
     def alike(self, cause: Cause) -> Alike | None:
         """Return the part with the same readings as a cause, or None."""
@@ -86,6 +89,8 @@ class MovementResult:
             "readings": self.readings, "reference_readings": self.reference_readings, "scatter_mm": self.scatter_mm,
             "point": {"at_mm": list(self.centre_mm)}, "wild_reading": self.wild_row,
             "zero_bounds_deg": list(self.zero_bounds_deg), "doubts": list(self.doubts),
+            "reference": list(self.reference_names),
+            "reference_movements": [movement.to_dict() for movement in self.reference_movements],
         }  # fmt: skip
 
 
@@ -99,7 +104,8 @@ def what_moved(reference: Reference, new: list[ObservedRun], *, plan: bool = Fal
     shared = [run for run in new if run.setup in known]
     if new and not shared:
         remedy = "touch the same sockets, or give the same --placement at import (rig relabel)"
-        raise FileError(f"set-up {new[0].setup}", "does not occur in any reference run", remedy)
+        what = "does not occur in any reference run"
+        raise FileError(f"set-up {new[0].setup}", what, remedy, code="movement.other_places")
     doubts = [
         f"{name} does not occur in any reference run and is ignored"
         for name in sorted({run.setup for run in new} - known)
@@ -110,7 +116,7 @@ def what_moved(reference: Reference, new: list[ObservedRun], *, plan: bool = Fal
     if compared is not None and compared.distance_mm > MOST_MM:
         far = f"the readings are {compared.distance_mm:.0f} mm from the positions of the reference"
         remedy = "check that sockets, targets and placement are those of the reference"
-        raise FileError(f"set-up {shared[0].setup}", far, remedy)
+        raise FileError(f"set-up {shared[0].setup}", far, remedy, code="movement.other_places")
     return moved_of(reference, compared, plan=plan, doubts=tuple(doubts))
 
 
@@ -131,7 +137,8 @@ def moved_of(
         tuple(causes), named, rivals, step, hidden,
         compared.count if compared else 0, sum(len(run.rows) for run in reference.runs),
         reference.scatter_mm, vector_of(reference.place.centre_mm), wild,
-        any(facts_of(run.table.test).of_tracker for run in reference.runs), _zero_bounds(compared), doubts,
+        any(facts_of(run.table.test).of_tracker for run in reference.runs), _zero_bounds(compared),
+        (*reference.doubts, *doubts), reference.names, reference.movements,
     )  # fmt: skip
 
 
@@ -161,19 +168,29 @@ def _next(
 
 
 def study_runs(rig: Rig, runs: Sequence[Measured]) -> Reference:
-    """Return the reference of runs before a possible movement. rig: model of the arm.
+    """Reference of runs before a possible movement: their latest state, if they show several. rig: model of the arm.
 
-    Raises FileError if the runs have no joint angles, or too few readings.
+    Raises FileError if the runs have no joint angles, or too few readings in this state.
     """
-    before = observed(rig, runs)
-    where = ", ".join(run.run.manifest.name for run in runs)
+    kept, movements, doubts = without_moved(rig, runs, latest=True)
+    before = observed(rig, kept)
+    names = tuple(run.run.manifest.name for run in kept)
+    where = ", ".join(names)
     if not before:
-        raise FileError(where, "has no joint angles", "give runs of touches, poses or circles")
+        raise FileError(
+            where, "has no joint angles", "give runs of touches, poses or circles", code="movement.no_joints"
+        )
     count = sum(len(run.rows) for run in before)
     if count < FEWEST_OF_REFERENCE:
-        problem = f"has only {count} readings, but a reference needs at least {FEWEST_OF_REFERENCE}"
-        raise FileError(where, problem, "touch more postures while the cell is in order, or give more runs")
-    return study(before)
+        since = f" since {movements[-1].to}, where a part moved," if movements else ""
+        problem = f"has only {count} readings{since} but a reference needs at least {FEWEST_OF_REFERENCE}"
+        raise FileError(
+            where,
+            problem,
+            "touch more postures while the cell is in order, or give more runs",
+            code="movement.few_readings",
+        )
+    return replace(study(before), names=names, movements=tuple(movements), doubts=tuple(doubts))
 
 
 def what_moved_in(

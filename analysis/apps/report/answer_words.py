@@ -56,7 +56,6 @@ _WIDELY = 2.0
 reach it.
 """
 _MOST_NAMED = 3
-_MOST_MOVEMENTS = 2
 _ALMOST_ALL = 0.95
 """Share of the error from which the text calls a part almost all of it. Chosen."""
 
@@ -179,7 +178,7 @@ class AnswerWords:
         They describe contradicted constants, movements, commanded angles, and deviations that may be scatter if only
         repeats decide what to do.
         """
-        moved = [movement_sentence(movement, self.texts) for movement in self.diagnosis.movements[:_MOST_MOVEMENTS]]
+        moved = [movement_sentence(movement, self.texts) for movement in self.diagnosis.movements]
         commanded = [self.texts("finding_only_commanded")] if self.diagnosis.only_commanded else []
         return [*self.contradictions, *moved, *commanded, *(self.unrepeated if self._repeats_decide else [])]
 

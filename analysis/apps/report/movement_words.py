@@ -25,10 +25,11 @@ def name_of(cause: Cause, texts: Texts = _ENGLISH, *, of_tracker: bool = False) 
     return texts(f"cause_{kind}", axis=cause.axis or "", name=short_name(cause)).rstrip()
 
 
-def size_of(cause: CauseOdds, texts: Texts = _ENGLISH) -> str:
-    """Return the size of a cause with uncertainty and direction; empty if there is none."""
+def size_of(cause: CauseOdds, texts: Texts = _ENGLISH, *, of_tracker: bool = False) -> str:
+    """Return the size of a cause with uncertainty and direction, of a pair with the names; empty if there is none."""
     if cause.together:
-        return "; ".join(f"{name_of(member.cause, texts)} {size_of(member, texts)}" for member in cause.together)
+        sizes = [(name_of(part.cause, texts, of_tracker=of_tracker), size_of(part, texts)) for part in cause.together]
+        return "; ".join(map(" ".join, sizes))
     if cause.size_deg is not None and cause.u is not None:
         return _angle(cause.size_deg, cause.u)
     if cause.translation_mm is None or cause.u is None:

@@ -8,10 +8,15 @@ import numpy as np
 import pytest
 
 from analysis import diagnose
+from analysis.apps.commission.what_moved import what_moved_in
+from analysis.apps.report.answer_words import AnswerWords
+from analysis.apps.report.texts import texts_of
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.movement.between import without_moved
 from analysis.movement.inference import compare
 from analysis.runs.loading import Measured
+from analysis.runs.tables import PoseTable
+from rigs.errors import FileError
 from rigs.load import load
 from tests.support.handmade_diagnosis import diagnosis
 from tests.support.moved_cell import Case, label, observed
@@ -59,6 +64,57 @@ def test_a_diagnosis_gets_the_state_with_most_readings(monkeypatch: pytest.Monke
     assert searched == ["run_2", "run_3"]
     assert [(one.to, one.axis) for one in found.movements] == [("run_2", 4)]
     assert found.acts[0].why == "moved"
+
+
+REFERENCES: dict[str, tuple[str, list[dict[int, float]], set[tuple[str, int | None]]]] = {
+    "a zero before the reference of today": ("ur10e", [{}, {4: 0.17}, {}, {}], {("zero", 4)}),
+    "a zero, then another one": ("ur10e", [{}, {4: 0.17}, {}, {3: 0.1}], {("zero", 4)}),
+    "two zeros at once": ("paper-fanuc", [{}, {2: 0.12, 4: -0.15}, {2: 0.1}], {("zero", 2), ("zero", 4)}),
+    "the base, twice": ("paper-fanuc", [{}, {0: 1.0}, {0: 0.8}], {("base", None)}),
+    "the tool, then a zero": ("ur10e", [{}, {7: 1.2}, {}, {2: 0.1}], {("tool", None)}),
+    "a zero, then the tool": ("paper-fanuc", [{}, {3: -0.15}, {}, {7: 1.2}], {("zero", 3)}),
+    "a zero and the base at once": ("ur10e", [{}, {5: 0.2, 0: 1.0}, {}], {("zero", 5), ("base", None)}),
+    "references of one state": ("ur10e", [{}, {}, {3: 0.12}], set()),
+}
+
+
+@pytest.mark.parametrize(("arm", "changes", "among_references"), REFERENCES.values(), ids=REFERENCES)
+def test_new_readings_are_compared_with_the_latest_state_of_the_reference(
+    arm: str, changes: list[dict[int, float]], among_references: set[tuple[str, int | None]]
+) -> None:
+    cell = cell_with(arm, changes, np.random.default_rng(14))
+    rig = load(arm)[0].model_copy(update={"effects": ()})
+    found = what_moved_in(rig, cell.runs[:-1], cell.runs[-1:])
+    assert {(one.what, one.axis) for one in found.reference_movements} == among_references
+    first = 2 if among_references else 1
+    assert found.reference_names == tuple(f"run_{k}" for k in range(first, len(changes)))
+    named = {0: "base", 7: "tool"}
+    expected = "+".join(named.get(axis, f"zero {axis}") for axis in changes[-1]) or "nothing"
+    assert found.named is not None and label(found.named.cause) == expected
+    for axis, size in changes[-1].items():
+        assert found.named.size_deg == (pytest.approx(size, abs=0.01) if axis in range(1, 7) else None)
+
+
+def test_too_few_readings_of_the_latest_state_are_refused() -> None:
+    cell = cell_with("ur10e", [{}, {3: 0.2}, {}], np.random.default_rng(15))
+    cell.runs[1] = with_rows(cell.runs[1], 8)
+    with pytest.raises(FileError) as error:
+        what_moved_in(load("ur10e")[0].model_copy(update={"effects": ()}), cell.runs[:2], cell.runs[2:])
+    assert error.value.code == "movement.few_readings" and error.value.where == "run_2"
+
+
+def with_rows(run: Measured, count: int) -> Measured:
+    table = run.table
+    assert isinstance(table, PoseTable)
+    return replace(run, table=replace(table, q=table.q[:count], xyz_mm=table.xyz_mm[:count]))
+
+
+def test_the_answer_lists_every_movement_between_runs() -> None:
+    cell = cell_with("ur10e", [{}, {4: 0.17}, {3: -0.2}, {2: 0.15}], np.random.default_rng(16))
+    _, movements, _ = without_moved(load("ur10e")[0].model_copy(update={"effects": ()}), cell.runs)
+    found = replace(diagnosis("nothing_unusual", acts=()), movements=tuple(movements))
+    assert [one.axis for one in movements] == [4, 3, 2]
+    assert len(AnswerWords(found, texts_of("en")).preconditions) == 3
 
 
 @pytest.mark.parametrize("axes", [(2, 3, 4), (1, 3, 5)])

@@ -29,7 +29,8 @@ ZERO_DEG, BASE_MM, BASE_RAD = (0.06, 0.2), (0.4, 1.5), 0.5e-3
 
 @dataclass(frozen=True)
 class Cell:
-    """Runs in time order, and the zeros in degrees by axis, or the base in mm (axis 0), that changed before each."""
+    """Runs in time order, and the zeros in degrees by axis, the base (axis 0) or the tool (axis 7) in mm, that changed
+    before each."""
 
     runs: list[Measured]
     changes: list[dict[int, float]]
@@ -51,7 +52,7 @@ def cell_with(arm: str, changes: list[dict[int, float]], rng: np.random.Generato
     wrong = replace(none(), **{name: rng.normal(0, sd, 6) for name, sd in HEALTHY.items()})
     wrong = replace(wrong, sine=rng.normal(0, GEAR_RAD, (6, 2)), cosine=rng.normal(0, GEAR_RAD, (6, 2)))
     place, noise_mm = rng.normal(0, 1500, 3), rng.uniform(0.01, 0.05)
-    turn, runs = np.eye(3), []
+    turn, tool, runs = np.eye(3), TOOL_MM, []
     for number, change in enumerate(changes, start=1):
         zero = [np.radians(change.get(axis, 0.0)) for axis in range(1, 7)]
         wrong = replace(wrong, offset=wrong.offset + zero)
@@ -59,9 +60,12 @@ def cell_with(arm: str, changes: list[dict[int, float]], rng: np.random.Generato
             shift = rng.normal(size=3)
             place = place + shift / np.linalg.norm(shift) * change[0]
             turn = Rotation.from_rotvec(rng.normal(0, BASE_RAD, 3)).as_matrix() @ turn
+        if 7 in change:
+            shift = rng.normal(size=3)
+            tool = tool + shift / np.linalg.norm(shift) * change[7]
         q = np.radians(POSTURE_DEG[arm]) + rng.uniform(-1, 1, (int(rng.integers(25, 60)), 6)) * REACH_RAD
         R, p = flange(constants_of(arm), wrong, q)
-        xyz = (p + R @ TOOL_MM) @ turn.T + place
+        xyz = (p + R @ tool) @ turn.T + place
         runs.append(pose_run(arm, q, xyz + rng.normal(0, noise_mm, xyz.shape), f"run {number}"))
     return Cell(runs, changes)
 
