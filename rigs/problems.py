@@ -180,7 +180,7 @@ def _problem(detail: ErrorDetails, root: yaml.Node | None, model: type[BaseModel
     text = ""
     for step in place:
         text += f"[{step + 1}]" if isinstance(step, int) else f".{_name(step)}" if text else _name(step)
-    return Problem(line, text, _message(detail, tuple(place), model))
+    return Problem(line, text, plain_message(detail, model, tuple(place)))
 
 
 def _name(key: str) -> str:
@@ -188,7 +188,8 @@ def _name(key: str) -> str:
     return key if key.isprintable() and len(key) <= _BRIEF else f"{key[:_BRIEF]!r}…"
 
 
-def _message(detail: ErrorDetails, place: Place, model: type[BaseModel]) -> str:
+def plain_message(detail: ErrorDetails, model: type[BaseModel], place: Place = ()) -> str:
+    """The mistake in plain words, after the key at `place`, with the value."""
     kind, value = detail["type"], detail["input"]
     if isinstance(value, bool) and kind.startswith(("greater_than", "less_than")):
         return f"must be a number, not {str(value).lower()}"

@@ -13,7 +13,8 @@ from pydantic import ValidationError
 from analysis.robot.description.axis_lines import AxisLines, DenavitHartenberg, denavit_hartenberg
 from analysis.robot.kinematics.arm import RAIL_MM, Array, arm_of, forward, roll_pitch_yaw
 from rigs.errors import FileError
-from rigs.schema.robot import JointAxis, Pose, Rail, Robot, identity
+from rigs.problems import plain_message
+from rigs.schema.robot import Pose, Rail, Robot, identity
 from rigs.schema.vocabulary import Build
 from rigs.text import plain
 from rigs.yaml_text import flow
@@ -70,29 +71,25 @@ def robot_of(name: str, constants: DenavitHartenberg, joints: Sequence[Joint], r
 
     The transformation after the last joint becomes the `tool`. It is the identity if the flange is on axis 6.
     """
-    dh, axes = constants, list[JointAxis]()
+    dh, axes = constants, list[dict[str, object]]()
     columns = zip(dh.a, dh.alpha, dh.beta, dh.d, dh.offset, dh.T_base_link, joints, strict=True)
     for a, alpha, beta, d, offset, T, joint in columns:
         centre_mm = (joint.centre_mm - T[:3, 3]) @ T[:3, :3] if joint.mass_kg else np.zeros(3)  # in the link's frame
         axes.append(
-            JointAxis(
-                name=joint.name,
-                a_mm=_written(a),
-                alpha_deg=_degrees(alpha),
-                beta_deg=_degrees(beta),
-                d_mm=_written(d),
-                offset_deg=_degrees(offset),
-                limits_deg=joint.limits_deg,
-                speed_deg_s=joint.speed_deg_s,
-                mass_kg=joint.mass_kg,
-                centre_mm=_vector(centre_mm.round(_CENTRE_DECIMALS)),
-            )
-        )
+            {
+                "name": joint.name, "a_mm": _written(a), "alpha_deg": _degrees(alpha), "beta_deg": _degrees(beta),
+                "d_mm": _written(d), "offset_deg": _degrees(offset), "limits_deg": joint.limits_deg,
+                "speed_deg_s": joint.speed_deg_s, "mass_kg": joint.mass_kg,
+                "centre_mm": _vector(centre_mm.round(_CENTRE_DECIMALS)),
+            }
+        )  # fmt: skip
     coupling = tuple(tuple(float(ratio) for ratio in row) for row in np.diag(dh.senses))
     roll, pitch, yaw = (_degrees(angle) for angle in roll_pitch_yaw(dh.T_last_flange))
     tool = Pose(xyz_mm=_vector(dh.T_last_flange[:3, 3]), rpy_deg=(roll, pitch, yaw))
     base = Pose(xyz_mm=_vector(dh.base_mm))
-    return Robot(name=name, axes=tuple(axes), coupling=coupling, base=base, rail=rail, tool=tool)
+    return Robot.model_validate(
+        {"name": name, "axes": axes, "coupling": coupling, "base": base, "rail": rail, "tool": tool}
+    )  # validated as a whole, so that an error names the axis
 
 
 def robot_text(robot: Robot) -> str:
@@ -127,8 +124,12 @@ def checked_section(
         section = robot_text(robot_of(name, denavit_hartenberg(axes), joints, axes.rail))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"]))
-        raise FileError(str(path), f"{place}: {first['msg']}", "correct it: the units are metres and radians") from None
+        in_axis = first["loc"][0] == "axes" and len(first["loc"]) > 1
+        place = f"joint {joints[int(first['loc'][1])].name}" if in_axis else f"the robot {name}"
+        quantity = next((step for step in reversed(first["loc"]) if isinstance(step, str)), "")
+        remedy = "correct it: the units are metres and radians"
+        problem = f"{place}: {quantity} {plain_message(first, Robot)}"
+        raise FileError(str(path), problem, remedy, code="description.value") from None
     text = "".join(f"# {plain(line)}\n" for line in head) + section
     robot = parsed(text)
     q = random_postures(robot)

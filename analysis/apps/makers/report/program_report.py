@@ -10,7 +10,7 @@ import numpy as np
 
 from analysis.apps.makers.corrected_program import MOST_MM, CorrectedProgram
 from analysis.apps.makers.shared_corrections import REMAINING_SHARE, SharedCorrection
-from analysis.apps.makers.target import WHY
+from analysis.apps.makers.target import WHY, UncorrectedTarget
 from analysis.correction.corrected_targets import WorkError
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Array
@@ -121,20 +121,23 @@ def _head(program: CorrectedProgram) -> str:
 
 
 def _left_lines(program: CorrectedProgram) -> list[str]:
-    """Return the number of uncorrected targets per reason, then each target with the program lines causing it."""
-    text_lines = []
-    for reason, number in Counter(left_target.reason for left_target in program.left).most_common():
+    """For each reason, the number of uncorrected targets and their names, with the program lines that cause it."""
+    text_lines, untold = list[str](), _LISTED
+    for reason, number in Counter(one.reason for one in program.left).most_common():
         text_lines.append(f"  unchanged, {number} ×: {WHY[reason]}{_MORE.get(reason, '')}")
-    for left_target in program.left[:_LISTED]:
-        causes = "; ".join(
-            f"{_place(program, place.file, place.line)}: {place.why}" if place.line else place.why
-            for place in left_target.because
-        )
-        why = f"{WHY[left_target.reason]} ({causes})" if causes else WHY[left_target.reason]
-        text_lines.append(f"    {_place(program, left_target.file, left_target.line)}: {left_target.name} {why}")
+        shown = [one for one in program.left if one.reason == reason][: max(untold, 0)]
+        untold -= len(shown)
+        alike = [f"{one.name} ({_place(program, one.file, one.line)})" for one in shown if not one.because]
+        text_lines += [f"    {', '.join(alike)}"] if alike else []
+        text_lines += [f"    {_because(program, one)}" for one in shown if one.because]
     if len(program.left) > _LISTED:
         text_lines.append(f"    and {len(program.left) - _LISTED} more, all in corrections.yaml")
     return text_lines
+
+
+def _because(program: CorrectedProgram, left: UncorrectedTarget) -> str:
+    causes = [f"{_place(program, at.file, at.line)}: {at.why}" if at.line else at.why for at in left.because]
+    return f"{_place(program, left.file, left.line)}: {left.name} ({'; '.join(causes)})"
 
 
 def as_object(program: CorrectedProgram) -> dict[str, Any]:

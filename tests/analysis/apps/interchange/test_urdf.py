@@ -188,8 +188,6 @@ BAD = {
     ),
     "no type": (GOOD.replace('type="revolute"', "", 1), "joint joint_1 has no type; write type revolute"),
     "a word": (GOOD.replace('"0.0 0.0 0.4"', '"0.4 high"', 1), "joint joint_1 has origin xyz='0.4 high'; write three"),
-    "millimetres": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 400"', 1), "correct it: the units are metres and radians"),
-    "limits in degrees": (GOOD.replace('upper="2.5"', 'upper="170"'), "correct it: the units are metres and radians"),
     "a negative mass": (
         GOOD.replace('<link name="link_1"/>', '<link name="link_1"><inertial><mass value="-1"/></inertial></link>'),
         "link link_1 has mass value='-1'; write a number in the range of a robot arm",
@@ -224,6 +222,25 @@ BAD = {
         "has 3000 links and joints, more than 2000",
     ),
 }
+
+
+@pytest.mark.parametrize(
+    ("given", "wrong", "of"),
+    [
+        ('upper="2.5"', 'upper="170"', ("limits_deg", "9740")),
+        ('"0.0 0.0 0.4"', '"0 0 400"', ("d_mm", "400000")),
+        ('velocity="3.5"', 'velocity="9999"', ("speed_deg_s", "572900")),
+        ('lower="-3"', 'lower="-200"', ("limits_deg", "-11459")),
+    ],
+)
+def test_a_value_outside_the_range_is_refused_with_joint_key_and_value(
+    given: str, wrong: str, of: tuple[str, str], tmp_path: Path
+) -> None:
+    with pytest.raises(FileError) as refused:
+        import_urdf(urdf(tmp_path, GOOD.replace(given, wrong, 1)))
+    error = refused.value
+    assert error.code == "description.value" and all(word in error.what for word in ("joint_", *of))
+    assert "Input" not in error.what
 
 
 @pytest.mark.parametrize("kind", BAD)
