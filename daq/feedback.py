@@ -31,7 +31,7 @@ def load(feedback: Feedback) -> Any:
     except ModuleNotFoundError as missing:
         package = (missing.name or "").partition(".")[0]
         problem = f"{feedback.interface} needs the Python package {package}, which is not installed"
-        raise CellError("feedback", problem, to_install(package)) from None
+        raise CellError("feedback", problem, to_install(package), code="package.missing") from None
 
 
 def host(feedback: Feedback) -> Host:

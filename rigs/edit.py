@@ -49,7 +49,12 @@ def with_values(
     except RigFileError:
         reached = None
     if reached != expected:
-        raise FileError(where, "uses a YAML anchor or a layout that cannot be edited automatically", remedy)
+        raise FileError(
+            where,
+            "uses a YAML anchor or a layout that cannot be edited automatically",
+            remedy,
+            code="rig_file.not_editable",
+        )
     return edited
 
 

@@ -27,7 +27,9 @@ def read_bytes(path: Path, most: int) -> bytes:
     data, _ = read_from(path, 0, most + 1)
     if len(data) > most:
         size = f"{most / 1e6:g} MB" if most < 1e9 else f"{most / 1e9:g} GB"
-        raise FileError(str(path), f"is larger than {size}, the limit for such files", "give the file itself")
+        raise FileError(
+            str(path), f"is larger than {size}, the limit for such files", "give the file itself", code="file.too_large"
+        )
     return data
 
 
@@ -39,12 +41,12 @@ def read_from(path: Path, begin: int, most: int) -> tuple[bytes, int]:
     try:
         fd = os.open(path, _FLAGS)
     except ValueError as error:  # a zero byte in the name
-        raise FileError(str(path), str(error), _REMEDY) from None
+        raise FileError(str(path), str(error), _REMEDY, code="file.unreadable") from None
     with os.fdopen(fd, "rb") as file:
         status = os.fstat(fd)
         if not stat.S_ISREG(status.st_mode):
             problem = "is a directory" if stat.S_ISDIR(status.st_mode) else "is not a regular file"
-            raise FileError(str(path), problem, "give a file")
+            raise FileError(str(path), problem, "give a file", code="file.not_regular")
         file.seek(begin)
         try:
             return file.read(most), status.st_size
@@ -57,13 +59,18 @@ def read_text(path: Path, most: int) -> str:
     try:
         return read_bytes(path, most).decode()
     except UnicodeDecodeError as error:
-        raise FileError(str(path), f"is not UTF-8 at byte {error.start}", "save it as UTF-8") from None
+        raise FileError(
+            str(path), f"is not UTF-8 at byte {error.start}", "save it as UTF-8", code="file.not_utf8"
+        ) from None
 
 
 def out_of_memory(path: Path) -> FileError:
     """Return the error for a possibly valid file that exceeds the memory of this computer."""
     return FileError(
-        str(path), "cannot be read: not enough memory", "close other programs, or use a different computer"
+        str(path),
+        "cannot be read: not enough memory",
+        "close other programs, or use a different computer",
+        code="computer.memory",
     )
 
 
@@ -76,5 +83,10 @@ def of_newer_rig(where: str, error: ValidationError, field: str = "version") -> 
     for detail in error.errors(include_url=False, include_context=False):
         if detail["loc"] == (field,) and isinstance(detail["input"], int):
             problem = f"has {field} {detail['input']}, unknown to this rig: the file is from a newer version"
-            return FileError(where, problem, "install the newest rig on this computer, or use the original computer")
+            return FileError(
+                where,
+                problem,
+                "install the newest rig on this computer, or use the original computer",
+                code="file.newer_version",
+            )
     return None

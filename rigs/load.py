@@ -45,7 +45,7 @@ _LEAST_DEG, _MOST_DEG = -1000.0, 1000.0
 def require_plausible(calibrated: CalibratedModel, rig: Rig, where: str) -> None:
     """Check that a calibration can belong to the rig. Raises FileError."""
     for why in contradictions(calibrated, rig):
-        raise FileError(where, why, _REMEDY)
+        raise FileError(where, why, _REMEDY, code="calibration.contradicts_rig")
 
 
 def contradictions(calibrated: CalibratedModel, rig: Rig) -> Iterator[str]:
@@ -132,11 +132,13 @@ def _find_file(
     if file_name := the_same(str(name), files):
         return files[file_name]
     if path.is_dir():
-        raise FileError(str(name), f"is a directory, not a {kind}", "give a file in that directory")
+        raise FileError(
+            str(name), f"is a directory, not a {kind}", "give a file in that directory", code="file.is_directory"
+        )
     arms = ", or an arm of the library (rig arms lists them)" if offered else ""
     meant = f"did you mean {' or '.join(near)}? Otherwise " if (near := nearest(str(name), files)) else ""
     remedy = f"{meant}give a path, or the name of a shipped {short}: {', '.join(offered or files)}{arms}"
-    raise FileError(str(name), f"no such {kind}", remedy)
+    raise FileError(str(name), f"no such {kind}", remedy, code="file.missing")
 
 
 def is_shipped(file: Path) -> bool:
@@ -183,11 +185,19 @@ def _read_calibration(path: Path, digest: str) -> CalibratedModel:
     except OSError as error:
         problem = f"is referenced by the rig file in the same directory, but cannot be read: {error.strerror or error}"
         raise FileError(
-            str(path), problem, "copy the file there, or remove the key calibration from the rig file"
+            str(path),
+            problem,
+            "copy the file there, or remove the key calibration from the rig file",
+            code="calibration.missing",
         ) from None
     if hashlib.sha256(data).hexdigest() != digest:
         problem = "was changed or replaced: the SHA-256 differs from that in the rig file"
-        raise FileError(str(path), problem, "restore both files of the same diagnosis, or repeat the diagnosis")
+        raise FileError(
+            str(path),
+            problem,
+            "restore both files of the same diagnosis, or repeat the diagnosis",
+            code="calibration.changed",
+        )
     try:
         return CalibratedModel.read(data)
     except ValidationError as error:
@@ -195,7 +205,9 @@ def _read_calibration(path: Path, digest: str) -> CalibratedModel:
             raise newer from None
         first = error.errors(include_url=False, include_input=False)[0]
         place = ".".join(map(str, first["loc"])) or "the file"
-        raise FileError(str(path), f"is not a calibration: {place}: {first['msg']}", "diagnose again") from None
+        raise FileError(
+            str(path), f"is not a calibration: {place}: {first['msg']}", "diagnose again", code="calibration.damaged"
+        ) from None
 
 
 _calibrations: dict[str, CalibratedModel] = {}
@@ -207,14 +219,18 @@ def _text(path: Path) -> str:
     except FileError:
         if path.is_file() and read_from(path, 0, len(_ARCHIVE))[0] == _ARCHIVE:
             remedy = "give the rig file; rig import reads tables"
-            raise FileError(str(path), "is a workbook or an archive, not a rig file", remedy) from None
+            raise FileError(
+                str(path), "is a workbook or an archive, not a rig file", remedy, code="rig_file.is_archive"
+            ) from None
         raise
     except OSError as error:
         raise _unreadable(path, error) from None
 
 
 def _unreadable(path: Path, error: OSError) -> FileError:
-    return FileError(str(path), error.strerror or str(error), "check the path and the permissions")
+    return FileError(
+        str(path), error.strerror or str(error), "check the path and the permissions", code="file.unreadable"
+    )
 
 
 @contextmanager
@@ -265,7 +281,9 @@ def _refuse_other_texts(text: str, where: str) -> None:
     """Raise FileError with a specific message for a text that is empty or a table."""
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "---"))]
     if not lines:
-        raise FileError(where, "is empty, not a rig file", "create a rig file with rig init cell.yaml")
+        raise FileError(
+            where, "is empty, not a rig file", "create a rig file with rig init cell.yaml", code="rig_file.empty"
+        )
     for separator in _SEPARATORS:
         columns = lines[0].count(separator)
         is_even = all(line.count(separator) == columns for line in lines[:_LOOKED_AT])
@@ -273,7 +291,12 @@ def _refuse_other_texts(text: str, where: str) -> None:
             names = [name.strip() for name in lines[0].split(separator)]
             shown = ", ".join(names) if columns < 3 else f"{', '.join(names[:3])} …"
             remedy = f"import the table as a run: rig import {as_argument(where)} --rig RIG --test TEST -o RUN"
-            raise FileError(where, f"is a table of {columns + 1} columns ({shown}), not a rig file", remedy)
+            raise FileError(
+                where,
+                f"is a table of {columns + 1} columns ({shown}), not a rig file",
+                remedy,
+                code="rig_file.is_table",
+            )
 
 
 _LOOKED_AT = 3
@@ -293,7 +316,10 @@ def load_hidden(name: str | Path) -> Hidden:
     if not isinstance(data, dict) or not {"effects", "eccentricity_mm", "axes", "robot"} & data.keys():
         # A misspelt key would otherwise silently give an ideal robot.
         raise FileError(
-            str(path), "lacks the key effects", "write effects: [{effect: …}], or effects: [] without effects"
+            str(path),
+            "lacks the key effects",
+            "write effects: [{effect: …}], or effects: [] without effects",
+            code="rig_file.no_effects",
         )
     if "robot" in data:
         data = {"effects": data.get("effects")}

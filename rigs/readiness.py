@@ -36,7 +36,7 @@ class MissingEntry:
 
     def error(self, rig: Rig) -> FileError:
         """Return the error for the missing part."""
-        return FileError(RigPlace.of(rig.name), self.problem, self.remedy)
+        return FileError(RigPlace.of(rig.name), self.problem, self.remedy, code="rig_file.not_ready")
 
 
 def gauges_needed(test: TestName) -> tuple[str, ...]:

@@ -69,6 +69,7 @@ class Rig(Part):
                 self.name,
                 f"names the calibration {self.calibration.file}, which is missing in the directory of this rig file",
                 "put rig file and calibration into the same directory, and give the rig file with --rig",
+                code="calibration.missing",
             )
         return self._calibrated
 

@@ -54,7 +54,12 @@ class CaptureWriter(clock.Thread):
         try:
             self._file = self._path.open("x", encoding="utf-8")
         except OSError as error:
-            raise FileError(str(self._path), error.strerror or str(error), "give --capture a different file") from None
+            raise FileError(
+                str(self._path),
+                error.strerror or str(error),
+                "give --capture a different file",
+                code="capture.not_writable",
+            ) from None
         lines = [HEAD]
         for stream in self._streams:
             settings = f", {stream.line}" if stream.port.startswith("/") else ""

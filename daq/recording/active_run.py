@@ -57,11 +57,16 @@ def require_readings(buffers: Mapping[str, StreamBuffer], test: TestName) -> Non
         states = [buffer.state() for buffer in buffers.values() if column in buffer.columns]
         name = "robot" if column == "q1_deg" else column.removesuffix("_mm")
         if not states:
-            raise CellError(name, f"is required by the {test} test, but missing in the rig file", f"add gauges.{name}")
+            raise CellError(
+                name,
+                f"is required by the {test} test, but missing in the rig file",
+                f"add gauges.{name}",
+                code="gauge.missing",
+            )
         if states[0].age_s.get(column, 1e9) > _FRESH_S:
             last = states[0].last_fault or "nothing was received"
             stale = f"no reading in the last {_FRESH_S:.0f} s ({last})"
-            raise CellError(name, stale, "fix the cause, then repeat the command")
+            raise CellError(name, stale, "fix the cause, then repeat the command", code="gauge.silent")
 
 
 def samples_in(items: Sequence[Item]) -> int:
@@ -106,7 +111,7 @@ class RecordingGap:
         with suppress(OSError):
             if self.previous.is_dir() or self.previous.parent.stat().st_dev == self.device:
                 return
-        raise CellError(str(self.previous), "is gone", "remount the disk of the run")
+        raise CellError(str(self.previous), "is gone", "remount the disk of the run", code="recording.stopped")
 
     def missed_text(self) -> str:
         """Return the number of missed samples per stream as text."""

@@ -79,13 +79,20 @@ def rejection(rejected: Reject, state: RecorderState, last_end: str) -> CellErro
     """Return the error for a rejected request."""
     if rejected.why == "running" and state.recording:
         return CellError(
-            f"recording {state.recording.label.name}", "already running", "stop the recording: rig record stop"
+            f"recording {state.recording.label.name}",
+            "already running",
+            "stop the recording: rig record stop",
+            code="recording.running",
         )
     if rejected.why == "making":
         problem = f"is still creating the last {machine.MOST_LEAVING} runs, which were stopped early"
-        return CellError("disk", problem, "retry in some seconds; if the problem persists, run rig doctor")
+        return CellError(
+            "disk", problem, "retry in some seconds; if the problem persists, run rig doctor", code="recording.starting"
+        )
     why = f" (the last one: {last_end})" if last_end else ""
-    return CellError("rigd", f"no recording is active{why}", "start a recording: rig record start NAME …")
+    return CellError(
+        "rigd", f"no recording is active{why}", "start a recording: rig record start NAME …", code="recording.none"
+    )
 
 
 log = logging.getLogger("rigd")
@@ -338,7 +345,12 @@ class Recorder(clock.Thread):
         except CellError as error:
             self.last_end = f"failed: {error}"
             log.error("recording ended, %s", self.last_end)
-            repair = CellError(str(path), self.last_end, f"fix the cause, then: rig recover {as_argument(path)}")
+            repair = CellError(
+                str(path),
+                self.last_end,
+                f"fix the cause, then: rig recover {as_argument(path)}",
+                code="recording.failed",
+            )
             run.ended.set_exception(error if isinstance(error, RunRemoved) else repair)
         except Exception as error:
             self.last_end = "failed: not closed because of an internal error"

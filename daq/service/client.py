@@ -42,7 +42,9 @@ class Client:
         except PermissionError:
             raise _forbidden(self._path) from None
         except OSError:
-            raise CellError(str(self._path), "rigd does not answer here", "start rigd: rigd RIG") from None
+            raise CellError(
+                str(self._path), "rigd does not answer here", "start rigd: rigd RIG", code="daemon.none"
+            ) from None
         sock = socket.socket(socket.AF_UNIX)
         try:
             # A blocking connect keeps its position in the system's queue. Repeated attempts might never succeed.
@@ -50,16 +52,18 @@ class Client:
             sock.connect(str(self._path))
             if (user := peer_user(sock)) not in owners:
                 problem = f"a program of a different user (number {user}) answers here"
-                raise CellError(str(self._path), problem, "stop it, then restart rigd: rigd RIG")
+                raise CellError(str(self._path), problem, "stop it, then restart rigd: rigd RIG", code="daemon.foreign")
         except BaseException as error:
             sock.close()
             if isinstance(error, BlockingIOError):
                 problem = "rigd does not answer: too many clients are waiting"
-                raise CellError(str(self._path), problem, _RESTART) from None
+                raise CellError(str(self._path), problem, _RESTART, code="daemon.busy") from None
             if isinstance(error, PermissionError):
                 raise _forbidden(self._path) from None
             if isinstance(error, OSError):
-                raise CellError(str(self._path), "rigd does not answer here", "start rigd: rigd RIG") from None
+                raise CellError(
+                    str(self._path), "rigd does not answer here", "start rigd: rigd RIG", code="daemon.none"
+                ) from None
             raise
         self._sock = sock
         return self
@@ -78,16 +82,20 @@ class Client:
             line = self._line(until_s)
         except TimeoutError:
             problem = f"rigd has not answered for {ANSWERS_S:.0f} s"
-            raise CellError(str(self._path), problem, "the disk may be slow: see rig status, and the log") from None
+            raise CellError(
+                str(self._path), problem, "the disk may be slow: see rig status, and the log", code="daemon.no_answer"
+            ) from None
         except OSError:
             line = b""
         if not line:
-            raise CellError(str(self._path), "rigd closed the connection", _RESTART)
+            raise CellError(str(self._path), "rigd closed the connection", _RESTART, code="daemon.closed")
         try:
             answer = read_answer(command, line)
         except ValueError as error:
             problem = f"a program other than rigd answers here: {error}"
-            raise CellError(str(self._path), problem, "restart rigd in this version: rigd RIG") from None
+            raise CellError(
+                str(self._path), problem, "restart rigd in this version: rigd RIG", code="daemon.foreign"
+            ) from None
         if not answer.pop("ok"):
             refusal = RigError(answer["where"], answer["what"], answer["remedy"], answer.get("code", ""))
             refusal.exit_code = answer["exit_code"]
@@ -99,7 +107,7 @@ class Client:
         while b"\n" not in self._unread:
             if len(self._unread) > LONGEST_ANSWER:
                 problem = f"the answer exceeds {LONGEST_ANSWER} bytes, so this program is not rigd"
-                raise CellError(str(self._path), problem, _RESTART)
+                raise CellError(str(self._path), problem, _RESTART, code="daemon.foreign")
             self._sock.settimeout(max(0.001, until_s - clock.now_s()))
             received = self._sock.recv(65536)
             if not received:
@@ -112,7 +120,7 @@ class Client:
 
 
 def _forbidden(path: Path) -> CellError:
-    return CellError(str(path), "permission denied", "join the group of rigd, or use sudo")
+    return CellError(str(path), "permission denied", "join the group of rigd, or use sudo", code="daemon.permission")
 
 
 def find_socket(rig: str | None = None) -> Path:
@@ -125,9 +133,9 @@ def find_socket(rig: str | None = None) -> Path:
         return served[0]
     if not served:
         whom = f" for {rig}" if rig else ""
-        raise CellError("rigd", f"no daemon{whom} is visible to this user", "start rigd: rigd RIG")
+        raise CellError("rigd", f"no daemon{whom} is visible to this user", "start rigd: rigd RIG", code="daemon.none")
     names = ", ".join(path.stem for path in served)
-    raise CellError("rigd", f"several daemons are running ({names})", "say which: --rig NAME")
+    raise CellError("rigd", f"several daemons are running ({names})", "say which: --rig NAME", code="daemon.several")
 
 
 def sockets() -> list[Path]:

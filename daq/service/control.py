@@ -99,7 +99,12 @@ class ControlServer:
             if (self._path.exists() or self._path.is_symlink()) and (
                 self._path.is_symlink() or not self._path.is_socket()
             ):
-                raise CellError(str(self._path), "exists already and is not a socket", "choose a different --socket")
+                raise CellError(
+                    str(self._path),
+                    "exists already and is not a socket",
+                    "choose a different --socket",
+                    code="daemon.socket",
+                )
             self._path.unlink(missing_ok=True)  # left by a daemon that has ended, as the lock proves
             listener.bind(str(self._path))
             listener.listen(_MOST)
@@ -107,7 +112,9 @@ class ControlServer:
             listener.close()
             if isinstance(error, CellError):
                 raise
-            raise CellError(str(self._path), error.strerror or str(error), "choose a different --socket") from None
+            raise CellError(
+                str(self._path), error.strerror or str(error), "choose a different --socket", code="daemon.socket"
+            ) from None
         finally:
             os.umask(before)
         self._listener = listener
@@ -162,7 +169,7 @@ class ControlServer:
                 limited = {connection for connection in self._open if connection.user == user}
             if limited is not None and not self._make_room(limited):
                 busy = "all connections are busy with other requests"
-                refusal = _as_answer(CellError("rigd", busy, "retry later"))
+                refusal = _as_answer(CellError("rigd", busy, "retry later", code="daemon.busy"))
                 with contextlib.suppress(OSError):
                     new.sock.setblocking(False)
                     new.sock.sendall(_encoded(refusal))
@@ -246,7 +253,7 @@ def reply(line: bytes, answer: Answer) -> dict[str, Any]:
         except (ValueError, RecursionError):
             problem = "not JSON"
     if not isinstance(request, dict):
-        return _as_answer(CellError("control socket", problem, 'send {"command": "status"}'))
+        return _as_answer(CellError("control socket", problem, 'send {"command": "status"}', code="daemon.bad_request"))
     try:
         return {"ok": True, **answer(request)}
     except RigError as error:
@@ -262,5 +269,10 @@ def _encoded(answer: dict[str, Any]) -> bytes:
     line = json.dumps(answer).encode() + b"\n"
     if len(line) <= LONGEST_ANSWER:
         return line
-    error = CellError("rigd", f"the answer has {len(line)} bytes, more than a client accepts", "see the log")
+    error = CellError(
+        "rigd",
+        f"the answer has {len(line)} bytes, more than a client accepts",
+        "see the log",
+        code="daemon.answer_too_large",
+    )
     return _encoded(_as_answer(error))

@@ -92,7 +92,9 @@ def recent_samples(request: Mapping[str, Any], buffers: Mapping[str, StreamBuffe
         asked = _Request.model_validate(request)
     except ValidationError as error:
         problem = f"invalid samples request: {error.errors(include_url=False)[0]['msg']}"
-        raise CellError("control socket", problem, 'send {"command": "samples", "after": {"g1": 0}}') from None
+        raise CellError(
+            "control socket", problem, 'send {"command": "samples", "after": {"g1": 0}}', code="daemon.bad_request"
+        ) from None
     streams = {}
     for name, buffer in buffers.items():
         newest, samples = buffer.recent(asked.after.get(name, 0))
@@ -235,7 +237,7 @@ class Daemon:
                 return {}
             case other:
                 commands = "available: status, samples, metrics, record_start, record_stop, judged"
-                raise CellError("rigd", f"unknown command {_short(other)}", commands)
+                raise CellError("rigd", f"unknown command {_short(other)}", commands, code="request.unknown_command")
 
     def _open_links(self) -> dict[str, Link]:
         links: dict[str, Link] = {}
@@ -337,7 +339,12 @@ def _text_in(request: Mapping[str, Any], key: str) -> str:
     """Return a text in a request as a line of limited length. Raises UseError."""
     text = request.get(key)
     if not isinstance(text, str):
-        raise UseError("judged", f"{key} {_short(text)} must be text", "send the name of the run and the problem")
+        raise UseError(
+            "judged",
+            f"{key} {_short(text)} must be text",
+            "send the name of the run and the problem",
+            code="request.type",
+        )
     return plain(text[:_MOST_SAID])
 
 
@@ -350,9 +357,18 @@ def _label(request: dict[str, Any]) -> RunLabel:
         named = key if key.isidentifier() and len(key) < _BRIEF else _short(key)
         pattern = detail["type"] == "string_pattern_mismatch"
         problem = f"{named} {_short(detail['input'])} is not valid" + ("" if pattern else f": {detail['msg']}")
-        raise UseError("recording", problem, NAME_RULE if pattern else "see rig record start --help") from None
+        raise UseError(
+            "recording", problem, NAME_RULE if pattern else "see rig record start --help", code="request.unknown_test"
+        ) from None
     if label.test in CIRCLES and label.direction is None:
-        raise UseError(f"{label.test} test", "needs its direction", "add --direction cw or --direction acw")
+        raise UseError(
+            f"{label.test} test",
+            "needs its direction",
+            "add --direction cw or --direction acw",
+            code="request.no_direction",
+        )
     if label.test not in CIRCLES and label.direction is not None:
-        raise UseError("--direction", f"a {label.test} test does not have a direction", "remove it")
+        raise UseError(
+            "--direction", f"a {label.test} test does not have a direction", "remove it", code="request.direction"
+        )
     return label

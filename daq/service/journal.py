@@ -83,7 +83,9 @@ def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> 
     """
     unit = f"rigd@{rig or '*'}.service"
     if not shutil.which("journalctl"):
-        raise CellError(unit, "the system has no journal", "a manually started rigd logs to its terminal")
+        raise CellError(
+            unit, "the system has no journal", "a manually started rigd logs to its terminal", code="daemon.no_log"
+        )
     command = ["journalctl", "--output=json", "--quiet", "--no-pager", f"--unit={unit}"]
     command += ([f"--since={since}"] if since else []) + (["--follow", "--lines=50"] if follow else [])
     has_entries = False
@@ -98,13 +100,14 @@ def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> 
         finally:
             journal.terminate()
     if complaint and _NO_UNIT not in complaint:
-        raise CellError("journal", complaint.splitlines()[0], "see man journalctl")
+        raise CellError("journal", complaint.splitlines()[0], "see man journalctl", code="daemon.no_log")
     if not has_entries:
         problem = "nothing in the journal" + (f" since {since}" if since else "") + " visible to this user"
         raise CellError(
             unit,
             problem,
             "start the service: systemctl start rigd@NAME; or join the group systemd-journal, or use sudo",
+            code="daemon.no_log",
         )
 
 

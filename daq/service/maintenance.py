@@ -45,11 +45,18 @@ class Maintenance(clock.Thread):
             try:
                 if os.path.lexists(self._metrics) and not _is_own(self._metrics):
                     remedy = "choose a different --metrics, or remove it first"
-                    raise CellError(str(self._metrics), "exists already and is not a metrics file of rigd", remedy)
+                    raise CellError(
+                        str(self._metrics),
+                        "exists already and is not a metrics file of rigd",
+                        remedy,
+                        code="metrics.foreign_file",
+                    )
                 write_atomically(self._metrics, self._text())
             except OSError as error:
                 problem = f"cannot be written: {error.strerror or error}"
-                raise CellError(str(self._metrics), problem, "choose a different --metrics") from None
+                raise CellError(
+                    str(self._metrics), problem, "choose a different --metrics", code="metrics.not_writable"
+                ) from None
         super().start()
 
     def stop(self) -> None:

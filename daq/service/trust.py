@@ -55,7 +55,12 @@ def require_trusted_owner(path: Path) -> frozenset[int]:
     for place in (*reversed(path.absolute().parents), path.absolute()):
         status = place.lstat()
         if status.st_uid not in owners and open_to_all:
-            raise CellError(str(path), f"{place} belongs to a different user (number {status.st_uid})", _REMEDY)
+            raise CellError(
+                str(path),
+                f"{place} belongs to a different user (number {status.st_uid})",
+                _REMEDY,
+                code="daemon.untrusted",
+            )
         owners.add(status.st_uid)
         if stat.S_ISLNK(status.st_mode):
             return require_trusted_owner(place.resolve() / path.absolute().relative_to(place))
@@ -64,11 +69,18 @@ def require_trusted_owner(path: Path) -> frozenset[int]:
         writable = bool(status.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
         open_to_all = writable and bool(status.st_mode & stat.S_ISVTX)
         if writable and not open_to_all:
-            raise CellError(str(path), f"{place} can be written by other users", f"chmod go-w {place}")
+            raise CellError(
+                str(path), f"{place} can be written by other users", f"chmod go-w {place}", code="daemon.untrusted"
+            )
     if not stat.S_ISSOCK(status.st_mode):
-        raise CellError(str(path), "is not a socket", _REMEDY)
+        raise CellError(str(path), "is not a socket", _REMEDY, code="daemon.socket")
     if status.st_mode & stat.S_IWOTH:
-        raise CellError(str(path), "allows every user of this computer to control rigd", f"chmod o-rwx {path}")
+        raise CellError(
+            str(path),
+            "allows every user of this computer to control rigd",
+            f"chmod o-rwx {path}",
+            code="daemon.untrusted",
+        )
     return frozenset(owners)
 
 
@@ -126,15 +138,15 @@ class InstanceLock:
             status = path.parent.stat()
             if status.st_uid not in (os.geteuid(), 0):
                 remedy = "set XDG_RUNTIME_DIR, or choose a different --socket"
-                raise CellError(str(path.parent), "belongs to a different user", remedy)
+                raise CellError(str(path.parent), "belongs to a different user", remedy, code="lock.untrusted")
             if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
                 problem = "is writable for other users, who could replace the socket of rigd"
                 remedy = "give --socket in a private directory, or chmod go-w this directory"
-                raise CellError(str(path.parent), problem, remedy)
+                raise CellError(str(path.parent), problem, remedy, code="daemon.second")
             fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o600)
         except OSError as error:
             problem = "is a symbolic link" if path.is_symlink() else error.strerror or str(error)
-            raise CellError(str(path), problem, "choose a different --socket") from None
+            raise CellError(str(path), problem, "choose a different --socket", code="daemon.second") from None
         lock = cls(fd)
         try:
             lock._hold(rig, path)
@@ -149,13 +161,20 @@ class InstanceLock:
     def _hold(self, rig: str, path: Path) -> None:
         status = os.fstat(self._fd)
         if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1 or status.st_size > _LONGEST_ID:
-            raise CellError(str(path), "already exists and is not a lock file of rigd", "choose a different --socket")
+            raise CellError(
+                str(path),
+                "already exists and is not a lock file of rigd",
+                "choose a different --socket",
+                code="lock.foreign_file",
+            )
         try:
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             holder = os.pread(self._fd, _LONGEST_ID, 0).decode("ascii", "replace").strip() or "unknown"
             problem = f"a different rigd (process {holder}) serves this rig"
-            raise CellError(rig, problem, "stop that daemon, or query it with rig status") from None
+            raise CellError(
+                rig, problem, "stop that daemon, or query it with rig status", code="daemon.second"
+            ) from None
         with contextlib.suppress(OSError):  # informative only: a full disk must not prevent the start
             os.ftruncate(self._fd, 0)
             os.write(self._fd, str(os.getpid()).encode())
@@ -198,7 +217,9 @@ class InstanceLock:
             lock.close()
             if _is_of_this_user(address):  # locks of other users are ignored, because they could hold them forever
                 remedy = "stop that rigd, or correct the port in the rig file"
-                raise CellError(name, f"a different rigd reads the gauge at {port}", remedy) from None
+                raise CellError(
+                    name, f"a different rigd reads the gauge at {port}", remedy, code="gauge.in_use"
+                ) from None
             return cls(-1)
         return cls(lock.detach())
 
@@ -224,7 +245,7 @@ class InstanceLock:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             os.close(fd)
-            raise CellError(str(path), refusal, remedy) from None
+            raise CellError(str(path), refusal, remedy, code="cell.second") from None
         except OSError:
             os.close(fd)
             return cls(-1)

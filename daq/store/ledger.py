@@ -128,14 +128,16 @@ def no_run(path: Path) -> FileError:
     Directories of recorded runs begin with the time. If the path is a plain name, a run with that name is suggested.
     """
     if path.exists():
-        return FileError(str(path), "is a file, not the directory of a run", "give the directory of a run")
+        return FileError(
+            str(path), "is a file, not the directory of a run", "give the directory of a run", code="run.is_file"
+        )
     try:
         alike = path.parent.glob(f"*_{glob.escape(path.name)}") if path.name else ()
         named = [directory for directory in alike if directory.is_dir()]
     except OSError:
         named = []
     meant = f"did you mean {as_argument(named[0])}?" if len(named) == 1 else "check the path; a run is a directory"
-    return FileError(str(path), "no such file or directory", meant)
+    return FileError(str(path), "no such file or directory", meant, code="run.missing")
 
 
 def first_error(error: ValidationError) -> str:
@@ -301,7 +303,7 @@ class Ledger:
         ledger = read_ledger(run)
         if ledger.unread_lines:
             problem = f"has lines in {LEDGER} that cannot be verified, and continuing would replace them"
-            raise FileError(str(run), problem, f"{to_recover(run)}, which keeps these lines")
+            raise FileError(str(run), problem, f"{to_recover(run)}, which keeps these lines", code="run.unverified")
         return cls(run / LEDGER, durable.reopen(run / LEDGER), ledger.size, ledger.last)
 
     def append(self, entry: LedgerEntry) -> None:

@@ -83,7 +83,7 @@ def check_operator(name: str) -> str:
     try:
         return operator_name(name)
     except _OperatorError as error:
-        raise UseError("--operator", error.what, error.remedy) from None
+        raise UseError("--operator", error.what, error.remedy, code="request.operator") from None
 
 
 Operator = Annotated[Text, AfterValidator(operator_name)]
@@ -263,7 +263,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
             table=table,
         )
     except ValidationError as error:
-        raise FileError(f"run {name!r}", first_error(error), "choose other names") from None
+        raise FileError(f"run {name!r}", first_error(error), "choose other names", code="run.newer_version") from None
 
 
 class UnknownTestError(FileError):
@@ -291,21 +291,24 @@ def load_manifest(run: Path) -> Manifest:
         entries = read_ledger(run).entries
         if entries and entries[0].opening != sha256(data):
             problem = f"has changed since the start of the run: {LEDGER} contains a different SHA-256"
-            raise FileError(str(path), problem, f"{to_recover(run)} or restore the file")
+            raise FileError(str(path), problem, f"{to_recover(run)} or restore the file", code="run.damaged")
         return manifest.with_entries(entries)
     except FileNotFoundError:
         if any(run.glob(f"*/{MANIFEST}")):
             raise FileError(
-                str(run), "is not a run but a directory of runs", f"give a run, such as {run}/NAME"
+                str(run),
+                "is not a run but a directory of runs",
+                f"give a run, such as {run}/NAME",
+                code="run.is_directory_of_runs",
             ) from None
         if not any(parse_chunk(file.name) for file in run.iterdir()):
-            raise FileError(str(run), "contains no run", "give the directory of a run") from None
-        raise FileError(str(run), "has no manifest.json", to_recover(run)) from None
+            raise FileError(str(run), "contains no run", "give the directory of a run", code="run.missing") from None
+        raise FileError(str(run), "has no manifest.json", to_recover(run), code="run.no_manifest") from None
     except ValidationError as error:
         if newer := of_newer_rig(str(path), error) or _of_another_package(path, error):
             raise newer from None
         problem = f"is damaged or of a different version: {first_error(error)}"
-        raise FileError(str(path), problem, f"{to_recover(run)} or restore the file") from None
+        raise FileError(str(path), problem, f"{to_recover(run)} or restore the file", code="run.damaged") from None
     except OSError as error:
         raise unreadable(path, error) from None
 
@@ -317,7 +320,10 @@ def _of_another_package(path: Path, error: ValidationError) -> UnknownTestError 
         return None
     problem = f"uses the test {first['input'][:60]!r}, which is in neither rig nor an installed package"
     return UnknownTestError(
-        str(path), problem, "install the package of the test, or use the run on the original computer"
+        str(path),
+        problem,
+        "install the package of the test, or use the run on the original computer",
+        code="run.unknown_test",
     )
 
 
@@ -327,7 +333,7 @@ def unreadable(path: Path, error: OSError) -> FileError:
     remedy = (
         "close other programs, or read it on a different computer" if short else "check the disk and the permissions"
     )
-    return FileError(str(path), f"cannot be read: {error.strerror}", remedy)
+    return FileError(str(path), f"cannot be read: {error.strerror}", remedy, code="run.unreadable")
 
 
 def clock_now() -> Clock:

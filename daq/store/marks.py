@@ -77,7 +77,10 @@ def load_marks(run: Path) -> RunMarks:
         if newer := of_newer_rig(str(path), error):
             raise newer from None
         raise FileError(
-            str(path), f"is damaged: {first_error(error)}", "delete the file, then mark the run a second time"
+            str(path),
+            f"is damaged: {first_error(error)}",
+            "delete the file, then mark the run a second time",
+            code="run.damaged",
         ) from None
     except OSError as error:
         raise unreadable(path, error) from None
@@ -105,7 +108,10 @@ def _change(run: Path, change: Callable[[RunMarks], RunMarks]) -> None:
         lock = durable.try_lock(run)
         if lock is None:
             raise FileError(
-                str(run), "is being recorded or changed by a different program", "retry when that program has finished"
+                str(run),
+                "is being recorded or changed by a different program",
+                "retry when that program has finished",
+                code="run.in_use",
             )
         try:
             marks = change(load_marks(run))
@@ -114,7 +120,12 @@ def _change(run: Path, change: Callable[[RunMarks], RunMarks]) -> None:
             os.close(lock)
     except OSError as error:
         problem = f"cannot be marked: {error.strerror or error}"
-        raise CellError(str(run), problem, "run the command as the owner of the run, with enough disk space") from None
+        raise CellError(
+            str(run),
+            problem,
+            "run the command as the owner of the run, with enough disk space",
+            code="run.not_writable",
+        ) from None
 
 
 def relabel(
@@ -137,11 +148,18 @@ def relabel(
         if lock is None and unchanged.exit_status == "recording":
             raise FileError(str(run), *BEING_RECORDED)
         if lock is None:
-            raise FileError(str(run), "is being changed by a different program", "retry when that program has finished")
+            raise FileError(
+                str(run),
+                "is being changed by a different program",
+                "retry when that program has finished",
+                code="run.in_use",
+            )
         try:
             manifest = load_manifest(run)
             if manifest.exit_status == "recording" or any(run.glob("*.arrow")):
-                raise FileError(str(run), "was not closed: the recording crashed", to_recover(run))
+                raise FileError(
+                    str(run), "was not closed: the recording crashed", to_recover(run), code="run.not_closed"
+                )
             changed = _relabelled(run, manifest, test, direction, operator, placement)
             if changed != manifest:
                 _save(run, changed, changed.relabelled[len(manifest.relabelled) :])
@@ -149,7 +167,12 @@ def relabel(
             durable.close(lock)
     except OSError as error:
         problem = f"cannot be relabelled: {error.strerror or error}"
-        raise CellError(str(run), problem, "run the command as the owner of the run, with enough disk space") from None
+        raise CellError(
+            str(run),
+            problem,
+            "run the command as the owner of the run, with enough disk space",
+            code="run.not_writable",
+        ) from None
     return changed
 
 
@@ -191,7 +214,7 @@ def _relabelled(
     try:
         return manifest.updated(**words, relabelled=[*history, *changes])
     except ValidationError as error:
-        raise UseError(str(run), first_error(error), PLACEMENT_RULE) from None
+        raise UseError(str(run), first_error(error), PLACEMENT_RULE, code="request.unknown_test") from None
 
 
 def _test_and_direction(
@@ -205,20 +228,30 @@ def _test_and_direction(
     alike: tuple[TestName, ...] = get_args(DrivenTest) if manifest.table is None else CIRCLES
     if test != manifest.test and not (manifest.test in alike and test in alike):
         problem = f"contains data of a {manifest.test} test, which cannot be relabelled as a {test} test"
-        raise FileError(str(run), problem, f"import the data with --test {test}")
+        raise FileError(str(run), problem, f"import the data with --test {test}", code="run.not_editable")
     if test not in CIRCLES:
         if direction is not None and test != manifest.test:
-            raise UseError("--direction", f"a {test} test does not have a direction", "remove it")
+            raise UseError(
+                "--direction", f"a {test} test does not have a direction", "remove it", code="request.direction"
+            )
         if direction is not None:
-            raise FileError(str(run), f"is of a {test} test, which does not have a direction", "leave --direction out")
+            raise FileError(
+                str(run),
+                f"is of a {test} test, which does not have a direction",
+                "leave --direction out",
+                code="request.direction",
+            )
         return {"test": test, "direction": None}
     if (direction or manifest.direction) is None:
         raise FileError(
-            str(run), f"a {test} test needs a direction, which this run does not have", "add --direction acw or cw"
+            str(run),
+            f"a {test} test needs a direction, which this run does not have",
+            "add --direction acw or cw",
+            code="run.no_direction",
         )
     if manifest.table is not None and direction not in (None, manifest.direction):
         # The rows of a table also contain the direction, and tables are never changed.
         problem = f"contains an imported table with the direction {manifest.direction} in its rows"
         remedy = f"import the table with --direction {direction} and without the direction column"
-        raise FileError(str(run), problem, remedy)
+        raise FileError(str(run), problem, remedy, code="run.not_editable")
     return {"test": test, "direction": direction or manifest.direction}

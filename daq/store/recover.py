@@ -83,7 +83,9 @@ def recover(path: Path) -> Recovery:
         reason, file = getattr(error, "strerror", None), getattr(error, "filename", None)
         # The operating system reports some files only by number.
         words = f"{reason}: {file!r}" if reason and isinstance(file, str) else str(reason or error)
-        raise CellError(str(path), f"cannot be recovered: {words}", f"{_remedy(error)}; no data were lost") from error
+        raise CellError(
+            str(path), f"cannot be recovered: {words}", f"{_remedy(error)}; no data were lost", code="run.not_recovered"
+        ) from error
 
 
 def _remedy(error: Exception) -> str:
@@ -120,7 +122,9 @@ def _manifest_of(path: Path, done: Recovery) -> Manifest:
         opening = _opening_in(path)
         if opening is None:
             problem = f"{error.what}; and all chunks with a description of the run are missing"
-            raise FileError(error.where, problem, "restore manifest.json from a copy") from None
+            raise FileError(
+                error.where, problem, "restore manifest.json from a copy", code="run.not_recovered"
+            ) from None
     entries = read_ledger(path).entries
     for file, spoilt in ((MANIFEST, True), (LEDGER, bool(entries) and entries[0].opening != sha256(opening))):
         if spoilt and (path / file).exists():

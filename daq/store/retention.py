@@ -66,7 +66,9 @@ def survey(runs: Path, denied: Callable[[Path], object] = lambda _: None) -> Ite
     try:
         entries = sorted(runs.iterdir())
     except OSError as error:
-        raise FileError(str(runs), error.strerror or str(error), "give the directory with the runs") from None
+        raise FileError(
+            str(runs), error.strerror or str(error), "give the directory with the runs", code="file.unreadable"
+        ) from None
     for path in entries:
         try:
             if path.name.startswith(".") or path.is_symlink() or not is_run(path):

@@ -76,7 +76,7 @@ def closed_manifest(path: Path) -> Manifest:
     except OSError as error:
         raise unreadable(path, error) from None
     if recording or any(path.glob("*.arrow")):
-        raise FileError(str(path), "was not closed: the recording crashed", to_recover(path))
+        raise FileError(str(path), "was not closed: the recording crashed", to_recover(path), code="run.not_closed")
     return manifest
 
 
@@ -133,22 +133,26 @@ def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[st
     try:
         data = read_bytes(file, MOST_BYTES)
     except FileNotFoundError:
-        raise FileError(str(file), "is missing, although the ledger lists this chunk", remedy) from None
+        raise FileError(
+            str(file), "is missing, although the ledger lists this chunk", remedy, code="run.chunk_missing"
+        ) from None
     except OSError as error:
         raise unreadable(file, error) from None
     if sha256(data) != chunk.sha256:
-        raise FileError(str(file), "has changed since the recording (SHA-256)", remedy)
+        raise FileError(str(file), "has changed since the recording (SHA-256)", remedy, code="run.changed")
     try:
         table = from_parquet(data, columns)
     except OSError as error:
         raise unreadable(file, error) from None
     if table is None:
-        raise FileError(str(file), "is not a Parquet file", remedy)
+        raise FileError(str(file), "is not a Parquet file", remedy, code="run.damaged")
     if not table.schema.equals(schema if columns is None else pa.schema([schema.field(name) for name in columns])):
         problem = f"has the columns {', '.join(table.schema.names)}, which differ from the manifest"
-        raise FileError(str(file), problem, remedy)
+        raise FileError(str(file), problem, remedy, code="run.damaged")
     if table.num_rows != chunk.rows:
-        raise FileError(str(file), f"has {table.num_rows} rows, but the manifest states {chunk.rows}", remedy)
+        raise FileError(
+            str(file), f"has {table.num_rows} rows, but the manifest states {chunk.rows}", remedy, code="run.damaged"
+        )
     return table.replace_schema_metadata(None)
 
 

@@ -100,7 +100,9 @@ class RunWriter:
             path, lock, ledger = create_run_directory(runs, manifest, companions or {})
         except OSError as error:
             remedy = durable.remedy(error, "make room or choose a different directory")
-            raise CellError(str(runs), f"cannot be written: {_words(error)}", remedy) from error
+            raise CellError(
+                str(runs), f"cannot be written: {_words(error)}", remedy, code="run.not_writable"
+            ) from error
         writers = {
             stream: StreamWriter(path, stream, with_opening(schema_of(stream, columns), manifest.opening()))
             for stream, columns in manifest.all_streams.items()
@@ -282,4 +284,4 @@ def _refused(run: Path, error: Exception) -> CellError:
         return RunRemoved(run)
     remedy = durable.remedy(error, "free some space or repair the disk")
     safe = f"all synced data are safe: `rig recover {as_argument(run)}`"
-    return CellError(str(run), f"cannot be written: {_words(error)}", f"{remedy}; {safe}")
+    return CellError(str(run), f"cannot be written: {_words(error)}", f"{remedy}; {safe}", code="run.not_writable")

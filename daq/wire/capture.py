@@ -78,10 +78,13 @@ def read_capture(path: Path) -> Capture:
         text = read_bytes(path, MOST_BYTES).decode()
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or "no text"
-        raise FileError(str(path), reason, "give a file written by rigd --capture") from None
+        raise FileError(str(path), reason, "give a file written by rigd --capture", code="capture.damaged") from None
     if not text.startswith(HEAD):
         raise FileError(
-            str(path), "is not a capture of rigd", f"give a file of rigd --capture: its first line is {HEAD!r}"
+            str(path),
+            "is not a capture of rigd",
+            f"give a file of rigd --capture: its first line is {HEAD!r}",
+            code="capture.damaged",
         )
     lines = text.split("\n")
     cut = lines.pop() != ""
@@ -97,5 +100,5 @@ def read_capture(path: Path) -> Capture:
             pieces.append(Piece(int(match[1]), match[2], CaptureMark(match[3]), data))
         except ValueError:
             problem = f"line {number} cannot be read as part of a capture: {line[:40]!r}"
-            raise FileError(str(path), problem, "correct or delete that line") from None
+            raise FileError(str(path), problem, "correct or delete that line", code="capture.damaged") from None
     return Capture(tuple(pieces), cut)

@@ -353,9 +353,13 @@ def _open_udp(name: str, address: tuple[str, int], *, listens: bool) -> Link:
         family, kind, protocol, _, endpoint = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
         sock = socket.socket(family, kind, protocol)
     except UnicodeError:
-        raise CellError(where, "the host name is not valid", "correct the port in the rig file") from None
+        raise CellError(
+            where, "the host name is not valid", "correct the port in the rig file", code="address.invalid"
+        ) from None
     except OSError as error:
-        raise CellError(where, error.strerror or str(error), "check address and network") from None
+        raise CellError(
+            where, error.strerror or str(error), "check address and network", code="port.unreachable"
+        ) from None
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _QUEUE)
     sock.setblocking(False)
     try:
@@ -363,7 +367,7 @@ def _open_udp(name: str, address: tuple[str, int], *, listens: bool) -> Link:
             sock.bind(endpoint)
     except OSError as error:
         sock.close()
-        raise CellError(where, f"cannot be bound: {error.strerror or error}", _OURS) from None
+        raise CellError(where, f"cannot be bound: {error.strerror or error}", _OURS, code="port.not_bound") from None
     return UdpLink(name, sock, None if listens else endpoint)
 
 
@@ -372,13 +376,21 @@ def _open_tcp(name: str, address: tuple[str, int], dead_s: float) -> Link:
     try:
         sock = socket.create_connection(address, timeout=_CONNECT_S)
     except TimeoutError:
-        raise CellError(where, f"no answer in {_CONNECT_S:.0f} s", "check address, cable and firewall") from None
+        raise CellError(
+            where, f"no answer in {_CONNECT_S:.0f} s", "check address, cable and firewall", code="port.no_answer"
+        ) from None
     except ConnectionRefusedError:
-        raise CellError(where, "connection refused", "start the service there, or correct the port number") from None
+        raise CellError(
+            where, "connection refused", "start the service there, or correct the port number", code="port.refused"
+        ) from None
     except UnicodeError:
-        raise CellError(where, "the host name is not valid", "correct the port in the rig file") from None
+        raise CellError(
+            where, "the host name is not valid", "correct the port in the rig file", code="address.invalid"
+        ) from None
     except OSError as error:
-        raise CellError(where, error.strerror or str(error), "check address and network") from None
+        raise CellError(
+            where, error.strerror or str(error), "check address and network", code="port.unreachable"
+        ) from None
     set_up_tcp(sock, dead_s)
     return Link(name, sock.fileno(), sock.close, dead_s, waits=True)
 
@@ -389,10 +401,12 @@ def _listen(name: str, address: tuple[str, int], dead_s: float) -> Link:
         family, *_, endpoint = socket.getaddrinfo(*address, type=socket.SOCK_STREAM)[0]
         server = socket.create_server(endpoint[:2], family=family, backlog=1)
     except UnicodeError:
-        raise CellError(where, "the host name is not valid", "correct the port in the rig file") from None
+        raise CellError(
+            where, "the host name is not valid", "correct the port in the rig file", code="address.invalid"
+        ) from None
     except OSError as error:
         # The plain message of the system, stripped of additions by Python. Unknown names have a negative number.
         why = os.strerror(error.errno) if error.errno and error.errno > 0 else error.strerror or str(error)
-        raise CellError(where, f"cannot listen: {why}", _OURS) from None
+        raise CellError(where, f"cannot listen: {why}", _OURS, code="port.not_bound") from None
     server.setblocking(False)
     return ListeningLink(name, server, dead_s)

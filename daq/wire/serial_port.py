@@ -63,7 +63,12 @@ def open_serial(name: str, port: str, line: Line, modem: ModemLines | None) -> s
     try:
         if not Path(port).exists():
             ports = ", ".join(port_names()) or "none"
-            raise CellError(where, "no such port", f"connect the device, or correct the port; available ports: {ports}")
+            raise CellError(
+                where,
+                "no such port",
+                f"connect the device, or correct the port; available ports: {ports}",
+                code="port.missing",
+            )
         device = _configured(port, line, modem)
         if line.parity != "N":
             # Report a character with wrong parity as NUL, which never occurs in a reading. By default pyserial passes
@@ -81,9 +86,11 @@ def open_serial(name: str, port: str, line: Line, modem: ModemLines | None) -> s
         else:
             problem = f"cannot be opened as a serial port ({error.strerror or text})"
             remedy = "give the path of a serial port"
-        raise CellError(where, problem, remedy) from None
+        raise CellError(where, problem, remedy, code="port.not_opened") from None
     except (OSError, ValueError, termios.error) as error:
-        raise CellError(where, f"is not a serial device ({error})", "give the path of a serial port") from None
+        raise CellError(
+            where, f"is not a serial device ({error})", "give the path of a serial port", code="port.not_serial"
+        ) from None
     return device
 
 

@@ -97,7 +97,7 @@ def load_arm(name: str) -> LibraryArm:
             f"did you mean {' or '.join(near)}?" if (near := nearest(name, names)) else "rig arms lists all of them."
         )
         remedy = f"{meant} For an arm outside the library, run rig import-urdf ARM.urdf -o ARM.yaml and give that file"
-        raise FileError(name, "is not an arm of the library", remedy)
+        raise FileError(name, "is not an arm of the library", remedy, code="arm.unknown")
     file = _FOLDER / f"{library_name}.yaml"
     return _parsed(library_name, file.read_text(encoding="utf-8"), str(file))
 

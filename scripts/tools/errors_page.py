@@ -44,19 +44,21 @@ def page() -> str:
 
 def codes_in(tree: ast.AST) -> Iterator[tuple[str, str, str]]:
     """Yield code, problem and remedy of each call with a literal code, in the order of the source."""
-    names = {
-        target.id: node.value
+    values = [
+        (target.id, node.lineno, node.value)
         for node in ast.walk(tree)
         if isinstance(node, ast.Assign)
         for target in node.targets
         if isinstance(target, ast.Name)
-    }
+    ]
     for node in ast.walk(tree):
         if not isinstance(node, ast.Call):
             continue
-        given = {word.arg: word.value for word in node.keywords}
-        code = given.get("code")
+        code = {word.arg: word.value for word in node.keywords}.get("code")
         if isinstance(code, ast.Constant) and isinstance(code.value, str) and "." in code.value:
+            # The value of a variable is that of the last line above the call, otherwise a constant of the file.
+            above = sorted(values, key=lambda value: (value[1] < node.lineno, value[1]))
+            names = {name: value for name, _, value in above}
             texts = [*(_text(one, names) for one in node.args[1:3]), "", ""]
             yield code.value, texts[0], texts[1]
 

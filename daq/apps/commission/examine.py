@@ -64,7 +64,10 @@ def ask(rig: str) -> dict[str, Any] | None:
         closed = [folder for folder in Path("/run").glob("rigd-*") if not os.access(folder, os.X_OK)]
         if closed:
             raise CellError(
-                str(closed[0]), "this user has no permission to query the daemon", "join the group rig, or use sudo"
+                str(closed[0]),
+                "this user has no permission to query the daemon",
+                "join the group rig, or use sudo",
+                code="daemon.permission",
             ) from None
         return None
     with Client(path) as client:

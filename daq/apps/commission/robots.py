@@ -187,7 +187,7 @@ def joints_of(robot: Feedback) -> tuple[float, ...]:
         raise trial.error
     if not trial.samples:
         remedy = trial.last_fault or "check that it is on and the program runs"
-        raise CellError(robot.port, "reports no joint angles", remedy)
+        raise CellError(robot.port, "reports no joint angles", remedy, code="robot.no_joints")
     return trial.samples[-1].values[:6]
 
 

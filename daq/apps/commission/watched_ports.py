@@ -80,7 +80,12 @@ class PortWatch:
         """Return the latest reading of each gauge by place. Raises CellError if a port is lost."""
         with self._changed:
             for place, why in self._lost.items():
-                raise CellError(place, f"was lost ({why})", "check the cable, and repeat rig init: it continues here")
+                raise CellError(
+                    place,
+                    f"was lost ({why})",
+                    "check the cable, and repeat rig init: it continues here",
+                    code="port.lost",
+                )
             return {place: values[-1] for place, values in self._latest.items() if values}
 
     def measure_rest(self) -> None:

@@ -60,7 +60,7 @@ class Replay:
                 problem = (
                     f"the capture contains no data of {name} (it contains {', '.join(capture.streams) or 'nothing'})"
                 )
-                raise FileError(rig.name, problem, "give the rig file used for the capture")
+                raise FileError(rig.name, problem, "give the rig file used for the capture", code="capture.no_data")
         may_ns = bearable_ns(
             [_u_ns(stream, heard[stream.name]) for stream in streams if stream.name != ROBOT],
             *(_u_ns(stream, heard[stream.name]) for stream in streams if stream.name == ROBOT),

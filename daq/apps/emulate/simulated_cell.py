@@ -45,7 +45,7 @@ class SimulatedLine:
     def open(self) -> _LineEnd:
         """Open a connection and return the end of the daemon. Raises CellError while unplugged."""
         if not self.plugged:
-            raise CellError(self.name, "does not exist", "plug it in")
+            raise CellError(self.name, "does not exist", "plug it in", code="port.missing")
         ours, theirs = _LineEnd(self, self._character_ns), _LineEnd(self, self._character_ns)
         ours.other, theirs.other, self.ends = theirs, ours, (ours, theirs)
         theirs.sends_changed = True
