@@ -136,8 +136,9 @@ class CalibratedModel(Part):
     float32, base64. `joints_deg` is the range of each joint in the runs, and `rail_mm` the range of the rail, if any.
     Outside of these ranges the terms equal their prior. `reach_mm`, for touches only, is the largest distance between a
     validating placement and the other sockets. `held_out_um` is the rms in µm at places excluded from the fit; None if
-    there were none. `widened` is the ratio of the real to the expected error at such places or at held-out poses; L is
-    already multiplied by it. `judged` is the assessment of the diagnosis; None in files of earlier versions.
+    there were none. `widened` is the ratio of the real to the expected error at such places or at held-out poses, at
+    least Student's t for their number; L is already multiplied by it. `judged` is the assessment of the diagnosis; None
+    in files of earlier versions.
     """
 
     format: Literal[1] = 1

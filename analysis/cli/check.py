@@ -165,7 +165,9 @@ def calibration_lines(model: CalibratedModel) -> list[str]:
     if model.held_out_um is not None:
         accuracy += f" ({model.held_out_um:.0f} µm in readings not used to fit it)"
     if model.widened > 1:
-        accuracy += f"; the uncertainty was increased {model.widened:.2g} times, because these readings required it"
+        accuracy += (
+            f"; the uncertainty was increased {model.widened:.2g} times, because these readings required it or are few"
+        )
     joints = ", ".join(f"{axis}: {low:z.0f}° to {high:z.0f}°" for axis, (low, high) in enumerate(model.joints_deg, 1))
     return [
         f"calibrated on {model.date} from {runs}: {len(model.terms)} terms; {accuracy}",

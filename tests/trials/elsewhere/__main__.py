@@ -12,6 +12,8 @@ import argparse
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +50,8 @@ robot:
     - {name: joint 6, alpha_deg: -90, d_mm: 105, offset_deg: -90, limits_deg: [-175, 175], speed_deg_s: 60,
        mass_kg: 0.6}
 """
+JUDGING = 250
+"""Poses that judge a small table."""
 HEAD = """\
 | judged | error, µm | u is known | error over u | within 2 u | where u is not known |
 | --- | --- | --- | --- | --- | --- |"""
@@ -58,15 +62,34 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path, help="directory with ipa-ur10, jacobi and mukca")
     parser.add_argument("--only", default="", help="what begins so, as 'ur10-b ' or 'panda_2 high' (all)")
+    parser.add_argument("--rows", type=int, help="random tables of so many poses of each series, judged by 250 others")
+    parser.add_argument("--draws", type=int, default=3, help="random tables of each series")
     given = parser.parse_args()
     print(HEAD, flush=True)
     for split in measured_splits(given.data, 0, WHOLE)[0]:
-        if f"{split.task.name} ".startswith(given.only):
+        if given.rows:
+            for small in small_splits(split, given.rows, given.draws) if split.task.name.startswith(given.only) else ():
+                print(of_series(small), flush=True)
+        elif f"{split.task.name} ".startswith(given.only):
             print(of_series(split), flush=True)
-    for arm in (*ARMS, "dinova_2"):
+    for arm in () if given.rows else (*ARMS, "dinova_2"):
         for placement in sorted(touches(arm, given.data / "mukca")):
             if f"{arm} {placement}".startswith(given.only):
                 print(of_placement(arm, placement, given.data / "mukca"), flush=True)
+
+
+def small_splits(split: Split, rows: int, draws: int) -> Iterator[Split]:
+    """Yield random tables of a long series of one placement."""
+    count = len(split.given.q)
+    if count < rows + JUDGING / 2 or len(np.unique(split.given.placement)) > 1:
+        return
+    for draw in range(draws):
+        order = np.random.default_rng([rows, draw]).permutation(count)
+        given, asked = (
+            split.given.of(np.isin(np.arange(count), part)) for part in np.split(order[: rows + JUDGING], [rows])
+        )
+        task = replace(split.task, row=f"{split.task.name}, {rows} poses, draw {draw}")
+        yield Split(task, split.arm, given, asked)
 
 
 def of_series(split: Split) -> str:
