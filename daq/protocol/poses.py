@@ -91,8 +91,8 @@ def _vector_of(R: Matrix) -> tuple[float, ...]:
 
 
 def _product(A: Matrix, B: Matrix) -> tuple[tuple[float, float, float], ...]:
-    columns = list(zip(*B, strict=True))
-    return tuple(tuple(sum(a * b for a, b in zip(row, column, strict=True)) for column in columns) for row in A)
+    (a, b, c), (d, e, f), (g, h, i) = B
+    return tuple((x * a + y * d + z * g, x * b + y * e + z * h, x * c + y * f + z * i) for x, y, z in A)
 
 
 def _transposed(R: Matrix) -> Matrix:
@@ -100,4 +100,5 @@ def _transposed(R: Matrix) -> Matrix:
 
 
 def _turned(R: Matrix, vector: Vector) -> list[float]:
-    return [sum(part * value for part, value in zip(row, vector, strict=True)) for row in R]
+    x, y, z = vector
+    return [a * x + b * y + c * z for a, b, c in R]

@@ -96,6 +96,29 @@ class Streamed(PassesShapes):
         return ConversationStep(send, (*items, *self._bursts.end()), hang_up=True)
 
 
+class GatheredStream(Streamed):
+    """Host side of a device with hundreds of messages per second, which are decoded together.
+
+    A thread that decodes each message on arrival holds the interpreter most often just when another stream's bytes
+    arrive: the readers of gauges then stamp late.
+    """
+
+    gather_ns = 10_000_000
+    """Gathering time. Chosen: five packets of a controller. They are decoded in a third of the time of single packets,
+    and in less than a tenth of a period of 2 ms, so that the next one is not stamped late.
+    """
+
+    def received_all(self, arrivals: Sequence[Arrival]) -> ConversationStep:
+        send, items = b"", list[Item]()
+        for data, at_ns in arrivals:
+            step = self.received(data, at_ns)
+            send += step.send
+            items += step.items
+            if step.hang_up:
+                return ConversationStep(send, tuple(items), hang_up=True)
+        return ConversationStep(send, tuple(items), self._wake_ns)
+
+
 _FIRST_SLOWLY_BYTES = 48
 """Number of bytes decoded individually after a failed array decoding, a few values.
 
@@ -110,7 +133,7 @@ class QuickDialect(StreamedDialect, Protocol):
         """Return the plain readings at the start of the arrivals, and the remaining arrivals."""
 
 
-class QuicklyStreamed(Streamed):
+class QuicklyStreamed(GatheredStream):
     """Host side of a device with thousands of messages per second. Plain readings are decoded as arrays."""
 
     gather_ns = 100_000_000
@@ -133,17 +156,18 @@ class QuicklyStreamed(Streamed):
                 self._wake_ns = int(samples.last_byte_ns[-1]) + self._timeout_ns
             begin, remaining = split(remaining, slowly)
             slowly *= 2
-            for data, at_ns in begin:
-                step = self.received(data, at_ns)
-                send += step.send
-                items += step.items
-                if step.hang_up:
-                    return ConversationStep(send, tuple(items), hang_up=True)
+            step = super().received_all(begin)
+            send += step.send
+            items += step.items
+            if step.hang_up:
+                return ConversationStep(send, tuple(items), hang_up=True)
         return ConversationStep(send, tuple(items), self._wake_ns)
 
 
 def split(arrivals: Sequence[Arrival], size: int) -> tuple[list[Arrival], list[Arrival]]:
     """Split the arrivals after `size` bytes. All stamps are preserved."""
+    if sum(len(data) for data, _ in arrivals) <= size:  # the usual case, in a fraction of the time
+        return list(arrivals), []
     before, after = list[Arrival](), list[Arrival]()
     for data, at_ns in arrivals:
         if data[:size]:

@@ -41,7 +41,7 @@ from daq.protocol.framing import Message, Sized
 from daq.protocol.numerals import are_angles, plausible
 from daq.protocol.poses import flange_pose, tool_fields
 from daq.protocol.positions import SteadyDevice, SteadyRate, SteadySteps
-from daq.protocol.streamed import Reaction, Streamed
+from daq.protocol.streamed import GatheredStream, Reaction
 from rigs.schema.condition import (
     CURRENTS,
     PAYLOAD,
@@ -208,7 +208,7 @@ _MAX_CLOCK_S = 1e9
 
 def host(feedback: URRTDE) -> Host:
     """Return the host side of the protocol, which reads the joint angles in degrees."""
-    return Streamed(_RTDEClient(feedback), feedback.timeout_s)
+    return GatheredStream(_RTDEClient(feedback), feedback.timeout_s)
 
 
 def device(feedback: URRTDE, read: Read) -> Device:

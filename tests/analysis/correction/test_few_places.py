@@ -7,6 +7,7 @@ import pytest
 
 from analysis import calibrate
 from analysis.correction.few_places import widened_for_few_places
+from analysis.runs.tables import PoseTable
 from tests.support.handmade_calibration import calibrated_model
 from tests.support.pose_runs import pose_run
 from tests.trials.moved.states import cell_with
@@ -38,6 +39,7 @@ def test_u_is_at_least_students_t_of_the_neighbourhoods(
 
 def test_a_calibration_by_few_poses_has_a_widened_u() -> None:
     run = cell_with("ur10e", [{}], np.random.default_rng(21)).runs[0]
+    assert isinstance(run.table, PoseTable)
     few = pose_run("ur10e", run.table.q[:22], run.table.xyz_mm[:22])
     calibrated = calibrate([few]).calibrated
     assert calibrated is not None and calibrated.widened > 1.6

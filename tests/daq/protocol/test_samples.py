@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq import gauges
+from daq import feedback, gauges
 from daq.acquisition.stream_buffer import faults_of, samples_of, size_of
 from daq.protocol.conversation import (
     NO_SAMPLES,
@@ -23,6 +23,7 @@ from daq.protocol.conversation import (
     SampleBlock,
     packed,
 )
+from rigs.schema.feedback import URRTDE
 from rigs.schema.gauges import MicroEpsilonILD1420
 
 GAUGE = MicroEpsilonILD1420.model_validate(
@@ -116,3 +117,27 @@ def test_arrays_are_used() -> None:
     assert isinstance(block, SampleBlock) and len(block) == 101 and isinstance(fault, Fault)
     assert (block[-1].first_byte_ns, block[-1].last_byte_ns) == (3, 4)
     assert rest == [] and block[0].values[0] == pytest.approx((102 / 65520 * 1000 - 1) / 10)
+
+
+@given(st.lists(st.integers(0, 10_000), max_size=12), st.integers(1, 6))
+def test_packets_of_a_controller_decoded_together_are_the_same_samples(cuts: list[int], at_once: int) -> None:
+    robot = URRTDE.model_validate({"interface": "ur_rtde", "port": "tcp://127.0.0.1:1", "condition": False})
+    device = feedback.device(robot, lambda _: (0.0,) * 6)
+    device.connected(0)
+    single, gathering = feedback.host(robot), feedback.host(robot)
+    assert isinstance(gathering, Gathering)
+    question, sent, now_ns = single.connected(0).send, b"", 0
+    gathering.connected(0)
+    asked = feedback.host(robot)
+    asked.connected(0)
+    while question:  # the handshake
+        answer = device.received(question, now_ns).send
+        sent, question = sent + answer, asked.received(answer, now_ns).send
+    for now_ns in range(0, 100_000_000, 2_000_000):
+        sent += device.tick(now_ns).send
+    arrivals = _cut(sent, cuts)
+    one_by_one = [single.received(piece, at_ns) for piece, at_ns in arrivals]
+    together = [gathering.received_all(arrivals[at : at + at_once]) for at in range(0, len(arrivals), at_once)]
+    for name in ("items", "send"):
+        joined = [[part for step in steps for part in getattr(step, name)] for steps in (one_by_one, together)]
+        assert joined[0] == joined[1] and joined[0]
