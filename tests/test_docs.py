@@ -4,7 +4,6 @@ their programs print."""
 from __future__ import annotations
 
 import ast
-import importlib.util
 import re
 import subprocess
 import sys
@@ -27,6 +26,7 @@ from rigs.load import SHIPPED, parse
 from rigs.rig import Rig
 from rigs.schema.gauges import Gauge
 from tests.support.command_line import all_imported
+from tests.trials import wire_peers
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/**/*.md"))]
@@ -214,42 +214,25 @@ def test_every_link_within_the_page_has_its_heading() -> None:
     assert len(anchors) == len(titles), "two sections of one name"
 
 
-def _wire_peers() -> Any:
-    spec = importlib.util.spec_from_file_location(
-        "wire_peers", ROOT / "tests" / "trials" / "wire_peers" / "__main__.py"
-    )
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_every_interface_has_a_section_and_every_peer_an_interface() -> None:
     names = {one.name for one in list_interfaces()}
     sections = dict(re.findall(r"^### (\w+)\n(.*?)(?=^#)", _page("interfaces"), re.M | re.S))
     assert set(sections) >= names
-    for peer in _wire_peers().PEERS:
+    for peer in wire_peers.PEERS:
         assert set(peer.interfaces) <= names
         assert all(peer.name in " ".join(sections[name].split()) for name in peer.interfaces)
 
 
-def test_a_peer_that_disagrees_or_is_absent_is_reported(capsys: Any, monkeypatch: Any) -> None:
-    wire = _wire_peers()
-
+def test_a_peer_that_disagrees_or_is_absent_is_reported() -> None:
     def disagrees() -> str:
-        raise wire.Disagrees("1.0 where 2.0 was sent")
+        raise wire_peers.Disagrees("1.0 where 2.0 was sent")
 
     def absent() -> str:
         raise ModuleNotFoundError("no such peer")
 
-    peers = [wire.Peer(name, ("ur_rtde",), "host", check) for name, check in (("a", disagrees), ("b", absent))]
-    monkeypatch.setattr(wire, "PEERS", peers)
-    assert wire.main() == 1
-    first, second = capsys.readouterr().out.splitlines()
-    assert "DISAGREES: 1.0 where 2.0" in first and "skipped: no such peer" in second
-    monkeypatch.setattr(wire, "PEERS", peers[1:])
-    assert wire.main() == 0
+    lines = [wire_peers.checked(wire_peers.Peer("a", ("ur_rtde",), "host", one)) for one in (disagrees, absent)]
+    assert "DISAGREES: 1.0" in lines[0] and "skipped: " in lines[1]
+    assert wire_peers.has_failed(lines) and not wire_peers.has_failed(lines[1:])
 
 
 # --- files and functions that pages name

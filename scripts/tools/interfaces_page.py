@@ -1,7 +1,7 @@
 """Generate docs/interfaces.md from the interface schemas: `scripts/dev interfaces_page > docs/interfaces.md`.
 
 The source of an interface comes from its class (`rigs.interfaces`), the independent implementations from `PEERS` of
-tests/trials/wire_peers/__main__.py. The list of unsupported interfaces is in this file.
+tests/trials/wire_peers.py. The list of unsupported interfaces is in this file.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def _left_out(name: str, instead: str, why: str) -> str:
 def _section(title: str, kind: str) -> list[str]:
     """Return a section for each interface of a kind, with its instruments, source, doubts and reference programs."""
     from rigs.interfaces import list_interfaces  # noqa: PLC0415
-    from tests.trials.wire_peers.__main__ import PEERS  # noqa: PLC0415 - the script first puts the repository on the path
+    from tests.trials.wire_peers import PEERS  # noqa: PLC0415 - the script first puts the repository on the path
 
     lines = [f"## {title}", ""]
     for one in list_interfaces():

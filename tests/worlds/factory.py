@@ -78,10 +78,11 @@ def arms() -> list[FactoryArm]:
     rows: dict[int, dict[str, dict[str, float]]] = defaultdict(dict)
     models = {}
     units = {"x": "m", "y": "m", "z": "m", "roll": "rad", "pitch": "rad", "yaw": "rad"}
-    for row in csv.DictReader(DATA.open(encoding="utf-8")):
-        number = int(row["arm"])
-        models[number] = row["model"]
-        rows[number][row["frame"]] = {key: float(row[f"{key}_{unit}"]) for key, unit in units.items()}
+    with DATA.open(encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            number = int(row["arm"])
+            models[number] = row["model"]
+            rows[number][row["frame"]] = {key: float(row[f"{key}_{unit}"]) for key, unit in units.items()}
     return [FactoryArm(k, models[k], rows[k], np.pi * np.array([0, 0, k == 9, k == 9, 0, 0])) for k in rows]
 
 

@@ -5,7 +5,6 @@ Without a name every row runs, which takes a quarter of an hour, and the table o
 
 from __future__ import annotations
 
-import argparse
 import datetime
 import importlib.metadata
 import os
@@ -13,10 +12,12 @@ import platform
 import re
 import sys
 import textwrap
-from collections.abc import Callable, Iterator
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from tests.support.benchmarks import Line, page_with, table
+from tests.support.trial import Trial, main
 from tests.trials.bench.commands import analyse_lines, circle_lines, diagnose_lines, many_lines, small_lines
 from tests.trials.bench.kinematics import calibrated_lines, forward_lines, inverse_lines, path_lines
 
@@ -52,28 +53,37 @@ def _version(package: str) -> str:
         return "not there"
 
 
-def main() -> int:
-    """Prints the table, line by line as it comes; 1 where a goal is missed."""
-    parser = argparse.ArgumentParser(prog="scripts/bench", description=__doc__)
-    parser.add_argument("names", metavar="NAME", nargs="*", help=f"some of {', '.join(ROWS)} (all)")
-    names = parser.parse_args().names
-    if unknown := [name for name in names if name not in ROWS]:
-        parser.error(f"there is no row {unknown[0]!r}; the rows are {', '.join(ROWS)}")
-    lines = []
+def draw(given: Namespace) -> Iterator[str]:
     print(machine())
-    for name in names or ROWS:
-        for line in ROWS[name]():
-            lines.append(line)
-            print(" | ".join(line.cells()), flush=True)
-    if not names:
-        measured = f"{textwrap.fill(machine(), 120)}\n\n{table(lines)}"
-        PAGE.write_text(page_with(PAGE.read_text(encoding="utf-8"), measured), encoding="utf-8")
-        print(f"written to {PAGE}")
-    return 0 if all(line.reached for line in lines) else 1
+    yield from given.names
 
+
+def measured(name: str) -> tuple[str, list[Line]]:
+    return name, list(ROWS[name]())
+
+
+def line(result: tuple[str, list[Line]]) -> str:
+    return "\n".join(" | ".join(one.cells()) for one in result[1])
+
+
+def report(done: Sequence[tuple[str, list[Line]]]) -> str:
+    """Write the table to the page if every row was measured."""
+    if len(done) < len(ROWS):
+        return ""
+    lines = [one for _, own in done for one in own]
+    text = f"{textwrap.fill(machine(), 120)}\n\n{table(lines)}"
+    PAGE.write_text(page_with(PAGE.read_text(encoding="utf-8"), text), encoding="utf-8")
+    return f"written to {PAGE}"
+
+
+def has_missed(done: Sequence[tuple[str, list[Line]]]) -> bool:
+    return not all(one.reached for _, own in done for one in own)
+
+
+TRIAL = Trial(
+    draw, measured, report, line=line, failed=has_missed,
+    options={"NAMES": (tuple(ROWS), f"some of {', '.join(ROWS)} (all)", ROWS)},
+)  # fmt: skip
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except KeyboardInterrupt:
-        sys.exit("stopped, the page is as it was")
+    sys.exit(main(TRIAL))

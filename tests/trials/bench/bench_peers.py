@@ -82,7 +82,7 @@ def toolbox_one(arm: Arm, T: Array) -> Peer:
 def pinocchio_along(arm: Arm, T: Array, start: Array) -> Peer:
     """Pinocchio: Newton from each pose to the next, in a loop of Python."""
     try:
-        from tests.trials.peers.__main__ import Pinocchio, pin  # noqa: PLC0415 - may be missing
+        from tests.trials.peers import Pinocchio, pin  # noqa: PLC0415 - may be missing
     except ImportError as error:
         return Peer("pinocchio, Newton", missing=str(error))
     one = Pinocchio(arm)

@@ -12,10 +12,40 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tests.support.benchmarks import Line
+from tests.support.command_cost import cost
 from tests.trials.blind.trial import Job, make_case, runs_of
-from tests.trials.rows.__main__ import FLOOR, PANDAS, RUN_WRITER, cost
 
 CIRCLE = Path(__file__).with_name("circle.py")
+RUN_WRITER = Path(__file__).parents[2] / "support" / "synthetic_run.py"
+_SINE = """
+angle = np.arctan((g2 - g1) / 50)
+phi = np.linspace(0, 2 * np.pi, len(angle))
+print(np.linalg.lstsq(np.column_stack([np.ones_like(phi), np.sin(phi), np.cos(phi)]), angle, rcond=None)[0])
+"""
+PANDAS = (
+    """
+import sys, pathlib
+import numpy as np, pandas as pd
+run = pathlib.Path(sys.argv[1])
+def stream(name):
+    return pd.concat([pd.read_parquet(file) for file in sorted(run.glob(f"{name}-*.parquet"))], ignore_index=True)
+robot, g1, g2 = stream("robot"), *(stream(name)[f"{name}_mm"].to_numpy() for name in ("g1", "g2"))
+"""
+    + _SINE
+)
+"""The least that anybody would do by hand: gauges and robot into frames, and a least-squares sine."""
+FLOOR = (
+    """
+import sys, pathlib
+import numpy as np, pyarrow as pa, pyarrow.parquet as pq
+run = pathlib.Path(sys.argv[1])
+def stream(name):
+    return pa.concat_tables([pq.read_table(file) for file in sorted(run.glob(f"{name}-*.parquet"))])
+robot, g1, g2 = stream("robot"), *(stream(name)[f"{name}_mm"].to_numpy() for name in ("g1", "g2"))
+"""
+    + _SINE
+)
+"""The work itself: every column read, and one sine."""
 TURNS = 3
 PANDAS_NAME = "pandas and a sine"
 FLOOR_NAME = "pyarrow and a sine"
@@ -79,7 +109,7 @@ def small_lines() -> Iterator[Line]:
 def diagnose_lines() -> Iterator[Line]:
     """`rig diagnose` of one case of the blind trial: readings at 50 Hz."""
     with tempfile.TemporaryDirectory() as root:
-        job = Job(*DIAGNOSED, "limits", Path(root))
+        job = Job(*DIAGNOSED, Path(root), "quiet")
         make_case(job)
         train = [str(run) for run in runs_of(job.case)["train"]]
         best = min(cost("rig", "diagnose", *train, "--json").cpu_s for _ in range(2))

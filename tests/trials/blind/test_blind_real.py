@@ -249,7 +249,7 @@ def test_a_case_is_imported_with_all_its_laps_and_the_truth_leaves_nothing_of_th
     tmp_path: Path, made: Callable[[str, int], tuple[Path, dict[str, Any]]]
 ) -> None:
     """What rig's simulator makes of the true effects closes the gap at the unseen place; no effects leave all of it."""
-    job = trial.Job("one", 3, "limits", tmp_path, "real")
+    job = trial.Job("one", 3, tmp_path)
     trial.make_case(job)
     truth = json.loads(job.truth.read_text(encoding="utf-8"))
     assert "one" not in job.name and truth["hidden"] == made("one", 3)[1]["hidden"]
@@ -258,11 +258,11 @@ def test_a_case_is_imported_with_all_its_laps_and_the_truth_leaves_nothing_of_th
         if run.name.endswith("cw"):
             assert laps_of(load_measured(run).table, rig, str(run)).count == LAPS
     said = [_said(one) for one in truth["hidden"]]
-    assert trial.left_by_real_truth(truth, job.case, {"effects": said})["unseen_place"] < 0.02
-    assert trial.left_by_real_truth(truth, job.case, {})["unseen_place"] == pytest.approx(1.0, abs=0.05)
+    assert trial.left_by_truth(truth, job.case, {"effects": said})["unseen_place"] < 0.02
+    assert trial.left_by_truth(truth, job.case, {})["unseen_place"] == pytest.approx(1.0, abs=0.05)
     # A name that is in the arm at its healthy size may be said as well, and costs nothing.
     healthy = next(one for one in truth["background"] if one["effect"] == "joint_offset" and one["axis"] == 3)
-    assert trial.left_by_real_truth(truth, job.case, {"effects": [*said, _said(healthy)]})["unseen_place"] < 0.02
+    assert trial.left_by_truth(truth, job.case, {"effects": [*said, _said(healthy)]})["unseen_place"] < 0.02
 
 
 def _said(one: dict[str, Any]) -> dict[str, Any]:

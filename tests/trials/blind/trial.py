@@ -16,7 +16,7 @@ import math
 import shutil
 import time
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -24,10 +24,8 @@ from typing import Any
 
 import numpy as np
 
-from analysis.runs.batch.each import each
-from analysis.runs.batch.outcomes import CompletedItem
 from tests.trials.blind.answers import name_in
-from tests.worlds.stranger import energy_of, gap_of, gap_of_real, generate, generate_real, left_of
+from tests.worlds.stranger import energy_of, gap_of_real, generate, generate_real
 from tests.worlds.stranger.cases import Lap
 
 _WHOLE = "imported"
@@ -43,9 +41,9 @@ class Job:
 
     kind: str
     seed: int
-    scale: str
     root: Path
-    world: str = "quiet"
+    world: str = "real"
+    scale: str = "limits"
 
     def __str__(self) -> str:
         return f"{self.kind} {self.seed}"
@@ -92,9 +90,8 @@ def run_job(job: Job) -> dict[str, Any]:
     answer |= {"seconds": time.process_time() - begin, "code": code()}
     truth = json.loads(job.truth.read_text(encoding="utf-8"))
     # A vibration begins with a phase of its own in every run: nothing takes it out.
-    if truth["hidden"] and all(one["effect"] != "vibration" for one in truth["hidden"]):
-        left = left_by_truth if job.world == "quiet" else left_by_real_truth
-        answer["left_by_truth"] = left(truth, job.case, answer)
+    if job.world == "real" and truth["hidden"] and all(one["effect"] != "vibration" for one in truth["hidden"]):
+        answer["left_by_truth"] = left_by_truth(truth, job.case, answer)
     (job.case / _ANSWER).write_text(json.dumps(answer, indent=1) + "\n", encoding="utf-8")
     return answer
 
@@ -136,17 +133,6 @@ def _listed(case: Path) -> list[tuple[dict[str, str], Path]]:
 
 
 def left_by_truth(truth: Mapping[str, Any], case: Path, answer: Mapping[str, Any]) -> dict[str, float]:
-    """Share of what is hidden that the effects of an answer leave, on noiseless laps: no noise blurs it."""
-    effects = [effect_of(one) for one in answer.get("effects") or []]
-    found = {}
-    for place, laps in gap_of(truth).items():
-        unseen = place == "unseen_place"
-        rig_file = case / ("unseen.yaml" if unseen else "rig.yaml")
-        found[place] = left_of(laps, said_by(effects, rig_file, truth["setup"]["unseen" if unseen else "yaw"], laps))
-    return {place: left for place, left in found.items() if math.isfinite(left)}
-
-
-def left_by_real_truth(truth: Mapping[str, Any], case: Path, answer: Mapping[str, Any]) -> dict[str, float]:
     """Share of the faults' energy at the unseen place that those effects of an answer leave which stand.
 
     A name that is no fault is held against its healthy share, which is in the arm as well.
@@ -239,12 +225,3 @@ def answered(job: Job) -> dict[str, Any]:
         if known.get("code") == code() and "error" not in known:
             return known
     return run_job(job)
-
-
-def run_all(jobs: Sequence[Job], workers: int, work: Callable[[Job], Any] = answered) -> Iterator[tuple[Job, Any]]:
-    """Each job with its answer, or with what another `work` gives, in order; an `error` where it cost its process.
-
-    Numbers that cannot be computed are errors, as they are in the program.
-    """
-    for outcome in each(work, jobs, jobs=workers):
-        yield outcome.item, outcome.value if isinstance(outcome, CompletedItem) else {"error": str(outcome.error)}

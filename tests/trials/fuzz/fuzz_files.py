@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import csv
 import io
@@ -10,6 +11,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from random import Random
 
@@ -31,18 +33,19 @@ Feed = Callable[[Random], int]
 
 @dataclass
 class _Bench:
-    """Where the files go, and what was put there last, for a report."""
+    """Where the files of this process go, and what was put there last, for a report."""
 
-    folder: Path = Path()
     said: list[bytes] = field(default_factory=list)
 
+    @cached_property
+    def folder(self) -> Path:
+        made = tempfile.TemporaryDirectory(dir=_MEMORY if _MEMORY.is_dir() else None)
+        atexit.register(made.cleanup)
+        return Path(made.name)
 
+
+_MEMORY = Path("/dev/shm")  # noqa: S108 - files there cost no disk
 BENCH = _Bench()
-
-
-def use(scratch: Path) -> None:
-    """Put the files into a fresh directory there: one for each process."""
-    BENCH.folder = Path(tempfile.mkdtemp(dir=scratch))
 
 
 def files() -> dict[str, list[Feed]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -12,15 +11,13 @@ from daq.apps.gauge_drivers.sylvac_opto_rs import _Continuous
 from daq.protocol.framing import DelimitedLines
 from daq.service.control import reply
 from daq.service.daemon import _label
-from tests.trials.fuzz.fuzz_files import use
 from tests.trials.fuzz.fuzzing import Block, is_file, run_block, targets
 
 SAMPLE = {"rig_files": 12, "runs": 20, "tables": 60, "chunk_values": 30}
 
 
 @pytest.mark.parametrize("target", targets())
-def test_a_sample_of_mutated_inputs_does_no_harm(target: str, tmp_path: Path) -> None:
-    use(tmp_path)
+def test_a_sample_of_mutated_inputs_does_no_harm(target: str) -> None:
     inputs = SAMPLE[target] if is_file(target) else 800
     outcome = run_block(Block(target, 5, 0, inputs))
     assert outcome.failure == "" and outcome.inputs >= inputs

@@ -8,7 +8,6 @@ are read from where they lie, and left out where they are not.
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -25,6 +24,7 @@ from rigs.effects import VOCABULARY
 from rigs.load import load
 from rigs.schema.vocabulary import Direction, TestName
 from tests.support.command_line import ran
+from tests.support.measured_series import DATA, UR5, jacobi, ur10
 from tests.support.store_cases import edit_manifest
 from tests.support.written_runs import import_table, write_simulated
 from tests.trials.blind.trial import Job, make_case, runs_of
@@ -32,8 +32,6 @@ from tests.worlds.arms import independent_arm
 
 ROOT = Path(__file__).parents[3]
 KEPT = ROOT / "tests" / "golden"
-DATA = ROOT.parent / "shared" / "data"
-"""Where the poses of real arms lie unless another folder is given; they are not part of the project."""
 BEGAN = datetime(2026, 5, 1, 9, tzinfo=UTC)
 DIGITS = 6
 NOTHING = 1e-11
@@ -45,13 +43,6 @@ LONG = 24
 _TIMES = ("seconds",)
 _WORST = 10
 """Places of disagreement that are kept, the worst first."""
-
-UR5 = {
-    "a_mm": (0, 0, -425, -392.25, 0, 0),
-    "d_mm": (89.159, 0, 0, 109.15, 94.65, 82.3),
-    "alpha_deg": (0, 90, 0, 0, 90, -90),
-}
-"""Nominal, modified Denavit-Hartenberg, by the maker's table of parameters."""
 
 
 @dataclass(frozen=True)
@@ -230,7 +221,7 @@ def _stranger(kind: str, seed: int, world: str, kinds: str) -> Callable[[Path, P
     runs left out and of the unseen place as they are."""
 
     def make(directory: Path, data: Path) -> bool:
-        job = Job(kind, seed, "limits", directory / "blind", world)
+        job = Job(kind, seed, directory / "blind", world)
         make_case(job)
         runs = runs_of(job.case)
         for one in kinds.split():
@@ -283,14 +274,9 @@ def _ur10(series: str, every: int) -> Callable[[Path, Path], bool]:
         file = data / "ipa-ur10" / f"series_{series}.csv"
         if not file.is_file():
             return False
-        joints = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
-        with file.open(encoding="utf-8") as text:
-            rows = [{key: value.replace(",", ".") for key, value in row.items()}
-                    for row in csv.DictReader(text, delimiter=";")]  # fmt: skip
-        q = np.degrees([[float(row[f"{joint}_joint"]) for joint in joints] for row in rows])
-        xyz = np.array([[float(row[f"measurement_{axis}"]) for axis in "xyz"] for row in rows])
+        q, xyz = ur10(file)
         for run, first in (("used", 0), ("left", every // 2)):
-            _import_poses(directory, run, q[first::every], xyz[first::every], "ur10")
+            _import_poses(directory, run, np.degrees(q[first::every]), xyz[first::every], "ur10")
         return True
 
     return make
@@ -311,12 +297,10 @@ def import_ur5(directory: Path, data: Path, off_mm: Any) -> bool:
             axis[key] = value
     (directory / "ur5.yaml").write_text(yaml.safe_dump(rig, sort_keys=False), encoding="utf-8")
     for run, name, every in (("used", "grid", 10), ("left", "random", 1)):
-        rows = np.genfromtxt(data / "jacobi" / f"ur5_{name}.csv", delimiter=",", names=True)[::every]
-        column = {key.lower(): rows[key] for key in rows.dtype.names}
-        q = np.stack([column[f"joint_{k}"] for k in range(1, 7)], axis=1)
-        xyz = np.stack([column[f"{axis}_t"] - column[f"{axis}_dif"] for axis in "xyz"], axis=1)
+        q, xyz = (one[::every] for one in jacobi(data / "jacobi" / f"ur5_{name}.csv"))
+        xyz = xyz.copy()
         xyz += off_mm if run == "left" else 0.0
-        _import_poses(directory, run, q, xyz, str(directory / "ur5.yaml"))
+        _import_poses(directory, run, np.degrees(q), xyz, str(directory / "ur5.yaml"))
     return True
 
 

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from tests.support.rates import wilson
 from tests.trials.blind.answers import Answer, Named
-from tests.trials.blind.real_scoring import RealCase
-from tests.trials.blind.scoring import wilson
+from tests.trials.blind.scoring import RealCase
 from tests.trials.ground.plain_arm import Array, read_columns
 from tests.trials.ground.tasks import Task, read_tasks
 

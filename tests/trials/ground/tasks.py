@@ -19,6 +19,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from tests.support.measured_series import UR5, jacobi, ur10
 from tests.trials.ground.arms import Seen, write_arm_fault
 from tests.trials.ground.plain_arm import Array, PlainArm, Poses, framed, write_arm, write_poses, write_rows
 from tests.worlds.arms import soft_arm
@@ -221,7 +222,7 @@ def ur10_splits(b: Path, d: Path) -> list[Split]:
     from analysis.diagnosis.evidence.setups import folds_of  # noqa: PLC0415 - the split of docs/trials.md
 
     arm = arm_of_rig("ur10")
-    series = {"B": ur10_poses(b, "B"), "D": ur10_poses(d, "D")}
+    series = {name: poses_of(name, *ur10(path)) for name, path in (("B", b), ("D", d))}
     found = []
     for name, poses in series.items():
         out = folds_of(poses.q, 5) == 0
@@ -258,38 +259,17 @@ def arm_of_rig(name: str) -> PlainArm:
     )
 
 
-def ur10_poses(path: Path, name: str) -> Poses:
-    """Read a series of the UR10."""
-    with path.open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file, delimiter=";"))
-
-    def of(*columns: str) -> Array:
-        return np.array([[float(row[one].replace(",", ".")) for one in columns] for row in rows])
-
-    links = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
-    q = of(*(f"{link}_joint" for link in links))
-    return Poses(q, of("measurement_x", "measurement_y", "measurement_z"), np.full(len(q), name))
-
-
-def jacobi_poses(path: Path, axes: int) -> Poses:
-    """Read a table of P. Jacobi: joints in degrees, target less residual is where the reflector was seen."""
-    with path.open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-
-    def of(*columns: str) -> Array:
-        return np.array([[float(row[one]) for one in columns] for row in rows])
-
-    q = np.radians(of(*(f"joint_{k}" for k in range(1, axes + 1))))
-    return Poses(q, of("x_t", "y_t", "z_t") - of("x_dif", "y_dif", "z_dif"), np.full(len(q), "tracker"))
+def poses_of(placement: str, q: Array, xyz_mm: Array) -> Poses:
+    return Poses(q, xyz_mm, np.full(len(q), placement))
 
 
 def ur5_splits(grid: Path, random: Path) -> list[Split]:
     """Return the tasks of the UR5: 20 random poses, from the whole grid and from 30 poses of it."""
-    given, asked = jacobi_poses(grid, 6), jacobi_poses(random, 6)
+    given, asked = (poses_of("tracker", *jacobi(path)) for path in (grid, random))
     arm = PlainArm(
-        np.array([0, 0, -425, -392.25, 0, 0]),
-        np.radians([0, 90, 0, 0, 90, -90]),
-        np.array([89.159, 0, 0, 109.15, 94.65, 82.3]),
+        np.array(UR5["a_mm"], dtype=float),
+        np.radians(UR5["alpha_deg"]),
+        np.array(UR5["d_mm"]),
         np.zeros(6),
         # Universal Robots, DH parameters for calculations of kinematics and dynamics (support article)
         np.array([3.7, 8.393, 2.33, 1.219, 1.219, 0.1879]),
@@ -305,7 +285,7 @@ def ur5_splits(grid: Path, random: Path) -> list[Split]:
 
 def wam_splits(grid: Path, random: Path) -> list[Split]:
     """Return the task of the WAM, seven axes driven by cables."""
-    given, asked = jacobi_poses(grid, 7), jacobi_poses(random, 7)
+    given, asked = (poses_of("tracker", *jacobi(path)) for path in (grid, random))
     arm = PlainArm(
         np.array([0.0, 0, 0, 45, -45, 0, 0]),
         np.radians([0, -90, 90, -90, 90, -90, 90]),

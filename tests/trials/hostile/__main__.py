@@ -14,18 +14,17 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from daq.service.client import Client
 from daq.store import read_run, verify
 from rigs.errors import RigError
 from tests.support.bench import Bench
+from tests.support.trial import Trial, main
 
 _GROWTH_MB = 20.0
 """A thread for each of 64 connections takes 0.1 MB; 10 000 that were kept would take 100 MB and more."""
@@ -145,8 +144,12 @@ def flooding(path: Path, count: int) -> int:
     return sum(sent)
 
 
-def main(count: Annotated[int, typer.Option(help="Connections of each round.")] = 10_000) -> None:
-    """Go through the rounds; exit code 1 where anything is wrong."""
+def draw(given: Namespace) -> Iterator[int]:
+    yield given.connections
+
+
+def judged(count: int) -> list[str]:
+    """Go through the rounds and then through every command; what is wrong."""
     wrong: list[str] = []
     with tempfile.TemporaryDirectory() as scratch, Bench(Path(scratch)) as bench:
         bench.start().all_reading()
@@ -163,12 +166,14 @@ def main(count: Annotated[int, typer.Option(help="Connections of each round.")] 
         rows = {name: len(next(iter(stream.values()))) for name, stream in read_run(path).streams.items()}
         print(f"recorded meanwhile: {', '.join(f'{rows[name]} of {name}' for name in rows)}; counters {counters}")
         wrong += [f"{name}: {faults}" for name, faults in counters.items() if faults.keys() - {"samples"}]
-    for line in wrong:
-        print(f"wrong: {line}")
-    print(f"{len(wrong)} things are wrong" if wrong else "no client kept another from its answer, none the recorder")
     tests = [sys.executable, "-m", "pytest", "-q", "tests/trials/hostile", "tests/rigs/test_text.py"]
-    walked = subprocess.run(tests, cwd=Path(__file__).parents[3], check=False).returncode
-    raise typer.Exit(1 if wrong or walked else 0)
+    if subprocess.run(tests, cwd=Path(__file__).parents[3], check=False).returncode:
+        wrong.append("a command shows what it must not, or a reader takes what it must not")
+    return wrong
+
+
+def is_wrong(done: Sequence[list[str]]) -> bool:
+    return any(done)
 
 
 def _round(bench: Bench, sort: Callable[[Path, int], int], count: int) -> list[str]:
@@ -207,5 +212,13 @@ def _round(bench: Bench, sort: Callable[[Path, int], int], count: int) -> list[s
     return wrong
 
 
+TRIAL = Trial(
+    draw,
+    judged,
+    line=lambda wrong: "\n".join(wrong) or "no client kept another from its answer, none the recorder",
+    failed=is_wrong,
+    options={"connections": (10_000, "connections of each round (10000)")},
+)
+
 if __name__ == "__main__":
-    typer.run(main)
+    sys.exit(main(TRIAL))

@@ -2,33 +2,45 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from tests.trials.golden.golden import DATA
-from tests.trials.next_lines.next_line_cases import cases, followed
+from tests.support.measured_series import DATA
+from tests.support.trial import Trial, main
+from tests.trials.next_lines.next_line_cases import HintCase, cases, followed
 from tests.trials.next_lines.next_lines import Followed, table
 
 
-def main() -> None:
-    """Print the counts by case, and each dead end with the line that names it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", help="cases to follow (all)")
-    parser.add_argument("--quick", action="store_true", help="those alone that each commit follows")
-    parser.add_argument("--data", type=Path, default=DATA, help="the folder of measured data (../shared/data)")
-    given = parser.parse_args()
-    found: dict[str, Followed] = {}
+def draw(given: Namespace) -> Iterator[HintCase]:
     for case in cases(given.data):
-        if (given.names and case.name not in given.names) or (given.quick and not case.quick):
-            continue
-        with tempfile.TemporaryDirectory() as work:
-            found[case.name] = followed(case, Path(work))
-        print(f"{case.name}: {found[case.name]}", file=sys.stderr, flush=True)
-    print(table(found))
-    sys.exit(1 if any(one.dead for one in found.values()) else 0)
+        if (not given.names or case.name in given.names) and (case.quick or not given.quick):
+            yield case
 
+
+def judged(case: HintCase) -> tuple[str, Followed]:
+    with tempfile.TemporaryDirectory() as work:
+        return case.name, followed(case, Path(work))
+
+
+def report(done: Sequence[tuple[str, Followed]]) -> str:
+    return table(dict(done))
+
+
+def has_dead(done: Sequence[tuple[str, Followed]]) -> bool:
+    return any(one.dead for _, one in done)
+
+
+TRIAL = Trial(
+    draw, judged, report, line=lambda one: f"{one[0]}: {one[1]}", failed=has_dead,
+    options={
+        "NAMES": ([], "cases to follow (all)"),
+        "quick": (False, "those alone that each commit follows"),
+        "data": (DATA, "the folder of measured data (../shared/data)"),
+    },
+)  # fmt: skip
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(TRIAL))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.support import nightly
-from tests.trials.golden.golden import DATA
+from tests.support.measured_series import DATA
 from tests.trials.next_lines.next_line_cases import HintCase, cases, followed
 from tests.trials.next_lines.next_lines import Place, follow, hints_of, table
 

@@ -13,21 +13,21 @@ import subprocess
 import sys
 import tempfile
 import time
+from argparse import Namespace
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-import typer
 import yaml
 
 from daq.service.client import Client
 from daq.store import read_run
 from rigs.errors import CellError
 from rigs.load import find
+from tests.support.trial import Trial, main
 from tests.trials.pace.pace_cell import STEP_DEG, numbers_of
 
 HERE = Path(__file__).parent
@@ -305,21 +305,42 @@ def _late(taken: Sequence[Taken], *streams: str) -> str:
     return " ".join(f"{value:8.3f}" for value in shown)
 
 
-def main(
-    seconds: Annotated[float, typer.Argument(help="How long each reader takes each cell, in each turn.")] = 10.0,
-    turns: Annotated[int, typer.Option(help="How often they take turns.")] = 2,
-    rate: Annotated[list[int] | None, typer.Option(help="Only this rate; may be repeated.")] = None,
-) -> None:
-    """Compare rigd with a plain loop; the exit code is 1 if rigd lost a sample."""
-    late = "  p50      p99    quiet    worst"
-    print(f"late by ms{'':12} {'gauges: ' + late:>35} {'robot: ' + late:>35} {'CPU':>7} {'lost':>7}")
-    found = [streaming(rate_hz, seconds, turns) for rate_hz in rate or RATES_HZ]
-    whole = all(found)
-    if not rate:
-        polling(seconds, turns)
-    print("no sample missing" if whole else "samples missing")
-    raise typer.Exit(0 if whole else 1)
+def draw(given: Namespace) -> Iterator[tuple[int, float, int]]:
+    """Rates at which gauges stream, and 0 for gauges that are polled."""
+    yield from ((rate, given.seconds, given.turns) for rate in given.rate)
 
+
+def judged(case: tuple[int, float, int]) -> bool:
+    """Compare rigd with a plain loop; whether rigd lost no sample."""
+    rate_hz, seconds, turns = case
+    if rate_hz:
+        late = "  p50      p99    quiet    worst"
+        print(f"late by ms{'':12} {'gauges: ' + late:>35} {'robot: ' + late:>35} {'CPU':>7} {'lost':>7}")
+        return streaming(rate_hz, seconds, turns)
+    polling(seconds, turns)
+    return True
+
+
+def report(whole: Sequence[bool]) -> str:
+    return "no sample missing" if all(whole) else "samples missing"
+
+
+def has_lost(whole: Sequence[bool]) -> bool:
+    return not all(whole)
+
+
+TRIAL = Trial(
+    draw,
+    judged,
+    report,
+    line=lambda whole: "",
+    failed=has_lost,
+    options={
+        "SECONDS": (10.0, "how long each reader takes each cell, in each turn (10)"),
+        "turns": (2, "how often they take turns (2)"),
+        "rate": ((*RATES_HZ, 0), "rates in Hz, 0 to poll (all)"),
+    },
+)
 
 if __name__ == "__main__":
-    typer.run(main)
+    sys.exit(main(TRIAL))

@@ -14,14 +14,15 @@ changed nor listed; `bytes` is whatever else changed in a file. Programs with on
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from tests.support.trial import Trial, main, seeds
 from tests.trials.programs.trial import Table, Verdict, grave, judge, story
 from tests.worlds.languages.arms import CONTROLLERS, DIALECTS, choose_controller
-from tests.worlds.languages.drawing import Draft
 from tests.worlds.languages.grammars import draw
 
 _HEAD = (
@@ -30,47 +31,54 @@ _HEAD = (
 )
 
 
-def main() -> int:
-    """Print the table, and return 1 where a target is farther off and not listed, or more than numbers changed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("count", type=int, help="programs of each dialect")
-    parser.add_argument("--dialect", choices=DIALECTS, action="append", help="only this one; can be repeated")
-    parser.add_argument("--seed", type=int, default=0, help="the first seed")
-    parser.add_argument("--keep", type=Path, help="directory for programs with faults; default: a new temporary one")
-    parser.add_argument("--show", action="store_true", help="print what came of each program")
-    parser.add_argument(
-        "--controller",
-        choices=CONTROLLERS,
-        default="data_sheet",
-        help="constants of the controllers: of the data sheet, or own ones, which the rig file states from the "
-        "diagnosis, states afterwards, or does not state",
-    )
-    given = parser.parse_args()
-    choose_controller(given.controller)
+Case = tuple[str, int, bool, str, Path, bool]
+"""Dialect, seed, whether plain, controller, directory for programs with faults, whether the story is shown."""
+
+
+def draw_cases(given: Namespace) -> Iterator[Case]:
     keep = given.keep or Path(tempfile.mkdtemp(prefix="rig-programs-"))
-    print(_HEAD, flush=True)
-    bad = False
-    for dialect in given.dialect or DIALECTS:
-        wild, plain = Table(), Table()
-        for seed in range(given.seed, given.seed + given.count):
-            _one(draw(dialect, seed, plain=False), seed, wild, keep, show=given.show)
-        for seed in range(given.seed, given.seed + -(-given.count // 5)):
-            _one(draw(dialect, seed, plain=True), seed, plain, keep, show=given.show)
-        print(_row(dialect, wild, plain), flush=True)
-        if unknown := wild.reasons["controller_unknown"] + plain.reasons["controller_unknown"]:
-            print(f"{'':9}poses left because the constants of the controller are unknown: {unknown}", flush=True)
-        bad |= any(_counts(table)[0] or _counts(table)[3] or _counts(table)[4] for table in (wild, plain))
-    print(f"programs with faults are in {keep}" if any(keep.glob("*")) else "no program had a fault")
-    return int(bad)
+    for dialect in given.dialect:
+        for plain, count in ((False, given.count), (True, -(-given.count // 5))):
+            for seed in list(seeds(given))[:count]:
+                yield dialect, seed, plain, given.controller, keep, given.show
 
 
-def _one(draft: Draft, seed: int, table: Table, keep: Path, *, show: bool) -> None:
-    verdict = judge(draft)
-    table.add(verdict)
+def judged(case: Case) -> tuple[str, bool, Verdict, Path]:
+    dialect, seed, plain, controller, keep, show = case
+    choose_controller(controller)
+    verdict = judge(draw(dialect, seed, plain=plain))
     if show:
         print(story(verdict))
     if verdict.faults:
         _keep(verdict, seed, keep)
+    return dialect, plain, verdict, keep
+
+
+def tables(done: Sequence[tuple[str, bool, Verdict, Path]]) -> Iterator[tuple[str, Table, Table]]:
+    """Dialect, and the counts of wild and of plain programs."""
+    for name in dict.fromkeys(name for name, *_ in done):
+        wild, plain = Table(), Table()
+        for dialect, is_plain, verdict, _ in done:
+            if dialect == name:
+                (plain if is_plain else wild).add(verdict)
+        yield name, wild, plain
+
+
+def report(done: Sequence[tuple[str, bool, Verdict, Path]]) -> str:
+    lines, keep = [_HEAD], done[0][3]
+    for dialect, wild, plain in tables(done):
+        lines.append(_row(dialect, wild, plain))
+        if unknown := wild.reasons["controller_unknown"] + plain.reasons["controller_unknown"]:
+            lines.append(f"{'':9}poses left because the constants of the controller are unknown: {unknown}")
+    return "\n".join(
+        [*lines, f"programs with faults are in {keep}" if any(keep.glob("*")) else "no program had a fault"]
+    )
+
+
+def is_bad(done: Sequence[tuple[str, bool, Verdict, Path]]) -> bool:
+    """Whether a target is farther off and not listed, or more than numbers changed."""
+    counts = [_counts(table) for _, *both in tables(done) for table in both]
+    return any(farther or changed or others for farther, _, _, changed, others in counts)
 
 
 def _keep(verdict: Verdict, seed: int, keep: Path) -> None:
@@ -107,5 +115,24 @@ def _row(dialect: str, wild: Table, plain: Table) -> str:
     )
 
 
+TRIAL = Trial(
+    draw_cases,
+    judged,
+    report,
+    line=lambda one: "",
+    failed=is_bad,
+    count=100,
+    options={
+        "dialect": (DIALECTS, "dialects (all)", DIALECTS),
+        "keep": (Path, "directory for programs with faults; default: a new temporary one"),
+        "show": (False, "print what came of each program"),
+        "controller": (
+            "data_sheet",
+            "constants of the controllers: of the data sheet, or own ones the rig file states, adds or lacks",
+            CONTROLLERS,
+        ),
+    },
+)
+
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(TRIAL))

@@ -13,18 +13,19 @@ import shutil
 import statistics
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any, get_args
 
-import typer
 import yaml
 
 from analysis.apps.session.session_state import Aim, Session, SessionDirectory
-from rigs.load import find, load
+from rigs.load import load
 from rigs.schema.vocabulary import MAKERS
+from tests.support.trial import Trial, main
 
 ARMS = ("paper-fanuc", "ur10e")
 AT_ROBOT = ("stop", "pause", "other", "twice", "late")
@@ -37,7 +38,7 @@ LONGEST_S = 1500
 
 
 @dataclass(frozen=True)
-class Trial:
+class Drawn:
     """A session to be tried: what is hidden in which arm, whose language, and the trouble with its time."""
 
     number: int
@@ -48,7 +49,7 @@ class Trial:
     at_computer: list[tuple[float, str]]
 
 
-def drawn(seed: int, number: int, *, quiet: bool) -> Trial:
+def drawn(seed: int, number: int, *, quiet: bool) -> Drawn:
     """Draw a trial."""
     chance = random.Random(f"{seed} {number}")
     effects = [
@@ -60,7 +61,7 @@ def drawn(seed: int, number: int, *, quiet: bool) -> Trial:
     at_computer = [(chance.uniform(20, 150), kind) for kind in kinds if kind in AT_COMPUTER]
     maker = MAKERS[(number + seed) % len(MAKERS)]
     arm = chance.choice(ARMS) if maker == "ur" else ARMS[0]
-    return Trial(number, arm, maker, effects, at_robot, sorted(at_computer))
+    return Drawn(number, arm, maker, effects, at_robot, sorted(at_computer))
 
 
 def _effect(chance: random.Random, kind: str) -> dict[str, Any]:
@@ -88,8 +89,9 @@ def _effect(chance: random.Random, kind: str) -> dict[str, Any]:
     return {"effect": "link_geometry", "axis": chance.choice((3, 4)), "field": "a", "delta": delta}
 
 
-def run_trial(trial: Trial, root: Path, aim: str) -> dict[str, Any]:
+def judged(case: tuple[Drawn, Path, str]) -> dict[str, Any]:
     """Run a session to its end in a separate process, and return the result. An existing result is read."""
+    trial, root, aim = case
     place = root / f"{trial.number:03d}"
     request = json.dumps(_request(trial, place, aim))
     came, kept = place / "came.json", place / "request.json"
@@ -98,7 +100,7 @@ def run_trial(trial: Trial, root: Path, aim: str) -> dict[str, Any]:
     return outcome(trial, place / "session", json.loads(came.read_text()) if came.exists() else {})
 
 
-def _request(trial: Trial, place: Path, aim: str) -> dict[str, Any]:
+def _request(trial: Drawn, place: Path, aim: str) -> dict[str, Any]:
     return {
         "rig": str(place / "cell.yaml"),
         "directory": str(place / "session"),
@@ -113,7 +115,7 @@ def _request(trial: Trial, place: Path, aim: str) -> dict[str, Any]:
     }
 
 
-def _run(trial: Trial, place: Path, request: str) -> None:
+def _run(trial: Drawn, place: Path, request: str) -> None:
     shutil.rmtree(place, ignore_errors=True)
     place.mkdir(parents=True)
     _, text = load(trial.arm)
@@ -128,7 +130,7 @@ def _run(trial: Trial, place: Path, request: str) -> None:
         subprocess.run(command, stdout=log, stderr=log, timeout=LONGEST_S, check=False)
 
 
-def outcome(trial: Trial, directory: Path, came: dict[str, Any]) -> dict[str, Any]:
+def outcome(trial: Drawn, directory: Path, came: dict[str, Any]) -> dict[str, Any]:
     """Return the result of a session. came: kind of ending; empty if the process was killed."""
     session = SessionDirectory(directory).read()
     found: dict[str, Any] = {
@@ -203,7 +205,7 @@ def _invented(session: Session, directory: Path, hidden: set[str]) -> list[str]:
     return [_name(effect) for effect in _standing(session, directory) if not _names(effect) & hidden]
 
 
-def _off_u(trial: Trial, session: Session, directory: Path) -> list[float]:
+def _off_u(trial: Drawn, session: Session, directory: Path) -> list[float]:
     """Return the distance of each named hidden effect from the truth, in u."""
     off: list[float] = []
     for effect in _standing(session, directory):
@@ -233,46 +235,51 @@ def line_of(found: dict[str, Any]) -> str:
     )
 
 
-def main(
-    count: Annotated[int, typer.Argument(metavar="COUNT", min=1, help="How many sessions.")],
-    seed: Annotated[int, typer.Option(help="Seed of arms, effects and trouble.")] = 1,
-    jobs: Annotated[int, typer.Option(min=1, help="Sessions at a time.")] = 1,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Draw no trouble.")] = False,
-    aim: Annotated[Aim, typer.Option(help="What the sessions are for.")] = "faults",
-    output: Annotated[Path, typer.Option("--output", "-o", help="Directory for all of them.")] = Path("sessions"),
-) -> None:
-    """Run sessions and print a line for each, then the sums."""
-    for arm in ARMS:
-        find(arm)
-    trials = [drawn(seed, number, quiet=quiet) for number in range(count)]
-    outcomes = []
-    with ThreadPoolExecutor(jobs) as pool:
-        for found in pool.map(lambda trial: run_trial(trial, output.resolve(), aim), trials):
-            typer.echo(line_of(found))
-            sys.stdout.flush()
-            outcomes.append(found)
-    (output / "outcomes.json").write_text(json.dumps(outcomes, indent=1))
+def draw(given: Namespace) -> Iterator[tuple[Drawn, Path, str]]:
+    for number in range(given.count):
+        yield drawn(given.seed, number, quiet=given.quiet), given.output.resolve(), given.aim
+
+
+def report(outcomes: Sequence[dict[str, Any]]) -> str:
     hidden = sum(len(one["hidden"]) for one in outcomes)
     named = sum(len(one.get("named", [])) for one in outcomes)
     off = [abs(value) for one in outcomes for value in one.get("off_u", [])]
-    typer.echo(f"sizes within 2 u: {sum(value <= 2 for value in off)} of {len(off)}")
-    typer.echo(f"effects that were not hidden: {sum(len(one.get('invented', [])) for one in outcomes)}")
     both = [one for one in outcomes if one.get("after_um") is not None]
-    typer.echo(f"finished {sum(one['finished'] for one in outcomes)} of {count}, named {named} of {hidden}")
-    typer.echo(f"runs lost: {sum(one.get('lost', 0) for one in outcomes)}")
-    if both:
-        for key in ("before_um", "after_um"):
-            values = sorted(one[key] for one in both)
-            p90 = values[min(len(values) - 1, int(0.9 * len(values)))]
-            typer.echo(f"{key} at the other place: median {statistics.median(values):.1f}, p90 {p90:.1f} µm")
-        stated = [one for one in both if "kept" in one]
-        typer.echo(f"as stated within 2 u: {sum(one['kept'] for one in stated)} of {len(stated)}")
-        typer.echo(f"larger than before: {sum(one['after_um'] > one['before_um'] for one in both)} of {len(both)}")
+    lines = [
+        f"sizes within 2 u: {sum(value <= 2 for value in off)} of {len(off)}",
+        f"effects that were not hidden: {sum(len(one.get('invented', [])) for one in outcomes)}",
+        f"finished {sum(one['finished'] for one in outcomes)} of {len(outcomes)}, named {named} of {hidden}",
+        f"runs lost: {sum(one.get('lost', 0) for one in outcomes)}",
+    ]
+    for key in ("before_um", "after_um") if both else ():
+        values = sorted(one[key] for one in both)
+        p90 = values[min(len(values) - 1, int(0.9 * len(values)))]
+        lines.append(f"{key} at the other place: median {statistics.median(values):.1f}, p90 {p90:.1f} µm")
+    stated = [one for one in both if "kept" in one]
     minutes = [one["minutes"] for one in outcomes]
-    typer.echo(f"minutes: median {statistics.median(minutes):.1f}, most {max(minutes):.1f}")
     used = [(one["runs"], one["planned"]) for one in outcomes if "runs" in one]
-    typer.echo(f"programs driven {sum(runs for runs, _ in used)}, planned {sum(planned for _, planned in used)}")
+    return "\n".join([
+        *lines,
+        f"as stated within 2 u: {sum(one['kept'] for one in stated)} of {len(stated)}",
+        f"larger than before: {sum(one['after_um'] > one['before_um'] for one in both)} of {len(both)}",
+        f"minutes: median {statistics.median(minutes):.1f}, most {max(minutes):.1f}",
+        f"programs driven {sum(runs for runs, _ in used)}, planned {sum(planned for _, planned in used)}",
+    ])  # fmt: skip
 
+
+TRIAL = Trial(
+    draw,
+    judged,
+    report,
+    line=line_of,
+    count=3,
+    seed=1,
+    options={
+        "quiet": (False, "draw no trouble"),
+        "aim": ("faults", "what the sessions are for (faults)", get_args(Aim)),
+        "output": (Path("sessions"), "directory for all of them (sessions)"),
+    },
+)
 
 if __name__ == "__main__":
-    typer.run(main)
+    sys.exit(main(TRIAL))

@@ -2,111 +2,103 @@
 
 from __future__ import annotations
 
-import itertools
-import multiprocessing
+import sys
 import time
+from argparse import Namespace
 from collections import Counter
-from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from typing import Annotated
+from collections.abc import Iterator, Sequence
 
-import typer
-
+from tests.support.trial import Trial, main
 from tests.trials.storm.life import Told
 from tests.trials.storm.mutants import MUTANTS
 from tests.trials.storm.storm import weather
-
-_WORLDS_EACH = 40
-"""Worlds of one process, which then makes way for another: what libraries hold does not add up."""
 
 _PLANTED_IN = 30
 """Worlds in which a bug must be found."""
 
 
-def main(
-    seconds: Annotated[float, typer.Argument(help="How long in real time; the last worlds are finished.")] = 60,
-    seed: Annotated[int | None, typer.Option(help="This world alone, as it was when it failed.")] = None,
-    first: Annotated[int, typer.Option(help="Seed of the first world.")] = 0,
-    planted: Annotated[bool, typer.Option("--planted", help="How soon bugs that are planted are found.")] = False,
-    jobs: Annotated[int, typer.Option(help="Worlds at a time, each in a process of its own.")] = 1,
-) -> None:
-    """Live one world after the other, and hold what is recorded against what the emulated instruments sent."""
-    if planted:
-        raise typer.Exit(_planted(first))
-    began_s, found = time.perf_counter(), list[Told]()
-    for told in [weather(seed)] if seed is not None else _worlds(seconds, first, jobs):
-        found.append(told)
-        if told.violations or seed is not None:
-            _tell(told)
-        elif len(found) % 10 == 0:
-            print(f"{len(found)} worlds, {time.perf_counter() - began_s:.0f} s", flush=True)
-    raise typer.Exit(_report(found, time.perf_counter() - began_s))
+def draw(given: Namespace) -> Iterator[int | str]:
+    """Seeds of worlds until the time is over, or one; or the names of the bugs to plant."""
+    if given.planted or given.seed is not None:
+        yield from MUTANTS if given.planted else [given.seed]
+        return
+    until_s, seed = time.monotonic() + given.seconds, given.first
+    while time.monotonic() < until_s:
+        yield seed
+        seed += 1
 
 
-def _planted(first: int) -> int:
-    """Plant each bug and live world after world until one is wrong; return the exit code."""
-    missed = 0
-    for name, mutant in MUTANTS.items():
-        began_s = time.perf_counter()
-        for seed in range(first, first + _PLANTED_IN):
-            with mutant():
-                told = weather(seed)
-            if told.violations:
-                took_s = time.perf_counter() - began_s
-                print(
-                    f"{name}: found in the world of seed {seed} after {took_s:.1f} s: {told.violations[0]}", flush=True
-                )
-                break
-        else:
-            missed += 1
-            print(f"{name}: NOT found in {_PLANTED_IN} worlds", flush=True)
-    return 1 if missed else 0
+def judged(case: int | str) -> Told | tuple[str, int | None]:
+    """What became of a world; or the name of a bug and the seed of the first world that shows it."""
+    return weather(case) if isinstance(case, int) else (case, planted_bug_found(case))
 
 
-def _worlds(seconds: float, first: int, jobs: int) -> Iterator[Told]:
-    until_s = time.perf_counter() + seconds
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context, max_tasks_per_child=_WORLDS_EACH) as pool:
-        seeds, going = itertools.count(first), set[Future[Told]]()
-        while going or time.perf_counter() < until_s:
-            while len(going) < jobs and time.perf_counter() < until_s:
-                going.add(pool.submit(weather, next(seeds)))
-            done, going = wait(going, return_when=FIRST_COMPLETED)
-            yield from (one.result() for one in done)
+def planted_bug_found(name: str) -> int | None:
+    for seed in range(_PLANTED_IN):
+        with MUTANTS[name]():
+            if weather(seed).violations:
+                return seed
+    return None
 
 
-def _tell(told: Told) -> None:
-    print(f"seed {told.world.seed}: {told.world}")
-    print(f"  {told.seconds:.0f} simulated s in {told.took_s:.1f} s, {told.rows} rows in {told.runs} runs")
-    for violation in told.violations[:10]:
-        print(f"  VIOLATION {violation}")
-    if told.violations:
-        print(f"  again: scripts/dev storm --seed {told.world.seed}", flush=True)
+def line(told: Told | tuple[str, int | None]) -> str:
+    if isinstance(told, tuple):
+        return f"{told[0]}: found in the world of seed {told[1]}" if told[1] is not None else f"{told[0]}: NOT found"
+    return _told(told) * bool(told.violations)
 
 
-def _report(found: list[Told], took_s: float) -> int:
-    """Print the figures; return the exit code."""
+def _told(told: Told) -> str:
+    return "\n".join([
+        f"seed {told.world.seed}: {told.world}",
+        f"  {told.seconds:.0f} simulated s in {told.took_s:.1f} s, {told.rows} rows in {told.runs} runs",
+        *(f"  VIOLATION {violation}" for violation in told.violations[:10]),
+        f"  again: scripts/dev storm --seed {told.world.seed}",
+    ])  # fmt: skip
+
+
+def report(done: Sequence[Told | tuple[str, int | None]]) -> str:
+    found = [told for told in done if isinstance(told, Told)]
+    if not found:
+        return ""
     blows, faults = Counter[str](), Counter[str]()
     for told in found:
         blows.update({str(blow): count for blow, count in told.blows.items()})
         faults.update({str(kind): count for kind, count in told.faults.items()})
     hours, asleep = sum(told.seconds for told in found) / 3600, sum(told.asleep_s for told in found) / 3600
     wrong = [told.world.seed for told in found if told.violations]
-    print(f"{len(found)} worlds in {took_s:.0f} s: {hours:.1f} simulated hours awake, {asleep:.0f} asleep;", end=" ")
-    print(
+    lines = [
+        f"{len(found)} worlds: {hours:.1f} simulated hours awake, {asleep:.0f} asleep; "
         f"{sum(told.runs for told in found)} runs, {sum(told.rows for told in found)} rows held against what was sent"
-    )
+    ]
     for is_long, name in ((True, "hours"), (False, "seconds")):
         some = [told for told in found if told.world.is_long is is_long]
         if some:
             pace = sum(told.seconds for told in some) / sum(told.took_s for told in some)
-            print(f"{len(some)} worlds of {name}: {pace:.0f} simulated s in each real one")
-    print("dealt: " + ", ".join(f"{count} {blow}" for blow, count in sorted(blows.items())))
-    print("named: " + ", ".join(f"{count} {kind}" for kind, count in sorted(faults.items())))
+            lines.append(f"{len(some)} worlds of {name}: {pace:.0f} simulated s in each real one")
+    lines.append("dealt: " + ", ".join(f"{count} {blow}" for blow, count in sorted(blows.items())))
+    lines.append("named: " + ", ".join(f"{count} {kind}" for kind, count in sorted(faults.items())))
     count = sum(len(told.violations) for told in found)
-    print(f"{count} violations" + (f", in the worlds of seeds {wrong}" if wrong else ""))
-    return 1 if wrong else 0
+    lines.append(f"{count} violations" + (f", in the worlds of seeds {wrong}" if wrong else ""))
+    return "\n".join(lines)
 
+
+def is_wrong(done: Sequence[Told | tuple[str, int | None]]) -> bool:
+    return any(told[1] is None if isinstance(told, tuple) else told.violations for told in done)
+
+
+TRIAL = Trial(
+    draw,
+    judged,
+    report,
+    line=line,
+    failed=is_wrong,
+    options={
+        "SECONDS": (60.0, "how long in real time; the last worlds are finished (60)"),
+        "seed": (int, "this world alone, as it was when it failed"),
+        "first": (0, "seed of the first world (0)"),
+        "planted": (False, "how soon bugs that are planted are found"),
+    },
+)
 
 if __name__ == "__main__":
-    typer.run(main)
+    sys.exit(main(TRIAL))

@@ -7,15 +7,16 @@ as it ends, and cells that stand in FILE are not diagnosed again.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
 
+from tests.support.trial import Trial, main, markdown, seeds
 from tests.trials.unknown.judging import judge
 from tests.trials.unknown.rig_cli import RigFailedError, diagnose, import_tables
 from tests.worlds.unknown.causes import CAUSES
@@ -26,54 +27,15 @@ GOALS = "goals: told at least 95 %, cells with a wrong name at most 5 %, worse 0
 Row = dict[str, Any]
 
 
-def arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="scripts/dev unknown",
-        description="Diagnose cells with one cause of error that is outside rig's library; count what is said.",
-        epilog="Seeds below 1000 are for development. Ctrl-C prints the counts of the cells that are finished.",
-    )
-    parser.add_argument("cells", type=int, nargs="?", default=60, help="cells to draw (60)")
-    parser.add_argument("--seed", type=int, default=0, help="of the first cell; the others follow (0)")
-    known = ",".join(kind.kind for kind in CAUSES)
-    parser.add_argument("--causes", help=f"some of: {known} (all)")
-    parser.add_argument("--no-sound", action="store_true", help="leave out the same cells without their causes")
-    parser.add_argument("--json", type=Path, help="append each cell to this file; finished cells are read from it")
-    parser.add_argument("--keep", type=Path, help="keep tables, runs and answers here; answers there are judged again")
-    return parser.parse_args()
+def draw(given: Namespace) -> Iterator[tuple[int, str, bool, Path | None]]:
+    yield from ((seed, given.causes, not given.no_sound, given.keep) for seed in seeds(given))
 
 
-def main() -> None:
-    given = arguments()
-    kinds = [kind for kind in CAUSES if not given.causes or kind.kind in given.causes.split(",")]
-    rows: list[Row] = []
-
-    def make(seed: int) -> Row:
-        with tempfile.TemporaryDirectory() as scratch:
-            root = given.keep or Path(scratch)
-            return judged_cell(draw_cell(seed, kinds), root / f"cell-{seed}", not given.no_sound)
-
-    try:
-        for row in streamed(range(given.seed, given.seed + given.cells), make, given.json):
-            rows.append(row)
-            print(row_text(row), flush=True)
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-    print(counts_text(rows))
-
-
-def streamed(seeds: Sequence[int], make: Callable[[int], Row], file: Path | None) -> Iterator[Row]:
-    """Yield the row of each seed: from the file if it is there, else made and appended to it."""
-    known: dict[int, Row] = {}
-    if file and file.exists():
-        known = {row["seed"]: row for row in map(json.loads, file.read_text(encoding="utf-8").splitlines())}
-    for seed in seeds:
-        row = known.get(seed)
-        if row is None:
-            row = make(seed)
-            if file:
-                with file.open("a", encoding="utf-8") as out:
-                    out.write(json.dumps(row) + "\n")
-        yield row
+def judged(case: tuple[int, str, bool, Path | None]) -> Row:
+    seed, causes, with_sound, keep = case
+    kinds = [kind for kind in CAUSES if not causes or kind.kind in causes.split(",")]
+    with tempfile.TemporaryDirectory() as scratch:
+        return judged_cell(draw_cell(seed, kinds), (keep or Path(scratch)) / f"cell-{seed}", with_sound)
 
 
 def judged_cell(cell: Cell, directory: Path, with_sound: bool) -> Row:
@@ -141,7 +103,7 @@ COLUMNS = ("cause", "cells", "told", "imitated, not told", "wrong fault", "wrong
 
 def counts_text(rows: Sequence[Row]) -> str:
     """Return the table of counts, by cause, over all, and of the sound cells."""
-    lines = ["", "| " + " | ".join(COLUMNS) + " |", "| --- " * len(COLUMNS) + "|"]
+    lines = []
     for kind in dict.fromkeys(row["kind"] for row in rows):
         lines.append(_counts(kind, [row for row in rows if row["kind"] == kind]))
     lines.append(_counts("all", rows))
@@ -149,13 +111,13 @@ def counts_text(rows: Sequence[Row]) -> str:
     if sound:
         lines.append(_counts("the same without the cause", sound))
     errors = sum("error" in row["with"] for row in rows)
-    return "\n".join([*lines, "", f"{errors} ended in an error; {GOALS}"])
+    return f"{markdown(COLUMNS, lines)}\n\n{errors} ended in an error; {GOALS}"
 
 
-def _counts(name: str, rows: Sequence[Row]) -> str:
+def _counts(name: str, rows: Sequence[Row]) -> list[str]:
     said = [row["with"] for row in rows if "error" not in row["with"]]
     times = [value for row in rows if (value := ratio(row))]
-    cells = [
+    return [
         name,
         str(len(rows)),
         str(sum(one["told"] for one in said)),
@@ -165,8 +127,21 @@ def _counts(name: str, rows: Sequence[Row]) -> str:
         f"{median(times):.1f}" if times else "",
         f"{max(times):.1f}" if times else "",
     ]
-    return "| " + " | ".join(cells) + " |"
 
+
+TRIAL = Trial(
+    draw,
+    judged,
+    counts_text,
+    line=row_text,
+    count=60,
+    keeps=True,
+    options={
+        "causes": ("", f"some of: {','.join(kind.kind for kind in CAUSES)} (all)"),
+        "no_sound": (False, "leave out the same cells without their causes"),
+        "keep": (Path, "keep tables, runs and answers here; answers there are judged again"),
+    },
+)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(TRIAL))

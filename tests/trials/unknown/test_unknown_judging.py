@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.trials.unknown.__main__ import counts_text, streamed
+from tests.trials.unknown.__main__ import counts_text
 from tests.trials.unknown.judging import after_repair, first_act_um, judge_name, was_told
 from tests.worlds.unknown.cells import Cell, draw_cell
 
@@ -85,17 +85,10 @@ def test_a_wrong_zero_makes_it_worse(cell: Cell, tmp_path: Path) -> None:
     assert after > 1.5 * before
 
 
-def test_finished_cells_are_read_and_counted(tmp_path: Path) -> None:
-    made = []
-
-    def make(seed: int) -> dict[str, Any]:
-        made.append(seed)
-        said = {"told": seed > 0, "imitated": False, "wrong_faults": [], "wrong_certain": ["x"], "related": []}
-        return {"seed": seed, "kind": "cubic torsion", "with": said | {"worse": False, "cpu_s": 6.0},
-                "sound": said | {"worse": False, "cpu_s": 3.0}}  # fmt: skip
-
-    file = tmp_path / "cells.jsonl"
-    assert len(list(streamed([0, 1], make, file))) == 2
-    rows = list(streamed([0, 1, 2], make, file))
-    assert made == [0, 1, 2]
+def test_cells_are_counted() -> None:
+    said = {"imitated": False, "wrong_faults": [], "wrong_certain": ["x"], "related": [], "worse": False, "cpu_s": 6.0}
+    rows = [
+        {"kind": "cubic torsion", "with": said | {"told": seed > 0}, "sound": said | {"told": True, "cpu_s": 3.0}}
+        for seed in range(3)
+    ]
     assert "| all | 3 | 2 | 0 | 0 | 3 | 0 | 0 | 2.0 | 2.0 |" in counts_text(rows)

@@ -6,11 +6,8 @@ in nature. `generate` writes the files of a measurement (CSV tables, rig files) 
 place.
 """
 
-from tests.worlds.stranger.cases import KINDS, SCALES, energy_of, gap_of, generate, left_of
+from tests.worlds.stranger.cases import KINDS, SCALES, energy_of, generate
 from tests.worlds.stranger.real.cases import RATES_HZ, REAL_KINDS, generate_real
 from tests.worlds.stranger.real.gap import gap_of_real
 
-__all__ = [
-    "KINDS", "RATES_HZ", "REAL_KINDS", "SCALES", "energy_of", "gap_of", "gap_of_real", "generate",
-    "generate_real", "left_of",
-]  # fmt: skip
+__all__ = ["KINDS", "RATES_HZ", "REAL_KINDS", "SCALES", "energy_of", "gap_of_real", "generate", "generate_real"]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import csv
 import json
-import math
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -55,17 +54,6 @@ def energy_of(laps: Sequence[Lap], parts: Sequence[Array]) -> float:
     A = np.concatenate([lap.by_setup for lap in laps])
     x = np.concatenate([part.ravel() for part in parts])
     return float(np.sum((x - A @ np.linalg.lstsq(A, x, rcond=None)[0]) ** 2))
-
-
-def left_of(laps: Sequence[Lap], said: Sequence[Array]) -> float:
-    """Return the share of the energy of the faults that remains after subtracting `said` (m, 2) mm per lap and fitting
-    the set-up.
-
-    nan if the faults do not change these laps, for example if they are only visible on the hemisphere.
-    """
-    rest = [lap.added - one for lap, one in zip(laps, said, strict=True)]
-    hidden = energy_of(laps, [lap.added for lap in laps])
-    return energy_of(laps, rest) / hidden if hidden else math.nan
 
 
 @dataclass(frozen=True)
@@ -121,15 +109,6 @@ def _begun(kind: str, seed: int, scale: str) -> tuple[_Session, dict[str, Any]]:
     sight, noise = sight_of(robot), drawn_noise(rng)
     unseen, mode = elsewhere(sight, rng)
     return _Session(robot, sight, unseen, noise, rng), mode
-
-
-def gap_of(truth: Mapping[str, Any]) -> dict[str, list[Lap]]:
-    """Return noise-free laps of the held-out runs and of the unseen place with the hidden effects of a case, from
-    its truth.
-    """
-    session, _ = _begun(truth["kind"], truth["seed"], truth["scale"])
-    secret = [fault_from(one) for one in truth["hidden"]]
-    return {"held_out": session.laps("held_out", secret), "unseen_place": session.laps("unseen", secret)}
 
 
 def _shares(scales: Scales, kind: str, scale: str) -> dict[str, float]:

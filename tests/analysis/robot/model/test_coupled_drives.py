@@ -16,8 +16,8 @@ from rigs.arms import load_arm
 from rigs.effects import Backlash, Compliance, Effect, JointOffset, LinkBending, TransmissionError
 from rigs.schema.robot import Robot
 from tests.support import command_line
-from tests.trials.linkage.__main__ import diagnosed, rig_for
-from tests.trials.linkage.__main__ import moved as moved_zero
+from tests.trials.linkage import diagnosed, rig_for
+from tests.trials.linkage import moved as moved_zero
 from tests.worlds import linkage as world
 
 TOOL_MM = np.array([50.0, 20.0, 100.0])

@@ -1,1 +1,0 @@
-"""The trial of single effects that yaw hardly separates, and of the shipped example."""
