@@ -42,7 +42,8 @@ class Case:
 def draw(given: Namespace) -> Iterator[tuple[Case, bool]]:
     """Each case without and with the calibration file of its arm."""
     for case in cases(given.seed):
-        if (case.arm.number in given.arms or 0 in given.arms) and case.by in given.by and not (given.sound and case.fault):
+        is_chosen = 0 in given.arms or case.arm.number in given.arms
+        if is_chosen and case.by in given.by and not (given.sound and case.fault):
             yield case, False
             if case.by == "poses" or not case.arm.counted.any():
                 yield case, True

@@ -24,7 +24,6 @@ from tests.worlds.stranger.real import noise as noises
 from tests.worlds.stranger.real.arm import drawn_fault, healthy_arm, plant
 from tests.worlds.stranger.real.cases import LAPS
 from tests.worlds.stranger.real.oracle import Oracle, slow_covariance
-from tests.worlds.stranger.real.programs import GRID_S, at
 from tests.worlds.stranger.sight import REPEATS, sight_of
 
 
@@ -58,11 +57,6 @@ def test_slow_noise_has_unit_variance_and_the_covariance_that_the_oracle_takes(t
         assert found == pytest.approx(float(slow_covariance(np.array([lag_s, 60.0]), tau_s)[0]), abs=0.08)
 
 
-def test_run_to_run_scatter_is_smooth_and_of_unit_size() -> None:
-    basis = noises.along_lap(np.linspace(0, 2 * np.pi, 50))
-    assert (basis**2).sum(axis=1) == pytest.approx(np.ones(50))
-
-
 def test_stops_scatter_by_their_targets_own_level_and_tails_are_heavy_where_they_are_asked_for() -> None:
     rng = np.random.default_rng(3)
     own, target = levels(rng), np.repeat([1, 2], 20_000)
@@ -84,21 +78,6 @@ def test_outliers_are_as_many_and_as_large_as_they_are_said_to_be(bursts: bool) 
     assert np.mean((size >= 10) & (size <= 100)) > 0.97
 
 
-def test_stamps_grow_at_their_worst_and_keep_the_rate() -> None:
-    for rate in (50.0, 500.0):
-        cell = noises.drawn_cell(np.random.default_rng(5), "dirty", rate)
-        steps = np.diff(noises.stamps(cell, 60.0, np.random.default_rng(6)))
-        assert steps.min() > 0 and steps.mean() == pytest.approx(1 / rate, rel=0.05)
-        assert np.std(steps) * rate > 0.2
-
-
-def test_a_program_is_read_between_its_instants() -> None:
-    grid = GRID_S * np.arange(500)
-    t = np.random.default_rng(7).uniform(0.0, 4.9, 300)
-    wave = np.stack([np.sin(12 * grid), grid**3], axis=1)
-    assert at(t, wave) == pytest.approx(np.stack([np.sin(12 * t), t**3], axis=1), abs=2e-5)
-
-
 def test_a_healthy_arm_has_everything_at_its_healthy_width() -> None:
     names = {Fault(effect, keys, 0.0).name for effect, keys in everything()}
     arms = [healthy_arm(1.0, np.random.default_rng(seed)) for seed in range(60)]
@@ -110,16 +89,6 @@ def test_a_healthy_arm_has_everything_at_its_healthy_width() -> None:
     for effect, square in squares.items():
         seats = sum(other == effect for other, _ in everything())
         assert square / seats == pytest.approx(1.0, abs=0.6), effect
-
-
-def test_the_truth_is_planted_and_the_healthy_share() -> None:
-    healthy = healthy_arm(1.0, np.random.default_rng(8))
-    share = next(fault.size for fault in healthy if fault.name == "joint_offset 2")
-    whole, rest = plant(healthy, Fault("joint_offset", {"axis": 2}, 0.5))
-    assert whole.size == 0.5 + share
-    assert "joint_offset 2" not in {fault.name for fault in rest}
-    gear = Fault("transmission_error", {"axis": 2}, 0.1, {"order": 7.0, "phase_deg": 0.0})
-    assert plant(healthy, gear) == (gear, healthy)
 
 
 def test_a_planted_wave_and_a_healthy_one_of_the_same_order_are_one_wave() -> None:
@@ -214,14 +183,6 @@ def test_cases_of_each_kind_are_what_they_say(
     assert sum(use == "held_out" for *_, use in uses) == sum(use == "unseen" for *_, use in uses) == 2
 
 
-def test_a_foreign_third_is_small_beside_the_fault_and_a_large_one_is_larger_than_all(
-    made: Callable[[str, int], tuple[Path, dict[str, Any]]],
-) -> None:
-    _, truth = made("foreign_third", 3)
-    fault = np.sqrt(np.mean(np.square(list(truth["hidden"][0]["worth_um"].values()))))
-    assert 0.05 < truth["outside"][0]["rms_um"] / fault < 0.4
-
-
 def test_a_case_is_fixed_by_kind_and_seed(
     made: Callable[[str, int], tuple[Path, dict[str, Any]]], tmp_path: Path
 ) -> None:
@@ -229,20 +190,6 @@ def test_a_case_is_fixed_by_kind_and_seed(
     second = stranger.generate_real("one", 3, tmp_path / "b", tmp_path / "t")
     names = sorted(path.name for path in first.iterdir() if path.is_file())
     assert filecmp.cmpfiles(first, second, names, shallow=False)[0] == names
-
-
-@pytest.mark.nightly
-def test_rates_differ_in_nothing_but_the_rate(made: Callable[[str, int], tuple[Path, dict[str, Any]]]) -> None:
-    (slow, a), (quick, b) = made("rate_50", 3), made("rate_500", 3)
-    assert [one["parameters"] for one in a["hidden"]] == [one["parameters"] for one in b["hidden"]]
-    assert a["background"] == b["background"] and a["levels"] == b["levels"] and a["setup"] == b["setup"]
-    name = next(path.name for path in sorted(slow.glob("*yaw-acw.csv")))
-    few, many = (np.loadtxt(case / name, delimiter=",", skiprows=1, usecols=(0, 8)) for case in (slow, quick))
-    assert len(many) == pytest.approx(10 * len(few), rel=0.02)
-    apart = np.interp(few[:, 0], many[:, 0], many[:, 1]) - few[:, 1]
-    # White noise and steps of both, nothing of the slow noise: an outlier aside.
-    white = np.array(a["levels"]["yaw"]["white_mm"]).max()
-    assert np.median(np.abs(apart)) < 2 * (white + a["noise"]["resolution_mm"])
 
 
 def test_a_case_is_imported_with_all_its_laps_and_the_truth_leaves_nothing_of_the_gap(
