@@ -70,7 +70,6 @@ def draw(given: Namespace) -> Iterator[Split | tuple[str, str, Path]]:
                 yield arm, placement, given.data / "mukca"
 
 
-<<<<<<< HEAD:tests/trials/elsewhere/__main__.py
 def small_splits(split: Split, rows: int, draws: int) -> Iterator[Split]:
     """Yield random tables of a long series of one placement."""
     count = len(split.given.q)
@@ -85,8 +84,6 @@ def small_splits(split: Split, rows: int, draws: int) -> Iterator[Split]:
         yield Split(task, split.arm, given, asked)
 
 
-def of_series(split: Split) -> str:
-=======
 def judged(case: Split | tuple[str, str, Path]) -> list[str]:
     return of_series(case) if isinstance(case, Split) else of_placement(*case)
 
@@ -96,7 +93,6 @@ def report(rows: Sequence[list[str]]) -> str:
 
 
 def of_series(split: Split) -> list[str]:
->>>>>>> 508900f7 (Trials share one frame: options, processes, results and exit code):tests/trials/elsewhere.py
     """Evaluate a task of poses: calibrate with the given poses, validate with the requested poses."""
     begin, parts = time.process_time(), []
     with tempfile.TemporaryDirectory() as work:

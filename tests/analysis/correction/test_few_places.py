@@ -10,7 +10,7 @@ from analysis.correction.few_places import widened_for_few_places
 from analysis.runs.tables import PoseTable
 from tests.support.handmade_calibration import calibrated_model
 from tests.support.pose_runs import pose_run
-from tests.trials.moved.states import cell_with
+from tests.trials.moved_states import cell_with
 
 
 @pytest.mark.parametrize(
