@@ -94,7 +94,7 @@ class Points:
         """Return whether a point with this key exists."""
         return key in self._points
 
-    def keys(self) -> Iterable[str]:
+    def all_keys(self) -> Iterable[str]:
         """Return the keys of the points."""
         return self._points.keys()
 

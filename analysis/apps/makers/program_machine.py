@@ -588,6 +588,39 @@ class Blocks:
     def _innermost(self, which: int) -> str:
         return next((block[which] for block in reversed(self._open) if block[0] == "loop"), "")
 
+    def keyword(self, role: str, condition: Callable[[], None] = lambda: None) -> None:
+        """Translate a keyword of flow control. condition: adds the calls in its condition."""
+        if role in ("if", "switch", "while", "until", "end", "return"):
+            condition()
+        match role:
+            case "if":
+                self.branch()
+            case "switch":
+                self.cases()
+            case "case":
+                self.other()
+                condition()
+                self.guard()
+            case "else":
+                self.other()
+            case "loop":
+                self.loop()
+            case "while":
+                self.loop()
+                condition()
+                self.may_leave()
+            case "until":
+                self.may_leave()
+                self.close()
+            case "end":
+                self.close()
+            case "break":
+                self.leave()
+            case "continue":
+                self.again()
+            case "return":
+                self.add(End())
+
     def close(self) -> None:
         """End the innermost block."""
         if not self._open:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -19,11 +17,6 @@ Form = Literal[
 JOINT_FORMS: tuple[Form, ...] = ("joints_rad", "joints_deg", "pulses")
 Way = Literal["joint", "closest", "line"]
 """A joint move; one for which the controller, without posture flags, chooses the closest solution; or a line or arc."""
-NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
-_NUMBER = re.compile(NUMBER)
-_MARK = "\xef\xbb\xbf"
-"""The byte order mark of UTF-8, read as Latin-1."""
-_FILLED = re.compile(r"[^\n]")
 
 
 @dataclass(frozen=True)
@@ -220,98 +213,3 @@ class ProgramTexts:
     texts: tuple[str, ...]
     own: int = 1
     neutral: tuple[str, ...] = ()
-
-
-def numbers_in(text: str, begin: int, end: int) -> tuple[Number, ...] | None:
-    """Return the numbers of a list "n, n, n" in the text from `begin` to `end`; None for any other text."""
-    numbers, at = [], begin
-    for part in text[begin:end].split(","):
-        match = _NUMBER.fullmatch(part.strip())
-        if not match:
-            return None
-        start = at + len(part) - len(part.lstrip())
-        numbers.append(Number(start, start + len(match[0]), float(match[0])))
-        at += len(part) + 1
-    return tuple(numbers)
-
-
-def blanked(text: str, pattern: re.Pattern[str]) -> str:
-    """Return a text of the same length with spaces in place of comments and quoted text."""
-
-    def spaces(match: re.Match[str]) -> str:
-        matched = match[0]
-        if matched[0] in "\"'" and len(matched) > 1 and matched[-1] == matched[0]:
-            return matched[0] + " " * (len(matched) - 2) + matched[0]
-        return _FILLED.sub(" ", matched)
-
-    return pattern.sub(spaces, text)
-
-
-def brackets(text: str) -> dict[int, int]:
-    """Return the position of the closing bracket for each opening bracket of a text. Unclosed brackets are omitted."""
-    open_at: list[int] = []
-    closes: dict[int, int] = {}
-    for match in re.finditer(r"[()\[\]{}]", text):
-        if match[0] in "([{":
-            open_at.append(match.start())
-        elif open_at:
-            closes[open_at.pop()] = match.start()
-    return closes
-
-
-def in_one_line(text: str, closes: dict[int, int]) -> str:
-    """Return a text of the same length with no line breaks inside brackets. closes: result of `brackets`."""
-    parts, at = [], 0
-    for opening in sorted(closes):
-        if opening >= at:
-            parts += [text[at:opening], text[opening : closes[opening]].replace("\n", " ")]
-            at = closes[opening]
-    return "".join((*parts, text[at:]))
-
-
-def arguments(text: str, begin: int, end: int) -> list[tuple[int, int]]:
-    """Return the ranges of arguments separated by commas outside brackets, excluding surrounding spaces."""
-    places, depth, start = [], 0, begin
-    for match in re.compile(r"[()\[\]{},]").finditer(text, begin, end):
-        if match[0] == "," and depth == 0:
-            places.append((start, match.start()))
-            start = match.end()
-        elif match[0] != ",":
-            depth += 1 if match[0] in "([{" else -1
-    places.append((start, end))
-    stripped = []
-    for first, stop in places:
-        inside = text[first:stop]
-        stripped.append((first + len(inside) - len(inside.lstrip()), stop - len(inside) + len(inside.rstrip())))
-    return stripped
-
-
-@dataclass(frozen=True)
-class LineNumbers:
-    """Line numbers in a text, from 1. ends: positions of the line ends."""
-
-    ends: tuple[int, ...]
-
-    def at(self, place: int) -> int:
-        """Return the line number of a character position."""
-        return bisect_left(self.ends, place) + 1
-
-
-def lines_of(text: str) -> LineNumbers:
-    """Return the lines of a text."""
-    return LineNumbers(tuple(match.start() for match in re.finditer("\n", text)))
-
-
-def words(text: str) -> frozenset[str]:
-    """Return the words of a closed list."""
-    return frozenset(text.split())
-
-
-def with_newlines(text: str) -> str:
-    """Return a text of the same length with a newline at the end of each line.
-
-    A carriage return before a newline and a byte order mark of UTF-8 become spaces.
-    """
-    if text.startswith(_MARK):
-        text = " " * len(_MARK) + text[len(_MARK) :]
-    return text.replace("\r\n", " \n").replace("\r", "\n")

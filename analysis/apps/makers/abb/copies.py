@@ -7,21 +7,21 @@ point with a known offset, and otherwise mention it only in moves.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from analysis.apps.makers.abb.instructions import MOVE
 from analysis.apps.makers.abb.offsets import Numbers, offset_frames
-from analysis.apps.makers.target import arguments
+from analysis.apps.makers.program_parser import arguments
 from analysis.robot.kinematics.arm import Array
 
 OFFSET = re.compile(r"(Offs|RelTool)\s*\(", re.IGNORECASE)
-_ASSIGNED = re.compile(r"(?<![\w.{}])(?P<name>[A-Za-z]\w*)\s*:=(?P<value>[^;]*)")
+_ASSIGNED = re.compile(r"(?<![\w.{}])(?P<name>[A-Za-z]\w*)\s*:=\s*(?P<value>[^;]*?)\s*(?=;|$)")
 _DECLARED = re.compile(r"\brobtarget\s+(\w+)", re.IGNORECASE)
 """A declaration of a variable or of a parameter."""
-_WORD = re.compile(r"[A-Za-z]\w*")
+_DECLARES = re.compile(r"\brobtarget\s+$", re.IGNORECASE)
 _FIRST_WORD = re.compile(r"\s*([A-Za-z]\w*)")
 
 
@@ -39,12 +39,12 @@ class Reached:
 
 
 def read_target(text: str, begin: int, end: int, numbers: Numbers, copies: dict[str, Reached]) -> Reached:
-    """Return the point and the offsets of a target, with functions in one another and copies resolved."""
+    """Resolve the functions in one another and the copies of a target."""
     wrapped = OFFSET.match(text, begin, end)
     if wrapped is None:
-        name = text[begin:end].partition("\\")[0].strip()
-        copy = copies.get(name.lower())
-        return Reached(copy.point, begin, end, copy.offsets) if copy else Reached(name.lower(), begin, end)
+        name = text[begin:end].partition("\\")[0].strip().lower()
+        copy = copies.get(name, Reached(name, begin, end))
+        return Reached(copy.point, begin, end, copy.offsets)
     places = arguments(text, wrapped.end(), text.rfind(")", begin, end))
     inner = read_target(text, *places[0], numbers, copies)
     function = wrapped[1].lower()
@@ -60,43 +60,34 @@ def read_target(text: str, begin: int, end: int, numbers: Numbers, copies: dict[
 def copies_in(
     texts: Sequence[str], numbers: Numbers, points: frozenset[str]
 ) -> tuple[dict[str, Reached], set[tuple[int, int]]]:
-    """Return the copies by name in lower case, and the places (file, position) at which they read their points."""
+    """The copies by name in lower case, and the places (file, position) at which they read their points."""
     found: dict[str, list[tuple[int, Reached]]] = {}
     for file, text in enumerate(texts):
         for assigned in _ASSIGNED.finditer(text):
-            value = read_target(text, *_stripped(assigned), numbers, {})
+            value = read_target(text, *assigned.span("value"), numbers, {})
             found.setdefault(assigned["name"].lower(), []).append((file, value))
     declared = [word.lower() for text in texts for word in _DECLARED.findall(text)]
     copies, read = dict[str, Reached](), set[tuple[int, int]]()
     for name, every in found.items():
         file, value = every[0]
         single = len(every) == 1 and declared.count(name) == 1 and name not in points
-        if single and value.point in points and value.offsets is not None and _only_moved_to(name, texts):
+        if single and value.point in points and value.offsets is not None and _is_only_reached(name, texts):
             copies[name] = value if value.offsets else Reached(value.point, 0, 0, (("frame", np.eye(4)),))
             read.add((file, value.begin))
     return copies, read
 
 
-def _stripped(assigned: re.Match[str]) -> tuple[int, int]:
-    begin, end = assigned.span("value")
-    inside = assigned["value"]
-    return begin + len(inside) - len(inside.lstrip()), end - len(inside) + len(inside.rstrip())
-
-
-def _only_moved_to(name: str, texts: Sequence[str]) -> bool:
-    """Return whether a variable is mentioned only in its declaration, in its assignment and in moves."""
+def _is_only_reached(name: str, texts: Sequence[str]) -> bool:
+    """Whether a variable is mentioned only in its declaration, in its assignment and in moves."""
     for text in texts:
-        for word in _mentions(name, text):
+        for word in re.finditer(rf"(?<![A-Za-z\d_]){name}(?!\w)", text, re.IGNORECASE):
             begin = max(text.rfind(mark, 0, word.start()) for mark in ";\n") + 1
             first = _FIRST_WORD.match(text, begin)
             move = MOVE.fullmatch(first[1]) if first else None
-            is_written = re.match(r"\s*:=", text[word.end() : word.end() + 20]) is not None
-            is_declared = re.search(r"\brobtarget\s+$", text[max(0, word.start() - 40) : word.start()], re.IGNORECASE)
-            is_part = text[word.end() : word.end() + 1] in (".", "{")
-            if is_part or not (is_written or is_declared or (move and not move["search"])):
+            is_written = re.match(r"\s*:=", text[word.end() : word.end() + 20])
+            is_declared = _DECLARES.search(text[max(0, word.start() - 40) : word.start()])
+            if text.startswith((".", "{"), word.end()):  # A part of it
+                return False
+            if not (is_written or is_declared or (move and not move["search"])):
                 return False
     return True
-
-
-def _mentions(name: str, text: str) -> Iterator[re.Match[str]]:
-    return (word for word in _WORD.finditer(text) if word[0].lower() == name)

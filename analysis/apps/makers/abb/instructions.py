@@ -10,9 +10,10 @@ from __future__ import annotations
 import re
 from typing import Literal
 
-from analysis.apps.makers.target import words
+from analysis.apps.makers.program_machine import OFF
+from analysis.apps.makers.program_parser import words
 
-Effect = Literal["nothing", "arm", "external", "offset of external axes", "program", "data by name"]
+Effect = Literal["nothing", "arm", "external", "program", "data by name"]
 
 EFFECTS: dict[Effect, frozenset[str]] = {
     # Signals, waiting, the pendant, files, sockets, interrupts, speeds, loads, world zones, cameras, welding equipment,
@@ -67,8 +68,7 @@ EFFECTS: dict[Effect, frozenset[str]] = {
         egmrunpose egmrunjoint egmstop clearpath restopath pathrecmovebwd pathrecmovefwd setleadthrough stcalibmove
         hollowwristreset
         """),
-    "external": words("moveextj searchextj indamove indcmove inddmove indrmove indreset"),
-    "offset of external axes": words("eoffson eoffsoff eoffsset"),
+    "external": words("moveextj searchextj indamove indcmove inddmove indrmove indreset eoffson eoffsoff eoffsset"),
     # Another program may be loaded, selected or run, or the configuration of the controller may change.
     "program": words("""
         load startload waitload unload callbyvar warmstart writecfgdata savecfgdata
@@ -82,8 +82,14 @@ SWITCHES: dict[str, tuple[str, str]] = {
     "pdispon": ("shift", "on"), "pdispset": ("shift", "on"), "pdispoff": ("shift", "off"),
     "softact": ("tracking", "on"), "softdeact": ("tracking", "off"),
 }  # fmt: skip
-"""Instructions that set a part of the state, with the value. ConfL, ConfJ, SingArea and CirPathMode depend on their
-arguments."""
+"""Instructions that set a part of the state, with the value."""
+SETTINGS = {
+    "confl": ("conf l", "Off", "on", "off"),
+    "confj": ("conf j", "Off", "on", "off"),
+    "singarea": ("switch", "LockAxis4", OFF, "on"),
+    "cirpathmode": ("switch arcs", r"Wrist\d\d", OFF, "on"),
+}
+"""Instructions that set a part of the state by a switch among their arguments: the value without and with it."""
 
 MOVE = re.compile(
     r"(?:Move(?P<move>AbsJ|J|L|C)(?:DO|AO|GO|Sync)?|Trigg(?P<trigg>AbsJ|J|L|C)(?:IOs)?|"

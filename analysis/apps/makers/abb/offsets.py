@@ -6,11 +6,12 @@ import ast
 import itertools
 import operator
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from analysis.apps.makers.arithmetic import Operators, tree_of, value_of
 from analysis.apps.makers.numbers import frame_of
 from analysis.robot.kinematics.arm import Array
 
@@ -21,7 +22,7 @@ _LONGEST_LOOP = 1000
 _TURN = re.compile(r"\\\s*R([xyz])\s*:=(.*)", re.IGNORECASE | re.DOTALL)
 _LOOP = re.compile(r"\s*(\w+)\s+FROM\b(.*?)\bTO\b(.*?)(?:\bSTEP\b(.*?))?\bDO\b", re.IGNORECASE | re.DOTALL)
 _DIV_MOD = re.compile(r"\b(DIV|MOD)\b", re.IGNORECASE)
-_OPERATORS: dict[type[ast.operator], Callable[[float, float], float]] = {
+_OPERATORS: Operators = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
     ast.FloorDiv: operator.floordiv, ast.Mod: operator.mod,
 }  # fmt: skip
@@ -65,7 +66,7 @@ class Numbers:
 
         corners: take the first and last values of loops with too many passes; otherwise there are none.
         """
-        trees = [_tree(text) for text in texts]
+        trees = [tree_of(_DIV_MOD.sub(_as_python, " ".join(text.lower().split()))) for text in texts]
         used = {node.id for tree in trees if tree for node in ast.walk(tree) if isinstance(node, ast.Name)}
         loops = {name: values for name, values in self.loops if name in used}
         if None in trees or None in loops.values() or not used <= self.known.keys() | loops.keys():
@@ -79,35 +80,14 @@ class Numbers:
         for one in itertools.product(*ranges):
             names = self.known | dict(zip(loops, one, strict=True))
             try:
-                found[tuple(_computed(tree.body, names) for tree in trees if tree)] = None
+                found[tuple(value_of(tree, names, _OPERATORS) for tree in trees if tree)] = None
             except (ZeroDivisionError, KeyError, OverflowError):
                 return []
         return list(found)
 
 
-def _tree(text: str) -> ast.Expression | None:
-    """Return the syntax tree of an arithmetic expression, with names in lower case; None for other text."""
-    python = _DIV_MOD.sub(lambda word: "//" if word[1].upper() == "DIV" else "%", " ".join(text.lower().split()))
-    try:
-        return ast.parse(python.strip(), mode="eval")
-    except (SyntaxError, ValueError, RecursionError):
-        return None
-
-
-def _computed(node: ast.expr, names: Mapping[str, float]) -> float:
-    match node:
-        case ast.Constant(value) if isinstance(value, int | float):
-            return float(value)
-        case ast.Name(name):
-            return names[name]
-        case ast.UnaryOp(ast.USub(), operand):
-            return -_computed(operand, names)
-        case ast.UnaryOp(ast.UAdd(), operand):
-            return _computed(operand, names)
-        case ast.BinOp(left, sign, right) if type(sign) in _OPERATORS:
-            return _OPERATORS[type(sign)](_computed(left, names), _computed(right, names))
-        case _:
-            raise KeyError(ast.dump(node))
+def _as_python(word: re.Match[str]) -> str:
+    return "//" if word[1].upper() == "DIV" else "%"
 
 
 def offset_frames(function: str, texts: Sequence[str], numbers: Numbers) -> list[Array]:

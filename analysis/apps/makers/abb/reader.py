@@ -10,260 +10,241 @@ the robot's base. Other modules in the same directory are read for the routines,
 from __future__ import annotations
 
 import re
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from analysis.apps.makers.abb.copies import copies_in
-from analysis.apps.makers.abb.offsets import known_numbers
-from analysis.apps.makers.abb.statements import (
-    MOST_ELEMENTS,
-    RapidReader,
-    external_axes_in,
-    literal_frames,
-    read_module,
-)
+from analysis.apps.makers.abb.statements import EXTERNAL_AXES, NO_AXIS, WORD, RapidStatements, literal_frames
 from analysis.apps.makers.numbers import Decimals
-from analysis.apps.makers.points import Points, as_value
-from analysis.apps.makers.program_machine import OFF, Call, Program, Set, Unknown, Value
+from analysis.apps.makers.points import as_value
+from analysis.apps.makers.program_machine import OFF, Call, Set, Unknown, Value
+from analysis.apps.makers.program_parser import NUMBER, brackets
 from analysis.apps.makers.program_reader import ProgramReader, Remark
-from analysis.apps.makers.target import (
-    NamedFrame,
-    Notice,
-    Parsed,
-    ProgramTexts,
-    UncorrectedTarget,
-    blanked,
-    brackets,
-    lines_of,
-    with_newlines,
-)
+from analysis.apps.makers.target import NamedFrame, Notice, Parsed, ProgramTexts
 
 _DECIMALS = Decimals(place=(4, 7), turn=(8, 12))
 """Decimals for 0.1 µm, and 1e-8 of a quaternion or of a degree: a num has about seven digits."""
 _END = re.compile(rb"^[ \t]*ENDMODULE\b", re.MULTILINE | re.IGNORECASE)
-_BLANK = re.compile(r"\"[^\"\n]*\"|![^\n]*|%%%[^%]*%%%")
 _DATA = re.compile(
-    r"(?<![\w\\])(?P<local>LOCAL\s+|TASK\s+)?(?P<storage>CONST|PERS|VAR)\s+(?P<kind>\w+)\s+(?P<name>\w+)\s*"
+    r"(?<![\w\\])(?P<scope>LOCAL\s+|TASK\s+)?(?P<storage>CONST|PERS|VAR)\s+(?P<kind>\w+)\s+(?P<name>\w+)\s*"
     r"(?P<array>\{[^{};]*\}\s*)?(?::=(?P<value>[^;]*))?;",
     re.IGNORECASE,
 )
 _ELEMENT = re.compile(r"\[(?=\s*\[\s*[-+.\d])")
 """Start of a target in the value of an array: [[x, y, z], …] or [[q1, …, q6], …]."""
+_MOST_ELEMENTS = 20
+"""Maximum size of an array of points that is traced: a move to a variable element leads from and to any other one."""
 _PARAMETERS = re.compile(r"\b(?:PROC|FUNC\s+\w+)\s+\w+\s*\(([^()]*)\)", re.IGNORECASE)
 _LAST = re.compile(r",\s*([A-Za-z]\w*)\s*(?=[\\;])")
 _WOBJ = re.compile(r"\\\s*WObj\s*:=\s*(\w+)", re.IGNORECASE)
 """The work object of a move."""
-_WORD = re.compile(r"[A-Za-z]\w*")
-_NULL = {"tool tool0": np.eye(4), "frame wobj0": np.eye(4)}
+_MAIN = re.compile(r"\bPROC\s+main\s*\(", re.IGNORECASE)
+_COORDINATES = re.compile(rf"\[((?:\s*{NUMBER}\s*,){{5}}\s*{NUMBER}\s*)\]\s*\]")
+"""The coordinates of external axes at the end of a target."""
+_EXTERNAL_MOVED = re.compile(r"\b(?:MoveExtJ|SearchExtJ|Ind[ARCD]Move)\b|\.\s*(?:extax|eax_[a-f])\b", re.IGNORECASE)
+"""Pattern of a text that moves any external axes."""
+_OFFSET_EXTERNAL = re.compile(r"\bEOffs(?:On|Set)\b", re.IGNORECASE)
+"""Pattern of a text that offsets external axes: only targets that name an axis are affected."""
+_ANY_AXIS = "any"
+"""Placeholder for the axes moved by an instruction that does not name the axes."""
 
 
-def parse(texts: ProgramTexts) -> Parsed:
-    """Parse the targets of a module."""
-    blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
-    reader = RapidReader(texts.names, blank, tuple(map(lines_of, blank)), Points(texts.own))
-    stated: dict[str, Value] = {key: as_value(frame) for key, frame in _NULL.items()}
-    # They belong to the system module BASE.sys, which may be in the same directory.
-    reader.of |= dict.fromkeys(_NULL, len(blank))
-    for file in range(len(blank)):
-        _declare(reader, file, stated)
-    for named in reader.numeric.values():
-        reader.points.state(named)
-    for text in blank:
-        reader.frames |= {f"tool {name.lower()}" for name in _LAST.findall(text)}
-        reader.frames |= {f"frame {name.lower()}" for name in _WOBJ.findall(text)}
-    reader.numbers.known |= known_numbers(blank)
-    reader.copies, places = copies_in(blank, reader.numbers, frozenset(reader.points.keys()))
-    reader.spent |= places
-    _external_axes(reader)
-    _hide_by_parameters(reader)
-    for file in range(len(blank)):
-        read_module(reader, file)
-    _other_tasks(reader)
-    for file, text in enumerate(blank):
-        for word in _WORD.finditer(text):
+class _RapidReader(RapidStatements):
+    """Adds the declarations: points, tools and work objects, and where they are hidden, shared or written to."""
+
+    def __init__(self, program: ProgramTexts) -> None:
+        super().__init__(program)
+        # tool0 and wobj0 belong to the system module BASE.sys, which may be in the same directory.
+        self.stated: dict[str, Value] = dict.fromkeys(("tool tool0", "frame wobj0"), as_value(np.eye(4)))
+        self.shared_by: dict[str, int] = dict.fromkeys(self.stated, len(self.texts))
+        """The module whose persistent tool or work object other tasks may declare again."""
+        self.first_in: dict[str, int] = {}
+        """The modules that first declare tools and work objects for all modules."""
+        self.numeric: dict[str, NamedFrame] = {}
+        """The tools and work objects whose numbers are those of their declaration."""
+        for text in self.texts:
+            self.frames |= {f"tool {name.lower()}" for name in _LAST.findall(text)}
+            self.frames |= {f"frame {name.lower()}" for name in _WOBJ.findall(text)}
+
+    def declare(self, file: int) -> None:
+        """Add the points, tools and work objects declared by a module. Modules of the program are read first."""
+        self.file, declares = file, set()
+        for declared in _DATA.finditer(self.text):
+            self.at = declared.start("name")
+            kind, name = declared["kind"].lower(), declared["name"].lower()
+            is_shared = (declared["scope"] or "").strip().upper() != "LOCAL"
+            declares.add(name)
+            if kind in ("tooldata", "wobjdata"):
+                self._declare_frame(kind, declared, is_shared)
+            elif kind in ("robtarget", "jointtarget") and self.is_own and declared["value"]:
+                target = None if declared["array"] else self.literal(kind, *declared.span("value"), declared["name"])
+                if target:
+                    self.points.declare(name, target)
+                if target or (declared["array"] and self._declare_array(kind, declared)):
+                    self.spent.add((file, self.at))
+                    self.shared |= {name} if is_shared else set()
+            elif kind in ("robtarget", "jointtarget") and self.is_own and not declared["array"]:
+                self._declare_assigned(kind, declared["name"], is_shared)
+        self.declares.append(declares)
+
+    def _declare_assigned(self, kind: str, name: str, is_shared: bool) -> None:
+        """Add a point that is declared without a value and assigned with numbers. A second assignment changes it."""
+        for assigned in re.finditer(rf"(?<![\w.]){name}\s*:=(?P<value>[^;]*)", self.text, re.IGNORECASE):
+            target = self.literal(kind, *assigned.span("value"), name)
+            if target and (self.file, assigned.start()) not in self.spent:
+                self.spent |= {(self.file, self.at), (self.file, assigned.start())}
+                self.points.declare(name.lower(), target)
+                self.shared |= {name.lower()} if is_shared else set()
+
+    def _declare_array(self, kind: str, declared: re.Match[str]) -> bool:
+        """Add the elements of an array as points if rig can trace it: one dimension, numbers, and not too many."""
+        begin, end = declared.span("value")
+        closes = brackets(self.text, begin, end)
+        starts = [found.start() for found in _ELEMENT.finditer(self.text, begin, end)]
+        targets = [
+            self.literal(kind, start, closes.get(start, begin) + 1, f"{declared['name']}{{{k}}}")
+            for k, start in enumerate(starts, start=1)
+        ]
+        size = re.fullmatch(r"\{\s*(\d+)\s*\}\s*", declared["array"])
+        if size and 0 < len(targets) == int(size[1]) <= _MOST_ELEMENTS and all(targets):
+            name = declared["name"].lower()
+            self.arrays[name] = [f"{name}{{{k}}}" for k in range(1, len(targets) + 1)]
+            for key, target in zip(self.arrays[name], filter(None, targets), strict=True):
+                self.points.declare(key, target)
+            return True
+        for start in starts:
+            self.list_left("array", declared["name"], start)
+        return False
+
+    def _declare_frame(self, kind: str, declared: re.Match[str], is_shared: bool) -> None:
+        """Add a declared tool or work object.
+
+        If the value is not numeric, the user can state the frame by name. If a name is declared twice, the frame is
+        unknown, except for persistent data shared by tasks with the same numbers. Two modules that declare a global
+        name with different numbers are variants or belong to different tasks: the user states the frame.
+        """
+        family: Literal["tool", "frame"] = "tool" if kind == "tooldata" else "frame"
+        name, part = declared["name"], f"{family} {declared['name'].lower()}"
+        self.frames.add(part)
+        frame = literal_frames(kind, declared["value"] or "")
+        value: Value = self.why(f"{name} is not declared with numbers, on the robot")
+        if frame is not None:
+            value = as_value(frame)
+        elif declared["value"] is None:
+            value = name.lower()
+        shared_by = self.file if is_shared and declared["storage"].upper() == "PERS" else -1
+        if part not in self.stated:
+            self.stated[part], self.shared_by[part] = value, shared_by
+            if is_shared:
+                self.first_in[part] = self.file
+            if frame is not None:
+                self.numeric[part] = NamedFrame(name, family, self.file, self.line(), as_value(frame))
+        elif is_shared and self.first_in.get(part, self.file) != self.file:
+            if value != self.stated[part]:
+                self.stated[part] = name.lower()
+                self.numeric.pop(part, None)
+                fact = f"{name} has other numbers in {self.names[self.first_in[part]]}; state --{family} {name}"
+                self.points.notices.append(Notice(self.file, self.line(), fact))
+        elif value != self.stated[part] or -1 in (shared_by, self.shared_by[part]) or self.file == self.shared_by[part]:
+            self.shadowed[part] = self.why(f"{name} is declared twice")
+
+    def find_external_axes(self) -> None:
+        """Add the external axes that the program moves. An axis that every target names with one value does not move.
+
+        A module beside the program with a main routine of its own belongs to another program, which may be a variant of
+        this one.
+        """
+        has_main = [_MAIN.search(text) is not None for text in self.texts]
+        any_main = any(has_main[: self.own])
+        is_part = [file < self.own or not (any_main and is_main) for file, is_main in enumerate(has_main)]
+        together = "\n".join(text for text, part in zip(self.texts, is_part, strict=True) if part)
+        rows = [tuple(map(float, found[1].split(","))) for found in _COORDINATES.finditer(together)]
+        for axis, column in zip(EXTERNAL_AXES, zip(*rows, strict=True), strict=bool(rows)):
+            values = {min(value, NO_AXIS) for value in column}
+            if len(values) > 1 and values - {0.0, NO_AXIS}:
+                self.points.axes.add(axis)
+            elif not values & {0.0, NO_AXIS}:
+                fact = f"external axis {axis} is at {column[0]:g} in every target; rig assumes that it does not carry"
+                self.points.notices.append(Notice(0, 1, f"{fact} the arm"))
+        names_any = any(value < NO_AXIS for row in rows for value in row)
+        if _EXTERNAL_MOVED.search(together) or (names_any and _OFFSET_EXTERNAL.search(together)):
+            self.points.axes.add(_ANY_AXIS)
+
+    def hide_by_parameters(self) -> None:
+        """Make tools and work objects unknown if a parameter of a routine has the same name."""
+        for file, text in enumerate(self.texts):
+            self.file = file
+            for parameters in _PARAMETERS.finditer(text):
+                for word in WORD.finditer(text, *parameters.span(1)):
+                    why = self.why(f"{word[0]} is a parameter of a routine", word.start())
+                    self.shadowed |= {f"{kind} {word[0].lower()}": why for kind in ("tool", "frame")}
+
+    def add_other_tasks(self) -> None:
+        """Add the tools and work objects set by other tasks and programs.
+
+        A module with a main routine belongs to another task or program. Tasks may share persistent data of the same
+        name.
+        """
+        if not any(f"{file}:main" in self.routines for file in range(self.own)):
+            return
+        for file in range(self.own, len(self.texts)):
+            todo, seen = [f"{file}:main"], set[str]()
+            while todo:
+                name = todo.pop()
+                body = () if name in seen else self.routines.get(name, ())
+                seen.add(name)
+                todo += [statement.name for statement in body if isinstance(statement, Call)]
+                sets = [of for of in body if isinstance(of, Set) and of.part.startswith(("tool ", "frame "))]
+                why = Unknown(file, 1, f"the main routine of {self.names[file]} may run in parallel")
+                self.concurrently(why, partial(self.add, *sets))
+
+    def watch_points(self) -> None:
+        """Mark the points that are mentioned otherwise than as targets."""
+        for word in self.mentions(WORD):
             name = word[0].lower()
-            keys = reader.arrays.get(name, [name] if reader.points.knows(name) else [])
-            if (file, word.start()) in reader.spent:
-                continue
-            if file < texts.own or (name in reader.shared and name not in reader.declares[file]):
-                for key in keys:
-                    reader.points.change(key, file, reader.lines[file].at(word.start()))
-    if reader.by_name:
-        for key in list(reader.points.keys()):
-            reader.points.change(key, reader.by_name.file, reader.by_name.line)
+            if self.is_own or (name in self.shared and name not in self.declares[self.file]):
+                for key in self.arrays.get(name, [name]):
+                    self.change(key)
+        if self.by_name:
+            for key in list(self.points.all_keys()):
+                self.points.change(key, self.by_name.file, self.by_name.line)
 
-    def initial(part: str) -> Value:
+    def first_routine(self) -> str | None:
+        """The routine with which the operator starts the program: main, or the only one that no other calls."""
+        called = {
+            statement.name for body in self.routines.values() for statement in body if isinstance(statement, Call)
+        }
+        called |= {call.name for call in (*self.beside, *self.broken)}
+        own = [name for file in range(self.own) for name in self.routines if name.startswith(f"{file}:")]
+        first = [name for name in own if name.endswith(":main")] or [name for name in own if name not in called]
+        return first[0] if len(first) == 1 else None
+
+    def initial(self, part: str) -> Value:
         kind, _, name = part.partition(" ")
         if kind in ("tool", "frame"):
-            return stated.get(part, name)
+            return self.stated.get(part, name)
         return "on" if kind == "conf" else OFF
 
-    kept, starts = ("tool ", "frame "), _first_routine(reader)
-    concurrent = tuple(reader.beside), tuple(reader.broken)
-    return reader.points.parsed(Program(reader.routines, initial, *concurrent, kept, cycles=True, starts=starts))
 
-
-def _hide_by_parameters(reader: RapidReader) -> None:
-    """Make tools and work objects unknown if a parameter of a routine has the same name."""
-    for file, text in enumerate(reader.texts):
-        for parameters in _PARAMETERS.finditer(text):
-            for word in _WORD.finditer(text, parameters.start(1), parameters.end(1)):
-                why = Unknown(file, reader.lines[file].at(word.start()), f"{word[0]} is a parameter of a routine")
-                reader.shadowed |= {f"{kind} {word[0].lower()}": why for kind in ("tool", "frame")}
-
-
-def _first_routine(reader: RapidReader) -> str | None:
-    """Return the routine with which the operator starts the program: main, or the only one that no other calls."""
-    bodies, own = reader.routines.items(), range(reader.points.files)
-    called = {statement.name for _, body in bodies for statement in body if isinstance(statement, Call)}
-    called |= {call.name for call in (*reader.beside, *reader.broken)}
-    first = [f"{file}:main" for file in own if f"{file}:main" in reader.routines]
-    first = first or [name for name in reader.routines if name not in called and int(name.partition(":")[0]) in own]
-    return first[0] if len(first) == 1 else None
-
-
-def _external_axes(reader: RapidReader) -> None:
-    """Add the external axes that the program moves.
-
-    A module beside the program with a main routine of its own belongs to another program, which may be a variant of
-    this one.
-    """
-    own = reader.points.files
-    has_main = [re.search(r"\bPROC\s+main\s*\(", text, re.IGNORECASE) is not None for text in reader.texts]
-    texts = [
-        text for file, text in enumerate(reader.texts) if file < own or not (has_main[file] and any(has_main[:own]))
-    ]
-    axes = external_axes_in(texts)
-    reader.points.axes |= axes.moved
-    reader.points.notices += [
-        Notice(
-            0, 1, f"external axis {axis} is at {position:g} in every target; rig assumes that it does not carry the arm"
-        )
-        for axis, position in axes.constant.items()
-    ]
-
-
-def _other_tasks(reader: RapidReader) -> None:
-    """Add the tools and work objects set by other tasks and programs.
-
-    A module with a main routine belongs to another task or program. Tasks may share persistent data of the same name.
-    """
-    if not any(f"{file}:main" in reader.routines for file in range(reader.points.files)):
-        return
-    for file in range(reader.points.files, len(reader.texts)):
-        todo, seen = [f"{file}:main"], set[str]()
-        while todo:
-            name = todo.pop()
-            body = () if name in seen else reader.routines.get(name, ())
-            seen.add(name)
-            todo += [statement.name for statement in body if isinstance(statement, Call)]
-            sets = tuple(
-                statement
-                for statement in body
-                if isinstance(statement, Set) and statement.part.startswith(("tool ", "frame "))
-            )
-            if sets:
-                key = f"\0{file} {name}"
-                reader.routines[key] = sets
-                reader.beside.append(
-                    Call(key, Unknown(file, 1, f"the main routine of {reader.names[file]} may run in parallel"))
-                )
-
-
-def _declare(reader: RapidReader, file: int, stated: dict[str, Value]) -> None:
-    """Add the points, tools and work objects declared by a module. Modules of the program are read first."""
-    text, declares = reader.texts[file], set()
-    for declared in _DATA.finditer(text):
-        kind, name = declared["kind"].lower(), declared["name"].lower()
-        declares.add(name)
-        local = bool(declared["local"]) and declared["local"].strip().upper() == "LOCAL"
-        of_program = file < reader.points.files
-        if kind not in ("robtarget", "jointtarget"):
-            if kind in ("tooldata", "wobjdata"):
-                _declare_frame(reader, file, kind, declared, stated, shares=not local)
-        elif of_program and declared["value"] and declared["array"]:
-            _declare_array(reader, file, declared, shares=not local)
-        elif of_program and declared["value"]:
-            begin = declared.start("value")
-            target = reader.literal(file, kind, begin, declared.end("value"), declared["name"])
-            if target:
-                reader.spent.add((file, declared.start("name")))
-                reader.points.declare(name, target)
-                if not local:
-                    reader.shared.add(name)
-        elif of_program and not declared["array"]:
-            _declare_assigned(reader, file, declared, shares=not local)
-    reader.declares.append(declares)
-
-
-def _declare_assigned(reader: RapidReader, file: int, declared: re.Match[str], *, shares: bool) -> None:
-    """Add a point that is declared without a value and assigned with numbers. A second assignment changes it."""
-    name = declared["name"]
-    for assigned in re.finditer(rf"(?<![\w.]){name}\s*:=(?P<value>[^;]*)", reader.texts[file], re.IGNORECASE):
-        target = reader.literal(file, declared["kind"].lower(), *assigned.span("value"), name)
-        if target and (file, assigned.start()) not in reader.spent:
-            reader.spent |= {(file, declared.start("name")), (file, assigned.start())}
-            reader.points.declare(name.lower(), target)
-            reader.shared |= {name.lower()} if shares else set()
-
-
-def _declare_array(reader: RapidReader, file: int, declared: re.Match[str], *, shares: bool) -> None:
-    """Add the elements of an array as points if rig can trace it: one dimension, numbers, and not too many elements."""
-    text, kind, name = reader.texts[file], declared["kind"].lower(), declared["name"]
-    begin, end = declared.span("value")
-    closes = brackets(text[begin:end])
-    starts = [found.start() for found in _ELEMENT.finditer(text, begin, end)]
-    elements = [
-        reader.literal(file, kind, start, begin + closes.get(start - begin, 0) + 1, f"{name}{{{k}}}")
-        for k, start in enumerate(starts, start=1)
-    ]
-    targets = [target for target in elements if target]
-    size = re.fullmatch(r"\{\s*(\d+)\s*\}\s*", declared["array"])
-    if size and 0 < len(targets) == len(elements) == int(size[1]) <= MOST_ELEMENTS:
-        reader.arrays[name.lower()] = [f"{name.lower()}{{{k}}}" for k in range(1, len(targets) + 1)]
-        reader.spent.add((file, declared.start("name")))
-        for key, target in zip(reader.arrays[name.lower()], targets, strict=True):
-            reader.points.declare(key, target)
-        reader.shared |= {name.lower()} if shares else set()
-        return
-    for start in starts:
-        reader.points.leave(UncorrectedTarget(file, reader.lines[file].at(start), name, "array"))
-
-
-def _declare_frame(
-    reader: RapidReader, file: int, kind: str, declared: re.Match[str], stated: dict[str, Value], *, shares: bool
-) -> None:
-    """Add a declared tool or work object.
-
-    If the value is not numeric, the user can state the frame by name. If a name is declared twice, the frame is
-    unknown, except for persistent data shared by tasks with the same numbers. Two modules that declare a global name
-    with different numbers are variants or belong to different tasks: the user states the frame.
-    """
-    family: Literal["tool", "frame"] = "tool" if kind == "tooldata" else "frame"
-    name, line = declared["name"].lower(), reader.lines[file].at(declared.start("name"))
-    part = f"{family} {name}"
-    reader.frames.add(part)
-    frames = literal_frames(kind, declared["value"] or "")
-    value: Value = Unknown(file, line, f"{declared['name']} is not declared with numbers, on the robot")
-    if frames is not None:
-        value = as_value(frames)
-    elif declared["value"] is None:
-        value = name
-    shared_by = file if shares and declared["storage"].upper() == "PERS" else -1
-    if part not in stated:
-        stated[part], reader.of[part] = value, shared_by
-        reader.globals |= {part: file} if shares else {}
-        if frames is not None:
-            reader.numeric[part] = NamedFrame(declared["name"], family, file, line, as_value(frames))
-    elif shares and reader.globals.get(part, file) != file:
-        if value != stated[part]:
-            stated[part] = name
-            reader.numeric.pop(part, None)
-            fact = f"{declared['name']} has other numbers in {reader.names[reader.globals[part]]}"
-            reader.points.notices.append(Notice(file, line, f"{fact}; state --{family} {declared['name']}"))
-    elif value != stated[part] or -1 in (shared_by, reader.of.get(part, -1)) or file == reader.of[part]:
-        reader.shadowed[part] = Unknown(file, line, f"{declared['name']} is declared twice")
+def parse(program: ProgramTexts) -> Parsed:
+    """Parse the targets of a module."""
+    reader = _RapidReader(program)
+    files = range(len(program.texts))
+    for file in files:
+        reader.declare(file)
+    for named in reader.numeric.values():
+        reader.points.state(named)
+    reader.copies, places = copies_in(reader.texts, reader.numbers, frozenset(reader.points.all_keys()))
+    reader.spent |= places
+    reader.find_external_axes()
+    reader.hide_by_parameters()
+    for file in files:
+        reader.read_module(file)
+    reader.add_other_tasks()
+    reader.watch_points()
+    return reader.points.parsed(reader.program(kept=("tool ", "frame "), cycles=True, starts=reader.first_routine()))
 
 
 READER = ProgramReader(

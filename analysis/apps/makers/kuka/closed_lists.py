@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import Literal
 
-from analysis.apps.makers.target import words
+from analysis.apps.makers.program_parser import words
 
 NOTHING = re.compile(
     r"\s*(?:INTERRUPT\s+(?:ON|OFF|ENABLE|DISABLE)|WAIT|HALT|BRAKE|CONTINUE|PULSE|ANOUT|ANIN|CWRITE|CREAD|COPEN|CCLOSE|"

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
 from analysis.apps.makers.points import as_value
-from analysis.apps.makers.program_machine import ComputedValue, Set, Unknown, Value
-from analysis.apps.makers.target import NUMBER
+from analysis.apps.makers.program_machine import ComputedValue, Unknown, Value
+from analysis.apps.makers.program_parser import NUMBER
 
 _SHIFT = re.compile(
     rf"\s*(?P<left>\w+)\.(?P<axis>[XYZ])\s*=\s*(?P<from>\w+)\.(?P=axis)\s*(?P<sign>[-+])\s*(?P<by>{NUMBER}|[A-Z_]\w*)\s*",
@@ -24,91 +23,73 @@ _SHIFT = re.compile(
 _WHOLE = re.compile(r"\s*(?P<left>[A-Z_]\w*)\s*=\s*(?P<from>[A-Z_]\w*)\s*", re.IGNORECASE)
 _DECLARED = re.compile(r"\s*(?:DECL\s+)?E6POS\s+[\w\s,]+", re.IGNORECASE)
 _MOVE = re.compile(r"\s*S?(?:PTP|LIN)\s+(\w+)\b", re.IGNORECASE)
-_WORD = re.compile(r"[A-Za-z_]\w*")
+_WORD = re.compile(r"[A-Z_]\w*")
 _CONSTANT = re.compile(rf"\s*(?:DECL\s+)?(?:REAL\s+|INT\s+)?([A-Z_]\w*)\s*=\s*({NUMBER})\s*", re.IGNORECASE)
-_WRITTEN = re.compile(r"(?<![\w$.])([A-Z_]\w*)\s*=(?!=)", re.IGNORECASE)
+_WRITTEN = re.compile(r"(?<![\w$.])([A-Z_]\w*)\s*=(?!=)")
 _HANDED = re.compile(r"\(([^()]*)\)")
 
 
-@dataclass(frozen=True)
-class Copy:
-    """The statement of a line about a copy, with the value that it gives to the part of the state.
-
-    name: of the variable, in upper case. sources: columns of the mentioned points, which the line only reads.
-    """
-
-    name: str
-    value: Value | ComputedValue
-    sources: tuple[int, ...] = ()
-
-
 def part_of(module: str, name: str) -> str:
-    """Return the name of the part of the state with the offset of a copy from its point."""
+    """Name of the part of the state with the offset of a copy from its point."""
     return f"copy {module}:{name}"
 
 
 def copies_in(lines: Sequence[str], points: frozenset[str]) -> dict[str, str]:
-    """Return the copies in the lines of a module with their points, both in upper case."""
+    """The copies in the lines of a module with their points, both in upper case."""
+    lines = [line.upper() for line in lines]
     found: dict[str, set[str]] = {}
-    declared: set[str] = set()
-    for line in lines:
-        if whole := _WHOLE.fullmatch(line):
-            if whole["from"].upper() in points and whole["left"].upper() not in points:
-                found.setdefault(whole["left"].upper(), set()).add(whole["from"].upper())
-        elif _DECLARED.fullmatch(line):
-            declared.update(word.upper() for word in _WORD.findall(line))
+    for whole in filter(None, map(_WHOLE.fullmatch, lines)):
+        if whole["from"] in points and whole["left"] not in points:
+            found.setdefault(whole["left"], set()).add(whole["from"])
+    declared = {word for line in lines if _DECLARED.fullmatch(line) for word in _WORD.findall(line)}
     single = {name: next(iter(of)) for name, of in found.items() if len(of) == 1 and name in declared}
     for line in lines:
-        for name in {word.upper() for word in _WORD.findall(line)} & single.keys():
-            if not _is_about_copy(line, name, single[name]):
+        for name in single.keys() & _WORD.findall(line):
+            if not _is_understood(line, name, single[name]):
                 del single[name]
     return single
 
 
-def _is_about_copy(line: str, name: str, point: str) -> bool:
-    """Return whether a line that mentions a copy is one of the understood forms."""
-    if (whole := _WHOLE.fullmatch(line)) and whole["left"].upper() == name:
-        return whole["from"].upper() == point
+def _is_understood(line: str, name: str, point: str) -> bool:
+    """Whether a line that mentions a copy is one of the forms above."""
+    if (whole := _WHOLE.fullmatch(line)) and whole["left"] == name:
+        return whole["from"] == point
     if shift := _SHIFT.fullmatch(line):
-        return shift["left"].upper() == name and shift["from"].upper() in (name, point)
+        return shift["left"] == name and shift["from"] in (name, point)
     if move := _MOVE.match(line):
-        return move[1].upper() == name and name not in {word.upper() for word in _WORD.findall(line[move.end() :])}
+        return move[1] == name and name not in _WORD.findall(line, move.end())
     return bool(_DECLARED.fullmatch(line))
 
 
 def constants_in(lines: Sequence[str]) -> dict[str, float]:
-    """Return the variables of a module, in upper case, to which it assigns a single number and nothing else."""
-    written = Counter(name.upper() for line in lines for name in _WRITTEN.findall(line))
-    handed = {word.upper() for line in lines for inside in _HANDED.findall(line) for word in _WORD.findall(inside)}
-    numbers = {match[1].upper(): float(match[2]) for line in lines if (match := _CONSTANT.fullmatch(line))}
+    """The variables of a module, in upper case, to which it assigns a single number and nothing else."""
+    lines = [line.upper() for line in lines]
+    written = Counter(name for line in lines for name in _WRITTEN.findall(line))
+    handed = {word for line in lines for inside in _HANDED.findall(line) for word in _WORD.findall(inside)}
+    numbers = {match[1]: float(match[2]) for match in filter(None, map(_CONSTANT.fullmatch, lines))}
     return {name: number for name, number in numbers.items() if written[name] == 1 and name not in handed}
 
 
 def read_copy(
     line: str, copies: dict[str, str], constants: dict[str, float], module: str, why: Unknown
-) -> Iterator[Copy]:
-    """Yield the statement of a line about a copy, if it is one."""
+) -> tuple[str, Value | ComputedValue, tuple[int, ...]] | None:
+    """Parse a line about a copy: the part of the state, its value, and the columns of the points that it only reads."""
     if (whole := _WHOLE.fullmatch(line)) and whole["left"].upper() in copies:
-        yield Copy(whole["left"].upper(), as_value(np.eye(4)), (whole.start("from"),))
-    elif (shift := _SHIFT.fullmatch(line)) and shift["left"].upper() in copies:
-        name, by = shift["left"].upper(), shift["by"]
-        number = float(by) if re.fullmatch(NUMBER, by) else constants.get(by.upper())
-        sources = (shift.start("from"),) if shift["from"].upper() != name else ()
-        if number is None:
-            yield Copy(name, why, sources)
-            return
-        at, size = 4 * "XYZ".index(shift["axis"].upper()) + 3, number if shift["sign"] == "+" else -number
+        return part_of(module, whole["left"].upper()), as_value(np.eye(4)), (whole.start("from"),)
+    shift = _SHIFT.fullmatch(line)
+    if shift is None or (name := shift["left"].upper()) not in copies:
+        return None
+    part, by = part_of(module, name), shift["by"].upper()
+    number = float(by) if re.fullmatch(NUMBER, by) else constants.get(by)
+    sources = () if shift["from"].upper() == name else (shift.start("from"),)
+    if number is None:
+        return part, why, sources
+    at, size = 4 * "XYZ".index(shift["axis"].upper()) + 3, number if shift["sign"] == "+" else -number
 
-        def shifted(values: tuple[Value, ...]) -> Value:
-            before = values[0]
-            if not isinstance(before, tuple):
-                return why if not isinstance(before, Unknown) else before
-            start = 0.0 if sources else before[at]
-            return (*before[:at], start + size, *before[at + 1 :])
+    def shifted(values: tuple[Value, ...]) -> Value:
+        before = values[0]
+        if not isinstance(before, tuple):
+            return before if isinstance(before, Unknown) else why
+        return (*before[:at], (0.0 if sources else before[at]) + size, *before[at + 1 :])
 
-        yield Copy(name, ComputedValue((part_of(module, name),), shifted), sources)
-
-
-def set_copy(copy: Copy, module: str) -> Set:
-    """Return the assignment of the offset of a copy."""
-    return Set(part_of(module, copy.name), copy.value)
+    return part, ComputedValue((part,), shifted), sources

@@ -17,36 +17,41 @@ from analysis.apps.makers.kuka.closed_lists import is_file_of_maker, is_of_maker
 from analysis.apps.makers.kuka.copies import constants_in, copies_in
 from analysis.apps.makers.kuka.statements import (
     CORRECTION,
+    ELEMENT,
+    EXTERNAL_AXES,
     LINES,
-    LITERAL_TYPE,
-    KrlReader,
-    external_axes_in,
-    lines_in,
-    read_statement,
-    read_submit,
+    ROUTINE,
+    KrlStatements,
 )
 from analysis.apps.makers.numbers import Decimals
-from analysis.apps.makers.points import Points, as_value
-from analysis.apps.makers.program_machine import OFF, Call, Program, Unknown, Value
+from analysis.apps.makers.points import as_value
+from analysis.apps.makers.program_machine import OFF, Call, Unknown, Value
+from analysis.apps.makers.program_parser import NUMBER
 from analysis.apps.makers.program_reader import ProgramReader, Remark
-from analysis.apps.makers.target import NamedFrame, Parsed, ProgramTexts, blanked, lines_of, with_newlines
+from analysis.apps.makers.target import Parsed, ProgramTexts
 
 _DECIMALS = Decimals(place=(4, 7), turn=(6, 9))
 """Decimals of corrected numbers: 0.1 µm and 1e-6°, which is 0.02 µm at 1 m. A REAL of KRL has about seven digits."""
-_BLANK = re.compile(r"\"[^\"\n]*\"|;[^\n]*|^[ \t]*&[^\n]*", re.MULTILINE)
+_SCOPE = r"\s*(?:(?:DECL|GLOBAL|CONST)\s+)*"
+_TYPES = "(?:E6POS|POS|FRAME|E6AXIS|AXIS)"
 _DECLARED = re.compile(
-    r"\s*(?:(?:DECL|GLOBAL|CONST)\s+)*(?:(?P<type>E6POS|POS|FRAME|E6AXIS|AXIS)\s+)?"
-    r"(?P<name>(?!(?:TOOL|BASE)_DATA\b)[A-Z_]\w*)(?:\s*\[\s*(?P<index>\d+)\s*\])?\s*=\s*\{(?P<list>[^{}]*)\}\s*",
+    rf"{_SCOPE}(?:{_TYPES}\s+)?(?P<name>(?!(?:TOOL|BASE)_DATA\b)[A-Z_]\w*)(?:\s*\[\s*(?P<index>\d+)\s*\])?\s*="
+    r"\s*\{(?P<list>[^{}]*)\}\s*",
     re.IGNORECASE,
 )
+_TYPED = re.compile(rf"{_SCOPE}{_TYPES}\s+([\w\s,\[\]]+)", re.IGNORECASE)
+_FDAT = re.compile(rf"{_SCOPE}FDAT\s+(\w+)\s*=\s*\{{([^{{}}]*)\}}?", re.IGNORECASE)
 _DATA = re.compile(r"\s*(TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]\s*=\s*(\{[^{}]*\})\s*", re.IGNORECASE)
-_FDAT = re.compile(r"\s*(?:(?:DECL|GLOBAL)\s+)*FDAT\s+(\w+)\s*=\s*\{([^{}]*)\}?", re.IGNORECASE)
-_ROUTINE = re.compile(r"\s*(GLOBAL\s+)?(?:DEF|DEFFCT\s+\w+(?:\s*\[[^\]]*\])?)\s+(\w+)\s*\(", re.IGNORECASE)
-_TYPED = re.compile(r"\s*(?:(?:DECL|GLOBAL)\s+)*(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s+([\w\s,\[\]]+)", re.IGNORECASE)
-_TAKEN = re.compile(r"(?:FDAT_ACT\s*=|\bFDAT|\b(S(?:TOOL2?|BASE|IPO_MODE|LOAD))\s*\()\s*$", re.IGNORECASE)
-"""Pattern of the text before a set of tool and base that is read but not written."""
+_OWN_LIST = re.compile(rf"{_SCOPE}FRAME\s+(?:.*,\s*)?(TOOL_DATA|BASE_DATA)\b", re.IGNORECASE)
+"""Pattern of a list of tools or bases that hides the list of the controller."""
+_EXTERNAL_MOVED = re.compile(
+    rf"(?<![\w$.])(E[1-6])\s+({NUMBER})|\.\s*(E[1-6])\b|\bASYPTP\b|\$EX_AX_\w+|\$ASYNC_\w+", re.IGNORECASE
+)
+"""Pattern of a text that moves or assigns an external axis."""
 _GLOBAL = re.compile(r"\bGLOBAL\b", re.IGNORECASE)
 _WORD = re.compile(r"[A-Za-z_]\w*")
+_TAKEN = re.compile(r"(?:FDAT_ACT\s*=|\bFDAT|\b(S(?:TOOL2?|BASE|IPO_MODE|LOAD))\s*\()\s*$", re.IGNORECASE)
+"""Pattern of the text before a set of tool and base that is read but not written."""
 _IMPORT = re.compile(r"\bIMPORT\b[^\n]*\.\.\s*(\w+)", re.IGNORECASE)
 """Pattern of an import, which gives a point of this program another name that other programs can write to."""
 _HOME = re.compile(r"\$H_POS\s*=\s*$", re.IGNORECASE)
@@ -54,154 +59,180 @@ _HOME = re.compile(r"\$H_POS\s*=\s*$", re.IGNORECASE)
 _OUTSIDE = re.compile(r"\$IPO_MODE\s*=(?!\s*#BASE\b)|\bIPO_FRAME\s+#(?!BASE\b)", re.IGNORECASE)
 """Pattern of a text that may select a tool fixed outside of the robot."""
 _WRITTEN = re.compile(r"(?:\s*\[[^\]\n]*\])?(?:\.\w+)*[ \t]*=(?!=)")
-_OWN_LIST = re.compile(r"\s*(?:(?:DECL|GLOBAL|CONST)\s+)*FRAME\s+(?:.*,\s*)?(TOOL_DATA|BASE_DATA)\b", re.IGNORECASE)
-"""Pattern of a list of tools or bases that hides the list of the controller."""
+_COMPONENT = re.compile(r"[ \t]+[-+.\w'#$]")
+"""What follows the name of a component in an aggregate: its value."""
 
 
-def parse(texts: ProgramTexts) -> Parsed:
-    """Parse the targets of .src files and of the .dat files with the same names."""
-    blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
-    reader = KrlReader(texts.names, blank, tuple(map(lines_of, blank)), Points(texts.own))
-    reader.points.axes.update(*map(external_axes_in, blank))
-    stated: dict[str, Value] = {}
-    for file in (*reversed(range(texts.own)), *range(texts.own, len(blank))):
-        for begin, line in lines_in(blank[file]):
-            if file < texts.own or reader.is_config(file) or _GLOBAL.search(line):
-                _declare(reader, file, begin, line)
-    for file in range(len(blank)):
-        _define(reader, file, stated)
-    _watch_fdat(reader)
-    for file, name in enumerate(texts.names):
-        if name.lower().endswith(".src"):
-            _read_module(reader, file)
-        elif name.lower().endswith(".sub"):
-            read_submit(reader, file)
-    _watch_points(reader)
+class _KrlReader(KrlStatements):
+    """Adds the declarations: which name means which point, routine, tool and base, and what writes to it."""
 
-    def initial(part: str) -> Value:
+    def __init__(self, program: ProgramTexts) -> None:
+        super().__init__(program)
+        self.arrays: dict[str, list[str]] = {}
+        """Keys of the elements with numbers of an array of points."""
+        self.stated: dict[str, Value] = {}
+        for text in self.texts:
+            for mention in _EXTERNAL_MOVED.finditer(text):
+                if mention[3]:
+                    self.points.axes.add(mention[3].upper())
+                elif not mention[1]:
+                    self.points.axes.update(EXTERNAL_AXES)
+                elif float(mention[2]):
+                    self.points.axes.add(mention[1].upper())
+
+    @property
+    def is_config(self) -> bool:
+        """Whether the file is $config.dat, whose data are visible everywhere."""
+        return self.module.rpartition("/")[2] == "$CONFIG"
+
+    @property
+    def is_of_maker(self) -> bool:
+        return not self.is_own and is_file_of_maker(self.names[self.file])
+
+    def declare_points(self, line: str) -> None:
+        """Add the points and the sets of tool and base declared in a line."""
+        is_shared = self.is_config or bool(_GLOBAL.search(line))
+        if not (self.is_own or is_shared):
+            return
+        if fdat := _FDAT.match(line):
+            name = self.scopes(fdat[1])[is_shared]
+            if name in self.fdat:
+                self.fdat_written.add(name)
+            self.fdat[name] = fdat[2]
+        elif declared := _DECLARED.fullmatch(line):
+            key, index = self.scopes(declared["name"])[is_shared], declared["index"]
+            target, reason = self.literal(declared["list"], declared.start("list"), declared["name"])
+            if target and not (index and self.is_config):
+                self.spent.add((self.file, self.at + declared.start("name")))
+                if index:
+                    self.arrays.setdefault(key, []).append(element := f"{key}[{int(index)}]")
+                    key, target = element, replace(target, name=f"{declared['name']}[{index}]")
+                self.points.declare(key, target, reason)
+        elif typed := _TYPED.fullmatch(line):
+            names = _WORD.finditer(line, typed.start(1))
+            self.spent.update((self.file, self.at + name.start()) for name in names)
+
+    def define(self, line: str) -> None:
+        """Add a routine or, from $config.dat, the numbers of a tool or base.
+
+        Visible to all files are global routines and routines named like their file.
+        """
+        if routine := ROUTINE.match(line):
+            if not (self.is_of_maker and is_of_maker(routine[2])):
+                own, everywhere = self.scopes(routine[2])
+                self.defined.setdefault(own, []).append(own)
+                if routine[1] or self.module.rpartition("/")[2] == everywhere:
+                    self.defined.setdefault(everywhere, []).append(own)
+        elif self.is_config:
+            if (data := _DATA.fullmatch(line)) and (frame := self.frame(data[3])) is not None:
+                self.stated[f"{data[1].upper()}[{data[2]}]"] = as_value(frame)
+                self.state(data[1].upper(), data[2], frame)
+        elif hides := _OWN_LIST.match(line):
+            why = self.why(f"{hides[1]} is declared here and hides the controller's variable")
+            self.beside.append(Call("\0", why))
+
+    def watch_fdat(self, line: str) -> None:
+        """Mark the sets of tool and base that the program writes to as unknown."""
+        for word in _WORD.finditer(line):
+            if name := next((scope for scope in self.scopes(word[0]) if scope in self.fdat), None):
+                taken = _TAKEN.search(line[: word.start()])
+                # A routine of the program with this name may write to it.
+                if not taken or (taken[1] and self.named(taken[1])):
+                    self.fdat_written.add(name)
+
+    def read_module(self, file: int) -> None:
+        """Parse a .src file."""
+        module = [other for other, name in enumerate(self.modules) if name == self.modules[file]]
+        lines = [line for other in module for line in self.texts[other].split("\n")]
+        self.file = file
+        points = frozenset(name.upper() for line in lines for name in _WORD.findall(line) if self.key(name))
+        self.copies, self.constants = copies_in(lines, points), constants_in(lines)
+        for line in self.lines(file):
+            self.statement(line)
+        self.end_routine()
+
+    def watch_points(self) -> None:
+        """Mark points as changed if they appear outside a move or are imported under another name.
+
+        A point of another file keeps its numbers, so only an assignment or a call can change its meaning.
+        """
+        for word in self.mentions(_WORD):
+            text = self.texts[self.file]
+            in_aggregate = text[max(0, word.start() - 3) : word.start()].rstrip()[-1:] in ("{", ",")
+            if _HOME.search(text, max(0, word.start() - 40), word.start()) or (
+                in_aggregate and _COMPONENT.match(text, word.end())  # X of {X 100, Y 50}, not a point of this name
+            ):
+                continue
+            for key in self._mentioned(word[0], text[word.end() : word.end() + 20]):
+                if self.points.target(key).file < self.own or _may_write(text, word):
+                    self.change(key)
+        for alias in self.mentions(_IMPORT):
+            for key in [key for key in self.points.all_keys() if key.rpartition(":")[2] == alias[1].upper()]:
+                self.change(key)
+
+    def _mentioned(self, name: str, after: str) -> list[str]:
+        """The points that a name and the text after it may refer to: all of an array if the index is not a number."""
+        if key := self.key(name):
+            return [key]
+        elements = next((self.arrays[scope] for scope in self.scopes(name) if scope in self.arrays), [])
+        index = ELEMENT.match(after)
+        return [key for key in elements if not index or key.endswith(f"[{int(index[1])}]")]
+
+    def drop_unused_routines(self) -> None:
+        """Keep the routines of the user, and the routines of the maker that they call."""
+        of_maker = set[str]()
+        for file, module in enumerate(self.modules):
+            self.file = file
+            of_maker |= {module} if self.is_of_maker else set()
+        used = {name for name in self.routines if name.partition(":")[0] not in of_maker}
+        todo = [*used, *(call.name for call in self.beside)]
+        while todo:
+            calls = {call.name for call in self.routines.get(todo.pop(), ()) if isinstance(call, Call)}
+            todo += calls - used
+            used |= calls
+        self.routines = {name: body for name, body in self.routines.items() if name in used}
+
+    def initial(self, part: str) -> Value:
         family, _, number = part.partition("[")
-        if part in stated:
-            return stated[part]
+        if part in self.stated:
+            return self.stated[part]
         if family in ("TOOL_DATA", "BASE_DATA"):
             return number.rstrip("]")
         if part in ("tool", "base", "fdat tool", "fdat base"):
             return Unknown(0, 0, "these files do not set the value earlier")
         return "checked" if part == LINES else OFF
 
-    may_be_outside = any(_OUTSIDE.search(text) for text in blank)
+
+def parse(program: ProgramTexts) -> Parsed:
+    """Parse the targets of .src files and of the .dat files with the same names."""
+    reader = _KrlReader(program)
+    files, own = range(len(program.texts)), program.own
+    for file in (*reversed(range(own)), *files[own:]):
+        for line in reader.lines(file):
+            reader.declare_points(line)
+    for step in (reader.define, reader.watch_fdat):
+        for file in files:
+            for line in reader.lines(file):
+                step(line)
+    for file, name in enumerate(program.names):
+        if name.lower().endswith(".src"):
+            reader.read_module(file)
+        elif name.lower().endswith(".sub"):
+            for line in reader.lines(file):
+                reader.submit(line)
+    reader.watch_points()
+    reader.drop_unused_routines()
+    may_be_outside = any(_OUTSIDE.search(text) for text in reader.texts)
     kept = ("TOOL_DATA[", "BASE_DATA[", "switch", CORRECTION, *(["external_tcp"] if may_be_outside else []))
     module = reader.modules[0]
-    starts = f"{module}:{module.rpartition('/')[2]}" if texts.own <= 2 else None
-    return reader.points.parsed(
-        Program(reader.used_routines(), initial, tuple(reader.beside), kept=kept, starts=starts)
-    )
-
-
-def _read_module(reader: KrlReader, file: int) -> None:
-    """Parse a .src file."""
-    lines = [line for text in reader.module_texts(file) for _, line in lines_in(text)]
-    names = {word.upper() for line in lines for word in _WORD.findall(line)}
-    points = frozenset(name for name in names if reader.key(file, name))
-    reader.copies, reader.constants = copies_in(lines, points), constants_in(lines)
-    for begin, line in lines_in(reader.texts[file]):
-        read_statement(reader, file, begin, line)
-    reader.close()
-
-
-def _define(reader: KrlReader, file: int, stated: dict[str, Value]) -> None:
-    """Add the routines of a file and, from $config.dat, the numbers of tools and bases."""
-    for begin, line in lines_in(reader.texts[file]):
-        if routine := _ROUTINE.match(line):
-            if not (is_of_maker(routine[2]) and reader.is_of_maker(file)):
-                reader.define(file, routine[2].upper(), everywhere=bool(routine[1]))
-        elif reader.is_config(file):
-            if data := _DATA.fullmatch(line):
-                _configured(reader, file, begin, data, stated)
-        elif hides := _OWN_LIST.match(line):
-            why = reader.why(file, begin, f"{hides[1]} is declared here and hides the controller's variable")
-            reader.beside.append(Call("\0", why))
-
-
-_COMPONENT = re.compile(r"[ \t]+[-+.\w'#$]")
-"""What follows the name of a component in an aggregate: its value."""
-
-
-def _watch_points(reader: KrlReader) -> None:
-    """Mark points as changed if they appear outside a move or are imported under another name.
-
-    A point of another file keeps its numbers, so only an assignment or a call can change its meaning.
-    """
-    for file, text in enumerate(reader.texts):
-        for word in _WORD.finditer(text):
-            if (file, word.start()) in reader.spent or _HOME.search(text, max(0, word.start() - 40), word.start()):
-                continue
-            if _COMPONENT.match(text, word.end()) and text[max(0, word.start() - 3) : word.start()].rstrip()[-1:] in (
-                "{",
-                ",",
-            ):
-                continue  # X of {X 100, Y 50}, not a point of this name
-            for key in reader.mentioned(file, word[0], text[word.end() : word.end() + 20]):
-                if reader.points.target(key).file < reader.points.files or _may_write(text, word):
-                    reader.points.change(key, file, reader.lines[file].at(word.start()))
-        for alias in _IMPORT.finditer(text):
-            keys = reader.points.keys()
-            for key in [key for key in keys if key.rpartition(":")[2] == alias[1].upper()]:
-                reader.points.change(key, file, reader.lines[file].at(alias.start()))
+    starts = f"{module}:{module.rpartition('/')[2]}" if own <= 2 else None
+    return reader.points.parsed(reader.program(kept=kept, starts=starts))
 
 
 def _may_write(text: str, word: re.Match[str]) -> bool:
-    """Return whether a statement may write to a point: it is assigned, or an argument of a call."""
+    """Whether a statement may write to a point: it is assigned, or an argument of a call."""
     before = text[text.rfind("\n", 0, word.start()) + 1 : word.start()]
     return bool(_WRITTEN.match(text, word.end())) or before.count("(") > before.count(")")
-
-
-def _configured(reader: KrlReader, file: int, begin: int, data: re.Match[str], stated: dict[str, Value]) -> None:
-    """Add the numbers of a tool or base in $config.dat."""
-    frame = reader.frame(data[3])
-    if frame is not None:
-        value, kind = as_value(frame), data[1].upper()
-        stated[f"{kind}[{data[2]}]"] = value
-        line = reader.lines[file].at(begin)
-        reader.points.state(NamedFrame(data[2], "tool" if kind == "TOOL_DATA" else "frame", file, line, value))
-
-
-def _declare(reader: KrlReader, file: int, begin: int, line: str) -> None:
-    """Add the points and the sets of tool and base declared in a line."""
-    is_shared = reader.is_config(file) or bool(_GLOBAL.search(line))
-    if fdat := _FDAT.match(line):
-        name = reader.scoped(file, fdat[1], is_shared=is_shared)
-        if name in reader.fdat:
-            reader.fdat_written.add(name)
-        reader.fdat[name] = fdat[2]
-        return
-    declared = _DECLARED.fullmatch(line)
-    if not declared:
-        if typed := _TYPED.fullmatch(line):
-            names = _WORD.finditer(line, typed.start(1))
-            reader.spent.update((file, begin + name.start()) for name in names)
-        return
-    inside = LITERAL_TYPE.sub(lambda prefix: " " * len(prefix[0]), declared["list"])
-    key = reader.scoped(file, declared["name"], is_shared=is_shared)
-    target, reason = reader.literal(file, begin + declared.start("list"), inside, declared["name"])
-    if target and not (declared["index"] and reader.is_config(file)):
-        reader.spent.add((file, begin + declared.start("name")))
-        if declared["index"]:
-            reader.arrays.setdefault(key, []).append(element := f"{key}[{int(declared['index'])}]")
-            key, target = element, replace(target, name=f"{declared['name']}[{declared['index']}]")
-        reader.points.declare(key, target, reason)
-
-
-def _watch_fdat(reader: KrlReader) -> None:
-    """Mark the sets of tool and base that the program writes to as unknown."""
-    for file, text in enumerate(reader.texts):
-        for _, line in lines_in(text):
-            for word in _WORD.finditer(line):
-                if (name := reader.fdat_name(file, word[0])) is None:
-                    continue
-                taken = _TAKEN.search(line[: word.start()])
-                # A routine of the program with this name may write to it.
-                if not taken or (taken[1] and reader.defined(file, taken[1])):
-                    reader.fdat_written.add(name)
 
 
 READER = ProgramReader(

@@ -6,6 +6,7 @@ Such a pose is the point with an offset, or a point in a frame: pose_trans(plane
 from __future__ import annotations
 
 import ast
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,17 +14,18 @@ from operator import add, mul, sub
 
 import numpy as np
 
+from analysis.apps.makers.arithmetic import Operators, tree_of, value_of
 from analysis.apps.makers.numbers import frame_of
 from analysis.apps.makers.points import as_value
 from analysis.apps.makers.program_machine import Unknown, Value
-from analysis.apps.makers.target import arguments
+from analysis.apps.makers.program_parser import arguments
 
 _FUNCTION = re.compile(r"(pose_trans|pose_add)\s*\(")
 _NAMED = re.compile(r"[A-Za-z_]\w*\s*=\s*(?!=)")
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _COORDINATE = re.compile(r"([A-Za-z_]\w*)\s*\[\s*(\d)\s*\]\s*([-+][^\[\]]*)?", re.DOTALL)
 _FRAME = re.compile(r"pose_trans\s*\(\s*([A-Za-z_]\w*)\s*,\s*([A-Za-z_]\w*)\s*\)")
-_OPERATORS: dict[type, Callable[[float, float], float]] = {ast.Add: add, ast.Sub: sub, ast.Mult: mul}
+_OPERATORS: Operators = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, "d2r": math.radians}
 _LONGEST = 500
 """Maximum length of an expression in characters."""
 
@@ -147,25 +149,12 @@ class PoseReader:
         return known if len(numbers) == len(known) == 6 and np.isfinite(known).all() else None
 
     def number(self, text: str) -> float | None:
-        """Return the value of sums and products of numbers and constants; None for any other text."""
+        """The value of sums and products of numbers and constants; None for any other text."""
+        tree = tree_of(text)
         try:
-            return self._value(ast.parse(text.strip(), mode="eval").body)
-        except (SyntaxError, ValueError, RecursionError):
+            return value_of(tree, self.constants, _OPERATORS) if tree else None
+        except KeyError:
             return None
-
-    def _value(self, node: ast.expr) -> float:
-        match node:
-            case ast.Constant(int() | float() as number):
-                return float(number)
-            case ast.Name(name) if name in self.constants:
-                return self.constants[name]
-            case ast.UnaryOp(ast.USub() | ast.UAdd() as sign, inner):
-                return -self._value(inner) if isinstance(sign, ast.USub) else self._value(inner)
-            case ast.BinOp(left, operator, right) if type(operator) in _OPERATORS:
-                return _OPERATORS[type(operator)](self._value(left), self._value(right))
-            case ast.Call(ast.Name("d2r"), [inner], []):
-                return float(np.radians(self._value(inner)))
-        raise ValueError
 
 
 def pairs_in(text: str) -> frozenset[tuple[str, str]]:

@@ -14,49 +14,31 @@ variable that another job contains, too, is not corrected.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from analysis.apps.makers.numbers import Decimals
-from analysis.apps.makers.points import Points
 from analysis.apps.makers.program_machine import (
     EXTERNAL,
     OFF,
-    Blocks,
-    Call,
     ComputedValue,
     Elsewhere,
     End,
-    ForgetAll,
-    ForgetFamily,
     Jump,
     JumpTarget,
     Move,
-    Program,
     Ref,
     Set,
     Statement,
     Unknown,
     Value,
 )
+from analysis.apps.makers.program_parser import ProgramParser, numbers_in, words
 from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.programs.posture import agreeing
-from analysis.apps.makers.target import (
-    Flags,
-    Form,
-    Notice,
-    Parsed,
-    ProgramTexts,
-    Target,
-    UncorrectedTarget,
-    blanked,
-    numbers_in,
-    with_newlines,
-    words,
-)
+from analysis.apps.makers.target import Flags, Form, Notice, Parsed, ProgramTexts, Target
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
@@ -100,17 +82,12 @@ _SWITCHES = {
     "COMARCOF": ("tracking", OFF), "MTOFON": ("shift", "on"), "MTOFOF": ("shift", OFF),
 }  # fmt: skip
 
-_FLOW: dict[str, tuple[Callable[[Blocks], None], ...]] = {
-    **dict.fromkeys(("IFTHEN", "IFTHENEXP", "IF"), (Blocks.branch,)),
-    "SWITCH": (Blocks.cases,),
-    **dict.fromkeys(("ELSEIF", "ELSEIFEXP", "CASE"), (Blocks.other, Blocks.guard)),
-    **dict.fromkeys(("ELSE", "DEFAULT"), (Blocks.other,)),
-    **dict.fromkeys(("WHILE", "WHILEEXP", "FOR"), (Blocks.loop, Blocks.may_leave)),
-    **dict.fromkeys(("ENDIF", "ENDSWITCH", "ENDWHILE", "NEXT", "ENDFOR"), (Blocks.close,)),
-    "BREAK": (Blocks.leave,),
-    "CONTINUE": (Blocks.again,),
-}
-"""Actions of the keywords of a block."""
+_FLOW = {
+    **dict.fromkeys(("IFTHEN", "IFTHENEXP", "IF"), "if"), **dict.fromkeys(("ELSEIF", "ELSEIFEXP", "CASE"), "case"),
+    "SWITCH": "switch", "ELSE": "else", "DEFAULT": "else", "BREAK": "break", "CONTINUE": "continue",
+    **dict.fromkeys(("WHILE", "WHILEEXP", "FOR"), "while"),
+    **dict.fromkeys(("ENDIF", "ENDSWITCH", "ENDWHILE", "NEXT", "ENDFOR"), "end"),
+}  # fmt: skip
 
 
 @dataclass
@@ -123,131 +100,216 @@ class _State:
     posture: tuple[int, ...] = ()
 
 
-@dataclass
-class _YaskawaReader:
-    points: Points
-    jobs: dict[str, list[str]] = field(default_factory=dict)
-    base_at: dict[str, str] = field(default_factory=dict)
-    """Position of the base axis, off at zero, by the key of its BC."""
-    routines: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
-    beside: list[Call] = field(default_factory=list)
-    file: int = 0
-    line: int = 0
-    job: str = ""
-    group: str = ""
-    """The robot whose jobs are corrected: the robot of the first job."""
-    foreign: bool = False
-    """True while the current job moves another robot."""
-    frame: str | None = None
-    """The frame of a relative job."""
-    blocks: Blocks = field(default_factory=Blocks)
-    neutral: frozenset[str] = frozenset()
-    """Macro instructions that change nothing, as stated by the user, in upper case."""
+class _InformReader(ProgramParser):
+    """Jobs during parsing. Only the positions of the first file are points."""
 
-    def why(self, fact: str) -> Unknown:
-        return Unknown(self.file, self.line, " ".join(fact.split())[:80])
+    def __init__(self, program: ProgramTexts) -> None:
+        super().__init__(program, _BLANK)
+        self.base_at: dict[str, str] = {}
+        """Position of the base axis, off at zero, by the key of its BC."""
+        self.is_foreign = False
+        """Whether the current job moves another robot."""
+        self.frame: str | None = None
+        """The frame of a relative job."""
+        for file, text in enumerate(self.texts):
+            lines = text.split("\n")
+            jobs = {str(number): line[6:].strip() for number, line in enumerate(lines) if line.startswith("//NAME")}
+            for number, name in (jobs or {"": self.names[file].rpartition(".")[0]}).items():
+                self.defined.setdefault(name.upper(), []).append(f"{file}:{number}")
+            self.points.axes |= {"BC"} if _BASE_AXIS.search(text) else set()
+        self.group = next(iter(_GROUP.findall(self.texts[0])), "")
+        """The robot whose jobs are corrected: the robot of the first job."""
+        if self.group not in ("", _FIRST_ROBOT):
+            fact = f"the jobs move {self.group}, not the first robot of the controller: is the rig file that robot's?"
+            self.points.notices.append(Notice(0, 1, fact))
 
-    def leave(self, name: str, reason: Reason) -> None:
-        if self.file == 0:
-            self.points.leave(UncorrectedTarget(0, self.line, name[:60], reason))
-        self.blocks.add(Elsewhere(self.why(name) if self.file and reason == "relative" else None))
+    def named(self, name: str) -> list[str]:
+        jobs = super().named(name)
+        own = [job for job in jobs if job.startswith("0:")]
+        return own if len(own) == 1 else jobs
 
     def key(self, kind: str, number: str) -> str:
-        """Return the key of a position, which belongs to a job, or of a variable, which all jobs share."""
-        return f"{'' if kind == 'P' else self.job}/{kind}{int(number)}"
+        """The key of a position, which belongs to a job, or of a variable, which all jobs share."""
+        return f"{'' if kind == 'P' else self.routine}/{kind}{int(number)}"
 
-    def call_of(self, name: str) -> Statement:
-        """Return the call of a job, or `ForgetAll` if the name is not unique or not known."""
-        jobs = self.jobs.get(name.upper(), [])
-        jobs_of_program = [job for job in jobs if job.startswith("0:")]
-        callees = jobs_of_program if len(jobs_of_program) == 1 else jobs
-        why = self.why(f"{name} is called" if len(callees) == 1 else f"{name} is unknown here")
-        return Call(callees[0], why) if len(callees) == 1 else ForgetAll(why)
+    def read(self, file: int) -> None:
+        """Parse the jobs of a file, each with positions and instructions."""
+        self.begin_routine(f"{file}:")
+        state, is_moving, has_moves = _State(), False, False
+        for number, line in enumerate(self.lines(file)):
+            if line.startswith(("/JOB", "//NAME")):
+                if line.startswith("//NAME"):
+                    self.routine = self.routine if has_moves else None  # Only a job with instructions is a routine.
+                    self.begin_routine(f"{file}:{number}")
+                    has_moves = False
+                state, is_moving, self.frame, self.is_foreign = _State(), False, None, False
+            elif line.startswith("//INST"):
+                is_moving = has_moves = True
+            elif not is_moving:
+                self._position(line, state)
+            else:
+                self._instruction(line.strip())
+        self.end_routine()
 
+    def _position(self, line: str, state: _State) -> None:
+        match line.split():
+            case ["///TOOL", tool, *_]:
+                state.tool = tool.split(",")[0]
+            case ["///USER", user, *_]:
+                state.user = user
+            case ["///POSTYPE", kind, *_]:
+                state.kind = kind.upper()
+            case ["///PULSE"]:
+                state.kind = "PULSE"
+            case ["///RCONF", values, *_]:
+                state.posture = tuple(int(value) if value in ("0", "1") else -1 for value in values.split(",")[:6])
+        position = _POSITION.fullmatch(line)
+        if not position or position[1] in ("BP", "EC", "EX"):
+            return
+        key = self.key(position[1], position[2])
+        numbers = numbers_in(line, *position.span(3), self.at) or ()
+        if position[1] == "BC":
+            self.base_at[key] = "moved" if any(number.value for number in numbers) or not numbers else OFF
+        elif self.is_own:
+            pulses, frame = state.kind == "PULSE", _frame(state.kind, state.user)
+            flags = Flags(state.posture, _agreeing) if len(state.posture) == 6 and not pulses else None
+            form: Form = "pulses" if pulses else "roll_pitch_yaw"
+            name = f"{position[1]}{position[2]}"
+            reason: Reason | None = "external_axes" if len(numbers) > 6 else None if len(numbers) == 6 else "incomplete"
+            target = Target(name, 0, self.line(), form, numbers, state.tool, frame, flags)
+            self.points.declare(key, target, reason)
+        elif position[1] == "P":  # The job loaded last determines the variable.
+            self.change(key)
 
-def parse(texts: ProgramTexts) -> Parsed:
-    """Parse the targets of the jobs in a file."""
-    reader = _YaskawaReader(Points(1), neutral=frozenset(name.upper() for name in texts.neutral))
-    blank = [blanked(with_newlines(text), _BLANK).split("\n") for text in texts.texts]
-    for file, lines in enumerate(blank):
-        stem = texts.names[file].rpartition(".")[0].upper()
-        for number, line in enumerate(lines):
-            if line.startswith("//NAME"):
-                name = line[6:].strip().upper()
-                reader.jobs.setdefault(name, []).append(f"{file}:{number}")
-        if not any(line.startswith("//NAME") for line in lines):
-            reader.jobs.setdefault(stem, []).append(f"{file}:")
-        reader.points.axes |= {"BC" for line in lines if _BASE_AXIS.search(line)}
-    if groups := _GROUP.findall("\n".join(blank[0])):
-        reader.group = groups[0]
-        if reader.group != _FIRST_ROBOT:
-            fact = f"the jobs move {reader.group}, not the first robot of the controller: is the rig file that robot's?"
-            reader.points.notices.append(Notice(0, 1, fact))
-    for file, lines in enumerate(blank):
-        _read_file(reader, file, lines)
+    def _instruction(self, text: str) -> None:
+        """Parse an instruction of a job."""
+        if text.startswith("///") or not text:
+            self._heading(text)
+            return
+        if move := _MOVE.match(text):
+            self._move(move)
+            return
+        self._mentioned(text)
+        label, word = text.split(maxsplit=1)[0], text.split(maxsplit=1)[0].upper()
+        is_conditional = re.search(r"\bIF\b", text[len(word) :]) is not None
+        add = self.blocks.add_conditional if is_conditional else self.blocks.add
+        if text.startswith("*"):
+            self.add(JumpTarget(label))
+        elif word == "JUMP":
+            self._jump(text, falls=is_conditional)
+        elif call := _CALL.match(text):
+            self._call(call)
+        elif word in ("RET", "END", "ABORT"):
+            add(End(halts=word == "ABORT"))
+        elif frame := _FRAME.match(text):
+            self._set_frame(frame["word"], frame["rest"])
+        elif word in _SWITCHES:
+            self.set(*_SWITCHES[word])
+        elif word in _FLOW:
+            self.blocks.keyword(_FLOW[word])
+            if word == "SWITCH" and re.search(r"\bCASE\b", text, re.IGNORECASE):  # The first CASE, on the same line
+                self.blocks.keyword("case")
+        elif word not in _NOTHING | self.neutral:
+            self.not_known(text)
 
-    def initial(part: str) -> Value:
+    def _set_frame(self, word: str, rest: str) -> None:
+        number = re.search(r"\b(?:UF|TL)#\((\d+)\)", rest)
+        family = "TOOL" if word == "SETTOOL" or "TL#" in rest else "USER"
+        why = self.why(f"{word} sets it")
+        if number:
+            self.set(f"{family}[{int(number[1])}]", why)
+        else:
+            self.forget(family, why)
+
+    def _mentioned(self, text: str) -> None:
+        """Mark the positions that an instruction uses otherwise than as a target.
+
+        A number in a variable can be any variable.
+        """
+        keys = [self.key(mention[1][0], mention[2]) for mention in _NAME.finditer(text)]
+        if _ANY_VARIABLE.search(text):
+            keys += [key for key in self.points.all_keys() if key.startswith("/P")]
+        for key in keys:
+            self.change(key)
+
+    def _heading(self, text: str) -> None:
+        """Parse the frame of a relative job, or the robot that the job moves."""
+        if text.startswith("////FRAME"):
+            kind, user = (*text.upper().split()[1:3], "", "")[:2]
+            self.frame = _frame(kind, user)
+        if group := _GROUP.match(text):
+            self.is_foreign = self.group not in ("", group[1])
+
+    def _jump(self, text: str, *, falls: bool) -> None:
+        if label := re.search(r"\*\S+", text):
+            self.add(Jump((label[0],), falls=falls))
+        elif job := re.search(r"\bJOB\s*:\s*(\S+)", text):  # A jump to a job does not return.
+            self.blocks.add_conditional(self.call_of(job[1]), End())
+            if not falls:
+                self.add(End())
+        else:
+            self.not_known(text)
+
+    def _call(self, call: re.Match[str]) -> None:
+        if call["word"] == "PSTART":
+            self.runs_beside(call["job"])
+            return
+        statements: list[Statement] = [self.call_of(call["job"])]
+        if re.search(r"\bUF#", call["rest"]):  # A relative job, in the user frame of the call
+            elsewhere = self.why(f"{call['job']} is called in a different user frame")
+            statements = [Set("relative", elsewhere), *statements, Set("relative", OFF)]
+        (self.blocks.add_conditional if re.search(r"\bIF\b", call["rest"]) else self.blocks.add)(*statements)
+
+    def _move(self, move: re.Match[str]) -> None:
+        options, _, other_group = move["rest"].partition("+")
+        name = move["point"]
+        if _OF_STATION.fullmatch(name):
+            return
+        base = _OF_BASE.search(options)
+        if base or _OF_BASE.fullmatch(name):
+            at = self.base_at.get(self.key(base[1], base[2])) if base else None
+            self.set(_BASE_PART, self.why("a variable states the base axis") if at is None else at)
+        options = _OF_BASE.sub("", _OF_STATION.sub("", options))
+        point = _POINT.fullmatch(name)
+        key = self.key(point[1], point[2]) if point else ""
+        is_relative = move["kind"].endswith("IMOV")
+        reason: Reason | None = "relative" if is_relative else "other_robot" if self.is_foreign else None
+        if reason or not self.points.knows(key) or not (self.is_own or key.startswith("/")):
+            if reason != "other_robot":
+                self._mentioned(name)
+            self.leave(reason or "not_literal", name, relative=is_relative)
+            return
+        is_tracked = _TRACKED.search(options)
+        unknown = _MODIFIERS.sub("", _UNTIL.sub("", re.sub(r"\bCV#\([^)]*\)|\bSYNC\b", "", options))).strip()
+        self.set("tracking here", "on" if is_tracked else Ref("tracking"))
+        self.set("coordinated here", "on" if move["kind"].startswith("S") or "SMOV" in other_group else OFF)
+        self.set("option here", self.why(f"{unknown} is unknown here") if unknown else OFF)
+        target = self.points.target(key)
+        tool = Ref(f"TOOL[{int(str(target.tool))}]") if str(target.tool).isdigit() else str(target.tool)
+        user = str(target.frame)
+        frame: Value | ComputedValue = self.why("the job and the positions use different frames")
+        if target.joints:
+            frame = user
+        elif self.frame in (None, user):
+            parts = (f"USER[{int(user)}]",) if user.isdigit() else ()
+            frame = ComputedValue(("relative", *parts), partial(_unless_relative, user))
+        needs = ("shift", "tracking here", "coordinated here", "option here")
+        way = "joint" if move["kind"].endswith("MOVJ") else "line"
+        self.add(Move(key, way, self.file, self.line(), tool, frame, needs))
+        if _UNTIL.search(options):
+            self.add(Elsewhere())
+
+    def initial(self, part: str) -> Value:
         family, _, number = part.partition("[")
         return number.rstrip("]") if family in ("USER", "TOOL") else OFF
 
-    return reader.points.parsed(
-        Program(reader.routines, initial, tuple(reader.beside), kept=("USER[", "TOOL["), cycles=True)
-    )
 
-
-def _read_file(reader: _YaskawaReader, file: int, lines: list[str]) -> None:
-    """Parse the jobs of a file, each with positions and instructions."""
-    reader.file, reader.job, reader.blocks = file, f"{file}:", Blocks()
-    state, at, moving = _State(), 0, False
-    for number, line in enumerate(lines):
-        begin, at, reader.line = at, at + len(line) + 1, number + 1
-        if line.startswith(("/JOB", "//NAME")):
-            if moving:
-                reader.routines[reader.job] = reader.blocks.finish_routine()
-            state, moving, reader.frame, reader.foreign = _State(), False, None, False
-            if line.startswith("//NAME"):
-                reader.job, reader.blocks = f"{file}:{number}", Blocks()
-        elif line.startswith("//INST"):
-            moving = True
-        elif not moving:
-            _position(reader, line, begin, state)
-        else:
-            _instruction(reader, line.strip())
-    reader.routines[reader.job] = reader.blocks.finish_routine()
-
-
-def _position(reader: _YaskawaReader, line: str, begin: int, state: _State) -> None:
-    words = line.split()
-    match words:
-        case ["///TOOL", tool, *_]:
-            state.tool = tool.split(",")[0]
-        case ["///USER", user, *_]:
-            state.user = user
-        case ["///POSTYPE", kind, *_]:
-            state.kind = kind.upper()
-        case ["///PULSE"]:
-            state.kind = "PULSE"
-        case ["///RCONF", values, *_]:
-            state.posture = tuple(int(value) if value in ("0", "1") else -1 for value in values.split(",")[:6])
-    position = _POSITION.fullmatch(line)
-    if not position or position[1] in ("BP", "EC", "EX"):
-        return
-    name, key = f"{position[1]}{position[2]}", reader.key(position[1], position[2])
-    numbers = numbers_in(line, position.start(3), position.end(3)) or ()
-    numbers = tuple(type(number)(begin + number.begin, begin + number.end, number.value) for number in numbers)
-    if position[1] == "BC":
-        reader.base_at[key] = "moved" if any(number.value for number in numbers) or not numbers else OFF
-        return
-    pulses = state.kind == "PULSE"
-    frame = _frame(state.kind, state.user)
-    flags = Flags(state.posture, _agreeing) if len(state.posture) == 6 and not pulses else None
-    form: Form = "pulses" if pulses else "roll_pitch_yaw"
-    target = Target(name, 0, reader.line, form, numbers, state.tool, frame, flags)
-    if reader.file == 0:
-        reason: Reason | None = "external_axes" if len(numbers) > 6 else None if len(numbers) == 6 else "incomplete"
-        reader.points.declare(key, target, reason)
-    elif position[1] == "P" and reader.points.knows(key):  # The job loaded last determines the variable.
-        reader.points.change(key, reader.file, reader.line)
+def parse(program: ProgramTexts) -> Parsed:
+    """Parse the targets of the jobs in a file."""
+    reader = _InformReader(program)
+    for file in range(len(program.texts)):
+        reader.read(file)
+    return reader.points.parsed(reader.program(kept=("USER[", "TOOL["), cycles=True))
 
 
 def _frame(kind: str, user: str) -> str:
@@ -264,142 +326,11 @@ def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> 
     return agreeing(arm, q, sides, numbers, lambda angle: int(not -np.pi < angle <= np.pi), slack_rad)
 
 
-def _instruction(reader: _YaskawaReader, text: str) -> None:
-    """Parse an instruction of a job."""
-    blocks = reader.blocks
-    if text.startswith("///") or not text:
-        _heading(reader, text)
-        return
-    if move := _MOVE.match(text):
-        _move(reader, move)
-        return
-    _mentioned(reader, text)
-    word = text.split(maxsplit=1)[0].upper()
-    conditional = re.search(r"\bIF\b", text[len(word) :]) is not None
-    if text.startswith("*"):
-        blocks.add(JumpTarget(text.split(maxsplit=1)[0]))
-    elif word == "JUMP":
-        _jump(reader, text, falls=conditional)
-    elif call := _CALL.match(text):
-        _call(reader, call)
-    elif word in ("RET", "END", "ABORT"):
-        (blocks.add_conditional if conditional else blocks.add)(End(halts=word == "ABORT"))
-    elif frame := _FRAME.match(text):
-        number = re.search(r"\b(?:UF|TL)#\((\d+)\)", frame["rest"])
-        family = "TOOL" if frame["word"] == "SETTOOL" or "TL#" in frame["rest"] else "USER"
-        why = reader.why(f"{frame['word']} sets it")
-        blocks.add(Set(f"{family}[{int(number[1])}]", why) if number else ForgetFamily(family, why))
-    elif word in _SWITCHES:
-        blocks.add(Set(*_SWITCHES[word]))
-    elif not _flow(blocks, word, text) and word not in _NOTHING | reader.neutral:
-        blocks.add(ForgetAll(reader.why(f"{text} is unknown here")))
-
-
-def _mentioned(reader: _YaskawaReader, text: str) -> None:
-    """Mark the positions that an instruction does not use as a target. A number in a variable can be any variable."""
-    keys = [reader.key(mention[1][0], mention[2]) for mention in _NAME.finditer(text)]
-    if _ANY_VARIABLE.search(text):
-        keys += filter(re.compile("/P").match, reader.points.keys())
-    for key in keys:
-        if reader.points.knows(key):
-            reader.points.change(key, reader.file, reader.line)
-
-
-def _heading(reader: _YaskawaReader, text: str) -> None:
-    """Parse the frame of a relative job, or the robot that the job moves."""
-    if text.startswith("////FRAME"):
-        kind, user = (*text.upper().split()[1:3], "", "")[:2]
-        reader.frame = _frame(kind, user)
-    if group := _GROUP.match(text):
-        reader.foreign = reader.group not in ("", group[1])
-
-
-def _flow(blocks: Blocks, word: str, text: str) -> bool:
-    """Parse a keyword of a block; False for any other word."""
-    for take in _FLOW.get(word, ()):
-        take(blocks)
-    if word == "SWITCH" and re.search(r"\bCASE\b", text, re.IGNORECASE):  # The first CASE can be on the same line.
-        blocks.other()
-        blocks.guard()
-    return word in _FLOW
-
-
-def _jump(reader: _YaskawaReader, text: str, *, falls: bool) -> None:
-    label = re.search(r"\*\S+", text)
-    job = re.search(r"\bJOB\s*:\s*(\S+)", text)
-    if label:
-        reader.blocks.add(Jump((label[0],), falls=falls))
-    elif job:  # A jump to a job does not return.
-        reader.blocks.add_conditional(reader.call_of(job[1]), End())
-        if not falls:
-            reader.blocks.add(End())
-    else:
-        reader.blocks.add(ForgetAll(reader.why(f"{text} is unknown here")))
-
-
-def _call(reader: _YaskawaReader, call: re.Match[str]) -> None:
-    statement = reader.call_of(call["job"])
-    if call["word"] == "PSTART":
-        name = statement.name if isinstance(statement, Call) else f"{call['job']} "
-        reader.beside.append(Call(name, reader.why(f"{call['job']} may run at any moment")))
-        return
-    statements = [statement]
-    if re.search(r"\bUF#", call["rest"]):  # A relative job, in the user frame of the call
-        elsewhere = reader.why(f"{call['job']} is called in a different user frame")
-        statements = [Set("relative", elsewhere), statement, Set("relative", OFF)]
-    (reader.blocks.add_conditional if re.search(r"\bIF\b", call["rest"]) else reader.blocks.add)(*statements)
-
-
 def _unless_relative(name: str, values: tuple[Value, ...]) -> Value:
     """Return the frame of a position: a known value or else the name; unknown if the job runs in the frame of its
     call."""
     relative, *frame = values
     return relative if isinstance(relative, Unknown) else frame[0] if frame else name
-
-
-def _move(reader: _YaskawaReader, move: re.Match[str]) -> None:
-    options, _, other_group = move["rest"].partition("+")
-    name, blocks = move["point"], reader.blocks
-    coordinated = move["kind"].startswith("S") or "SMOV" in other_group
-    if _OF_STATION.fullmatch(name):
-        return
-    base = _OF_BASE.search(options)
-    if base or _OF_BASE.fullmatch(name):
-        at = reader.base_at.get(reader.key(base[1], base[2])) if base else None
-        blocks.add(Set(_BASE_PART, reader.why("a variable states the base axis") if at is None else at))
-    options = _OF_BASE.sub("", _OF_STATION.sub("", options))
-    point = _POINT.fullmatch(name)
-    key = reader.key(point[1], point[2]) if point else ""
-    reason: Reason | None = None
-    if move["kind"].endswith("IMOV"):
-        reason = "relative"
-    elif reader.foreign:
-        reason = "other_robot"
-    if reason or not reader.points.knows(key) or (reader.file and point and point[1] == "C"):
-        if reason != "other_robot":
-            _mentioned(reader, name)
-        reader.leave(name, reason or "not_literal")
-        return
-    stops = _UNTIL.search(options)
-    tracked = _TRACKED.search(options)
-    unknown = _MODIFIERS.sub("", _UNTIL.sub("", re.sub(r"\bCV#\([^)]*\)|\bSYNC\b", "", options))).strip()
-    blocks.add(Set("tracking here", "on" if tracked else Ref("tracking")))
-    blocks.add(Set("coordinated here", "on" if coordinated else OFF))
-    blocks.add(Set("option here", reader.why(f"{unknown} is unknown here") if unknown else OFF))
-    target = reader.points.target(key)
-    tool = Ref(f"TOOL[{int(str(target.tool))}]") if str(target.tool).isdigit() else str(target.tool)
-    user = str(target.frame)
-    frame: Value | ComputedValue = reader.why("the job and the positions use different frames")
-    if target.joints:
-        frame = user
-    elif reader.frame in (None, user):
-        parts = (f"USER[{int(user)}]",) if user.isdigit() else ()
-        frame = ComputedValue(("relative", *parts), partial(_unless_relative, user))
-    needs = ("shift", "tracking here", "coordinated here", "option here")
-    way = "joint" if move["kind"].endswith("MOVJ") else "line"
-    blocks.add(Move(key, way, reader.file, reader.line, tool, frame, needs))
-    if stops:
-        blocks.add(Elsewhere())
 
 
 READER = ProgramReader(

@@ -6,13 +6,14 @@ from __future__ import annotations
 import re
 
 from analysis.apps.makers.numbers import Decimals, frame_of
-from analysis.apps.makers.points import Points, as_value
-from analysis.apps.makers.program_machine import OFF, Blocks, ForgetAll, Move, Program, Ref, Set, Unknown, Value
+from analysis.apps.makers.points import as_value
+from analysis.apps.makers.program_machine import OFF, Move, Ref, Unknown, Value
+from analysis.apps.makers.program_parser import ProgramParser, numbers_in
 from analysis.apps.makers.program_reader import ProgramReader, Remark
-from analysis.apps.makers.target import Form, Parsed, ProgramTexts, Target, blanked, lines_of, numbers_in, with_newlines
+from analysis.apps.makers.target import Form, Parsed, ProgramTexts, Target
 
 _REMARK = re.compile(r";[^\n]*")
-_LINE = re.compile(r"^[ \t]*(?:(?P<word>[A-Z]+) (?P<numbers>[-+\d.,]+))?(?P<rest>[^\n]*)$", re.MULTILINE)
+_LINE = re.compile(r"[ \t]*(?:(?P<word>[A-Z]+) (?P<numbers>[-+\d.,]+))?(?P<rest>[^\n]*)")
 _TARGET = re.compile(r"JOINTS|LINE|TURN|VIA|ARC")
 _REST = re.compile(r"( SPEED [\d.]+)?( PATH)?( BLEND)?\s*")
 """What stands behind a target and does not change where it is."""
@@ -20,28 +21,37 @@ _NOTHING = re.compile(r"WAIT [\d.]+|OUTPUT \d+ (?:ON|OFF)|PAUSE|")
 """Instructions that change neither the tool nor where the arm stands."""
 
 
+class _Reader(ProgramParser):
+    def statement(self, text: str) -> None:
+        """Parse a line."""
+        line = _LINE.fullmatch(text)
+        numbers = numbers_in(text, *line.span("numbers"), self.at) if line and line["word"] else None
+        if line and numbers and len(numbers) == 6 and _REST.fullmatch(line["rest"]):
+            word, number = line["word"], self.line()
+            if _TARGET.fullmatch(word):
+                form: Form = "joints_deg" if word == "JOINTS" else "roll_pitch_yaw"
+                way = "joint" if word == "JOINTS" else "line"
+                self.points.declare(str(number), Target(word, 0, number, form, numbers, frame="base"))
+                self.add(Move(str(number), way, 0, number, Ref("tool"), needs=("shift",)))
+                return
+            if word == "TOOL":
+                self.set("tool", as_value(frame_of("roll_pitch_yaw", [part.value for part in numbers])))
+                return
+        if not _NOTHING.fullmatch(text.strip()):
+            self.not_known(text)
+
+    def initial(self, part: str) -> Value:
+        return Unknown(0, 0, "nothing sets a tool before") if part == "tool" else OFF
+
+
 def parse(texts: ProgramTexts) -> Parsed:
     """Return the targets of a program."""
-    text = blanked(with_newlines(texts.texts[0]), _REMARK)
-    lines, points, blocks = lines_of(text), Points(1), Blocks()
-    for line in _LINE.finditer(text):
-        number, word = lines.at(line.end()), line["word"]
-        numbers = numbers_in(text, *line.span("numbers")) if word else None
-        whole = numbers is not None and len(numbers) == 6 and _REST.fullmatch(line["rest"]) is not None
-        if numbers and whole and _TARGET.fullmatch(word):
-            form: Form = "joints_deg" if word == "JOINTS" else "roll_pitch_yaw"
-            way = "joint" if word == "JOINTS" else "line"
-            points.declare(str(number), Target(word, 0, number, form, numbers, frame="base"))
-            blocks.add(Move(str(number), way, 0, number, Ref("tool"), needs=("shift",)))
-        elif numbers and whole and word == "TOOL":
-            blocks.add(Set("tool", as_value(frame_of("roll_pitch_yaw", [part.value for part in numbers]))))
-        elif not _NOTHING.fullmatch(line[0].strip()):
-            blocks.add(ForgetAll(Unknown(0, number, "it is not known here")))
-    return points.parsed(Program({"": blocks.finish_routine()}, _initial))
-
-
-def _initial(part: str) -> Value:
-    return Unknown(0, 0, "nothing sets a tool before") if part == "tool" else OFF
+    reader = _Reader(texts, _REMARK)
+    reader.begin_routine("")
+    for line in reader.lines(0):
+        reader.statement(line)
+    reader.end_routine()
+    return reader.points.parsed(reader.program())
 
 
 READER = ProgramReader(parse, Decimals(place=(3, 7), turn=(3, 9)), Remark("; "), null_frames=("base",))

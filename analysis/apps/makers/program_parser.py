@@ -1,0 +1,244 @@
+"""The base of the parsers of all languages: texts, points, routines, and the statement that is being parsed.
+
+A parser adds the statements of the abstract machine for each statement of its language. What the language does not list
+is `not_known`: nothing is certain after it.
+"""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_left
+from collections.abc import Callable, Iterator
+
+from analysis.apps.makers.points import Points
+from analysis.apps.makers.program_machine import (
+    Blocks,
+    Call,
+    ComputedValue,
+    Elsewhere,
+    ForgetAll,
+    ForgetFamily,
+    Program,
+    Ref,
+    Set,
+    Statement,
+    Unknown,
+    Value,
+)
+from analysis.apps.makers.target import Number, ProgramTexts, UncorrectedTarget
+from analysis.correction.reasons import Reason
+
+NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
+_NUMBER = re.compile(NUMBER)
+_MARK = "\xef\xbb\xbf"
+"""The byte order mark of UTF-8, read as Latin-1."""
+_LONGEST_FACT, _LONGEST_NAME = 80, 60
+
+
+class ProgramParser:
+    """A program during parsing. file, at: the text and the position in it that are parsed now."""
+
+    def __init__(self, program: ProgramTexts, blank: re.Pattern[str]) -> None:
+        """blank: comments and quoted texts, which become spaces."""
+        self.names, self.own = program.names, program.own
+        self.neutral = frozenset(name.upper() for name in program.neutral)
+        self.texts = tuple(_blanked(text, blank) for text in program.texts)
+        self._line_ends = [[match.start() for match in re.finditer("\n", text)] for text in self.texts]
+        self.points = Points(program.own)
+        self.file = self.at = 0
+        self.blocks = Blocks()
+        self.routine: str | None = None
+        """The routine that is being parsed; None between routines."""
+        self.around: list[tuple[str | None, Blocks]] = []
+        """The routines around it, in a language with routines in one another."""
+        self.routines: dict[str, tuple[Statement, ...]] = {}
+        self.defined: dict[str, list[str]] = {}
+        """The routines that a name may mean, by scope."""
+        self.beside: list[Call] = []
+        self.broken: list[Call] = []
+        self.spent: set[tuple[int, int]] = set()
+        """Names of points, by file and position, that a statement uses without changing the point."""
+
+    @property
+    def is_own(self) -> bool:
+        """Whether the targets of the text are corrected; others only run."""
+        return self.file < self.own
+
+    def lines(self, file: int) -> Iterator[str]:
+        """Go through the lines of a text."""
+        self.file, at = file, 0
+        for line in self.texts[file].split("\n"):
+            self.at = at
+            yield line
+            at += len(line) + 1
+
+    def line(self, at: int | None = None) -> int:
+        """Number of the line, from 1."""
+        return bisect_left(self._line_ends[self.file], self.at if at is None else at) + 1
+
+    def why(self, fact: str, at: int | None = None) -> Unknown:
+        """A reason for an unknown value."""
+        return Unknown(self.file, self.line(at), " ".join(fact.split())[:_LONGEST_FACT])
+
+    def add(self, *statements: Statement) -> None:
+        self.blocks.add(*statements)
+
+    def set(self, part: str, value: Value | Ref | ComputedValue) -> None:
+        self.blocks.add(Set(part, value))
+
+    def forget(self, family: str, why: Unknown) -> None:
+        self.blocks.add(ForgetFamily(family, why))
+
+    def not_known(self, text: str, at: int | None = None) -> None:
+        """Add a statement that may change anything."""
+        self.blocks.add(ForgetAll(self.why(f"{text} is unknown here", at)))
+
+    def list_left(self, reason: Reason, name: str, at: int | None = None) -> None:
+        """List a target that cannot be corrected."""
+        if self.is_own:
+            short = " ".join(name.split())[:_LONGEST_NAME]
+            self.points.leave(UncorrectedTarget(self.file, self.line(at), short, reason))
+
+    def leave(self, reason: Reason, name: str, at: int | None = None, *, relative: bool = False) -> None:
+        """List a move that cannot be corrected. The arm is anywhere afterwards.
+
+        relative: a move of another file starts where the arm is, so it follows the corrections of this program.
+        """
+        self.list_left(reason, name, at)
+        self.add(Elsewhere(self.why(name, at) if relative and not self.is_own else None))
+
+    def change(self, key: str, at: int | None = None) -> None:
+        """Record that the program uses a point otherwise than as a target."""
+        if self.points.knows(key):
+            self.points.change(key, self.file, self.line(at))
+
+    def mentions(self, word: re.Pattern[str]) -> Iterator[re.Match[str]]:
+        """Go through the words of all texts that no statement has used."""
+        for file, text in enumerate(self.texts):
+            for found in word.finditer(text):
+                self.file, self.at = file, found.start()
+                if (file, self.at) not in self.spent:
+                    yield found
+
+    def scopes(self, name: str) -> tuple[str, ...]:
+        """The keys of `defined` under which a name is looked up, in this order."""
+        return (name.upper(),)
+
+    def named(self, name: str) -> list[str]:
+        """The routines that a name may mean here."""
+        return next((self.defined[scope] for scope in self.scopes(name) if scope in self.defined), [])
+
+    def call_of(self, name: str, at: int | None = None) -> Statement:
+        """The call of a routine; everything is unknown after a name that is not unique or has no text."""
+        routines = self.named(name)
+        if len(routines) == 1:
+            return Call(routines[0], self.why(f"{name} is called", at))
+        return ForgetAll(self.why(f"{name} is unknown here", at))
+
+    def begin_routine(self, name: str) -> None:
+        self.end_routine()
+        self.routine, self.blocks = name, Blocks()
+
+    def end_routine(self) -> None:
+        """Store the routine. If another has the same name, no call leads to it, and nothing in it is certain."""
+        if self.routine is not None:
+            name, body = self.routine, self.blocks.finish_routine()
+            if len(self.defined.get(name, ())) > 1:
+                name, body = (
+                    f"{name} {len(self.routines)}",
+                    (ForgetAll(Unknown(0, 0, f"{name} is defined twice")), *body),
+                )
+            self.routines[name] = body
+        self.routine = None
+
+    def open_routine(self, name: str) -> None:
+        """Begin a routine inside another one."""
+        self.around.append((self.routine, self.blocks))
+        self.routine, self.blocks = name, Blocks()
+
+    def close_routine(self) -> None:
+        self.end_routine()
+        self.routine, self.blocks = self.around.pop()
+
+    def runs_beside(self, name: str, at: int | None = None) -> None:
+        """Add a routine, by its name in the program, that may run at any moment."""
+        routines = self.named(name)
+        called = routines[0] if len(routines) == 1 else f"\0{name}"
+        self.beside.append(Call(called, self.why(f"{name} may run at any moment", at)))
+
+    def concurrently(self, why: Unknown, parse: Callable[[], None]) -> None:
+        """Let what `parse` adds happen at any moment."""
+        outer, self.blocks = self.blocks, Blocks()
+        parse()
+        body, self.blocks = self.blocks.finish_routine(), outer
+        if body:
+            name = f"\0{len(self.beside)}"
+            self.routines[name] = body
+            self.beside.append(Call(name, why))
+
+    def initial(self, part: str) -> Value:
+        """The value of a part of the state when the program starts."""
+        raise NotImplementedError
+
+    def program(self, *, kept: tuple[str, ...] = (), cycles: bool = False, starts: str | None = None) -> Program:
+        """The program for the abstract machine."""
+        concurrent = tuple(self.beside), tuple(self.broken)
+        return Program(self.routines, self.initial, *concurrent, kept, cycles=cycles, starts=starts)
+
+
+def _blanked(text: str, pattern: re.Pattern[str]) -> str:
+    """A text of the same length with a newline at each line end, and spaces for comments and inside quotes."""
+
+    def spaces(match: re.Match[str]) -> str:
+        matched = match[0]
+        if matched[0] in "\"'" and len(matched) > 1 and matched[-1] == matched[0]:
+            return matched[0] + " " * (len(matched) - 2) + matched[0]
+        return re.sub(r"[^\n]", " ", matched)
+
+    if text.startswith(_MARK):
+        text = " " * len(_MARK) + text[len(_MARK) :]
+    return pattern.sub(spaces, text.replace("\r\n", " \n").replace("\r", "\n"))
+
+
+def words(text: str) -> frozenset[str]:
+    """The words of a closed list."""
+    return frozenset(text.split())
+
+
+def number_at(match: re.Match[str], group: int | str, begin: int = 0) -> Number:
+    """The number in a group of a match, in a text that starts at `begin`."""
+    return Number(begin + match.start(group), begin + match.end(group), float(match[group]))
+
+
+def numbers_in(text: str, begin: int, end: int, offset: int = 0) -> tuple[Number, ...] | None:
+    """The numbers of a list "n, n, n" in a text that starts at `offset`; None for any other text."""
+    found = [_NUMBER.fullmatch(text, *place) for place in arguments(text, begin, end)]
+    numbers = tuple(number_at(number, 0, offset) for number in found if number)
+    return numbers if len(numbers) == len(found) else None
+
+
+def brackets(text: str, begin: int = 0, end: int | None = None) -> dict[int, int]:
+    """The position of the closing bracket for each opening bracket. Unclosed brackets are omitted."""
+    open_at: list[int] = []
+    closes: dict[int, int] = {}
+    for match in re.compile(r"[()\[\]{}]").finditer(text, begin, len(text) if end is None else end):
+        if match[0] in "([{":
+            open_at.append(match.start())
+        elif open_at:
+            closes[open_at.pop()] = match.start()
+    return closes
+
+
+def arguments(text: str, begin: int, end: int) -> list[tuple[int, int]]:
+    """The ranges of arguments separated by commas outside brackets, without the spaces around them."""
+    commas, depth = [begin - 1], 0
+    for match in re.compile(r"[()\[\]{},]").finditer(text, begin, end):
+        if match[0] == "," and depth == 0:
+            commas.append(match.start())
+        elif match[0] != ",":
+            depth += 1 if match[0] in "([{" else -1
+    places = []
+    for comma, stop in zip(commas, [*commas[1:], end], strict=True):
+        inside = text[comma + 1 : stop]
+        places.append((comma + 1 + len(inside) - len(inside.lstrip()), stop - len(inside) + len(inside.rstrip())))
+    return places
