@@ -57,14 +57,6 @@ def test_only_its_own_file_names_an_effect() -> None:
     assert {name: effects for name, effects in found.items() if effects} == {}
 
 
-def test_names_are_found_where_code_holds_them() -> None:
-    assert _names_in(ast.parse('"""A vibration."""\nX = {"time_lag": 1}')) == {"time_lag"}
-    assert _names_in(ast.parse("from rigs.effects import Backlash as B")) == {"backlash"}
-    assert _names_in(ast.parse("import rigs.effects.ball_form")) == {"ball_form"}
-    assert _names_in(ast.parse("effects.ServoLag(axis=1)")) == {"servo_lag"}
-    assert _names_in(ast.parse('tell("the vibration of the stand")')) == set()
-
-
 def test_a_signed_number_never_shows_a_negative_zero() -> None:
     """The point of a movement was `+1.60, +0.19, -0.00 mm`: a format with a sign also has the option z of PEP 682."""
     wire = {"daq/apps/gauge_drivers/magnescale_lt.py", "daq/acquisition/capture_writer.py"}  # formats of other programs

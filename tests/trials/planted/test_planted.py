@@ -15,18 +15,14 @@ from analysis.robot.kinematics.arm import arm_of, forward
 from rigs.errors import FileError
 from tests.support.made_once import made_once
 from tests.trials.planted.score import CASES, TABLE, Job, Point, points_of, report, scores_of
-from tests.worlds.planted.cells import DRIFT_MM_PER_S, LAP_S, SINGLE, Noise, disturbed, gauge_times, noise_of, rows
+from tests.worlds.planted.cells import DRIFT_MM_PER_S, LAP_S, SINGLE, Noise, gauge_times, noise_of
 from tests.worlds.planted.circles import (
     Outcome,
     Size,
     cell_rig,
     circle_table,
-    draw_between,
     draw_set_up,
-    mean_figures,
-    repeated_runs,
 )
-from tests.worlds.planted.targets import Stops, draw_errors, one_visit, scattered
 
 FIRST = 1000
 CELLS = {("yaw", "white"): 2, ("roll", "white"): 3, ("radial", "alike"): 12, ("repeatability", "alike"): 12}
@@ -91,12 +87,6 @@ def test_rules_find_what_is_wrong(points: list[Point], fault: str) -> None:
     assert fault in faults if fault else not faults
 
 
-def test_width_does_not_count_where_nothing_was_repeated() -> None:
-    (score,) = scores_of(_drawn(2.4 * 1.25)[:40])
-    assert any("times the rms" in fault for fault in score.faults(repeated=True))
-    assert not any("times the rms" in fault for fault in score.faults(repeated=False))
-
-
 def test_a_case_becomes_points(monkeypatch: pytest.MonkeyPatch) -> None:
     """A place just over the seam is near; a figure left out, or without u, is missing; a refused run is a point."""
     figures = {"shift_deg": Quantity(359.5, 1.0, "deg"), "rms_deg": Quantity(1.0, np.nan, "deg")}
@@ -143,13 +133,6 @@ def test_drift_and_slip_begin_with_the_run() -> None:
     assert not slipped[0].any() and not slipped[:, 1].any()
 
 
-def test_readings_come_in_steps_and_as_many_outliers_as_asked() -> None:
-    noise = Noise(white_mm=(0.001, 0.001), step_mm=0.005, outliers=0.004, burst=5)
-    g = disturbed(np.random.default_rng(1), noise, np.zeros((100_000, 2)))
-    np.testing.assert_allclose(g / 0.005, np.round(g / 0.005), atol=1e-9)
-    assert 0.003 < (np.abs(g) > 0).mean() < 0.005
-
-
 def test_a_gauge_with_its_own_cycle_holds_its_value_and_states_the_spread_of_its_time() -> None:
     rng = np.random.default_rng(1)
     true_s, shown, u_t_s = gauge_times(rng, SINGLE["own cycle"], T_S)
@@ -168,31 +151,6 @@ def test_a_circle_table_is_the_circle_of_the_rig_lap_after_lap() -> None:
     np.testing.assert_allclose(phi - phi[0], -2 * np.pi * (table.t_s - table.t_s[0]) / LAP_S, atol=1e-6)
     assert np.ptp(phi) == pytest.approx(6 * np.pi + 2 * lead, abs=0.05)
     np.testing.assert_allclose(table.g_mm, set_up.readings(phi, -1.0, "yaw"), atol=1e-5)
-
-
-def test_rows_are_in_order_however_uneven() -> None:
-    t_s = rows(np.random.default_rng(1), Noise(uneven=1.0), LAP_S, LAP_S / 1500)
-    assert len(t_s) == 1500 and (np.diff(t_s) >= 0).all() and np.diff(t_s).std() > 0.3 * LAP_S / 1500
-
-
-def test_runs_of_one_circle_differ_by_joints_and_ball() -> None:
-    rng = np.random.default_rng(3)
-    set_up, differs = draw_set_up(rng), dataclasses.replace(draw_between(rng), ball_mm=0.0)
-    still = dataclasses.replace(differs, joint_rad=np.zeros(6))
-    assert mean_figures(rng, set_up, still, draws=2) == pytest.approx(mean_figures(rng, set_up, still, draws=3))
-    tables, *_ = repeated_runs(rng, "white", Size(1, 200), 3)
-    middle = np.array([table.g_mm.mean() for table in tables])
-    assert len(tables) == 3 and np.ptp(middle) > 1e-4
-
-
-def test_stops_scatter_as_each_target_does() -> None:
-    rng = np.random.default_rng(5)
-    sigma = np.repeat([0.005, 0.050], 20_000)
-    for stops in (Stops(), Stops(freedom=5.0)):
-        g = scattered(rng, stops, np.zeros(1), sigma)
-        assert g[:20_000].std() == pytest.approx(np.hypot(0.005, stops.white_mm), rel=0.05)
-        assert g[20_000:].std() == pytest.approx(0.050, rel=0.05)
-    assert len(draw_errors(rng)) == len(one_visit().target)
 
 
 def test_runs_that_are_repeated_become_a_mean_with_its_uncertainty() -> None:

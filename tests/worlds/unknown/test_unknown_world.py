@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.worlds.unknown.arms import Arm, Array, elbow_arm, forward, gravity_torque, point, seven_axis_arm, ur10e
-from tests.worlds.unknown.causes import ARCMIN, CAUSES, CubicTorsion, TorsionHysteresis
+from tests.worlds.unknown.causes import CAUSES, TorsionHysteresis
 from tests.worlds.unknown.cells import (
     LEAST_NOISES,
     Cell,
@@ -19,13 +19,11 @@ from tests.worlds.unknown.cells import (
     motions,
     no_known,
     noise_um,
-    runs,
     seen_without_noise,
     sight_of,
 )
 from tests.worlds.unknown.files import write_cell
 from tests.worlds.unknown.motion import stops
-from tests.worlds.unknown.single import draw_single
 
 QUIET = Noise(1e-9, 1e-9, 1e-9, 1e-12)
 
@@ -123,30 +121,6 @@ def test_each_cause_can_be_seen_and_vanishes_at_size_0(seed: int) -> None:
     np.testing.assert_allclose(seen_without_noise(gone, planned), sound, atol=1e-9)
 
 
-def test_cubic_torsion_shares_the_torque_as_stated() -> None:
-    gear = CubicTorsion(axis=2, k1_nm_rad=20e3, half_nm=30.0)
-    torque = np.array([-90.0, 0.0, 1e-3, 30.0, 90.0])
-    angle = gear.angle(torque)
-    linear = gear.k1_nm_rad * angle
-    assert linear[3] == pytest.approx(15.0)  # the cubic term carries the other half
-    assert linear[2] == pytest.approx(1e-3, rel=1e-6)
-    k3 = 15.0 / angle[3] ** 3
-    np.testing.assert_allclose(linear + k3 * angle**3, torque, atol=1e-6)
-
-
-def test_hysteresis_closes_a_loop_no_wider_than_its_loss() -> None:
-    gear = TorsionHysteresis(
-        axis=2, half_loss_rad=ARCMIN, yield_nm=10.0, friction_nm=0.0, stiffness_nm_rad=10.0 / ARCMIN / 1.5
-    )
-    torque = 60.0 * np.sin(np.linspace(0, 6 * np.pi, 1201))
-    angle = gear.angle(torque)
-    falling, rising = angle[600], angle[800]  # both at torque 0
-    assert 1.8 * ARCMIN < falling - rising <= 2 * ARCMIN
-    np.testing.assert_allclose(angle[401:800], angle[801:1200], atol=0.01 * ARCMIN)  # the loop repeats
-    assert np.sum(torque[800:1200] * np.diff(angle[800:1201])) > 0  # it takes energy and gives none
-    assert np.all(np.diff(angle[500:700]) * np.diff(torque[500:700]) > 0)  # more torque never turns the link back
-
-
 def test_a_memory_remembers_and_a_posture_does_not() -> None:
     """In the same posture, hysteresis depends on the direction of arrival and a wandering axis does not."""
     arm = ur10e()
@@ -177,20 +151,3 @@ def test_rig_reads_a_perfect_cell_without_a_residual(perfect: Cell, tmp_path: Pa
         for pose in found.poses:
             assert pose.largest_um < 0.5
         assert found.runs or found.poses
-
-
-def test_a_seed_draws_the_same_runs_again() -> None:
-    first, second = (runs(draw_cell(3))[0].columns for _ in range(2))
-    assert all(np.array_equal(first[key], second[key]) for key in first)
-
-
-def test_single_effects_are_worth_something_and_half_are_gears() -> None:
-    cells = [draw_single(seed) for seed in range(10)]
-    assert sum(one.name == "transmission_error 6" for one in cells) == 5
-    assert {one.name.split()[0] for one in cells[1::2]} == {
-        "gauge_scale",
-        "gauge_baseline",
-        "wrist_coupling",
-        "ball_form",
-    }
-    assert all(one.worth_um > 0.1 for one in cells)
