@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.worlds.chain import link_frames
+
 Array = NDArray[np.float64]
 
 
@@ -67,18 +69,9 @@ class TrueArm:
         return tips @ R.T + self.base[:3, 3], R @ slopes
 
     def _rigid(self, q: Array) -> tuple[Array, Array]:
-        R, p = np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3))
-        axes = []
-        for k in range(q.shape[1]):
-            ca, sa = np.cos(self.alpha[k]), np.sin(self.alpha[k])
-            p = p + R[:, :, 0] * self.a[k]
-            y, z = R[:, :, 1] * ca + R[:, :, 2] * sa, R[:, :, 2] * ca - R[:, :, 1] * sa
-            c, s = np.cos(q[:, k, None]), np.sin(q[:, k, None])
-            R = np.stack([R[:, :, 0] * c + y * s, y * c - R[:, :, 0] * s, z], axis=2)
-            p = p + z * self.d[k]
-            axes.append((z, p))
-        tips = p + R @ self.tool
-        return tips, np.stack([np.cross(z, tips - place) for z, place in axes], axis=2)
+        R, p = link_frames(self.a, self.alpha, 0.0, self.d, q)
+        tips = p[:, -1] + R[:, -1] @ self.tool
+        return tips, np.cross(R[:, :, :, 2], tips[:, None] - p).swapaxes(1, 2)
 
 
 def drawn_arm(kind: Kind, rng: np.random.Generator) -> TrueArm:

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.worlds.chain import gravity_torques, link_frames
+
 Array = NDArray[np.float64]
-_G = 9.81
 _DEG = np.pi / 180
 
 
@@ -89,37 +90,16 @@ class TrueArm:
     up: Array
 
     def links(self, theta: Array) -> tuple[Array, Array]:
-        """Return rotations (n, axes, 3, 3) and origins (n, axes, 3) mm of all links in the base."""
-        count = len(theta)
-        R, p = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
-        rotations, origins = [], []
-        for k in range(self.kind.axes):
-            p = p + R @ np.array([self.a[k], 0.0, 0.0])
-            R = R @ _about("x", self.alpha[k]) @ _about("y", self.beta[k]) @ _about("z", theta[:, k])
-            p = p + R[:, :, 2] * self.d[k]
-            rotations.append(R)
-            origins.append(p)
-        return np.stack(rotations, axis=1), np.stack(origins, axis=1)
+        """Rotations (n, axes, 3, 3) and origins (n, axes, 3) mm of all links in the base."""
+        return link_frames(self.a, self.alpha, self.beta, self.d, theta)
 
     def true_angles(self, q: Array) -> Array:
         """Return the true joint angles (n, axes) rad for reported ones."""
         orders = np.arange(1, self.wave.shape[1] + 1)
         turn = q[:, :, None] * orders
         waves = (self.wave[:, :, 0] * np.sin(turn) + self.wave[:, :, 1] * np.cos(turn)).sum(axis=2)
-        torque = self._torque(q)
+        torque = gravity_torques(*self.links(q), self.kind.mass, self.kind.centre, self.up)
         return q + self.zero + waves + self.soft * torque / (1 + self.stiffens * np.abs(torque) / 100)
-
-    def _torque(self, q: Array) -> Array:
-        """Return the gravity torque (n, axes) Nm on each joint: weight times lever about its axis."""
-        R, p = self.links(q)
-        centres = p + np.einsum("nkij,kj->nki", R, np.array(self.kind.centre, dtype=float))
-        force = -_G * np.array(self.kind.mass)[:, None] * self.up
-        torque = np.zeros(q.shape)
-        for joint in range(self.kind.axes):
-            lever = (centres[:, joint:] - p[:, None, joint]) / 1000
-            moment = np.cross(lever, force[joint:]).sum(axis=1)
-            torque[:, joint] = (moment * R[:, joint, :, 2]).sum(axis=1)
-        return torque
 
     def tip_and_slope(self, q: Array) -> tuple[Array, Array, Array]:
         """Return the point (n, 3) mm in the base, its derivative (n, 3, axes) mm/rad for a rigid arm, and the flange
@@ -138,9 +118,8 @@ class TrueArm:
 
 def _first_link(arm: TrueArm) -> Array:
     T = np.eye(4)
-    T[:3, 3] = [arm.a[0], 0.0, 0.0]
-    T[:3, :3] = (_about("x", arm.alpha[0]) @ _about("y", arm.beta[0]))[0] @ _about("z", arm.zero[0])[0]
-    T[:3, 3] += T[:3, 2] * arm.d[0]
+    R, p = link_frames(arm.a[:1], arm.alpha[:1], arm.beta[:1], arm.d[:1], arm.zero[None, :1])
+    T[:3, :3], T[:3, 3] = R[0, 0], p[0, 0]
     return T
 
 

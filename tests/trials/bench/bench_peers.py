@@ -82,11 +82,19 @@ def toolbox_one(arm: Arm, T: Array) -> Peer:
 def pinocchio_along(arm: Arm, T: Array, start: Array) -> Peer:
     """Pinocchio: Newton from each pose to the next, in a loop of Python."""
     try:
-        from tests.trials.peers import Pinocchio, pin  # noqa: PLC0415 - may be missing
+        import pinocchio as pin  # noqa: PLC0415 - may be missing
     except ImportError as error:
         return Peer("pinocchio, Newton", missing=str(error))
-    one = Pinocchio(arm)
-    model, data, tool = one.model, one.data, one.tool
+    model = pin.Model()
+    placement, joint = pin.SE3(arm.T_world_base), 0
+    for axis in range(6):
+        placement = placement * pin.SE3(pin.utils.rotate("x", arm.alpha[axis]), np.zeros(3))
+        placement = placement * pin.SE3(pin.utils.rotate("y", arm.beta[axis]), np.array([arm.a[axis], 0, 0]))
+        joint = model.addJoint(joint, pin.JointModelRZ(), placement, f"J{axis + 1}")
+        placement = pin.SE3(np.eye(3), np.array([0, 0, arm.d[axis]]))
+    tool = pin.Frame("tool", joint, 0, placement * pin.SE3(arm.T_flange_tool), pin.FrameType.OP_FRAME)
+    frame = model.addFrame(tool)
+    data = model.createData()
     targets = [pin.SE3(pose) for pose in T]
 
     def walk() -> Array:
@@ -94,10 +102,10 @@ def pinocchio_along(arm: Arm, T: Array, start: Array) -> Peer:
         for target in targets:
             for _ in range(20):
                 pin.forwardKinematics(model, data, theta)
-                error = pin.log6(pin.updateFramePlacement(model, data, tool).actInv(target)).vector
+                error = pin.log6(pin.updateFramePlacement(model, data, frame).actInv(target)).vector
                 if np.abs(error).max() < 1e-9:
                     break
-                theta = theta + np.linalg.solve(pin.computeFrameJacobian(model, data, theta, tool, pin.LOCAL), error)
+                theta = theta + np.linalg.solve(pin.computeFrameJacobian(model, data, theta, frame, pin.LOCAL), error)
             path.append(theta)
         return np.array(path)
 

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from tests.worlds.chain import gravity_torques, link_frames
+
 Array = NDArray[np.float64]
 ROUNDS = 30
 """Alternations between frame and target; each gains a digit or more."""
@@ -44,27 +46,16 @@ class PlainArm:
 
     def flange(self, q: Array) -> tuple[Array, Array]:
         """Return the rotation (m, 3, 3) and place (m, 3) mm of the flange at joint angles q (m, n) rad."""
-        return self.frames(q)[-1]
+        R, p = self.frames(q)
+        return R[:, -1], p[:, -1]
 
-    def frames(self, q: Array) -> list[tuple[Array, Array]]:
-        """Return rotation (m, 3, 3) and place (m, 3) mm of the frame of each axis at joint angles q (m, n) rad."""
-        R, p, found = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3)), []
-        for k in range(self.axes):
-            p = p + self.a[k] * R[:, :, 0]
-            R = R @ Rotation.from_rotvec([self.alpha[k], 0, 0]).as_matrix()
-            R = R @ Rotation.from_rotvec((q[:, k, None] + self.offset[k]) * [0, 0, 1]).as_matrix()
-            p = p + self.d[k] * R[:, :, 2]
-            found.append((R, p))
-        return found
+    def frames(self, q: Array) -> tuple[Array, Array]:
+        """Rotation (m, n, 3, 3) and place (m, n, 3) mm of the frame of each axis at joint angles q (m, n) rad."""
+        return link_frames(self.a, self.alpha, 0.0, self.d, q + self.offset)
 
     def torques(self, q: Array) -> Array:
-        """Return the torque (m, n) Nm of gravity about each axis of an upright arm at joint angles q (m, n) rad."""
-        frames, found = self.frames(q), np.zeros(q.shape)
-        centres = [p + R @ centre for (R, p), centre in zip(frames, self.centre, strict=True)]
-        for k, (R, p) in enumerate(frames):
-            pull = sum((self.mass[i] * (centres[i] - p) for i in range(k, self.axes)), np.zeros_like(p))
-            found[:, k] = (R[:, :, 2] * np.cross(pull, [0.0, 0.0, -9.80665e-3])).sum(axis=1)
-        return found
+        """Torque (m, n) Nm of gravity about each axis of an upright arm at joint angles q (m, n) rad."""
+        return gravity_torques(*self.frames(q), self.mass, self.centre)
 
 
 COLUMNS = (

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from tests.worlds.chain import link_frames
+
 Array = NDArray[np.float64]
 RIGS = Path(__file__).parents[3] / "rigs"
 HEALTHY = {"offset": np.radians(0.02), "a": 0.2, "alpha": np.radians(0.02), "d": 0.2}
@@ -72,16 +74,8 @@ def flange(arm: Constants, wrong: Wrong, q: Array) -> tuple[Array, Array]:
         link = link + wrong.sine[:, order - 1] * np.sin(order * motor)
         link = link + wrong.cosine[:, order - 1] * np.cos(order * motor)
     theta = link * senses + arm.offset
-    R, p = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
-    for k in range(6):
-        alpha = arm.alpha[k] + wrong.alpha[k]
-        twist = np.array([[1, 0, 0], [0, np.cos(alpha), -np.sin(alpha)], [0, np.sin(alpha), np.cos(alpha)]])
-        p = p + R @ np.array([arm.a[k] + wrong.a[k], 0.0, 0.0])
-        R = R @ twist
-        c, s, z = np.cos(theta[:, k]), np.sin(theta[:, k]), np.zeros(len(q))
-        R = R @ np.stack([c, -s, z, s, c, z, z, z, z + 1], axis=1).reshape(-1, 3, 3)
-        p = p + R[:, :, 2] * (arm.d[k] + wrong.d[k])
-    return R, p
+    R, p = link_frames(arm.a + wrong.a, arm.alpha + wrong.alpha, 0.0, arm.d + wrong.d, theta)
+    return R[:, -1], p[:, -1]
 
 
 def none() -> Wrong:

@@ -14,6 +14,8 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tests.worlds.chain import gravity_torques, link_frames
+
 Array = NDArray[np.float64]
 RIGS = Path(__file__).parents[3] / "rigs"
 LOW_DEG, HIGH_DEG = (-120, -130, -120, -150, -100, -170), (120, -20, 120, 150, 100, 170)
@@ -23,7 +25,6 @@ WAVES = 24
 LENGTH_MM, ANGLE_DEG, WAVE_DEG = 0.2, 0.02, 0.005
 SOFT_DEG_NM = (5e-5, 5e-5, 5e-5, 3e-4, 3e-4, 3e-4)
 """Compliance of a healthy arm."""
-G = np.array([0.0, 0.0, -9.81])
 
 
 @dataclass(frozen=True)
@@ -45,17 +46,10 @@ class Arm:
 
     def frames(self, q: Array) -> Array:
         """Return the frames (n, 6, 4, 4) of the links at joint angles q (n, 6) rad: modified Denavit-Hartenberg."""
-        T, found = np.tile(np.eye(4), (len(q), 1, 1)), []
-        for k in range(6):
-            turn = Rotation.from_euler("x", self.alpha[k]) * Rotation.from_euler("y", self.beta[k])
-            link = np.eye(4)
-            link[:3, :3], link[0, 3] = turn.as_matrix(), self.a[k]
-            screw = np.tile(np.eye(4), (len(q), 1, 1))
-            screw[:, :3, :3] = Rotation.from_rotvec((q[:, k, None] + self.offset[k]) * [0, 0, 1]).as_matrix()
-            screw[:, 2, 3] = self.d[k]
-            T = T @ link @ screw
-            found.append(T)
-        return np.stack(found, axis=1)
+        R, p = link_frames(self.a, self.alpha, self.beta, self.d, q + self.offset)
+        T = np.tile(np.eye(4), (*p.shape[:2], 1, 1))
+        T[:, :, :3, :3], T[:, :, :3, 3] = R, p
+        return T
 
     def tool_mm(self, q: Array, point: Array | None = None) -> Array:
         """Return the positions (n, 3) mm of the tool, or of another point (3,) mm of the flange, at commanded angles
@@ -69,15 +63,11 @@ class Arm:
 
     def _torques(self, q: Array) -> Array:
         """Return the gravity torques (n, 6) Nm on each joint at joint angles q (n, 6) rad."""
-        T = self.frames(q)
-        hung = np.concatenate([T, T[:, -1:]], axis=1)
-        centres = np.einsum("nkij,kj->nki", hung[:, :, :3, :3], self.centre) + hung[:, :, :3, 3]
-        torques = np.zeros((len(q), 6))
-        for k in range(6):
-            arms_m = (centres[:, k:] - T[:, k, None, :3, 3]) / 1e3
-            moments = np.cross(arms_m, self.mass[k:, None] * G).sum(axis=1)
-            torques[:, k] = (T[:, k, :3, 2] * moments).sum(axis=1)
-        return torques
+        mass, centre = self.mass[:6].copy(), self.centre[:6].copy()
+        mass[5] += self.mass[6]  # the payload hangs at the flange, the last link
+        if mass[5]:
+            centre[5] = self.mass[5:] @ self.centre[5:] / mass[5]
+        return gravity_torques(*link_frames(self.a, self.alpha, self.beta, self.d, q + self.offset), mass, centre)
 
 
 def nominal(name: str) -> Arm:

@@ -13,8 +13,7 @@ import numpy as np
 
 from rigs.schema.robot import Robot
 from tests.worlds.arms.seven_axes import Array, Truth
-
-G_M_S2 = 9.81
+from tests.worlds.chain import G_M_S2, link_frames
 
 
 @dataclass(frozen=True)
@@ -69,19 +68,18 @@ def frames(truth: Truth, robot: Robot, theta: Array) -> Array:
     """Return the link frames (axes, n, 4, 4) of an arm with the errors `truth.off`, relative to the origin of its
     base.
     """
-    T = np.broadcast_to(_base(robot), (len(theta), 4, 4))
-    every = []
-    for k, axis in enumerate(robot.axes):
-        a, d = axis.a_mm + truth.off.a[k], axis.d_mm + truth.off.d[k]
-        alpha = np.radians(axis.alpha_deg) + truth.off.alpha[k]
-        angle = theta[:, k] + np.radians(axis.offset_deg) + truth.off.zero[k]
-        ca, sa, c, s = np.cos(alpha), np.sin(alpha), np.cos(angle), np.sin(angle)
-        o, e = np.zeros_like(c), np.ones_like(c)
-        rows = [[c, -s, o, a * e], [s * ca, c * ca, -sa * e, -d * sa * e], [s * sa, c * sa, ca * e, d * ca * e]]
-        step = np.array([*rows, [o, o, o, e]]).transpose(2, 0, 1)
-        T = T @ step
-        every.append(T)
-    return np.array(every)
+
+    def of(key: str) -> Array:
+        return np.array([getattr(axis, key) for axis in robot.axes], dtype=float)
+
+    off = truth.off
+    R, p = link_frames(
+        of("a_mm") + off.a, np.radians(of("alpha_deg")) + off.alpha, 0.0, of("d_mm") + off.d,
+        theta + np.radians(of("offset_deg")) + off.zero,
+    )  # fmt: skip
+    T = np.tile(np.eye(4), (*p.shape[:2], 1, 1))
+    T[:, :, :3, :3], T[:, :, :3, 3] = R, p
+    return np.asarray((_base(robot) @ T).swapaxes(0, 1))
 
 
 def moment_nm(robot: Robot, links: Array) -> Array:
