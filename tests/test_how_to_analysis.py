@@ -65,7 +65,7 @@ def test_a_new_effect_goes_through_every_command_of_the_page(with_effect: tuple[
 def test_a_new_measurement_passes_the_checks_and_its_tests(with_measurement: tuple[Path, list[str]]) -> None:
     tree, files = with_measurement
     checked(tree, files)
-    assert "4 passed" in output(tree, *PYTEST, "tests/analysis/procedures/circle/test_second_order.py")
+    assert "4 passed" in output(tree, *PYTEST, "tests/analysis/procedures/shared/test_second_order.py")
 
 
 @pytest.mark.nightly  # a figure of a test with stops goes through fewer commands in each commit

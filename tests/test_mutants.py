@@ -61,9 +61,9 @@ def test_the_same_seed_draws_the_same_of_each_package(tmp_path: Path) -> None:
 
 
 def test_its_own_tests_come_first_and_those_that_import_it_before_its_folder() -> None:
-    files = files_for(ROOT, "analysis/procedures/pose/evaluate.py")
-    assert files[0] == "tests/analysis/procedures/pose/test_pose.py" and len(files) == len(set(files))
-    of_folder, importing = "tests/analysis/procedures/pose/test_distances.py", "tests/analysis/diagnosis/test_rail.py"
+    files = files_for(ROOT, "analysis/procedures/pose.py")
+    assert files[0] == "tests/analysis/procedures/test_pose.py" and len(files) == len(set(files))
+    of_folder, importing = "tests/analysis/procedures/test_touch.py", "tests/analysis/diagnosis/test_rail.py"
     assert files.index(importing) < files.index(of_folder)
 
 

@@ -91,18 +91,11 @@ def test_a_test_kind_of_another_package_is_imported_and_evaluated(site: Path) ->
     assert done.returncode == 0, done.stderr
     done = run(site, *rig, "analyse", "heights/monday", "--json")
     assert '"height_band_mm": {' in done.stdout, done.stdout + done.stderr
-    offers(site, "half-kind", {"rig.tests": {"half_kind": "nowhere", "old": "cell.kind:KIND", "touch": "cell_height"}})
-    for test, why in (
-        ("half_kind", "cannot be used: No module named 'nowhere'"),
-        (
-            "old",
-            "cell.kind:KIND, which a package offers, has the form of version 1.1: a test is now a package; offer cell",
-        ),
-    ):
-        done = run(site, *rig, "import", str(table), "--rig", "ur10e", "--test", test, "-o", "heights/tuesday")
-        assert done.returncode == 3 and why in " ".join(done.stderr.split())
-    done = run(site, sys.executable, "-c", "import analysis.runs.parts_of_tests as p; print(p.package_of('touch'))")
-    assert "analysis/procedures/touch" in done.stdout, "a name of rig's own is not taken over"
+    offers(site, "half-kind", {"rig.tests": {"half_kind": "nowhere:Kind", "touch": "cell_height:Height"}})
+    done = run(site, *rig, "import", str(table), "--rig", "ur10e", "--test", "half_kind", "-o", "heights/tuesday")
+    assert done.returncode == 3 and "nowhere:Kind" in done.stderr
+    done = run(site, sys.executable, "-c", "import analysis.runs.table_format as t; print(t.format_of('touch'))")
+    assert "analysis.procedures.touch" in done.stdout, "a name of rig's own is not taken over"
 
 
 OF_A_MAKER = """

@@ -13,8 +13,7 @@ from analysis.intake.readers import reader_of
 from analysis.intake.table_map import MAPPED
 from analysis.intake.touch_map import needs_touch_map, propose_touch_map
 from analysis.runs.loading import Measured
-from analysis.runs.parts_of_tests import TESTS
-from analysis.runs.table_format import format_of
+from analysis.runs.table_format import TESTS, format_of
 from analysis.runs.table_layout import SOCKET
 from rigs.errors import FileError
 from rigs.load import load

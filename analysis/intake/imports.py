@@ -18,7 +18,7 @@ from analysis.intake.readers import reader_of
 from analysis.intake.table_map import MAPPED, TO_UNIT, TableMap, map_text
 from analysis.procedures.checks.check_runs import doubts_of, refuse_impossible
 from analysis.procedures.checks.meanings import FEWEST
-from analysis.procedures.shared.evaluate import evaluation_of, require_live_gauges
+from analysis.procedures.shared.test_kind import kind_of, require_live_gauges
 from analysis.robot.geometry.iso_cube import cube_of
 from analysis.runs.loading import Measured, measured_of
 from analysis.runs.table_format import format_of
@@ -220,7 +220,7 @@ def _check_against_rig(run: Run, rig: Rig, where: str, doubts: Iterable[str]) ->
     refuse_impossible(measured, where)
     refused, table = [], measured.table
     try:
-        evaluation_of(table.test).require_evaluable(table, rig, where)
+        kind_of(table.test).require_evaluable(table, rig, where)
         columns = zip(format_of(table.test).gauges, table.readings.T, strict=False)
         require_live_gauges(where, **{f"{gauge}_mm": column for gauge, column in columns})
     except FileError as error:  # report it now

@@ -17,8 +17,8 @@ import pyarrow as pa
 from analysis.intake.cells import Problems, TableFileError, TableProblem, value
 from analysis.intake.raw_table import RawTable
 from analysis.intake.table_map import MAPPED, TO_UNIT, Angles, Lengths, TableMap, TurnColumns
-from analysis.procedures.checks.checks_of_test import Meaning
 from analysis.procedures.checks.meanings import AS_WELL, FEWEST, RIGHT_MM, RIGHT_SHARE, left_mm, meanings
+from analysis.procedures.shared.test_kind import Meaning
 from analysis.robot.kinematics.arm import Arm, Array, Mask, forward
 from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import (

@@ -27,10 +27,9 @@ import pyarrow.compute as pc
 from analysis.intake.cells import Columns, Problems, Row, TableFileError, TableProblem, column_type, columns_of, quoted
 from analysis.intake.readers import reader_of
 from analysis.intake.table_map import MAPPED, TO_UNIT
-from analysis.procedures.shared.target_checks import target_count
+from analysis.procedures.stops import target_count
 from analysis.robot.description.ur_calibration import ROS_KINEMATICS
-from analysis.runs.parts_of_tests import TESTS
-from analysis.runs.table_format import format_of
+from analysis.runs.table_format import TESTS, format_of
 from analysis.runs.table_layout import (
     COMMANDED,
     JOINTS,

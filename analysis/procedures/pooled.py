@@ -14,9 +14,9 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.procedures.circle.direction_pair import pair
-from analysis.procedures.circle.evaluate import CircleResult
-from analysis.procedures.radial.evaluate import RadialResult
+from analysis.procedures.circle import CircleResult
+from analysis.procedures.direction_pair import pair
+from analysis.procedures.radial import RadialResult
 from analysis.procedures.results import Result
 from analysis.procedures.shared.quantity import PLACE, Quantity, half_turns, is_around_circle, student_factor
 from analysis.robot.kinematics.joint_limits import wrapped

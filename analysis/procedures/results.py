@@ -14,14 +14,14 @@ import numpy as np
 import pyarrow as pa
 
 from analysis.procedures.checks.check_runs import doubts_of, why_no_measurement
-from analysis.procedures.circle.evaluate import CircleResult
-from analysis.procedures.circle.long_circle import long_circle
+from analysis.procedures.circle import CircleResult
 from analysis.procedures.facts import labels_of
+from analysis.procedures.long_circle import long_circle
 from analysis.procedures.shared.certificate_uncertainty import with_certificates
-from analysis.procedures.shared.evaluate import Evaluated, evaluate
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.reduction import Reduced
 from analysis.procedures.shared.result_curves import JointReversal, ResultCurve, reversals_of_rig
+from analysis.procedures.shared.test_kind import Evaluated, evaluate
 from analysis.runs.align import robot_only
 from analysis.runs.batch.fetched import fetched
 from analysis.runs.loading import Measured, load_measured, measured_in, measured_of

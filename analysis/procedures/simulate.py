@@ -6,8 +6,7 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
-from analysis.procedures.shared.evaluate import evaluation_of
-from analysis.procedures.shared.simulated_gauges import Noise, Simulation
+from analysis.procedures.shared.test_kind import Noise, Simulation, kind_of
 from analysis.runs.csv_tables import columns_of
 from analysis.runs.loading import SIMULATED, Measured, measured_of, rig_of
 from analysis.runs.tables import Table
@@ -32,7 +31,7 @@ def simulate(
     cannot do the test.
     """
     require_test(rig, test)
-    return evaluation_of(test).simulated(rig, direction, Simulation(seed, effects, noise))
+    return kind_of(test).simulated(rig, direction, Simulation(seed, effects, noise))
 
 
 def noise_seed(seed: int, direction: Direction | None) -> int:

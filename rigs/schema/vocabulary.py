@@ -5,18 +5,14 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 TestName = Literal["yaw", "roll", "radial", "repeatability", "pose", "touch", "path"]
 """Kinds of tests. Packages may offer others as entry points `rig.tests`."""
-_RIGS_OWN = "analysis.procedures."
-"""Common prefix of the packages that contain rig's tests."""
 ENTRY_POINTS = entry_points()
 """Entry points of all installed packages. Scanning an environment of a hundred packages takes 5 ms."""
-TEST_PACKAGES = {
-    offer.name: offer
-    for offer in ENTRY_POINTS.select(group="rig.tests")
-    if offer.name not in get_args(TestName) or offer.value.startswith(_RIGS_OWN)
+OTHER_TESTS = {
+    offer.name: offer for offer in ENTRY_POINTS.select(group="rig.tests") if offer.name not in get_args(TestName)
 }
-"""Packages of all tests by name. No other package can take over a name of rig's own tests."""
+"""Test kinds of other packages by name. None can take over a name of rig's own tests."""
 if not TYPE_CHECKING:
-    TestName = Literal[(*get_args(TestName), *sorted(TEST_PACKAGES.keys() - get_args(TestName)))]
+    TestName = Literal[(*get_args(TestName), *sorted(OTHER_TESTS))]
 Direction = Literal["cw", "acw"]
 
 CircleTest = Literal["yaw", "roll"]

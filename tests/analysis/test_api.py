@@ -39,7 +39,7 @@ from analysis import (
 )
 from analysis.cli import app
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.procedures.shared.simulated_gauges import Noise
+from analysis.procedures.shared.test_kind import Noise
 from analysis.procedures.simulate import simulated_run
 from rigs import entry
 from rigs.arms import load_arm

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from analysis.procedures.prediction import nominal_setup, path_of, predict
+from analysis.procedures.shared.test_kind import nominal_setup, path_of, predict
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import driven, model_of
 from rigs import load as reading

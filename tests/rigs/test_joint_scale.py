@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.apps.report.act_words import ActWords
-from analysis.procedures.prediction import path_of
+from analysis.procedures.shared.test_kind import path_of
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import model_of, moved
 from rigs.effects import JointScale

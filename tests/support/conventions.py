@@ -16,7 +16,7 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from analysis.procedures.checks.finding import Finding
+from analysis.procedures.shared.finding import Finding
 from analysis.runs.csv_tables import columns_of
 from analysis.runs.loading import Measured, measured_of
 from analysis.runs.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table

@@ -21,7 +21,7 @@ from analysis.diagnosis.fit.background import Background, background_of
 from analysis.diagnosis.fit.candidates import Columns, Form, candidates_for, columns_for
 from analysis.diagnosis.fit.responses import Linearisation, linearise, noise_um
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.procedures.prediction import nominal_setup, path_of
+from analysis.procedures.shared.test_kind import nominal_setup, path_of
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.robot.model.predict import SetUp, model_of, moved

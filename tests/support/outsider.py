@@ -22,7 +22,7 @@ from analysis.diagnosis.fit.background import CoefficientPosterior, background_o
 from analysis.diagnosis.fit.candidates import HEALTHY, Candidate, Columns, forms_of, healthy_shares
 from analysis.diagnosis.fit.refine import Refined, UnknownParameter, refine, size_limits
 from analysis.diagnosis.fit.responses import Linearisation, linearise
-from analysis.procedures.prediction import nominal_setup, path_of, predict
+from analysis.procedures.shared.test_kind import nominal_setup, path_of, predict
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import SetUp, model_of
 from analysis.runs.tables import PoseTable

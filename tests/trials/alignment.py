@@ -14,8 +14,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from analysis.procedures.prediction import nominal_setup, path_of, predict
 from analysis.procedures.results import result_of
+from analysis.procedures.shared.test_kind import nominal_setup, path_of, predict
 from analysis.procedures.simulate import simulate, simulated_run
 from analysis.robot.geometry.circle import frame_of, link_readings
 from analysis.robot.geometry.driven_programs import circle_of

@@ -17,7 +17,7 @@ import numpy as np
 
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.procedures.prediction import path_of
+from analysis.procedures.shared.test_kind import path_of
 from analysis.robot.geometry.pose_setup import fit_setup, position_error
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import Model, model_of, moved

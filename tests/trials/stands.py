@@ -16,7 +16,7 @@ import numpy as np
 
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.judge.result import Diagnosis, Named
-from analysis.procedures.prediction import path_of
+from analysis.procedures.shared.test_kind import path_of
 from analysis.robot.geometry.pose_setup import fit_setup, position_error
 from analysis.robot.model.predict import model_of, moved
 from rigs.arms import load_arm

@@ -21,9 +21,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from analysis.procedures.circle.evaluate import planted_setup
-from analysis.procedures.circle.yaw import plain_figures
-from analysis.procedures.prediction import nominal_setup, path_of, predict
+from analysis.procedures.circle import Yaw, planted_setup
+from analysis.procedures.shared.test_kind import nominal_setup, path_of, predict
 from analysis.robot.geometry.circle import SENSE, frame_of, link_angle
 from analysis.robot.geometry.driven_programs import circle_of, circle_program, radial_stops, repeatability_stops, stops
 from analysis.robot.kinematics.arm import Array, arm_of, controller_arm, forward, roll_pitch_yaw, without_setup
@@ -408,7 +407,7 @@ def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
         ahead = SENSE[direction] * (trace.phi - start)
         lap = slice(int(np.argmax(ahead >= 0)), int(np.argmax(ahead >= 2 * np.pi)))
         y = link_angle(trace.g_mm[lap, 0], trace.g_mm[lap, 1], rig.gauges.baseline_mm)
-        figures[direction] = plain_figures(trace.phi[lap], y, frame_of(circle_of(rig)).radius)
+        figures[direction] = Yaw().plain_figures(trace.phi[lap], y, frame_of(circle_of(rig)).radius)
     planted = {
         "eccentricity_mm": list(circle_of(rig).eccentricity_mm),
         "effects": [effect.model_dump(mode="json") for effect in rig.effects],

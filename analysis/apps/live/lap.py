@@ -6,10 +6,10 @@ a motion or a reversal. This is more than the noise of any feedback.
 Few wrists have two spare turns, so a robot returns after a lap before the next lap. A motion back over a complete lap
 on the circle is this return, not a lap in the opposite direction.
 
-Joint reversals follow the rule of `analysis.procedures.circle.joint_reversals`, applied row by row.
+Joint reversals follow the rule of `analysis.procedures.shared.joint_reversals`, applied row by row.
 
 Each direction has an error curve over 720 circle angles: the angle (or the distance, for a single gauge) minus a
-least-squares sine, as in `analysis.procedures.circle.evaluate`. During a lap the sine is fitted to the existing data.
+least-squares sine, as in `analysis.procedures.circle`. During a lap the sine is fitted to the existing data.
 Below half a lap it would absorb the error, so only the mean is removed.
 """
 
@@ -21,8 +21,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from analysis.apps.live.live_rows import LiveRows
-from analysis.procedures.circle.evaluate import Sine, sine_of
-from analysis.procedures.circle.joint_reversals import PROMINENCE_RAD
+from analysis.procedures.circle import Sine, sine_of
+from analysis.procedures.shared.joint_reversals import PROMINENCE_RAD
 from analysis.procedures.shared.lap_curve import at_resolution
 from analysis.procedures.shared.reduction import PHI
 from analysis.robot.kinematics.arm import Array, Mask

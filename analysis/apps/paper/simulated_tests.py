@@ -10,11 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.procedures.circle import roll, yaw
-from analysis.procedures.circle.evaluate import fit_sine
-from analysis.procedures.radial import evaluate as radial
-from analysis.procedures.repeatability import evaluate as repeatability
-from analysis.procedures.shared.simulated_gauges import Noise
+from analysis.procedures import radial, repeatability
+from analysis.procedures.circle import Roll, Yaw, fit_sine
+from analysis.procedures.shared.test_kind import Noise
 from analysis.procedures.simulate import noise_seed, simulate
 from analysis.robot.geometry.circle import link_angle
 from analysis.robot.geometry.driven_programs import hemisphere_of
@@ -88,7 +86,7 @@ def curve_of(table: CircleTable, rig: Rig) -> SimulatedLap:
     order = np.argsort(phi)
     y = link_angle(lap.g_mm[:, 0], lap.g_mm[:, 1], rig.gauges.baseline_mm)[order]
     phi = phi[order]
-    plain = yaw.plain_figures if table.test == "yaw" else roll.plain_figures
+    plain = (Yaw() if table.test == "yaw" else Roll()).plain_figures
     return SimulatedLap(phi, y, y - fit_sine(phi, y)(phi), plain(phi, y, lap.frame.radius))
 
 

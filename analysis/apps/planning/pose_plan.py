@@ -20,7 +20,7 @@ from analysis.diagnosis.evidence.observation import observe_run
 from analysis.diagnosis.fit.candidates import Columns, Level, candidates_for, columns_for
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.plan.expected import without_bands
-from analysis.procedures.prediction import nominal_setup
+from analysis.procedures.shared.test_kind import nominal_setup
 from analysis.robot.kinematics.arm import Array, Integers, arm_of, forward
 from analysis.robot.model.predict import model_of
 from analysis.runs.table_layout import came_from_columns, joint_columns

@@ -18,7 +18,7 @@ from analysis.diagnosis.judge.comparison import Compared, Comparison, Disagreeme
 from analysis.diagnosis.judge.residuals import Curve, Map, ResidualPlace
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.procedures.facts import labels_of
-from analysis.procedures.repeatability.evaluate import SIDES, RepeatabilityResult
+from analysis.procedures.repeatability import SIDES, RepeatabilityResult
 from analysis.procedures.results import Result
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.readings import rms

@@ -11,8 +11,8 @@ import numpy as np
 
 from analysis.apps.report.chart import Chart, ChartLine, Frame, Picture, Role, SphereChart, marks_of
 from analysis.apps.report.texts import Texts
-from analysis.procedures.circle.evaluate import CircleResult
-from analysis.procedures.pose.evaluate import PoseResult
+from analysis.procedures.circle import CircleResult
+from analysis.procedures.pose import PoseResult
 from analysis.procedures.results import Result
 from analysis.procedures.shared.reduction import PHI
 from analysis.procedures.shared.result_curves import CircleCurve, PathCurve, PoseCurve, RadialCurve, RepeatabilityCurve

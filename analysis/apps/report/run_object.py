@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from analysis.apps.report.texts import in_order, whole_label
-from analysis.procedures.circle.evaluate import CircleResult
+from analysis.procedures.circle import CircleResult
 from analysis.procedures.pooled import ONE_RUN, BetweenRuns, Pairs, Pooled, pairs_of, pooled
 from analysis.procedures.results import Result, by_test
 from analysis.procedures.shared.quantity import Quantity

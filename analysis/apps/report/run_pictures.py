@@ -19,7 +19,7 @@ from analysis.apps.report.chart import Chart, ChartLine, Picture, SphereChart, m
 from analysis.apps.report.run_charts import target_charts
 from analysis.apps.report.still_chart import Sheet, as_png, part_of
 from analysis.apps.report.texts import LEADING, label, texts_of
-from analysis.procedures.circle.evaluate import CircleResult
+from analysis.procedures.circle import CircleResult
 from analysis.procedures.results import Result, by_test
 from analysis.procedures.shared.lap_curve import at_resolution
 from analysis.procedures.shared.reduction import PHI

@@ -37,10 +37,10 @@ from analysis.diagnosis.evidence.observation import (
     predicted_in_scene,
     residual_of,
 )
-from analysis.diagnosis.evidence.observation_of import observation_of
 from analysis.diagnosis.evidence.setups import moved_setup, with_effects, without_origin
 from analysis.procedures.facts import facts_of
-from analysis.procedures.pose.evaluate import groups as visits
+from analysis.procedures.pose import groups as visits
+from analysis.procedures.shared.test_kind import kind_of
 from analysis.robot.kinematics.arm import Array, Integers, cos_sin, drive_angles
 from analysis.robot.model.motion import Motion
 from analysis.robot.model.predict import Model, SetUp, driven, posed
@@ -136,7 +136,7 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects:
     sds = iter(noise.sd_mm)
     # Each set-up has a separate residual strength. All sockets share a strength, because the same ball is seated.
     kinds = [
-        first.setup if observation_of(first.table).parts(first.table) is None else first.table.test
+        first.setup if kind_of(first.table.test).parts(first.table) is None else first.table.test
         for first, _ in grouped
     ]
     numbers = {name: k for k, name in enumerate(dict.fromkeys(kinds))}

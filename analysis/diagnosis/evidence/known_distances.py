@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from analysis.diagnosis.evidence.observation import ObservedRun
-from analysis.diagnosis.evidence.observation_of import observation_of
+from analysis.procedures.shared.test_kind import kind_of
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import SetUp
 from analysis.runs.noise.cell_noise import SEAT_MM
@@ -73,7 +73,7 @@ def known_distances_of(runs: Sequence[ObservedRun]) -> KnownDistances:
     Their rows follow the entries (N,) of the blocks.
     """
     distances: dict[tuple[str, str], KnownSocketDistance] = {}
-    touched = [run for run in runs if observation_of(run.table).parts(run.table) is not None]
+    touched = [run for run in runs if kind_of(run.table.test).parts(run.table) is not None]
     for first, second in combinations(touched, 2):
         touch = first.model.rig.tests.touch
         if touch is None or first.table is not second.table:
@@ -87,7 +87,7 @@ def known_distances_of(runs: Sequence[ObservedRun]) -> KnownDistances:
 
 def _socket(run: ObservedRun) -> str:
     """Return the socket name of touches of a single socket."""
-    sockets = observation_of(run.table).parts(run.table)
+    sockets = kind_of(run.table.test).parts(run.table)
     return "" if sockets is None else str(sockets[run.rows[0]])
 
 

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.diagnosis.evidence.observation_of import observation_of
 from analysis.procedures.facts import facts_of, no_joints_error, shows_joints
-from analysis.procedures.prediction import nominal_setup, path_of, read
+from analysis.procedures.shared.test_kind import kind_of, nominal_setup, path_of, read
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 from analysis.robot.model.motion import Motion
 from analysis.robot.model.predict import Model, Path, SetUp, moved
@@ -71,7 +70,7 @@ class ObservedRun:
     @property
     def visits(self) -> Integers:
         """Integers (m, k) describing place and approach of each reading."""
-        return np.asarray(observation_of(self.table).visits(self.table)[self.rows], dtype=np.int64)
+        return np.asarray(kind_of(self.table.test).visits(self.table)[self.rows], dtype=np.int64)
 
     @property
     def targets_key(self) -> bytes:
@@ -100,7 +99,7 @@ def observe(model: Model, table: Table, where: str) -> ObservedRun:
     """
     if not shows_joints(table.test):
         raise no_joints_error(table.test, where)
-    rows = observation_of(table).rows_used(table, model.rig, where)
+    rows = kind_of(table.test).rows_used(table, model.rig, where)
     return ObservedRun(model, table, path_of(model, table), rows, table.readings[rows], table.test)
 
 
@@ -128,7 +127,7 @@ def by_socket(run: ObservedRun) -> list[ObservedRun]:
 
     Each socket position is a separate set-up.
     """
-    parts = observation_of(run.table).parts(run.table)
+    parts = kind_of(run.table.test).parts(run.table)
     if parts is None:
         return [run]
     socket = parts[run.rows]

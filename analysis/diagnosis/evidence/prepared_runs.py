@@ -16,14 +16,14 @@ from analysis.diagnosis.evidence.observation import (
     residual_of,
     with_placement,
 )
-from analysis.diagnosis.evidence.observation_of import observation_of
 from analysis.diagnosis.evidence.placements import split_by_frame, split_by_target, with_enough_readings
 from analysis.diagnosis.evidence.setups import fit_run_setups, with_effects
 from analysis.procedures.checks.check_runs import findings_of
-from analysis.procedures.checks.finding import Finding
 from analysis.procedures.checks.gauge_sign import ORDER, SIGN
 from analysis.procedures.checks.lost_poses import left_out
 from analysis.procedures.facts import facts_of, labels_of, shows_joints
+from analysis.procedures.shared.finding import Finding
+from analysis.procedures.shared.test_kind import kind_of
 from analysis.robot.kinematics.arm import Array, Mask
 from analysis.robot.model.predict import model_of
 from analysis.runs.loading import Measured
@@ -158,7 +158,7 @@ def _without_far(
     """
     found, doubts = list(seen), []
     for k, run in enumerate(seen):
-        far = observation_of(run.table).outliers(run.table, run.model.arm) if k in kept else None
+        far = kind_of(run.table.test).outliers(run.table, run.model.arm) if k in kept else None
         if far is None:
             continue
         table = run.table

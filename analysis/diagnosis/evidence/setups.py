@@ -13,12 +13,12 @@ import numpy as np
 
 from analysis.diagnosis.evidence.observation import ObservedRun, part, predicted, predicted_in_scene, residual_of, rms
 from analysis.procedures.facts import facts_of
-from analysis.procedures.prediction import nominal_setup
+from analysis.procedures.shared.test_kind import nominal_setup
 from analysis.robot.geometry.pose_setup import best_rigid, moved_by
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp, moved
 from analysis.robot.model.scene import ModelScene
-from analysis.runs.parts_of_tests import TESTS
+from analysis.runs.table_format import TESTS
 from analysis.runs.tables import Table
 from rigs.effects import Effect
 

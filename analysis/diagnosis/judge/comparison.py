@@ -11,7 +11,7 @@ from analysis.diagnosis.judge.residuals import Curve, Map, ResidualPlace
 from analysis.diagnosis.judge.staircase import Staircase
 from analysis.procedures.facts import labels_of
 from analysis.procedures.results import Result
-from analysis.procedures.shared.evaluate import Evaluated
+from analysis.procedures.shared.test_kind import Evaluated
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp
 from analysis.runs.tabular import Tabular, for_json, table_of_rows

@@ -9,13 +9,13 @@ import numpy as np
 
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.evidence.observation import rms
-from analysis.diagnosis.evidence.observation_of import observation_of
 from analysis.diagnosis.evidence.setups import FittedRuns, fit_run_setups
 from analysis.diagnosis.fit.refine import ended_at_limit
 from analysis.diagnosis.judge.result import Named
 from analysis.diagnosis.judge.validation import shows_noise
 from analysis.diagnosis.judge.verdict import shows_time
 from analysis.procedures.facts import labels_of
+from analysis.procedures.shared.test_kind import kind_of
 from analysis.robot.kinematics.arm import rail_mm
 from rigs.effect_names import name_in_words
 from rigs.rig import Rig
@@ -48,7 +48,7 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     ways: dict[str, set[str]] = {}
     for block in blocks:
         table = block.table
-        doubts += observation_of(table).doubts(table, block.model, block.name)
+        doubts += kind_of(table.test).doubts(table, block.model, block.name)
         if direction := table.driven_direction:
             ways.setdefault(table.test, set()).add(direction)
     rails = [rail_mm(block.model.arm, block.table.q) for block in blocks if block.model.arm.rail is not None]

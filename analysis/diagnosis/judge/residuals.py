@@ -12,9 +12,9 @@ import pyarrow as pa
 
 from analysis.diagnosis.evidence.blocks import BAND_EDGES, Block
 from analysis.diagnosis.evidence.observation import GRID, ORDER_OF, curve
-from analysis.diagnosis.evidence.observation_of import observation_of
-from analysis.procedures.circle.joint_reversals import turns
 from analysis.procedures.facts import facts_of, labels_of
+from analysis.procedures.shared.joint_reversals import turns
+from analysis.procedures.shared.test_kind import kind_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.laps import laps_of
 from analysis.runs.tables import CircleTable
@@ -361,7 +361,7 @@ def maps_of(blocks: Sequence[Block], before: Sequence[Array], after: Sequence[Ar
         if not block.sampling:
             sizes = [1e3 * np.linalg.norm(value.reshape(len(rows), -1), axis=1) for value in values]
             polar, azimuth = (
-                np.degrees(angles)[rows] for angles in observation_of(table).angles_of(table, block.model.rig)
+                np.degrees(angles)[rows] for angles in kind_of(table.test).angles_of(table, block.model.rig)
             )
             maps.append(Map(table.test, table.numbers[rows].astype(float), polar, azimuth, *sizes))
     return tuple(maps)

@@ -38,7 +38,7 @@ from analysis.diagnosis.judge.result import (
 )
 from analysis.procedures.facts import facts_of
 from analysis.procedures.pooled import FigureColumn, figure_columns
-from analysis.procedures.pose.evaluate import SAME_RAD, groups
+from analysis.procedures.pose import SAME_RAD, groups
 from analysis.procedures.results import Result, borrowers, by_test, evaluated_again, result_of
 from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.kinematics.arm import Array

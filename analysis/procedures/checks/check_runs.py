@@ -7,9 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 from weakref import finalize
 
-from analysis.procedures.checks.checks_of_test import checks_of, findings_against
 from analysis.procedures.checks.commanded_angles import COMMANDS, command_errors, command_findings
-from analysis.procedures.checks.finding import Convention, Finding
 from analysis.procedures.checks.gauge_display import DISPLAY, display_findings
 from analysis.procedures.checks.gauge_sign import ORDER, SIGN, repeat_findings, sign_findings
 from analysis.procedures.checks.lost_poses import DUPLICATES, WILDNESS
@@ -17,6 +15,8 @@ from analysis.procedures.checks.meanings import JOINTS, joint_findings
 from analysis.procedures.checks.place import PLACE, SOURCE, STAMPS, STANDS, stand_findings
 from analysis.procedures.checks.units import UNITS, unit_findings, unsigned_findings
 from analysis.procedures.facts import labels_of, shows_joints
+from analysis.procedures.shared.finding import Convention, Finding
+from analysis.procedures.shared.test_kind import findings_against, kind_of
 from analysis.runs.loading import Measured
 from analysis.runs.table_format import format_of
 from rigs.errors import FileError
@@ -137,13 +137,13 @@ def _gauges(runs: Runs) -> Iterator[Finding]:
 
 
 def _joints_hidden(runs: Runs) -> str:
-    why = [checks_of(run.table.test).cannot_tell(run.table, run.rig) for run in runs]
+    why = [kind_of(run.table.test).cannot_tell(run.table, run.rig) for run in runs]
     return "" if "" in why else next(iter(why), "")
 
 
 def _without(convention: str, why: str) -> Callable[[Runs], str]:
     """Return a function that gives the reason why no run of a suitable kind is available for a convention."""
-    return lambda runs: "" if any(convention in dict(checks_of(run.table.test).finders) for run in runs) else why
+    return lambda runs: "" if any(convention in dict(kind_of(run.table.test).finders) for run in runs) else why
 
 
 def _no_pair(runs: Runs) -> str:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.procedures.checks.finding import Finding
+from analysis.procedures.shared.finding import Finding
 from analysis.robot.kinematics.arm import Array, arm_of
 from analysis.robot.model.scene import load_of, pull
 from analysis.runs.loading import Measured

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.procedures.checks.finding import Finding
+from analysis.procedures.shared.finding import Finding
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.loading import Measured
 from analysis.runs.table_format import format_of

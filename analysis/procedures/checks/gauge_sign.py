@@ -26,9 +26,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from analysis.procedures.checks.checks_of_test import checks_of, findings_against
-from analysis.procedures.checks.finding import Finding, Misfit, Strength
-from analysis.procedures.prediction import nominal_setup, path_of, read
+from analysis.procedures.shared.finding import Finding, Misfit, Strength
+from analysis.procedures.shared.test_kind import findings_against, kind_of, nominal_setup, path_of, read
 from analysis.robot.geometry.circle import frame_of, link_angle, link_readings
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import Array, arm_of, drive_angles, forward
@@ -300,7 +299,7 @@ def _known_effects(run: Measured) -> Iterator[Finding]:
     """Yield a finding if the effects of the rig file explain a run only with inverted gauges."""
     model = model_of(run.rig)
     table = run.table
-    if not model.effects or not format_of(table.test).gauges or checks_of(table.test).cannot_tell(table, run.rig):
+    if not model.effects or not format_of(table.test).gauges or kind_of(table.test).cannot_tell(table, run.rig):
         return
     as_labelled, as_meant = _left_mm(model, table, 1.0), _left_mm(model, table, -1.0)
     if as_labelled < _KNOWN_MM or as_labelled < _KNOWN * as_meant:

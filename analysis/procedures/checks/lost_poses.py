@@ -23,9 +23,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.procedures.checks.finding import Finding
 from analysis.procedures.checks.place import FITTED, SPARE, two_placings
 from analysis.procedures.facts import labels_of
+from analysis.procedures.shared.finding import MOST_LISTED_ROWS, Finding, Outliers, length_in_words
 from analysis.robot.geometry.pose_setup import fit_arm, fit_setup, position_error, socket_design
 from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, without_setup
 from analysis.runs.noise.cell_noise import TARGET_MM
@@ -131,52 +131,12 @@ def _outliers(t_s: Array, xyz_mm: Array) -> tuple[Mask, Array]:
 
 _LEAST_RAD = 0.001
 """Lower limit of the standard deviation of a rotation: ten times the resolution of trackers."""
-_NAMED = 40
-"""Largest number of outliers that a message lists."""
 _KEPT = 6
 """Minimum number of poses for fitting base and tool; any fewer poses would fit."""
 Fit = Callable[[PoseTable, PoseTable], tuple[Array, Array | None]]
 """Function that fits base and tool to the first table and returns the errors of position (n, 3) mm and of rotation
 (n, 3) rad of the poses in the second table.
 """
-
-
-@dataclass(frozen=True)
-class RemainingPoses:
-    """A table without outliers. rows (m,): indices of the remaining rows in the original table. notes: messages."""
-
-    table: PoseTable
-    rows: Integers
-    notes: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Outliers:
-    """Poses (n,) far from the arm, with their distances in mm (n,).
-
-    They are excluded if they are accidents of the instrument, and kept if they are errors of the arm or of the labels.
-    """
-
-    far: Mask
-    far_mm: Array
-    by_accident: bool
-
-    @property
-    def wild(self) -> Mask:
-        """Mask (n,) of the excluded poses."""
-        return self.far if self.by_accident else np.zeros_like(self.far)
-
-    def words(self, table: Table) -> str:
-        """Return a message to the user about outliers that are not excluded; empty if there are none."""
-        if self.by_accident or not self.far.any():
-            return ""
-        labels, rows = labels_of(table.test), listed(table.rows[self.far].tolist(), _NAMED)
-        fact = f"{self.far.sum()} of {len(self.far)} {labels.rows} are up to {_length(self.far_mm[self.far].max())}"
-        return (
-            f"{fact} {labels.distance_from} (rows {rows}). They were kept, because so "
-            "many, or all in one range of a joint, are not outliers; check that the robot was at rest, that instrument "
-            "and base did not move, and the signs, order and zeros of the joints"
-        )
 
 
 def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Outliers:
@@ -240,17 +200,17 @@ def _sample(rows: Integers, xyz_mm: Array) -> Integers:
     return chosen
 
 
-def without_lost(table: PoseTable, bare: Arm, fit: Fit) -> RemainingPoses:
-    """Return a table without outliers by position and rotation relative to an arm."""
+def without_lost(table: PoseTable, bare: Arm, fit: Fit) -> tuple[PoseTable, Integers, list[str]]:
+    """Leave out outliers by position and rotation relative to an arm; also returns the kept rows (m,) and notes."""
     far = far_poses(table, bare, fit)
     out = (table.xyz_mm == 0).all(axis=1) | far.wild
     if out.all():
-        return RemainingPoses(table, np.arange(len(out)), ())
+        return table, np.arange(len(out)), []
     notes = [words] if (words := far.words(table)) else []
     if out.any():
         away = np.linalg.norm(fit(_of(table, ~out), table)[0], axis=1)
         notes.insert(0, left_out(table, out, np.where(far.wild, far.far_mm, away)))
-    return RemainingPoses(_of(table, ~out), np.flatnonzero(~out), tuple(notes))
+    return _of(table, ~out), np.flatnonzero(~out), notes
 
 
 def _of(table: PoseTable, mask: Mask) -> PoseTable:
@@ -280,20 +240,12 @@ def far_touches(table: TouchTable, T: Array) -> Outliers:
 def left_out(table: Table, out: Mask, far_mm: Array) -> str:
     """Return a message about the excluded poses (n,) and their distances (n,) mm from the arm."""
     rows = np.sort(table.rows[out]).tolist()
-    shown = listed(rows, _NAMED)
-    far = _length(far_mm[out].max())
-    called, where, check = (
-        labels_of(table.test).rows,
-        labels_of(table.test).distance_from,
-        labels_of(table.test).outlier_check,
-    )
-    if len(rows) == 1:
-        return f"1 of {len(out)} {called} ignored: row {shown} is {far} {where}; {check}"
-    return f"{len(rows)} of {len(out)} {called} ignored: rows {shown} are up to {far} {where}; {check}"
-
-
-def _length(mm: float) -> str:
-    return f"{mm / 1000:.2g} m" if mm >= 1000 else f"{mm:.3g} mm"
+    shown = listed(rows, MOST_LISTED_ROWS)
+    far = length_in_words(far_mm[out].max())
+    labels = labels_of(table.test)
+    which = f"row {shown} is" if len(rows) == 1 else f"rows {shown} are up to"
+    where = f"{which} {far} {labels.distance_from}"
+    return f"{len(rows)} of {len(out)} {labels.rows} ignored: {where}; {labels.outlier_check}"
 
 
 WILDNESS = "wildness"

@@ -17,9 +17,9 @@ from itertools import combinations, product
 
 import numpy as np
 
-from analysis.procedures.checks.checks_of_test import JudgedMeaning, Meaning, Verdict, checks_of
-from analysis.procedures.checks.finding import Finding, Misfit, Strength
 from analysis.procedures.facts import facts_of, labels_of
+from analysis.procedures.shared.finding import Finding, Misfit, Strength
+from analysis.procedures.shared.test_kind import JudgedMeaning, Meaning, Verdict, kind_of
 from analysis.robot.geometry.pose_setup import PoseSetUp, fit_setup, position_error
 from analysis.robot.kinematics.arm import Arm, Array, Integers, arm_of, forward, without_setup
 from analysis.runs.noise.readings import rms
@@ -107,9 +107,9 @@ _ROWS = 2000
 
 def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     """Yield findings about the joint columns of a table: order, signs, zeros or coupling."""
-    if checks_of(table.test).cannot_tell(table, rig):
+    if kind_of(table.test).cannot_tell(table, rig):
         return
-    best, as_labelled, as_good = checks_of(table.test).judged_joints(table, rig)
+    best, as_labelled, as_good = kind_of(table.test).judged_joints(table, rig)
     if best is None:
         other = _another_arm(table, rig) if as_labelled > _OTHER_MM else None
         yield from [other] if other else _far_off(table, rig, as_labelled)
@@ -143,7 +143,7 @@ def _another_arm(table: Table, rig: Rig) -> Finding | None:
         if facts_of(table.test).of_tracker:
             rows = (table.readings != 0).any(axis=1)
             return left_mm(without_setup(arm), table.q[rows], table.readings[rows], _STEPS)
-        path = checks_of(table.test).off_path(table, rig, forward(arm, table.q))
+        path = kind_of(table.test).off_path(table, rig, forward(arm, table.q))
         return np.inf if path is None else path.off_mm
 
     robots = {name: load_arm(name).robot for name in arm_names()}
@@ -196,7 +196,7 @@ def _strength(left_mm: float, extent_mm: float) -> Strength:
 
 def _far_from_sockets(table: Table, rig: Rig, left_mm: float) -> Iterator[Finding]:
     T = forward(arm_of(rig.robot), table.q)
-    path = checks_of(table.test).off_path(table, rig, T)
+    path = kind_of(table.test).off_path(table, rig, T)
     if left_mm <= RIGHT_MM or path is None or path.on:
         return
     fact = (
@@ -219,7 +219,7 @@ def judged_by_path(table: Table, rig: Rig) -> Verdict:
     part = replace(table, **{name: column[rows] for name, column in columns.items()})
 
     def path_deviation(read: Callable[[Array], Array]) -> tuple[float, bool]:
-        path = checks_of(part.test).off_path(part, rig, forward(arm, read(part.q)))
+        path = kind_of(part.test).off_path(part, rig, forward(arm, read(part.q)))
         return (0.0, True) if path is None else (path.off_mm, path.on)
 
     as_labelled, is_on = path_deviation(lambda q: q)
@@ -263,7 +263,7 @@ def judged_by_sockets(table: Table, rig: Rig) -> Verdict:
     arm = arm_of(rig.robot)
 
     def off_mm(q: Array) -> float:
-        path = checks_of(table.test).off_path(table, rig, forward(arm, q))
+        path = kind_of(table.test).off_path(table, rig, forward(arm, q))
         return np.inf if path is None else path.off_mm
 
     judged = [JudgedMeaning(meaning, off_mm(meaning.of(table.q)), 3 * len(table.q)) for meaning in meanings(arm.axes)]

@@ -23,9 +23,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.procedures.checks.checks_of_test import PathDeviation, checks_of
-from analysis.procedures.checks.finding import Finding, Misfit
 from analysis.procedures.checks.meanings import FEWEST, RIGHT_MM
+from analysis.procedures.shared.finding import Finding, Misfit
+from analysis.procedures.shared.test_kind import PathDeviation, kind_of
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.hemisphere import hemisphere_frame
 from analysis.robot.geometry.pose_setup import (
@@ -147,7 +147,7 @@ def stamp_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
 
 def place_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     """Yield the first reading that the nominal arm puts elsewhere than at the target."""
-    places = checks_of(table.test).targets(table, rig)
+    places = kind_of(table.test).targets(table, rig)
     if places is None:
         return
     away = np.linalg.norm(forward(arm_of(rig.robot), table.q)[:, :3, 3] - places, axis=1)

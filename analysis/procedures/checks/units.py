@@ -18,10 +18,10 @@ from itertools import product
 
 import numpy as np
 
-from analysis.procedures.checks.checks_of_test import PathDeviation, checks_of
-from analysis.procedures.checks.finding import Finding, Misfit
 from analysis.procedures.checks.meanings import AS_WELL, CLEARLY, FEWEST, RIGHT_MM, judged_by_places, left_mm
 from analysis.procedures.checks.place import most_distant_rows, off_circle, off_places, steps
+from analysis.procedures.shared.finding import Finding, Misfit
+from analysis.procedures.shared.test_kind import PathDeviation, kind_of
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.kinematics.arm import Array, arm_of, forward, rail_mm, without_setup
 from analysis.robot.kinematics.joint_limits import impossible_rad
@@ -247,14 +247,14 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     # True if the robot performs the test only if q is in rad instead of degrees.
     degrees = np.degrees(table.q)
     ways: tuple[Array, ...] = (places, forward(arm, degrees)) if np.abs(degrees).max() <= _TURN_RAD else ()
-    wrong, right = [checks_of(table.test).off_path(table, rig, T) for T in ways] or (None, None)
+    wrong, right = [kind_of(table.test).off_path(table, rig, T) for T in ways] or (None, None)
     if wrong and right and right.on and wrong.off > _MUCH_MORE * right.off:
         columns = tuple(f"q{axis}_deg" for axis in range(1, arm.axes + 1))
         fact = f"q1_deg … {columns[-1]} are in radians: only then does the robot of the rig file follow the program"
         yield Finding(UNITS, "impossible", columns, "radians", fact, "convert them to degrees")
-        yield from checks_of(table.test).unit_findings(table, rig, forward(arm, degrees))
+        yield from kind_of(table.test).unit_findings(table, rig, forward(arm, degrees))
         return
-    yield from checks_of(table.test).unit_findings(table, rig, places)
+    yield from kind_of(table.test).unit_findings(table, rig, places)
 
 
 def unsigned_findings(table: Table, rig: Rig) -> Iterator[Finding]:

@@ -3,7 +3,7 @@ repeated tests.
 
 Cube poses: ISO 9283:1998, 7.2.1 AP and 7.2.2 RP of each of P1 … P5; 7.3.2 distance accuracy AD = mean D - D_c and 7.3.3
 distance repeatability RD = 3 S of the distances D of each cycle from P2 to P4, S with n - 1, D_c the command. AD and RD
-are independent of the instrument's position. u of AP and RP as for all poses (`analysis.procedures.pose.evaluate`); u
+are independent of the instrument's position. u of AP and RP as for all poses (`analysis.procedures.pose`); u
 of AD is S / √n by Student's distribution, and u of RD that of a standard deviation. The instrument's errors are
 included in neither.
 """

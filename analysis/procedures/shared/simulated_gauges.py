@@ -6,41 +6,20 @@ runs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import accumulate, islice
 
 import numpy as np
 
-from analysis.procedures.prediction import path_of, predict
+from analysis.procedures.shared.test_kind import Noise, Simulation, path_of, predict
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import SetUp, model_of
 from analysis.runs.tables import GaugeTable
-from rigs.effects import Effect, turned
+from rigs.effects import turned
 from rigs.rig import Rig
 
 _DWELL_S = 4.0
 """Time between targets."""
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Standard deviations. White gauge noise comes from the rig file."""
-
-    wander_mm: float = 0.001
-    wander_s: float = 0.5
-    scatter_deg: float = 0.0002
-    scatter_mm: float = 0.001
-
-
-@dataclass(frozen=True)
-class Simulation:
-    """Options of a simulated run. seed: None for no noise. effects: in place of those of the rig file. noise: in
-    addition to that of the gauges."""
-
-    seed: int | None
-    effects: Sequence[Effect] | None = None
-    noise: Noise | None = None
 
 
 def read_by_gauges(rig: Rig, program: GaugeTable, setup: SetUp, run: Simulation) -> Array:

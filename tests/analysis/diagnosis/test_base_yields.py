@@ -11,7 +11,7 @@ from analysis.apps.report.act_words import acts_in_words
 from analysis.apps.report.texts import texts_of
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.procedures.prediction import path_of
+from analysis.procedures.shared.test_kind import path_of
 from analysis.robot.model.predict import model_of, moved
 from analysis.runs.tables import PoseTable
 from rigs.arms import load_arm

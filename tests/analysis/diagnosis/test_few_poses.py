@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.correction.pose_uncertainty import CalibratedUncertainty, frame_u_mm
-from analysis.procedures.prediction import path_of, predict
+from analysis.procedures.shared.test_kind import path_of, predict
 from analysis.robot.model.predict import SetUp, model_of
 from analysis.runs.tables import PoseTable
 from rigs.load import load

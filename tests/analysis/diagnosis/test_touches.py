@@ -11,7 +11,7 @@ from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.evidence.observation import by_socket, observe
 from analysis.diagnosis.evidence.setups import columns_of, fit_setups
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.procedures.touch.evaluate import evaluate
+from analysis.procedures.touch import evaluate
 from analysis.robot.model.predict import model_of
 from analysis.runs.loading import Measured
 from analysis.runs.tables import TouchTable

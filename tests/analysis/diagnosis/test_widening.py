@@ -14,7 +14,7 @@ from analysis.diagnosis.evidence.placements import reach_mm
 from analysis.diagnosis.judge import misses
 from analysis.diagnosis.judge.conclude import temperature_of
 from analysis.diagnosis.judge.misses import LeftOut, _Neighbourhoods  # private: the sums that the factor is made of
-from analysis.procedures.prediction import prediction_of
+from analysis.procedures.shared.test_kind import kind_of
 from analysis.robot.kinematics.arm import transform
 from analysis.robot.model.predict import SetUp, model_of
 from analysis.runs.tables import PoseTable
@@ -93,7 +93,7 @@ def test_a_pose_that_is_reached_from_two_sides_is_no_repeat() -> None:
     np.testing.assert_array_equal(table.sides, np.sign(q - came_from))
     numbers = [_visit_numbers(observe(model, one, "x"))[::3] for one in (table, PoseTable(q, table.xyz_mm, None))]
     assert [len(set(visits.tolist())) for visits in numbers] == [3, 2]
-    np.testing.assert_array_equal(prediction_of(table).path(model, table).q[::3], came_from)
+    np.testing.assert_array_equal(kind_of(table.test).path(model, table).q[::3], came_from)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 from analysis.intake.read import read_file
 from analysis.procedures.checks.check_runs import doubts_of
-from analysis.procedures.shared.evaluate import evaluate
+from analysis.procedures.shared.test_kind import evaluate
 from analysis.robot.geometry.driven_programs import repeatability_stops, stops
 from analysis.runs.align import align
 from analysis.runs.csv_tables import columns_of

@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from analysis.procedures.radial import evaluate as radial
-from analysis.procedures.repeatability import evaluate as repeatability
+from analysis.procedures import radial, repeatability
 from analysis.procedures.shared.quantity import Quantity
 from analysis.runs.tables import RepeatabilityTable
 from tests.worlds.planted import targets

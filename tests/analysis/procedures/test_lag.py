@@ -11,7 +11,7 @@ import pytest
 from analysis import evaluate, load_run
 from analysis.apps.report.run_object import as_object, compare, verdict
 from analysis.apps.report.run_report import as_tables
-from analysis.procedures.circle.direction_pair import lag_of
+from analysis.procedures.direction_pair import lag_of
 from analysis.procedures.shared.lap_curve import LapCurve, curve_of
 from analysis.procedures.shared.reduction import reduced
 from analysis.procedures.simulate import simulate

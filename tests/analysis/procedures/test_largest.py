@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.procedures.circle.direction_pair import largest
+from analysis.procedures.direction_pair import largest
 from analysis.procedures.shared.lap_curve import at_resolution
 from analysis.procedures.shared.reduction import PHI
 from analysis.runs.noise.readings import noise_beneath, rounding_error

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.evidence.observation import in_content_order, observe
-from analysis.procedures.pose import evaluate as pose
-from analysis.procedures.prediction import nominal_setup, path_of, predict
-from analysis.procedures.touch import evaluate as touch
+from analysis.procedures import pose, touch
+from analysis.procedures.shared.test_kind import nominal_setup, path_of, predict
 from analysis.robot.kinematics.arm import arm_of
 from analysis.robot.model.predict import model_of
 from analysis.runs.stands import rows_per_standstill

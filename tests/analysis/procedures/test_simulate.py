@@ -7,7 +7,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from analysis.procedures.shared.simulated_gauges import Noise
+from analysis.procedures.shared.test_kind import Noise
 from analysis.procedures.simulate import simulate
 from analysis.runs.tables import CircleTable
 from rigs.effects import VOCABULARY, healthy_size, size_field

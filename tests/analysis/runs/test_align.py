@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.procedures.shared.evaluate import evaluate
+from analysis.procedures.shared.test_kind import evaluate
 from analysis.runs import align
 from analysis.runs.clocks import robot_instants
 from analysis.runs.loading import measured_of

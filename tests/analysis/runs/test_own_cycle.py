@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from analysis.apps.emulate.robot import truth
-from analysis.procedures.shared.evaluate import evaluate
+from analysis.procedures.shared.test_kind import evaluate
 from analysis.runs.loading import measured_of
 from analysis.runs.own_cycle import anywhere_in_a_cycle, changes, through_cycle
 from daq.store import read_run

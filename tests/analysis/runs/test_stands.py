@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.procedures.pose import evaluate as pose
+from analysis.procedures import pose
 from analysis.runs.stands import average_standstills, rows_per_standstill, stands_of
 from analysis.runs.tables import PoseTable, RepeatabilityTable
 from tests.analysis.procedures.checks.test_lost_poses import table

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.procedures.circle.evaluate import GAUGE_RATE_HZ
+from analysis.procedures.circle import GAUGE_RATE_HZ
 from analysis.procedures.simulate import simulate
 from rigs.effects import VOCABULARY, Effect
 from rigs.load import load

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis.procedures.prediction import nominal_setup, path_of, predict
+from analysis.procedures.shared.test_kind import nominal_setup, path_of, predict
 from analysis.robot.model.predict import model_of
 from analysis.runs.tables import CircleTable, RadialTable, Table
 from rigs.effects import VOCABULARY

@@ -173,7 +173,7 @@ def said_by(
 ) -> list[Any]:
     """What effects, and a ball (3,) elsewhere, add to the readings of laps, (m, 2) mm each, as rig's simulator has
     it."""
-    from analysis.procedures.prediction import nominal_setup, path_of, predict  # noqa: PLC0415
+    from analysis.procedures.shared.test_kind import nominal_setup, path_of, predict  # noqa: PLC0415
     from analysis.robot.model.predict import model_of  # noqa: PLC0415
     from analysis.runs.tables import CircleTable  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415

@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from analysis.procedures.circle import circularity, direction_pair, roll, yaw
-from analysis.procedures.circle.evaluate import CircleResult
+from analysis.procedures import direction_pair
+from analysis.procedures.circle import CircleResult, Roll, Yaw
 from analysis.procedures.pooled import pooled
 from analysis.procedures.results import Result, result_of
+from analysis.procedures.shared import circularity
 from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.geometry.circle import SENSE, frame_of
 from analysis.robot.geometry.driven_programs import circle_of, drive
@@ -129,7 +130,7 @@ def draw_set_up(rng: np.random.Generator) -> SetUp:
 def true_figures(set_up: SetUp, sense: float, test: str) -> tuple[Truth, Truth]:
     """Return the true figures of the angle and of the distance, each with its reported names."""
     angle, distance = set_up.curves(sense, test)
-    of_angle = (yaw if test == "yaw" else roll).plain_figures(FINE, angle, RADIUS_MM)
+    of_angle = (Yaw() if test == "yaw" else Roll()).plain_figures(FINE, angle, RADIUS_MM)
     plain = circularity.plain_figures(FINE, distance, RADIUS_MM)
     return of_angle, {f"distance_{name}" if name in of_angle else name: value for name, value in plain.items()}
 

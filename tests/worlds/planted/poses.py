@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.procedures.shared.evaluate import evaluate
+from analysis.procedures.shared.test_kind import evaluate
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.noise.cell_noise import TRACKER_U_MM
 from analysis.runs.tables import PoseTable

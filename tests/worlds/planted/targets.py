@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 
-from analysis.procedures.shared.evaluate import evaluate
+from analysis.procedures.shared.test_kind import evaluate
 from analysis.robot.geometry.driven_programs import hemisphere_of, radial_program
 from analysis.runs.tables import RadialTable, RepeatabilityTable
 from tests.worlds.planted.cells import DRIFT_MM_PER_S, STEPS_MM, between

@@ -20,8 +20,7 @@ from analysis.diagnosis.judge.compare_runs import compare
 from analysis.diagnosis.judge.verdict import JudgedFigure, judged_figures
 from analysis.procedures.facts import labels_of
 from analysis.procedures.pooled import FigureColumn
-from analysis.runs.parts_of_tests import TESTS
-from analysis.runs.table_format import format_of
+from analysis.runs.table_format import TESTS, format_of
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.limits import COVERAGE, Limits, Standing

@@ -20,10 +20,10 @@ from analysis.apps.report.run_object import (
     what_u_is,
 )
 from analysis.apps.report.texts import LEADING, Texts, in_order
-from analysis.procedures.circle.evaluate import CircleResult
-from analysis.procedures.circle.joint_reversals import angle_difference, turns
+from analysis.procedures.circle import CircleResult
 from analysis.procedures.pooled import figure_columns, pairs_of, pooled
 from analysis.procedures.results import Result, by_test
+from analysis.procedures.shared.joint_reversals import angle_difference, turns
 from analysis.procedures.shared.quantity import Quantity
 from rigs.schema.vocabulary import TestName
 

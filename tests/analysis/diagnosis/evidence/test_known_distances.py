@@ -16,7 +16,7 @@ from analysis.diagnosis.evidence.prepared_runs import prepare_runs
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.procedures.prediction import path_of
+from analysis.procedures.shared.test_kind import path_of
 from analysis.robot.geometry.pose_setup import fit_setup, position_error
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import model_of, moved

@@ -22,7 +22,7 @@ from analysis.diagnosis.evidence.noise import (
 from analysis.diagnosis.evidence.observation import ORDER_OF, observe
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.responses import linearise
-from analysis.procedures.prediction import nominal_setup
+from analysis.procedures.shared.test_kind import nominal_setup
 from analysis.robot.model.predict import model_of
 from analysis.runs.noise.cell_noise import SLOW_MM, TARGET_MM, WHITE_MM
 from analysis.runs.tables import CircleTable

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from analysis.procedures.pose import evaluate as pose
-from analysis.procedures.repeatability import evaluate as repeatability
+from analysis.procedures import pose, repeatability
 from analysis.robot.kinematics.arm import Array, forward
 from analysis.runs.tables import PoseTable, RepeatabilityTable
 from tests.worlds import planted

@@ -7,7 +7,7 @@ import pytest
 
 from analysis.procedures.checks.check_runs import findings_of
 from analysis.procedures.checks.units import unit_findings
-from analysis.procedures.pose.evaluate import groups
+from analysis.procedures.pose import groups
 from analysis.robot.kinematics.joint_limits import impossible_rad, wrapped
 from analysis.runs.tables import CircleTable, PoseTable
 from rigs.load import load

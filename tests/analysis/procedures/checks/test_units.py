@@ -10,12 +10,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.intake.read import parse_csv
-from analysis.procedures.checks.checks_of_test import findings_against
-from analysis.procedures.checks.finding import Finding
 from analysis.procedures.checks.gauge_sign import ORDER
 from analysis.procedures.checks.lost_poses import DUPLICATES, WILDNESS
 from analysis.procedures.checks.place import PLACE, STAMPS
 from analysis.procedures.checks.units import impossible_travel, unit_findings
+from analysis.procedures.shared.finding import Finding
+from analysis.procedures.shared.test_kind import findings_against
 from analysis.procedures.simulate import simulate
 from analysis.runs.csv_tables import table_from
 from analysis.runs.tables import CircleTable, Table

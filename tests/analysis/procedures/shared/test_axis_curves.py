@@ -11,7 +11,7 @@ import pytest
 
 from analysis.apps.planning.pose_pool import axes_in_turn, is_way_clear
 from analysis.diagnosis.diagnose import diagnose
-from analysis.procedures.pose.evaluate import evaluate
+from analysis.procedures.pose import evaluate
 from analysis.robot.kinematics.arm import arm_of
 from analysis.runs.tables import PoseTable
 from rigs.arms import load_arm

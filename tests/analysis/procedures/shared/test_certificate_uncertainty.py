@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.procedures.circle.evaluate import CircleResult
+from analysis.procedures.circle import CircleResult
 from analysis.procedures.shared.certificate_uncertainty import with_certificates
-from analysis.procedures.shared.evaluate import evaluate
 from analysis.procedures.shared.quantity import Quantity
+from analysis.procedures.shared.test_kind import evaluate
 from analysis.procedures.simulate import simulate
 from analysis.runs.noise.certificate import NO_CERTIFICATE, Systematic
 from analysis.runs.tables import CircleTable, RadialTable, RepeatabilityTable

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.procedures.prediction import path_of
+from analysis.procedures.shared.test_kind import path_of
 from analysis.robot.kinematics.arm import arm_of, drive_angles, reported_angles
 from analysis.robot.model.predict import geometric_arm, model_of, moved
 from analysis.runs.tables import PoseTable

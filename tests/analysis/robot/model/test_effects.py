@@ -12,7 +12,7 @@ import pytest
 from pydantic import create_model
 
 import rigs.effects
-from analysis.procedures.prediction import nominal_setup, path_of, predict
+from analysis.procedures.shared.test_kind import nominal_setup, path_of, predict
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import forward_and_jacobian
 from analysis.robot.model.motion import Motion, turns

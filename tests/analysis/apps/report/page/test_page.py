@@ -29,7 +29,7 @@ from analysis.apps.report.texts import texts_of
 from analysis.cli import app
 from analysis.diagnosis.judge.remains import ResidualCheck, ResidualSummary
 from analysis.diagnosis.judge.result import Condition
-from analysis.procedures.radial.evaluate import RadialResult
+from analysis.procedures.radial import RadialResult
 from rigs.errors import FileError, UseError
 from rigs.load import load, load_hidden
 from rigs.schema.limits import Limits

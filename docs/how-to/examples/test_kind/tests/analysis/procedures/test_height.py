@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.procedures.height.format import HeightTable
-from analysis.procedures.shared.evaluate import evaluate
+from analysis.procedures.height import HeightTable
+from analysis.procedures.shared.test_kind import evaluate
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.csv_tables import columns_of, table_from
 from rigs.errors import FileError
@@ -33,5 +33,6 @@ def test_the_columns_of_a_file_are_read_again() -> None:
 
 
 def test_too_few_heights_are_refused() -> None:
-    with pytest.raises(FileError, match="too few"):
+    with pytest.raises(FileError) as error:
         evaluate(HeightTable(Q[:3], np.ones(3)), RIG, 0.0, "heights")
+    assert error.value.code == "height.few"

@@ -1,0 +1,427 @@
+"""Yaw and roll tests: the angle between link and tool over a circle, after Oh 2019, sections 2.1 and 2.2.
+
+The residual of the angle after removing the least-squares sine, eqs. (1) to (11), is the orientation error, and its
+range the error band.
+
+Yaw, about the circle's normal: the base-ball is never exactly in the circle's centre, so yaw = atan2(-e_u sin +
+e_v cos, R - …), with the exact first harmonic (-e_u sin + e_v cos)/R. The distance, the mean of the gauges, shows the
+same eccentricity independently; `analysis.procedures.checks.gauge_sign` detects exchanged gauges.
+
+Roll, about the tangent: atan2(l·x_T, l·z_T). An eccentricity in the plane gives no first-order sine, and the height h
+of the ball along n gives the constant atan(h/R), indistinguishable from a difference of the gauge zeros. A sine is
+caused by the robot, or by a tilt of the plane actually driven; the orientation error is by definition
+(docs/conventions.md) the remainder. The paper removes no sine in figures 10 and 11, whose extremes are 135° apart, so
+the range of the total angle is reported in addition to the band.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+
+from analysis.procedures.checks.gauge_sign import ORDER, order_findings
+from analysis.procedures.checks.meanings import PLACE_UNKNOWN, judged_by_path
+from analysis.procedures.checks.place import STAMPS, off_circle, stamp_findings
+from analysis.procedures.checks.units import circle_gauges, impossible
+from analysis.procedures.facts import Facts, Labels
+from analysis.procedures.shared.circularity import Circularity
+from analysis.procedures.shared.circularity import evaluate as evaluate_distance
+from analysis.procedures.shared.finding import Finding
+from analysis.procedures.shared.lap_curve import SEED, LapCurve, at_resolution, curve_of, figures
+from analysis.procedures.shared.quantity import Quantity
+from analysis.procedures.shared.reduction import PHI, Reduced, nodes_of, reduced
+from analysis.procedures.shared.result_curves import CircleCurve
+from analysis.procedures.shared.simulated_gauges import read_by_gauges
+from analysis.procedures.shared.test_kind import (
+    Instruments,
+    PathDeviation,
+    Simulation,
+    TestKind,
+    Verdict,
+    check_numbers,
+    check_radius,
+    require_live_gauges,
+)
+from analysis.robot.geometry.circle import frame_of, link_angle, link_readings
+from analysis.robot.geometry.driven_programs import circle_laps, circle_of
+from analysis.robot.kinematics.arm import Array, Integers
+from analysis.robot.model.motion import Motion
+from analysis.robot.model.predict import Model, Path, SetUp, gauged
+from analysis.robot.model.scene import ModelScene, apply
+from analysis.runs.align import Aligned
+from analysis.runs.laps import Laps, laps_of
+from analysis.runs.noise.spectrum import DRAWS, NODES, LapNoise
+from analysis.runs.table_layout import JOINTS, TIME_U, Layout
+from analysis.runs.table_rows import Rows, joint_cells
+from analysis.runs.tables import CircleTable
+from rigs.errors import FileError
+from rigs.readiness import require_test
+from rigs.rig import Rig
+from rigs.schema.vocabulary import CircleTest, Direction
+
+_FIRST_ORDER = np.stack([np.ones(NODES), 2 * np.sin(PHI), 2 * np.cos(PHI)], axis=1) / NODES
+"""Weights (NODES, 3) for the least-squares level, sine and cosine of a curve."""
+GAUGE_RATE_HZ = 50.0
+"""Readings per second of a simulated circle: those of a 4800 baud line."""
+_APART_MM, _APART = 0.2, 0.5
+"""Absolute and relative difference above which two eccentricities hardly belong to the same ball."""
+_CLEAR_MM, _ALIKE = 0.2, 0.3
+"""Eccentricity from which, and relative difference below which, the sine of a roll equals the eccentricity from the
+distance. A sine caused by the robot has this size and direction only by chance.
+"""
+
+
+@dataclass(frozen=True)
+class Sine:
+    """Least-squares A + a sin(phi) + b cos(phi), eq. (4), in rad."""
+
+    A: float
+    a: float
+    b: float
+
+    def __call__(self, phi: Array) -> Array:
+        return np.asarray(self.A + self.a * np.sin(phi) + self.b * np.cos(phi))
+
+    @property
+    def amplitude(self) -> float:
+        """r of eq. (11)."""
+        return float(np.hypot(self.a, self.b))
+
+    @property
+    def shift(self) -> float:
+        """alpha of eq. (11), by atan2, because arctan(b/a) loses the quadrant. (The paper's last formula for it has b11
+        instead of b21.)"""
+        return float(np.arctan2(self.b, self.a))
+
+
+def sine_of(y: Array) -> tuple[Array, Array, Array]:
+    """A, a and b (...,) of the least-squares sine of eq. (2) for curves (..., NODES).
+
+    Nodes are equidistant, so the paper's sums are those of the level and the first order.
+    """
+    fitted = y @ _FIRST_ORDER
+    return fitted[..., 0], fitted[..., 1], fitted[..., 2]
+
+
+def fit_sine(phi: Array, y: Array) -> Sine:
+    """Fit a sine to a noise-free curve y (n,) rad at phi (n,) rad of one lap."""
+    A, a, b = sine_of(nodes_of(phi, y))
+    return Sine(float(A), float(a), float(b))
+
+
+def error_of(y: Array) -> tuple[Array, Array]:
+    """Orientation errors (..., NODES) rad of angles y (..., NODES) rad, and these plus their sine, at the stated
+    resolution."""
+    A, a, b = sine_of(y)
+    sine = np.asarray(A[..., None] + a[..., None] * np.sin(PHI) + b[..., None] * np.cos(PHI))
+    error = at_resolution(y - sine)
+    return error, error + sine
+
+
+def sine_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
+    """Band, amplitude, shift and offset (...,) in degrees of angles y (..., NODES) rad: the paper's 2.1."""
+    A, a, b = sine_of(y)
+    return {
+        "band_deg": np.degrees(np.ptp(error_of(y)[0], axis=-1)),
+        "amplitude_deg": np.degrees(np.hypot(a, b)),
+        "shift_deg": np.degrees(np.arctan2(b, a)),
+        "offset_deg": np.degrees(A),
+    }
+
+
+def eccentricity_figures(y: Array, radius_mm: float) -> dict[str, Array]:
+    """Eccentricity (...,) of the base-ball in mm along u and v = n × u, and its length; y (..., NODES) rad."""
+    _, a, b = sine_of(y)
+    return {
+        "eccentricity_u_mm": -radius_mm * a,
+        "eccentricity_v_mm": radius_mm * b,
+        "eccentricity_mm": radius_mm * np.hypot(a, b),
+    }
+
+
+def range_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
+    """Range (...,) of the total angle and the circle angles of all extremes in degrees, for angles y (..., NODES)
+    rad."""
+    error, whole = error_of(y)
+    at = np.degrees(PHI)
+    return {
+        "max_at_deg": at[np.argmax(error, axis=-1)],
+        "min_at_deg": at[np.argmin(error, axis=-1)],
+        "range_deg": np.degrees(np.ptp(whole, axis=-1)),
+        "range_max_at_deg": at[np.argmax(whole, axis=-1)],
+        "range_min_at_deg": at[np.argmin(whole, axis=-1)],
+    }
+
+
+@dataclass(frozen=True)
+class CircleResult:
+    """Result of one direction.
+
+    angle, residual: (NODES,) rad over PHI, the residual at the stated resolution. curve: angle with its noise.
+    distance: from the mean of the gauges. u_lag_s, u_scale: assumed uncertainties of the gauges' time and of the
+    baseline (relative).
+    """
+
+    laps: Laps
+    angle: Array
+    residual: Array
+    sine: Sine
+    figures: dict[str, Quantity]
+    samples: int
+    notes: tuple[str, ...]
+    curve: LapCurve
+    distance: Circularity
+    u_lag_s: float
+    u_scale: float
+
+    @property
+    def as_curve(self) -> CircleCurve:
+        """Angle, error and deviation over the circle angle."""
+        error, _ = error_of(self.curve.errors)
+        return CircleCurve(
+            phi_deg=np.degrees(PHI),
+            angle_deg=np.degrees(self.angle),
+            error_deg=np.degrees(self.residual),
+            error_u_deg=np.degrees(error.std(axis=0)),
+            deviation_mm=self.distance.deviation_mm,
+        )
+
+    @property
+    def eccentricities_mm(self) -> tuple[Array, Array]:
+        """Ball position relative to the centre along u and v, (2,) each: from the angle of a yaw, from the distance."""
+        return self.laps.frame.radius * np.array([-self.sine.a, self.sine.b]), self.distance.ball_mm
+
+    @property
+    def without_rows(self) -> CircleResult:
+        """The result with the first row only, and without noise draws, which are recreated on demand."""
+        distance = replace(self.distance, curve=self.distance.curve.without_draws)
+        return replace(self, laps=self.laps.without_rows, curve=self.curve.without_draws, distance=distance)
+
+
+class Circle(TestKind[CircleTable]):
+    """Common part of yaw and roll."""
+
+    test: ClassVar[CircleTest]
+    facts = Facts(setup_terms=5)
+    labels = Labels(example=("circular_deviation_mm", 0.05, 0.10), part="circle", along="phi_deg")
+    gauges = ("g1", "g2")
+    certified = ("g1", "g2", "ball")
+    finders = ((STAMPS, stamp_findings),)
+    measures: ClassVar[tuple[Callable[[Array, float], Mapping[str, Array]], ...]] = (sine_figures,)
+    """Functions that compute figures (...,) by name from angles (..., NODES) rad on a circle of a radius in mm."""
+    ranges = frozenset({"band_deg"})
+    """Figures biased upwards by noise, which are lowered by its mean contribution."""
+
+    def notes_of(self, result: CircleResult) -> tuple[str, ...]:
+        """Remarks on a result."""
+        return ()
+
+    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
+        return Layout(("t_s", "direction", *JOINTS, "g1_mm", "g2_mm"), ("phi_deg", *TIME_U))
+
+    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> CircleTable:
+        remedy = "import the table with --direction cw or acw"
+        u_t_s = rows.floats("u_t_s") if rows.has(("u_t_s",)) else None
+        columns = rows.floats("t_s"), rows.q, rows.stack(("g1_mm", "g2_mm")), u_t_s
+        return CircleTable(self.test, _known(direction, where, remedy), *columns)
+
+    def columns(self, table: CircleTable) -> Mapping[str, Array | Sequence[str]]:
+        gauges = {f"g{k}_mm": g_mm for k, g_mm in enumerate(table.g_mm.T, start=1)}
+        stamps = {"t_s": table.t_s, "direction": [table.direction] * len(table.t_s)}
+        return {**stamps, **joint_cells(table.q, rail=False), **gauges}
+
+    def recorded(
+        self, data: Aligned, rig: Rig, direction: Direction | None, where: str
+    ) -> tuple[CircleTable, list[str]]:
+        direction = _known(direction, where, "add the direction: rig relabel RUN --direction acw or cw")
+        return CircleTable(self.test, direction, data.t_s, data.q, data.g_mm, data.u_t_s), []
+
+    def evaluate(self, table: CircleTable, rig: Rig, where: str, instruments: Instruments) -> CircleResult:
+        gauges = rig.gauges
+        if gauges.g2 is None:
+            problem = "has a single gauge, but an angle needs two"
+            raise FileError(where, problem, "add gauges.g2 to the rig file", code="circle.one_gauge")
+        laps, given = laps_of(table, rig, where), instruments
+        baseline_mm = gauges.baseline_mm, gauges.baseline_u_mm
+        return self.evaluate_laps(laps, *baseline_mm, given.u_lag_s, where, given.like, given.reduced)
+
+    def evaluate_laps(
+        self,
+        laps: Laps,
+        baseline_mm: float,
+        baseline_u_mm: float,
+        u_lag_s: float,
+        where: str = "the run",
+        like: tuple[LapNoise, LapNoise] | None = None,
+        run: Reduced | None = None,
+    ) -> CircleResult:
+        """Compute the figures of a run's laps with uncertainties, ranges corrected for noise.
+
+        like: noise of angle and distance in a different run of the cell, for a run of one lap. run: all readings, if
+        the laps are thinned. Raises FileError for readings impossible with a ball link.
+        """
+        _check_laps(laps, baseline_mm, where)
+        run = run or reduced(laps)
+        angle = partial(angle_of_gauges, baseline_mm=baseline_mm)
+        curve = curve_of(run, angle, np.sqrt(2) / abs(baseline_mm), 0, like and like[0])
+        radius, u_scale = laps.frame.radius, baseline_u_mm / abs(baseline_mm)
+        rng = np.random.default_rng(SEED)
+        turned = curve.turned(rng.normal(0.0, u_lag_s, DRAWS))
+        scale = 1.0 + rng.normal(0.0, u_scale, DRAWS)
+
+        def draw_noise(curves: Sequence[Array]) -> list[Array]:
+            return [curve.draw_noise(curves[0], turned, scale)]
+
+        of_angle = figures(lambda y: self.figures_at(y[0], radius), [curve], draw_noise, run.samples, self.ranges)
+        sine = Sine(*(float(part) for part in sine_of(curve.y)))
+        residual = at_resolution(curve.y - sine(PHI))
+        distance = evaluate_distance(run, laps, u_lag_s, where, like and like[1])
+        notes = (*laps.notes, *run.notes, *_about_noise(curve))
+        count = run.samples
+        result = CircleResult(laps, curve.y, residual, sine, of_angle, count, notes, curve, distance, u_lag_s, u_scale)
+        return replace(result, notes=(*notes, *self.notes_of(result)))
+
+    def figures_at(self, y: Array, radius_mm: float) -> dict[str, Array]:
+        """Figures (...,) by name of angles y (..., NODES) rad."""
+        return {name: value for measure in self.measures for name, value in measure(y, radius_mm).items()}
+
+    def plain_figures(self, phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
+        """Figures of a noise-free curve y (n,) rad over phi (n,) rad, defined in docs/conventions.md."""
+        return {name: float(value) for name, value in self.figures_at(nodes_of(phi, y), radius_mm).items()}
+
+    def require_evaluable(self, table: CircleTable, rig: Rig, where: str) -> None:
+        laps_of(table, rig, where)
+
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> CircleTable:
+        require_test(rig, self.test)
+        if direction is None:
+            raise FileError(f"{self.test} test", "needs a direction", "give --direction cw, acw or both")
+        laps = circle_laps(rig, direction)
+        t_s = np.arange(0.0, laps.end_s, 1.0 / GAUGE_RATE_HZ)
+        table = CircleTable(self.test, direction, t_s, laps.at(t_s), np.empty((0, 2)))
+        return replace(table, g_mm=read_by_gauges(rig, table, planted_setup(rig), run))
+
+    def setup(self, rig: Rig) -> SetUp:
+        return SetUp(np.array(circle_of(rig).centre_mm), np.zeros(2), np.eye(4), np.eye(4))
+
+    def path(self, model: Model, table: CircleTable) -> Path:
+        return Path(Motion(table.t_s, table.q), np.arange(len(table.q)))
+
+    def read(self, model: Model, table: CircleTable, path: Path, scene: ModelScene, setup: SetUp) -> Array:
+        """Readings of both gauges (m, 2) mm."""
+        to_tool = scene.T[:, :3, 3] - setup.ball
+        circle = frame_of(circle_of(model.rig))
+        offsets = np.array([gauge.offset_mm for _, gauge in model.rig.gauges])
+        contact = np.arctan2(to_tool @ circle.v, to_tool @ circle.u)
+        scene = apply(model.effects, "setup", replace(scene, contact=contact, offsets_mm=offsets))
+        g_mm = link_readings(scene.T, setup.ball, scene.offsets_mm, table.test, circle.radius, scene.form_mm)
+        return gauged(model, path, scene, setup, g_mm)
+
+    def unit_findings(self, table: CircleTable, rig: Rig, T_tool: Array) -> Iterable[Finding]:
+        return impossible(circle_gauges(table, rig, T_tool))
+
+    def cannot_tell(self, table: CircleTable, rig: Rig) -> str:
+        return "" if rig.tests.circle else PLACE_UNKNOWN
+
+    def judged_joints(self, table: CircleTable, rig: Rig) -> Verdict:
+        return judged_by_path(table, rig)
+
+    def off_path(self, table: CircleTable, rig: Rig, T_tool: Array) -> PathDeviation | None:
+        return off_circle(T_tool, rig.tests.circle) if rig.tests.circle else None
+
+    def rows_used(self, table: CircleTable, rig: Rig, where: str) -> Integers:
+        return np.searchsorted(table.t_s, laps_of(table, rig, where).t_s)
+
+
+class Yaw(Circle):
+    """Orientation error about the circle's normal."""
+
+    test = "yaw"
+    finders = ((STAMPS, stamp_findings), (ORDER, order_findings))  # an eccentric ball reveals the order of the gauges
+    measures = (
+        sine_figures,
+        eccentricity_figures,
+    )
+
+    def notes_of(self, result: CircleResult) -> tuple[str, ...]:
+        by_angle, by_distance = result.eccentricities_mm
+        apart = float(np.linalg.norm(by_angle - by_distance))
+        if apart < max(_APART_MM, _APART * max(float(np.linalg.norm(e)) for e in (by_angle, by_distance))):
+            return ()
+        return (
+            f"the eccentricities by angle and by distance differ by {apart:.2f} mm: the sign, scale or order of the "
+            "gauges may be wrong, or the robot has an error of this size",
+        )
+
+
+class Roll(Circle):
+    """Orientation error about the circle's tangent."""
+
+    test = "roll"
+    measures = (
+        sine_figures,
+        range_figures,
+    )
+    ranges = frozenset({"band_deg", "range_deg"})
+
+    def notes_of(self, result: CircleResult) -> tuple[str, ...]:
+        height = result.laps.frame.radius * np.tan(result.sine.A)
+        note = (
+            "roll cannot separate two causes of the offset: the ball is mounted "
+            f"{height:.3f} mm off along n, or the gauges have wrong zeros"
+        )
+        as_yaw, by_distance = result.eccentricities_mm
+        size = float(np.linalg.norm(by_distance))
+        if size < _CLEAR_MM or np.linalg.norm(as_yaw - by_distance) > _ALIKE * size:
+            return (note,)
+        as_of_yaw = f"the sine of the angle matches the ball being {size:.2f} mm off centre"
+        return note, f"this looks like a yaw run: {as_of_yaw}"
+
+
+def planted_setup(rig: Rig) -> SetUp:
+    """Set-up of simulations and emulated cells on a circle: the ball at the position of the rig file."""
+    ball = np.array(circle_of(rig).centre_mm) + np.array(circle_of(rig).eccentricity_mm)
+    return SetUp(ball, np.zeros(2), np.eye(4), np.eye(4))
+
+
+def angle_of_gauges(g_mm: Array, baseline_mm: float) -> Array:
+    """Angle (...,) rad of readings (..., 2) mm of gauges with a baseline. Importable, because curves are pickled."""
+    return link_angle(g_mm[..., 0], g_mm[..., 1], baseline_mm)
+
+
+def _known(direction: Direction | None, where: str, remedy: str) -> Direction:
+    if direction is None:
+        raise FileError(where, "lacks a direction, which a circle needs", remedy, code="circle.direction")
+    return direction
+
+
+def _check_laps(laps: Laps, baseline_mm: float, where: str) -> None:
+    if laps.g_mm.ndim != 2 or laps.g_mm.shape[1] != 2:
+        problem = "does not have two gauges, and an angle needs two"
+        raise FileError(where, problem, "give g1_mm and g2_mm", code="circle.one_gauge")
+    if baseline_mm == 0:
+        problem = "the gauges have the same offset_mm, which cannot measure an angle"
+        raise FileError(where, problem, "correct offset_mm of g1 and g2 in the rig file", code="circle.baseline")
+    check_radius(where, laps.frame.radius)
+    check_numbers(where, t_s=laps.t_s, q=laps.q, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
+    require_live_gauges(where, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
+
+
+def _about_noise(curve: LapCurve) -> tuple[str, ...]:
+    """Remarks about noise not measured in this run, and about events between its laps."""
+    if curve.slips:
+        sizes = ", ".join(f"{np.degrees(slip):+z.4f}°" for slip in curve.slips)
+        why = "which is more than noise and drift explain: check the clamps"
+        return (f"the angle steps by {sizes} between laps, {why}",)
+    match curve.noise.source:
+        case "borrowed":
+            why = "the slow noise is taken from a different run of this cell, at an unknown level"
+            return (f"the run has one lap: {why}",)
+        case "assumed":
+            why = "the noise of real cells is assumed; drive two laps"
+            return (f"a single lap cannot show slow noise: {why}",)
+    return ()

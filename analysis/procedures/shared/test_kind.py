@@ -1,0 +1,298 @@
+"""What rig asks of a kind of test: figures, prediction by the model of an arm, checks of its labels, rows for a fit.
+
+A kind is a class of one module (`touch.py` is the shortest), registered by name in `analysis.runs.table_format`. The
+usual answers are here, so a kind states only what differs.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.procedures.facts import Facts, Labels, no_joints_error
+from analysis.robot.kinematics.arm import Arm, Array, Integers
+from analysis.robot.kinematics.joint_limits import impossible_rad
+from analysis.robot.model.predict import Model, Path, SetUp, moved
+from analysis.robot.model.scene import ModelScene
+from analysis.runs.noise.spectrum import LapNoise
+from analysis.runs.table_format import TableFormat, format_of
+from analysis.runs.tables import SAME_RAD, Table
+from rigs.effects import Effect
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import Direction, TestName
+
+if TYPE_CHECKING:
+    from analysis.procedures.shared.finding import Finding, Outliers
+    from analysis.procedures.shared.quantity import Quantity
+    from analysis.procedures.shared.reduction import Reduced
+    from analysis.procedures.shared.result_curves import ResultCurve
+
+T = TypeVar("T", bound=Table)
+
+
+class Evaluated(Protocol):
+    """Result of a test: figures by name, number of samples, notes, and the underlying curve or points."""
+
+    @property
+    def figures(self) -> Mapping[str, Quantity]: ...
+    @property
+    def samples(self) -> int: ...
+    @property
+    def notes(self) -> tuple[str, ...]: ...
+    @property
+    def as_curve(self) -> ResultCurve: ...
+
+
+@dataclass(frozen=True)
+class Instruments:
+    """What is known of the instruments of a run besides its table."""
+
+    u_lag_s: float = 0.0
+    """Standard uncertainty of the gauges' time relative to the joints'."""
+    u_gauge_mm: float | None = None
+    """Standard uncertainty of one reading; None for that of the rig file."""
+    like: tuple[LapNoise, LapNoise] | None = None
+    """Noise of angle and distance in a different run, for a circle of a single lap."""
+    reduced: Reduced | None = None
+    """All readings of a circle whose table is thinned."""
+
+    def u_mm(self, rig: Rig) -> float:
+        return rig.gauges.g1.accuracy_mm if self.u_gauge_mm is None else self.u_gauge_mm
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of a simulation. White gauge noise comes from the rig file."""
+
+    wander_mm: float = 0.001
+    wander_s: float = 0.5
+    scatter_deg: float = 0.0002
+    scatter_mm: float = 0.001
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Options of a simulated run. seed: None for no noise. effects: in place of those of the rig file. noise: in
+    addition to that of the gauges."""
+
+    seed: int | None
+    effects: Sequence[Effect] | None = None
+    noise: Noise | None = None
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """A different meaning of the joint columns: q (n, axes) as labelled becomes q M' + c.
+
+    mistakes: number of independent mistakes that it assumes.
+    """
+
+    columns: tuple[str, ...]
+    words: str
+    remedy: str
+    matrix: Array
+    offset: Array
+    mistakes: int = 1
+
+    def of(self, q: Array) -> Array:
+        """Convert labelled angles q (n, axes) rad to the true ones. Further columns, such as a rail, are kept."""
+        axes = len(self.offset)
+        return np.column_stack([q[:, :axes] @ self.matrix.T + self.offset, q[:, axes:]])
+
+
+@dataclass(frozen=True)
+class JudgedMeaning:
+    """A meaning with its residual: rms in mm of `values` redundant readings."""
+
+    meaning: Meaning
+    left_mm: float
+    values: int
+
+
+Verdict = tuple[JudgedMeaning | None, float, list[JudgedMeaning]]
+"""Result of comparing meanings: the meaning that fits although the labelled one does not, or None; the residual of
+the labelled meaning, rms mm; and all meanings that fit as well as the best.
+"""
+
+
+@dataclass(frozen=True)
+class PathDeviation:
+    """Distance of tool poses from the path of a test.
+
+    off_mm: median. off: the same as a share of the path size. on: True if it is acceptable and the tool has the
+    prescribed orientation.
+    """
+
+    off_mm: float
+    off: float
+    on: bool
+
+
+class TestKind(TableFormat[T]):
+    """A kind of test. Methods raise FileError for a table that is no valid measurement."""
+
+    facts: ClassVar[Facts] = Facts()
+    labels: ClassVar[Labels] = Labels()
+    finders: ClassVar[tuple[tuple[str, Callable[[Any, Rig], Iterable[Finding]]], ...]] = ()
+    """Conventions that apply only to few tests, each with the function that finds violations."""
+
+    @abstractmethod
+    def evaluate(self, table: T, rig: Rig, where: str, instruments: Instruments) -> Evaluated:
+        """Compute the figures of a measured or simulated table."""
+
+    def require_evaluable(self, table: T, rig: Rig, where: str) -> None:
+        """Raise FileError if an evaluation will refuse the table for an immediately visible reason, gauges excluded."""
+
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> T:
+        """A run as it would be measured. Raises FileError if the robot cannot do the test."""
+        raise FileError(f"{self.test} test", "is not simulated", "simulate a different test")
+
+    def setup(self, rig: Rig) -> SetUp:
+        """Nominal set-up: ball in the nominal centre, gauges at zero, instrument in the world frame."""
+        raise no_joints_error(self.test, f"a {self.test} table")
+
+    def path(self, model: Model, table: T) -> Path:
+        """Motion of a table: as recorded, or with the approaches required by the test."""
+        raise no_joints_error(self.test, f"a {self.test} table")
+
+    def read(self, model: Model, table: T, path: Path, scene: ModelScene, setup: SetUp) -> Array:
+        """Expected readings (m, k): gauges in mm; for places T_instrument_target, (m, 16) row by row."""
+        raise no_joints_error(self.test, f"a {self.test} table")
+
+    def unit_findings(self, table: T, rig: Rig, T_tool: Array) -> Iterable[Finding]:
+        """Findings about units, most certain first. T_tool (n, 4, 4): nominal tool poses."""
+        return ()
+
+    def cannot_tell(self, table: T, rig: Rig) -> str:
+        """Reason why a table cannot reveal the meaning of the joint columns; empty if it can."""
+        return self.labels.unsupported_reason
+
+    def judged_joints(self, table: T, rig: Rig) -> Verdict:
+        """Compare the possible meanings of the joint columns by their fit to a table."""
+        raise no_joints_error(self.test, f"rig {rig.name}")
+
+    def off_path(self, table: T, rig: Rig, T_tool: Array) -> PathDeviation | None:
+        """Deviation of tool poses T_tool (n, 4, 4) from the nominal path; None if the rig file does not state it."""
+        return None
+
+    def targets(self, table: T, rig: Rig) -> Array | None:
+        """Target positions (n, 3) mm of the rows; None if the rig file does not contain them."""
+        return None
+
+    def rows_used(self, table: T, rig: Rig, where: str) -> Integers:
+        """Numbers (m,) of the rows with explained readings. Raises FileError for a table of another rig."""
+        return np.arange(len(table.q))
+
+    def visits(self, table: T) -> Integers:
+        """Numbers (n, k) shared by readings of the same place, reached in the same way; usually of one posture."""
+        return np.round(table.q / SAME_RAD).astype(np.int64)
+
+    def parts(self, table: T) -> NDArray[np.str_] | None:
+        """Name of the part of each row (n,), if parts of a table have separate set-ups."""
+        return None
+
+    def outliers(self, table: T, arm: Arm) -> Outliers | None:
+        """Rows far from all others, for places; other tests are compared with the calibrated arm only."""
+        return None
+
+    def doubts(self, table: T, model: Model, where: str) -> tuple[str, ...]:
+        """Doubts raised by a table compared with the arm alone, for the diagnosis to report."""
+        return ()
+
+    def angles_of(self, table: T, rig: Rig) -> tuple[Array, Array]:
+        """Polar angle and azimuth (n,) rad of each row on a map, nan if there is none."""
+        nowhere = np.full(len(table.q), np.nan)
+        return nowhere, nowhere
+
+
+def kind_of(test: TestName) -> TestKind[Any]:
+    """The kind of a test. Raises FileError if the package that offers it is unusable."""
+    return cast("TestKind[Any]", format_of(test))
+
+
+def findings_against(convention: str, table: Table, rig: Rig) -> Iterable[Finding]:
+    """Findings of a table against a convention, by the finder of its test."""
+    find = dict(kind_of(table.test).finders).get(convention)
+    return find(table, rig) if find else ()
+
+
+def evaluate(
+    table: Table,
+    rig: Rig,
+    u_lag_s: float,
+    where: str,
+    u_gauge_mm: float | None = None,
+    like: tuple[LapNoise, LapNoise] | None = None,
+    reduced: Reduced | None = None,
+) -> Evaluated:
+    """Compute the figures of a table, with what is known of its instruments (`Instruments`).
+
+    Raises FileError if the table is not a valid measurement of its test.
+    """
+    return kind_of(table.test).evaluate(table, rig, where, Instruments(u_lag_s, u_gauge_mm, like, reduced))
+
+
+def nominal_setup(rig: Rig, table: Table) -> SetUp:
+    """Set-up with ball in the nominal centre, gauges at zero, instrument in the world frame."""
+    return kind_of(table.test).setup(rig)
+
+
+def path_of(model: Model, table: Table) -> Path:
+    """Motion of a table: as recorded, or with the approaches required by the test."""
+    return kind_of(table.test).path(model, table)
+
+
+def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:
+    """Predict the readings (m, k) of a table: gauges in mm; for poses T_instrument_target, (m, 16) row by row."""
+    return read(model, table, path, moved(model, path), setup)
+
+
+def read(model: Model, table: Table, path: Path, scene: ModelScene, setup: SetUp) -> Array:
+    """Predict like `predict` from an existing scene, because a set-up does not change the tool."""
+    return kind_of(table.test).read(model, table, path, scene, setup)
+
+
+def check_joints(where: str, q: Array, remedy: str) -> None:
+    """Raise FileError with the remedy if joints q (n, axes) rad never moved, or have a different unit."""
+    if np.ptp(q, axis=0).max() < 1e-6:
+        raise FileError(where, "the robot stood still in all rows", remedy, code="table.still")
+    if most := impossible_rad(q):
+        problem = f"a joint at {np.degrees(most):.0f}° is impossible"
+        raise FileError(where, problem, "check the unit of q: files hold degrees", code="table.unit")
+
+
+def check_numbers(where: str, **columns: Array) -> None:
+    """Raise FileError if a column (n, …) contains a value that is not a number."""
+    for name, values in columns.items():
+        if np.isfinite(values).all():
+            continue
+        bad = np.asarray(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+        if bad.all():
+            problem = f"{name} contains no valid number in any of the {len(bad)} rows"
+            remedy = "check that the instrument measures and sends, and repeat the measurement"
+            raise FileError(where, problem, remedy, code="table.number")
+        row = int(np.argmax(bad)) + 1
+        problem = f"{name} of row {row} is not a number ({bad.sum()} such rows)"
+        raise FileError(where, problem, "remove such rows", code="table.number")
+
+
+def require_live_gauges(where: str, **readings: Array) -> None:
+    """Raise FileError if a gauge has constant readings: real gauges never do."""
+    for name, values in readings.items():
+        if len(values) > 1 and np.ptp(values) == 0:
+            remedy = "check that the gauge touches and sends (a simulation needs noise), and repeat the measurement"
+            problem = f"{name} reads {values[0]:g} mm in all {len(values)} rows"
+            raise FileError(where, problem, remedy, code="gauge.constant")
+
+
+def check_radius(where: str, radius_mm: float) -> None:
+    """Raise FileError for a radius that is not a positive number."""
+    if not (np.isfinite(radius_mm) and radius_mm > 0):
+        problem = f"a radius of {radius_mm:g} mm is impossible"
+        raise FileError(where, problem, "correct radius_mm in the rig file", code="rig_file.radius")

@@ -1,0 +1,148 @@
+"""Common parts of the kinds of tests at stops: one gauge at the targets of a hemisphere, or positions of postures."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from analysis.procedures.checks.meanings import PLACE_UNKNOWN, judged_by_path
+from analysis.procedures.checks.place import PLACE, off_targets, place_findings
+from analysis.procedures.checks.units import target_units
+from analysis.procedures.shared.finding import Finding
+from analysis.procedures.shared.test_kind import PathDeviation, TestKind, Verdict
+from analysis.robot.geometry.driven_programs import hemisphere_of
+from analysis.robot.geometry.hemisphere import hemisphere_frame, target_angles
+from analysis.robot.kinematics.arm import Array, Integers, Mask
+from analysis.robot.model.predict import Model, Path, SetUp, gauged, stops, visits
+from analysis.robot.model.scene import ModelScene, apply
+from analysis.runs.stands import STANDSTILL_MM, standstill_starts
+from analysis.runs.table_layout import RAIL, RAIL_FROM, came_from_columns
+from analysis.runs.table_rows import Rows, joint_cells
+from analysis.runs.tables import PlaceTable, TargetTable
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Hemisphere
+
+H = TypeVar("H", bound=TargetTable)
+P = TypeVar("P", bound=PlaceTable)
+
+
+class TargetTest(TestKind[H]):
+    """A test at the targets of a hemisphere, read by one gauge."""
+
+    finders = ((PLACE, place_findings),)
+
+    @abstractmethod
+    def directions(self, table: H, hemisphere: Hemisphere) -> tuple[Array, Array] | None:
+        """Polar angle and azimuth (n,) rad of each row's target; None if the hemisphere lacks a target."""
+
+    def setup(self, rig: Rig) -> SetUp:
+        return SetUp(np.array(hemisphere_of(rig).centre_mm), np.zeros(1), np.eye(4), np.eye(4))
+
+    def path(self, model: Model, table: H) -> Path:
+        return stops(table.q, table.t_s)
+
+    def read(self, model: Model, table: H, path: Path, scene: ModelScene, setup: SetUp) -> Array:
+        """Reading of the gauge (m, 1) mm: distance between ball and tool less the radius."""
+        to_tool = scene.T[:, :3, 3] - setup.ball
+        sphere = hemisphere_frame(hemisphere_of(model.rig))
+        contact = np.arctan2(to_tool @ sphere.v, to_tool @ sphere.u)
+        scene = apply(model.effects, "setup", replace(scene, contact=contact))
+        g_mm = (np.linalg.norm(to_tool, axis=1) - sphere.radius + scene.form_mm)[:, None]
+        return gauged(model, path, scene, setup, g_mm)
+
+    def unit_findings(self, table: H, rig: Rig, T_tool: Array) -> Iterable[Finding]:
+        return target_units(table.g_mm, rig.tests.hemisphere.radius_mm) if rig.tests.hemisphere else ()
+
+    def cannot_tell(self, table: H, rig: Rig) -> str:
+        return "" if rig.tests.hemisphere else PLACE_UNKNOWN
+
+    def judged_joints(self, table: H, rig: Rig) -> Verdict:
+        return judged_by_path(table, rig)
+
+    def off_path(self, table: H, rig: Rig, T_tool: Array) -> PathDeviation | None:
+        hemisphere = rig.tests.hemisphere
+        return off_targets(T_tool, self.targets(table, rig), hemisphere) if hemisphere else None
+
+    def targets(self, table: H, rig: Rig) -> Array | None:
+        hemisphere = rig.tests.hemisphere
+        angles = self.directions(table, hemisphere) if hemisphere else None
+        if hemisphere is None or angles is None:
+            return None
+        frame = hemisphere_frame(hemisphere)
+        return np.asarray(frame.centre + frame.radius * frame.direction(*angles))
+
+    def rows_used(self, table: H, rig: Rig, where: str) -> Integers:
+        require_known_targets(table, rig, where)
+        return np.arange(len(table.q))
+
+    def angles_of(self, table: H, rig: Rig) -> tuple[Array, Array]:
+        polar, azimuth = target_angles(hemisphere_of(rig))
+        return polar[table.target - 1], azimuth[table.target - 1]
+
+
+class PlaceTest(TestKind[P]):
+    """A test of positions."""
+
+    def setup(self, rig: Rig) -> SetUp:
+        return SetUp(np.zeros(3), np.zeros(1), np.eye(4), np.eye(4))
+
+    def path(self, model: Model, table: P) -> Path:
+        return visits(table.q, table.came_from)
+
+    def read(self, model: Model, table: P, path: Path, scene: ModelScene, setup: SetUp) -> Array:
+        """T_instrument_target of the target, (m, 16) row by row."""
+        # Both products are linear in the pose; a single matrix takes a third of the time of products pose by pose.
+        both = np.multiply.outer(setup.T_instrument_world, setup.T_tool_target).transpose(1, 2, 0, 3).reshape(16, 16)
+        return np.asarray(path.at_readings(scene.T).reshape(-1, 16) @ both)
+
+
+def require_known_targets(table: TargetTable, rig: Rig, where: str) -> None:
+    """Raise FileError for a target number outside the rig's hemisphere."""
+    if rig.tests.hemisphere is None:
+        return
+    count = target_count(rig.tests.hemisphere)
+    unknown = (table.target < 1) | (table.target > count)
+    if unknown.any():
+        row = int(np.argmax(unknown))
+        problem = f"target {table.target[row]} of row {row + 1} is not one of the {count} of the hemisphere"
+        remedy = "correct target, or tests.hemisphere in the rig file"
+        raise FileError(where, problem, remedy, code="table.target")
+
+
+def target_count(hemisphere: Hemisphere) -> int:
+    """Number of targets of a hemisphere."""
+    return len(target_angles(hemisphere)[0])
+
+
+def visit_starts(table: TargetTable, labels: Array) -> Mask:
+    """Mask (n,) of the rows at which a new standstill starts.
+
+    A standstill starts if the joints moved, or if the labels (n, k) or the reading differ from the previous row.
+    """
+    differs = (np.diff(labels, axis=0) != 0).any(axis=1) | (np.abs(np.diff(table.g_mm)) > STANDSTILL_MM)
+    return standstill_starts(table.q, np.asarray(differs))
+
+
+def timed(t_s: Array) -> dict[str, Array]:
+    """Column of times t_s (n,) s, empty if all are zero."""
+    return {"t_s": t_s} if t_s.any() else {}
+
+
+def came_from_of(rows: Rows) -> Array | None:
+    """Previous joint positions (n, axes) rad in a file, None if absent; a rail defaults to its present position."""
+    names = came_from_columns(rows.axes)
+    if not rows.has(names):
+        return None
+    return rows.with_rail(np.radians(rows.stack(names)), RAIL_FROM if rows.has((RAIL_FROM,)) else RAIL)
+
+
+def came_from_cells(table: PlaceTable) -> dict[str, Array]:
+    """Columns (n,) with the previous joint positions, in degrees and mm, empty if unknown."""
+    if table.came_from is None:
+        return {}
+    return joint_cells(table.came_from, rail=table.rail, names=came_from_columns, rail_name=RAIL_FROM)

@@ -1,0 +1,298 @@
+"""Radial and repeatability: closed forms, bad targets, and what they refuse."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from analysis.procedures import radial, repeatability
+from analysis.procedures.shared.test_kind import evaluate
+from analysis.procedures.simulate import simulate
+from rigs.errors import FileError
+from rigs.load import load
+from tests.worlds import planted
+
+TABLE = planted.hemisphere()
+
+
+def _radial(g: np.ndarray, u_mm: float = 0.0, **changes: object) -> radial.RadialResult:
+    """Of readings that are exact, unless u_mm says that they are not."""
+    table = dataclasses.replace(planted.with_readings(TABLE, g), **changes)
+    return radial.evaluate(table, 400.0, u_mm)
+
+
+def test_a_moved_sphere_is_found_with_centre_and_radius() -> None:
+    d = planted.directions(TABLE)
+    centre, radius = np.array([0.5, -0.3, 0.2]), 400.192
+    along = d @ centre
+    g = along + np.sqrt(along**2 + radius**2 - centre @ centre) - 400.0  # where a ray from B meets the sphere
+    result = _radial(g)
+    found = [result.figures[f"centre_{axis}_mm"].value for axis in "xyz"]
+    assert found == pytest.approx(centre, abs=1e-6)
+    assert result.figures["radius_mm"].value == pytest.approx(radius, abs=1e-6)
+    assert result.figures["band_mm"].value < 0.002
+    assert result.figures["held_band_mm"].value == pytest.approx(np.ptp(g), abs=0.002)
+    assert result.figures["held_radius_mm"].value == pytest.approx(400 + g.mean(), abs=1e-3)
+
+
+def test_a_bad_target_is_named_and_left_out_and_no_other() -> None:
+    g = planted.true_radial(TABLE)
+    clean = _radial(g)
+    assert clean.used.all()
+    assert clean.notes == ()
+    for off in (4.0, -30.0):
+        result = _radial(g + off * (TABLE.target == 12))
+        assert list(result.cells.target[~result.used]) == [12]
+        assert "target 12 ignored" in result.notes[0]
+        assert result.figures["radius_mm"].value == pytest.approx(clean.figures["radius_mm"].value, abs=0.05)
+    two = _radial(g + 4.0 * np.isin(TABLE.target, (12, 13)))
+    assert set(two.cells.target[~two.used]) == {12, 13}
+
+
+def test_one_slip_among_the_orientations_leaves_its_target_out() -> None:
+    g = planted.true_radial(TABLE)
+    slip = (TABLE.target == 12) & (TABLE.orientation == 2)
+    result = _radial(g - 5.0 * slip)
+    assert list(result.cells.target[~result.used]) == [12]
+
+
+@pytest.mark.parametrize("name", ["paper-fanuc", "ur10e", "paper-errors"])
+def test_plays_leave_no_target_out_but_a_wrong_place_is(name: str) -> None:
+    """Backlash produces two groups of errors, the smaller of only a few targets. These are errors of the robot, not
+    outliers.
+    """
+    rig, _ = load(name)
+    for seed in range(3):
+        table = simulate(rig, "radial", None, seed)
+        found = evaluate(table, rig, 0.0, name)
+        assert found.used.all(), found.notes
+        off = dataclasses.replace(table, g_mm=table.g_mm + 5.0 * (table.target == 16))
+        found = evaluate(off, rig, 0.0, name)
+        assert list(found.cells.target[~found.used]) == [16]
+
+
+def test_one_orientation_has_no_range_over_orientations() -> None:
+    part = {
+        name: getattr(TABLE, name)[TABLE.orientation == 1]
+        for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")
+    }
+    table = dataclasses.replace(
+        planted.with_readings(TABLE, planted.true_radial(TABLE)[TABLE.orientation == 1]), **part
+    )
+    result = radial.evaluate(table, 400.0, 0.0005, orientations=3)
+    assert "band_mm" in result.figures
+    assert not {"spread_mm", "spread_mean_mm"} & result.figures.keys()
+    assert "1 of 3 orientations measured, so their range is not reported" in result.notes
+
+
+def test_a_target_that_the_hemisphere_does_not_have_is_refused() -> None:
+    rig, _ = load("paper-fanuc")
+    for test in ("radial", "repeatability"):
+        table = simulate(rig, test, None, 1)
+        wrong = dataclasses.replace(table, target=np.where(np.arange(len(table.target)) == 4, 38, table.target))
+        with pytest.raises(FileError, match="target 38 of row 5 is not one of the 37 of the hemisphere"):
+            evaluate(wrong, rig, 0.0, "t")
+
+
+def test_ranges_without_noise_are_not_corrected_for_it() -> None:
+    """The simulated side of a comparison: an exact sphere has a band of nothing, not less than nothing."""
+    rig, _ = load("paper-fanuc")
+    table = simulate(rig, "radial", None, None, effects=[])
+    table = dataclasses.replace(table, g_mm=table.g_mm + 1e-9 * table.target)
+    band = evaluate(table, rig, 0.0, "t", u_gauge_mm=0.0).figures["band_mm"]
+    assert 0 <= band.value < 1e-6
+    assert band.u == 0
+
+
+def test_robot_errors_are_rarely_taken_for_bad_targets() -> None:
+    """Normal errors of 37 targets, 200 times: none should be left out in 99 %."""
+    out = 0
+    for seed in range(200):
+        robot = np.random.default_rng(seed).normal(0, 0.3, 38)
+        out += int((~_radial(robot[TABLE.target] + 1e-4 * TABLE.orientation).used).any())
+    assert out <= 2
+
+
+def test_missing_targets_and_orientations_are_told() -> None:
+    keep = ~np.isin(TABLE.target, (4, 9)) & ~((TABLE.target == 7) & (TABLE.orientation == 2))
+    part = {name: getattr(TABLE, name)[keep] for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")}
+    result = _radial(planted.true_radial(TABLE)[keep], **part)
+    assert result.notes == (
+        "target 4 and 9 missing: 35 of 37 measured",
+        "not all 3 orientations were measured at target 7",
+    )
+    assert result.samples == 104
+
+
+def test_uncertainty_is_that_of_the_visits_and_not_of_the_robots_errors() -> None:
+    twice = planted.hemisphere(visits=2)
+    noise = np.random.default_rng(4).normal(0, 0.01, len(twice.g_mm))
+    small, large = (
+        radial.evaluate(planted.with_readings(twice, size * planted.true_radial(twice) + noise), 400.0, 0.0005)
+        for size in (1, 10)
+    )
+    assert large.figures["radius_mm"].u == pytest.approx(small.figures["radius_mm"].u, rel=0.2)
+    assert small.figures["held_radius_mm"].u == pytest.approx(0.01 / np.sqrt(37 * 3 * 2), rel=0.2)
+    assert {figure.noise for figure in small.figures.values()} == {"measured"}
+
+
+def test_one_visit_has_an_assumed_scatter_and_says_so() -> None:
+    result = _radial(planted.true_radial(TABLE), 0.0005)
+    assert {figure.noise for figure in result.figures.values()} == {"assumed"}
+    assert any("assumed" in note for note in result.notes)
+    assert 0.001 < result.figures["held_radius_mm"].u < 0.02
+
+
+@pytest.mark.parametrize("visits", [1, 2, 3])
+def test_no_range_of_an_exact_sphere_in_noise_is_below_zero(visits: int) -> None:
+    table = planted.hemisphere(visits)
+    for seed in range(5):
+        g = np.random.default_rng(seed).normal(0, 0.03, len(table.g_mm))
+        figures = radial.evaluate(planted.with_readings(table, g), 400.0, 0.0005).figures
+        for name in ("band_mm", "held_band_mm", "spread_mm", "spread_mean_mm", "ap_mm"):
+            assert 0 < figures[name].value < 0.15, name
+
+
+def test_a_drift_that_the_visits_show_makes_no_band() -> None:
+    once = planted.hemisphere()
+    rows = np.tile(np.arange(len(once.g_mm)), 2)
+    part = {name: getattr(once, name)[rows] for name in ("target", "polar", "azimuth", "orientation", "q")}
+    t_s = 4.0 * np.arange(len(rows))
+    g = np.random.default_rng(5).normal(0, 0.003, len(rows)) + 0.1 * t_s / t_s[-1]
+    result = radial.evaluate(dataclasses.replace(once, **part, t_s=t_s, g_mm=g), 400.0, 0.0005)
+    assert result.figures["held_band_mm"].value < 0.01
+    assert abs(result.figures["centre_z_mm"].value) < 0.005
+    assert result.figures["held_radius_mm"].u > 0.025, "from the start to the middle it drifted by 0.05 mm"
+    assert result.scatter is not None
+    assert np.median(result.scatter.sd_mm) == pytest.approx(0.003, rel=0.3)
+
+
+def test_repeatability_keeps_the_drift_between_the_visits() -> None:
+    """ISO 9283, 7.2.2, takes the poses as they were attained: by a steady drift of d from visit to visit, d, 0 and d
+    from their mean."""
+    once = planted.hemisphere()
+    rows = np.tile(np.arange(len(once.g_mm)), 3)
+    part = {name: getattr(once, name)[rows] for name in ("target", "polar", "azimuth", "orientation", "q")}
+    t_s, step = 4.0 * np.arange(len(rows)), 0.02
+    g = np.random.default_rng(5).normal(0, 0.0005, len(rows)) + 3 * step * t_s / t_s[-1]
+    found = radial.evaluate(dataclasses.replace(once, **part, t_s=t_s, g_mm=g), 400.0, 0.0005).figures["rp_mean_mm"]
+    drifted = np.array([step, 0.0, step])
+    assert found.value == pytest.approx(drifted.mean() + 3 * drifted.std(ddof=1), rel=0.05)
+    assert found.u < 0.1 * found.value, "the drift is no scatter"
+
+
+def test_one_wild_reading_moves_figures_less_than_two_u() -> None:
+    twice = planted.hemisphere(visits=2)
+    g = planted.true_radial(twice) + np.random.default_rng(6).normal(0, 0.01, len(twice.g_mm))
+    sound = radial.evaluate(planted.with_readings(twice, g), 400.0, 0.0005).figures
+    wild = radial.evaluate(planted.with_readings(twice, g + 0.5 * (np.arange(len(g)) == 100)), 400.0, 0.0005).figures
+    for name in ("radius_mm", "centre_x_mm", "centre_z_mm", "held_radius_mm", "spread_mean_mm"):
+        assert abs(wild[name].value - sound[name].value) < 2 * wild[name].u, name
+        assert wild[name].u < 4 * sound[name].u, name
+
+
+@pytest.mark.parametrize("visits", [1, 2, 3])
+def test_a_table_with_holes_is_evaluated(visits: int) -> None:
+    whole = planted.hemisphere(visits)
+    for keep in (
+        (whole.target < 10) & ~((whole.target == 3) & (whole.orientation > 1)),
+        np.arange(len(whole.target)) % 5 != 0,
+        np.isin(whole.target, [1, 2, 5, 8, 14, 20]) & (whole.orientation == 1),
+    ):
+        names = ("target", "polar", "azimuth", "orientation", "t_s", "q")
+        part = {name: getattr(whole, name)[keep] for name in names}
+        g = planted.true_radial(whole)[keep] + np.random.default_rng(8).normal(0, 0.01, keep.sum())
+        figures = radial.evaluate(dataclasses.replace(whole, **part, g_mm=g), 400.0, 0.0005).figures
+        assert all(0 < figure.u < 0.5 and np.isfinite(figure.value) for figure in figures.values()), figures
+
+
+def test_what_targets_near_one_plane_do_not_determine_is_left_out_with_the_reason() -> None:
+    rows = np.degrees(TABLE.polar).round() == 60
+    part = {name: getattr(TABLE, name)[rows] for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")}
+    result = _radial(planted.true_radial(TABLE)[rows], **part)
+    assert not {"centre_z_mm", "radius_mm"} & result.figures.keys()
+    assert {"centre_x_mm", "band_mm", "held_radius_mm"} <= result.figures.keys()
+    assert any(note.startswith("centre_z_mm, radius_mm ignored") for note in result.notes)
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (TABLE.target <= 5, "5 targets, too few for a sphere"),
+    ],
+)
+def test_too_few_targets_are_refused(rows: np.ndarray, said: str) -> None:
+    part = {name: getattr(TABLE, name)[rows] for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")}
+    with pytest.raises(FileError, match=said):
+        _radial(planted.true_radial(TABLE)[rows], **part)
+
+
+def test_what_is_no_radial_run_is_refused() -> None:
+    g = planted.true_radial(TABLE)
+    for said, changes in (
+        ("reads 0 mm in all", {"g_mm": np.zeros_like(g)}),
+        ("g1_mm of row 4 is not a number", {"g_mm": np.where(np.arange(len(g)) == 3, np.nan, g)}),
+        ("g1_mm contains no valid number in any of the 111 rows", {"g_mm": np.full(len(g), np.nan)}),
+        ("too large for a radius of 400 mm", {"g_mm": g + 400}),
+        ("beyond 180°", {"polar": np.degrees(TABLE.polar)}),
+        ("target 1 has two directions", {"polar": TABLE.polar + 0.1 * (np.arange(len(g)) == 1)}),
+    ):
+        with pytest.raises(FileError, match=said):
+            _radial(**{"g": g} | changes) if "g_mm" not in changes else _radial(changes["g_mm"])
+    with pytest.raises(FileError, match="radius of 0 mm"):
+        radial.evaluate(planted.with_readings(TABLE, g), 0.0, 0.0005)
+
+
+def test_repeatability_by_hand() -> None:
+    """One target: out 1, 2, 3, in 11, 12, 14: ranges 2, 3 and 13; s 1 and 1.5275; B 10.3333."""
+    g = np.array([[[1.0, 11.0], [2.0, 12.0], [3.0, 14.0]]])
+    result = repeatability.evaluate(planted.repeatability_table(g), 0.0005)
+    value = {name: figure.value for name, figure in result.figures.items()}
+    assert (value["uni_mm"], value["uni_mean_mm"], value["bi_mm"]) == (3.0, 2.5, 13.0)
+    assert value["reversal_mean_mm"] == pytest.approx(37 / 3 - 2)
+    s = np.std([11, 12, 14], ddof=1)
+    assert value["r_out_mm"] == pytest.approx(4.0)
+    assert value["r_in_mm"] == pytest.approx(4 * s)
+    assert value["r_mm"] == pytest.approx(2 + 2 * s + 31 / 3)
+    away = np.abs(np.array([11, 12, 14]) - 37 / 3)
+    assert value["rp_mm"] == pytest.approx(away.mean() + 3 * away.std(ddof=1))
+    assert result.notes == ("3 readings a side; ISO 230-2 requires 5, ISO 9283 requires 30",)
+    assert result.figures["uni_mm"].samples == 6
+
+
+def test_repeatability_leaves_out_what_has_one_side_and_refuses_what_has_none() -> None:
+    g = np.random.default_rng(1).normal(0, 0.1, (3, 3, 2))
+    table = planted.repeatability_table(g)
+    keep = ~((table.target == 2) & (table.approach == "in"))
+    part = {name: getattr(table, name)[keep] for name in ("target", "approach", "round", "t_s", "q", "g_mm")}
+    result = repeatability.evaluate(dataclasses.replace(table, **part), 0.0005)
+    assert list(result.targets) == [1, 3]
+    assert "target 2 ignored" in result.notes[0]
+    for said, changes in (
+        ("the targets were not read twice from each side", {"approach": np.full(18, "out")}),
+        ("is not a side", {"approach": np.full(18, "left")}),
+        ("reads 1 mm in all 18 rows", {"g_mm": np.ones(18)}),
+    ):
+        with pytest.raises(FileError, match=said):
+            repeatability.evaluate(dataclasses.replace(table, **changes), 0.0005)
+
+
+def test_each_target_scatters_in_its_own_way() -> None:
+    """Seven targets of 3 to 60 µm, three rounds: what is told covers the expectation of each figure."""
+    rng = np.random.default_rng(1)
+    within: dict[str, list[bool]] = {}
+    for _ in range(40):
+        sd = np.exp(rng.uniform(np.log(0.003), np.log(0.06), 7))[:, None, None]
+        many = repeatability.plain_figures(sd * rng.standard_normal((500, 7, 2, 3)))
+        table = planted.repeatability_table(sd * rng.standard_normal((7, 3, 2)))
+        for name, figure in repeatability.evaluate(table, 0.0005).figures.items():
+            within.setdefault(name, []).append(abs(figure.value - float(many[name].mean())) <= 2 * figure.u)
+    shares = {name: np.mean(hits) for name, hits in within.items()}
+    assert min(shares.values()) >= 0.85, shares
+
+
+def test_two_readings_a_side_at_one_target_measure_no_scatter() -> None:
+    g = np.array([[[1.0, 1.1], [1.01, 1.12]]])
+    result = repeatability.evaluate(planted.repeatability_table(g), 0.0005)
+    assert {figure.noise for figure in result.figures.values()} == {"assumed"}
+    assert any("assumed" in note for note in result.notes)

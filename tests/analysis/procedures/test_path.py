@@ -1,0 +1,280 @@
+"""Paths of ISO 9283: AT, RT, CR, CO, F and D of recordings whose errors are planted, against the standard in loops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from analysis.procedures import path
+from analysis.procedures.checks.lost_poses import places_of
+from analysis.robot.geometry.iso_cube import Cube
+from analysis.runs.tables import PathTable
+from rigs.errors import FileError
+from rigs.schema.declared_tests import TrackerPose
+from tests.worlds.arms.independent_arm import Array
+from tests.worlds.arms.iso_plain import Recorder, cube_places, repeatability
+
+SIDE, CENTRE = 500.0, np.array([600.0, 50.0, 450.0])
+LEVEL, RISING = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 1.0]) / np.sqrt(2)
+ACROSS = np.cross(LEVEL, RISING)
+INSTRUMENT = TrackerPose(xyz_mm=(-1500.0, 900.0, 300.0), rpy_deg=(4.0, -3.0, 75.0))
+CUBE = Cube(CENTRE, SIDE, LEVEL, RISING, np.eye(3), np.zeros((5, 6)))
+CYCLES = 10
+
+
+@dataclass(frozen=True)
+class Errors:
+    """What is planted: the middle of the line bows by bow_mm out of the plane; the circle's radius is grown_mm larger,
+    and it is oval by oval_mm; corners are cut by a straight line that begins cut_mm before them, or overrun by over_mm;
+    each pass is moved as a whole by scatter_mm."""
+
+    bow_mm: float = 0.0
+    grown_mm: float = 0.0
+    oval_mm: float = 0.0
+    cut_mm: float = 0.0
+    over_mm: float = 0.0
+    scatter_mm: float = 0.0
+
+
+def line(errors: Errors) -> Array:
+    _, p2, _, p4, _ = cube_places(CENTRE, SIDE)
+    share = np.linspace(0, 1, 801)[:, None]
+    return p2 + share * (p4 - p2) + errors.bow_mm * np.sin(np.pi * share) * ACROSS
+
+
+def ring(errors: Errors, radius: float, sense: float = 1.0) -> Array:
+    angle = np.linspace(0, 2 * np.pi, 2001)[:, None]
+    away = np.cos(angle) * LEVEL + sense * np.sin(angle) * RISING
+    return CENTRE + (radius + errors.grown_mm + errors.oval_mm * np.cos(2 * angle)) * away
+
+
+def rectangle(errors: Errors) -> Array:
+    _, p2, p3, p4, p5 = cube_places(CENTRE, SIDE)
+    way = [p2]
+    for before, corner, after in ((p2, p3, p4), (p3, p4, p5), (p4, p5, p2)):
+        old, new = (
+            (corner - before) / np.linalg.norm(corner - before),
+            (after - corner) / np.linalg.norm(after - corner),
+        )
+        if errors.cut_mm:
+            way += [corner - errors.cut_mm * old, corner + errors.cut_mm * new]
+        else:
+            way += [corner + errors.over_mm * old, corner + errors.over_mm * old + 20 * new, corner + 30 * new]
+    return np.array([*way, p2])
+
+
+def recorded(errors: Errors, seed: int = 0, noise_mm: float = 0.0, rate_hz: float = 500.0) -> PathTable:
+    rng, tape = np.random.default_rng(seed), Recorder(rate_hz, 250.0)
+    _, p2, p3, p4, _ = cube_places(CENTRE, SIDE)
+    tape.stand(p2, 2.0)
+    last = p2
+
+    def passed(way: Array) -> None:
+        nonlocal last
+        if np.linalg.norm(way[0] - last) > 5:
+            tape.drive(np.array([last, way[0]]))
+            tape.stand(way[0], 2.0)
+        moved = way + errors.scatter_mm * rng.standard_normal(3)
+        tape.drive(moved)
+        tape.stand(moved[-1], 2.0)
+        last = way[-1]
+
+    for _ in range(CYCLES):
+        passed(line(errors))
+        passed(np.array([p4, p3, p2]))
+    for _ in range(CYCLES):
+        passed(rectangle(errors))
+    for _ in range(CYCLES):
+        passed(ring(errors, 0.4 * SIDE))
+        passed(ring(errors, 0.4 * SIDE, -1.0))
+    for _ in range(CYCLES):
+        passed(ring(errors, 0.04 * SIDE))
+    t_s, places = tape.written()
+    places = places + noise_mm * rng.standard_normal(places.shape)
+    turn = Rotation.from_euler("xyz", INSTRUMENT.rpy_deg, degrees=True)
+    return PathTable(t_s, turn.inv().apply(places - np.array(INSTRUMENT.xyz_mm)))
+
+
+def test_a_perfect_arm_has_no_error_and_every_cycle_is_found() -> None:
+    found = path.evaluate(recorded(Errors()), CUBE, INSTRUMENT, "path")
+    assert {name: len(one.places) for name, one in found.driven.paths.items()} == dict.fromkeys(
+        ("line", "rectangle", "circle", "circle_cw", "small_circle"), CYCLES
+    )
+    assert all(abs(found.figures[name].value) < 2e-3 for name in found.figures if name[-5:] in ("at_mm", "rt_mm"))
+    assert abs(found.figures["d_mm"].value) < 1e-3
+    assert found.figures["speed_mm_s"].value == pytest.approx(250.0, rel=1e-3)
+
+
+def test_accuracy_and_repeatability_are_the_standards() -> None:
+    """Each pass is moved as a whole, so the distances at a station are those of the shifts across the path."""
+    errors = Errors(bow_mm=0.4, grown_mm=0.15, scatter_mm=0.05)
+    found = path.evaluate(recorded(errors, seed=4), CUBE, INSTRUMENT, "path").figures
+    rng = np.random.default_rng(4)
+    lines, around = [], []
+    for _ in range(CYCLES):
+        lines.append(0.05 * rng.standard_normal(3))
+        rng.standard_normal(3)
+    for _ in range(CYCLES):
+        rng.standard_normal(3)
+    for _ in range(CYCLES):
+        around.append(0.05 * rng.standard_normal(3))
+        rng.standard_normal(3)
+    _, p2, _, p4, _ = cube_places(CENTRE, SIDE)
+    along = (p4 - p2) / np.linalg.norm(p4 - p2)
+    across = np.array([one - (one @ along) * along for one in lines])
+    assert found["line_rt_mm"].value == pytest.approx(repeatability(across), abs=2e-3)
+    middle = max(np.linalg.norm(across.mean(axis=0) + 0.4 * np.sin(np.pi * s) * ACROSS) for s in np.linspace(0, 1, 401))
+    assert found["line_at_mm"].value == pytest.approx(middle, abs=2e-3)
+    rt, at = [], []
+    for angle in np.linspace(0.02, 0.98, 200) * 2 * np.pi:
+        out = np.cos(angle) * LEVEL + np.sin(angle) * RISING
+        ahead = -np.sin(angle) * LEVEL + np.cos(angle) * RISING
+        own = np.array([one - (one @ ahead) * ahead for one in around])
+        rt.append(repeatability(own))
+        at.append(np.linalg.norm(own.mean(axis=0) + 0.15 * out))
+    assert found["circle_rt_mm"].value == pytest.approx(max(rt), abs=2e-3)
+    assert found["circle_at_mm"].value == pytest.approx(max(at), abs=2e-3)
+
+
+def test_a_fit_of_the_frame_finds_it_and_says_so() -> None:
+    errors = Errors(bow_mm=0.4, grown_mm=0.15, oval_mm=0.05, scatter_mm=0.03)
+    table = recorded(errors, seed=2, noise_mm=0.01)
+    by_frame, by_fit = (path.evaluate(table, CUBE, one, "path") for one in (INSTRUMENT, None))
+    assert any("best fit" in note for note in by_fit.notes) and not any("best fit" in note for note in by_frame.notes)
+    assert np.abs(by_fit.driven.T_world_instrument - by_frame.driven.T_world_instrument).max() < 0.5
+    assert by_fit.figures["line_at_mm"].value < by_frame.figures["line_at_mm"].value
+    for name in ("line_rt_mm", "circle_rt_mm", "f_max_mm", "d_mm"):
+        assert by_fit.figures[name].value == pytest.approx(by_frame.figures[name].value, abs=5e-3), name
+
+
+def test_corners_are_cut_and_overrun_as_the_standard_measures_it() -> None:
+    cut = path.evaluate(recorded(Errors(cut_mm=4.0), rate_hz=1000.0), CUBE, INSTRUMENT, "path").figures
+    # A line from 4 mm before the corner to 4 mm behind it passes it at 4 / sqrt(2).
+    assert cut["corner_round_mm"].value == pytest.approx(4.0 / np.sqrt(2), abs=0.01)
+    assert cut["corner_overshoot_mm"].value < 0.01
+    over = path.evaluate(recorded(Errors(over_mm=0.6), rate_hz=1000.0), CUBE, INSTRUMENT, "path").figures
+    assert over["corner_overshoot_mm"].value == pytest.approx(0.6, abs=0.02)
+
+
+def test_a_sharp_corner_between_places_is_within_its_uncertainty() -> None:
+    found = path.evaluate(recorded(Errors(), rate_hz=60.0), CUBE, INSTRUMENT, "path").figures["corner_round_mm"]
+    assert 0.1 < found.value < 2 * found.u
+
+
+def test_f_and_d_of_the_circle_driven_both_ways() -> None:
+    errors = Errors(grown_mm=-0.12, oval_mm=0.04)
+    found = path.evaluate(recorded(errors), CUBE, None, "path").figures
+    assert found["d_mm"].value == pytest.approx(-0.12, abs=2e-3)
+    assert found["f_max_mm"].value == pytest.approx(-0.12 + 0.04, abs=2e-3)
+    assert found["f_min_mm"].value == pytest.approx(-0.12 - 0.04, abs=2e-3)
+
+
+def test_uncertainties_hold_what_all_cycles_would_show() -> None:
+    errors = Errors(bow_mm=0.3, grown_mm=0.1, scatter_mm=0.05)
+    many = [path.evaluate(recorded(errors, seed, 0.01, 150.0), CUBE, INSTRUMENT, "path").figures for seed in range(12)]
+    for name in ("line_at_mm", "line_rt_mm", "circle_at_mm", "circle_rt_mm", "d_mm"):
+        expected = np.mean([one[name].value for one in many])
+        held = np.mean([abs(one[name].value - expected) < 2 * one[name].u for one in many])
+        assert held >= 0.75, (name, held)
+
+
+def test_a_cycle_without_the_target_is_left_out_and_counted() -> None:
+    table = recorded(Errors(scatter_mm=0.02))
+    kept = np.ones(len(table.t_s), dtype=bool)
+    torn = np.flatnonzero((table.t_s > 2.5) & (table.t_s < 3.5))
+    kept[torn] = False
+    found = path.evaluate(PathTable(table.t_s[kept], table.xyz_mm[kept]), CUBE, None, "path")
+    assert len(found.driven.paths["line"].places) == CYCLES - 1
+    assert any("1 paths are ignored" in note for note in found.notes)
+
+
+def test_paths_that_are_not_there_and_those_with_too_few_places_are_said() -> None:
+    table = recorded(Errors())
+    line = table.t_s < 40.0
+    found = path.evaluate(PathTable(table.t_s[line], table.xyz_mm[line]), CUBE, None, "path")
+    assert set(found.driven.paths) == {"line"}
+    assert any("small circle 0 times" in note for note in found.notes)
+    found = path.evaluate(recorded(Errors(), rate_hz=10.0), CUBE, None, "path")
+    assert any("too few places were written to judge: line" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("share", [1.0, 10.0, 1e3])
+def test_times_in_another_unit_are_doubted_by_the_speed(share: float) -> None:
+    table = recorded(Errors())
+    found = path.evaluate(PathTable(table.t_s * share, table.xyz_mm), CUBE, None, "path", 250.0)
+    doubted = any("check that t_s is in s" in note for note in found.notes)
+    assert doubted == (share == 1e3)
+
+
+def test_what_comes_before_and_after_is_no_path() -> None:
+    table = recorded(Errors(scatter_mm=0.02))
+    late = slice(int(3.0 * 500), len(table.t_s) - int(2.5 * 500))
+    found = path.evaluate(PathTable(table.t_s[late], table.xyz_mm[late]), CUBE, None, "path")
+    counts = {name: len(one.places) for name, one in found.driven.paths.items()}
+    assert counts["line"] == CYCLES - 1 and counts["small_circle"] == CYCLES - 1 and counts["circle"] == CYCLES
+    assert any("ISO 9283 requires 10" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("scale", "cube", "says"),
+    [
+        (1e-3, CUBE, "is as long as a path of the cube: the longest is"),
+        (1.0, replace(CUBE, side_mm=300.0), "as a path of the cube|mm from those of the cube"),
+        (1.0, replace(CUBE, rising=-RISING), "mm from those of the cube"),
+    ],
+)
+def test_a_recording_of_something_else_is_refused(scale: float, cube: Cube, says: str) -> None:
+    table = recorded(Errors())
+    instrument = INSTRUMENT if cube.side_mm == SIDE and scale == 1.0 else None
+    with pytest.raises(FileError, match=says):
+        path.evaluate(PathTable(table.t_s, scale * table.xyz_mm), cube, instrument, "path")
+
+
+def test_a_stand_alone_has_no_moves() -> None:
+    t_s = np.arange(2000) / 100.0
+    still = 0.01 * np.random.default_rng(0).standard_normal((2000, 3))
+    with pytest.raises(FileError, match="no moves between stands"):
+        path.evaluate(PathTable(t_s, still), CUBE, None, "path")
+
+
+@pytest.mark.parametrize("size_mm", [3.7, 40.0])
+@pytest.mark.parametrize("count", [1, 3, 6])
+def test_a_spike_among_the_places_is_left_out_and_said(size_mm: float, count: int) -> None:
+    """One of 3.7 mm in 49 000 places made an RT of 0.99 of 0.08 mm."""
+    sound = recorded(Errors(scatter_mm=0.02), seed=2, noise_mm=0.01)
+    xyz = sound.xyz_mm.copy()
+    row = int(np.searchsorted(sound.t_s, 3.3))
+    assert np.linalg.norm(np.diff(xyz[row - 3 : row + 3], axis=0), axis=1).min() > 0.3  # it moves
+    xyz[row : row + count] += size_mm * ACROSS
+    table = replace(sound, xyz_mm=xyz)
+    found, truth = (path.evaluate(one, CUBE, None, "path") for one in (table, sound))
+    assert found.notes[0].startswith(
+        f"{count} of {len(xyz)} places {'is an outlier' if count == 1 else 'are outliers'}: row"
+    )
+    assert str(row + 1) in found.notes[0] and "ignored" in found.notes[0]
+    for name in ("line_rt_mm", "line_at_mm", "circle_rt_mm"):
+        assert found.figures[name].value == pytest.approx(truth.figures[name].value, abs=2e-3)
+    assert not any("outlier" in note or "repeat the preceding one" in note for note in truth.notes)
+
+
+@pytest.mark.parametrize("seconds", [0.1, 0.3, 0.5])
+def test_a_beam_that_stood_still_is_left_out_and_said(seconds: float) -> None:
+    sound = recorded(Errors(scatter_mm=0.02), seed=2, noise_mm=0.01)
+    xyz, row = sound.xyz_mm.copy(), int(np.searchsorted(sound.t_s, 3.3))
+    count = round(seconds * 500)
+    xyz[row : row + count] = xyz[row - 1]
+    found, truth = (path.evaluate(one, CUBE, None, "path") for one in (replace(sound, xyz_mm=xyz), sound))
+    (note,) = [one for one in found.notes if "repeat the preceding one" in one]
+    assert note.startswith(f"{count} of {len(xyz)} places") and f"from row {row + 1} on" in note
+    assert found.figures["line_rt_mm"].value == pytest.approx(truth.figures["line_rt_mm"].value, rel=0.15)
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 200.0, 500.0, 1000.0])
+@pytest.mark.parametrize("digits", [1, 2, 4])
+def test_sound_places_are_neither_wild_nor_repeated(rate_hz: float, digits: int) -> None:
+    """Corners that are cut, small circles, and places that are rounded to 0.1 mm."""
+    table = recorded(Errors(cut_mm=2.0, scatter_mm=0.05), seed=3, noise_mm=0.02, rate_hz=rate_hz)
+    assert not places_of(replace(table, xyz_mm=np.round(table.xyz_mm, digits))).words

@@ -1,0 +1,46 @@
+"""Registration of test kinds: rig's own by name, those of other packages as entry points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.metadata import EntryPoint
+
+import numpy as np
+import pytest
+
+from analysis.procedures.facts import shows_joints
+from analysis.procedures.shared.test_kind import kind_of, nominal_setup
+from analysis.runs.table_format import TESTS, format_of
+from analysis.runs.tables import PathTable
+from rigs.errors import FileError
+from rigs.load import load
+from rigs.schema import vocabulary
+
+
+def test_each_test_of_rig_is_a_class_with_its_name() -> None:
+    assert [format_of(test).test for test in TESTS] == list(TESTS)
+
+
+def test_a_test_without_joints_predicts_nothing() -> None:
+    path = PathTable(np.zeros(1), np.zeros((1, 3)))
+    assert shows_joints("pose") and not shows_joints("path")
+    with pytest.raises(FileError):
+        nominal_setup(load("ur10e")[0], path)
+    assert kind_of("path").cannot_tell(path, load("ur10e")[0])
+
+
+@pytest.fixture
+def offered(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    value = request.param
+    monkeypatch.setitem(vocabulary.OTHER_TESTS, "other", EntryPoint("other", value, "rig.tests"))
+    yield value
+    format_of.cache_clear()
+
+
+@pytest.mark.parametrize(
+    "offered", ["nowhere:Kind", "analysis.procedures.touch:Touch", "analysis.procedures.touch"], indirect=True
+)
+def test_an_unusable_kind_is_refused_with_the_name_that_is_offered(offered: str) -> None:
+    with pytest.raises(FileError) as error:
+        format_of("other")  # type: ignore[arg-type]
+    assert error.value.code == "test.unusable" and offered in error.value.what
