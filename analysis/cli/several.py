@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, overload
@@ -114,22 +115,18 @@ def evaluated(
 
     with_rows: keep the rows of each run. Figures and remarks by themselves take some 0.2 MB per run.
     """
-    from analysis.procedures.results import borrowers, evaluated_again, figures_again, figures_alone, read_and_evaluated
+    from analysis.procedures.results import borrowers, evaluate_again, evaluate_path
 
     first: list[Result] = []
-    work = read_and_evaluated if with_rows else figures_alone
+    work = partial(evaluate_path, with_rows=with_rows)
     errors = over_runs(work, runs, first.append, doing="evaluating", jobs=jobs, scheduler=scheduler)
     results = dict(enumerate(first))
     to_repeat = borrowers(first)
     for borrower in to_repeat:
         del results[borrower.place]
+    doing = "evaluating with the noise of other runs"
     errors += over_runs(
-        evaluated_again if with_rows else figures_again,
-        to_repeat,
-        lambda result: results.update([result]),
-        doing="evaluating with the noise of other runs",
-        jobs=jobs,
-        scheduler=scheduler,
+        evaluate_again, to_repeat, lambda one: results.update([one]), doing=doing, jobs=jobs, scheduler=scheduler
     )
     return [result for _, result in sorted(results.items())], errors
 

@@ -21,10 +21,10 @@ from analysis.procedures.shared.certificate_uncertainty import with_certificates
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.reduction import Reduced
 from analysis.procedures.shared.result_curves import JointReversal, ResultCurve, reversals_of_rig
-from analysis.procedures.shared.test_kind import Evaluated, evaluate
+from analysis.procedures.shared.test_kind import Evaluated, Instruments, kind_of
 from analysis.runs.align import robot_only
 from analysis.runs.batch.fetched import fetched
-from analysis.runs.loading import Measured, load_measured, measured_in, measured_of
+from analysis.runs.loading import Measured, measured_in, measured_of
 from analysis.runs.noise.spectrum import LapNoise
 from analysis.runs.table_format import format_of
 from analysis.runs.tables import CircleTable
@@ -141,10 +141,7 @@ class Result(Tabular):
 
 @dataclass(frozen=True)
 class Borrower:
-    """A run of a single lap that takes the noise estimate of another run.
-
-    It consists of the run, its index, and the noise of angle and distance of the other run.
-    """
+    """A run of a single lap, its index among the runs, and the noise of angle and distance taken from another run."""
 
     place: int
     measured: Measured
@@ -158,46 +155,36 @@ def evaluate_runs(runs: Sequence[Measured]) -> list[Result]:
     """Evaluate runs. A run of a single lap uses the noise estimate of another run of its test. Raises FileError."""
     results = [result_of(run) for run in runs]
     for borrower in borrowers(results):
-        results[borrower.place] = evaluated_again(borrower)[1]
+        results[borrower.place] = result_of(borrower.measured, borrower.noise)
     return results
 
 
-def read_and_evaluated(path: Path) -> Result:
-    """Evaluate a run directory independently. Raises FileError."""
-    return result_of(load_measured(path))
+def evaluate_path(path: Path, like: tuple[LapNoise, LapNoise] | None = None, *, with_rows: bool = True) -> Result:
+    """Read and evaluate a run; without its rows, a long circle is read in parts. like: as for `result_of`.
 
-
-def figures_alone(path: Path) -> Result:
-    """Evaluate a run directory without keeping its rows. Raises FileError."""
-    return _evaluate_in_parts(path, None)
-
-
-def figures_again(borrower: Borrower) -> tuple[int, Result]:
-    """Read and evaluate a run with the noise estimate of another run. Raises FileError.
-
-    Returns the index of the run, and the result without rows.
+    Rows take most of the memory of a result, figures and remarks some 0.2 MB. Raises FileError.
     """
-    return borrower.place, _evaluate_in_parts(borrower.measured.path, borrower.noise)
-
-
-def _evaluate_in_parts(path: Path, like: tuple[LapNoise, LapNoise] | None) -> Result:
-    """Evaluate a run directory without keeping its rows, a long circle in parts."""
     with fetched(path) as directory:
-        in_parts = long_circle(directory, path)
+        in_parts = None if with_rows else long_circle(directory, path)
         measured, reduced = in_parts or (measured_in(directory, path), None)
-    return _evaluated(measured, like, reduced).without_rows
+    result = result_of(measured, like, reduced)
+    return result if with_rows else result.without_rows
 
 
-def evaluated_again(borrower: Borrower) -> tuple[int, Result]:
-    """Evaluate a run with the noise estimate of another run. Raises FileError.
+def evaluate_again(borrower: Borrower) -> tuple[int, Result]:
+    """Evaluate a run with the noise of another, and return it with its index. Raises FileError.
 
-    Returns the index of the run and the result.
+    A run without rows is read again.
     """
-    return borrower.place, result_of(borrower.measured, borrower.noise)
+    measured, noise = borrower.measured, borrower.noise
+    has_rows = len(measured.table.q) > 0
+    return borrower.place, result_of(measured, noise) if has_rows else evaluate_path(
+        measured.path, noise, with_rows=False
+    )
 
 
 def borrowers(results: Sequence[Result]) -> list[Borrower]:
-    """Return the runs of a single lap with the noise of the first longer run of their test, if any."""
+    """Runs of a single lap, each with the noise of the first longer run of its test, if there is one."""
     places = {id(result): place for place, result in enumerate(results)}
     runs: list[Borrower] = []
     for group in by_test(results):
@@ -207,37 +194,36 @@ def borrowers(results: Sequence[Result]) -> list[Borrower]:
     return sorted(runs, key=lambda borrower: borrower.place)
 
 
-def result_of(measured: Measured, like: tuple[LapNoise, LapNoise] | None = None) -> Result:
-    """Evaluate a run; like: noise of angle and distance in a different run, for a single lap.
-
-    Results are cached as long as they are referenced: a report and its diagnosis use the same. Raises FileError.
-    """
-    kept = _KEPT.get(id(measured))
-    if kept is not None and kept.measured is measured and like is None:
-        return kept
-    result = _evaluated(measured, like)
-    if like is None:
-        _KEPT[id(measured)] = result
-    return result
-
-
 _KEPT: WeakValueDictionary[int, Result] = WeakValueDictionary()
-"""Cached results by the identity of their run, as long as they are referenced."""
+"""Results by the identity of their run, as long as they are referenced: a report and its diagnosis share them."""
 
 
-def _evaluated(measured: Measured, like: tuple[LapNoise, LapNoise] | None, reduced: Reduced | None = None) -> Result:
-    """Evaluate a run; reduced: all readings, if its table is thinned. Raises FileError."""
-    where = str(measured.path)
-    evaluated = evaluate(measured.table, measured.rig, measured.u_lag_s, where, like=like, reduced=reduced)
-    figures = dict(evaluated.figures)
-    if isinstance(evaluated, CircleResult):
+def result_of(
+    measured: Measured, like: tuple[LapNoise, LapNoise] | None = None, reduced: Reduced | None = None
+) -> Result:
+    """Evaluate a run. Raises FileError.
+
+    like: noise of angle and distance in a different run, for a single lap. reduced: all readings, if the table is
+    thinned.
+    """
+    is_usual = like is None and reduced is None
+    kept = _KEPT.get(id(measured)) if is_usual else None
+    if kept is not None and kept.measured is measured:
+        return kept
+    instruments = Instruments(measured.u_lag_s, None, like, reduced)
+    found = kind_of(measured.table.test).evaluate(measured.table, measured.rig, str(measured.path), instruments)
+    figures = dict(found.figures)
+    if isinstance(found, CircleResult):
         # Angle and distance both show the ball position; robot errors make them differ.
-        distance = evaluated.distance.figures
+        distance = found.distance.figures
         figures |= {f"distance_{name}" if name in figures else name: figure for name, figure in distance.items()}
     figures = with_certificates(figures, measured.systematic, measured.rig, measured.run.manifest.test)
     friction = measured.condition.friction or {}
     figures |= {f"friction_j{axis}_a": Quantity(joint.current_a, joint.u_a, "a") for axis, joint in friction.items()}
-    return Result(measured, evaluated, figures)
+    result = Result(measured, found, figures)
+    if is_usual:
+        _KEPT[id(measured)] = result
+    return result
 
 
 def by_test(results: Sequence[Result]) -> list[list[Result]]:

@@ -81,6 +81,6 @@ def analyse(
 
 def _as_line(run: Path) -> str:
     """Return the figures of a run as a line of JSON in ASCII."""
-    from analysis.procedures.results import figures_alone
+    from analysis.procedures.results import evaluate_path
 
-    return json.dumps(figures_alone(run).to_dict())
+    return json.dumps(evaluate_path(run, with_rows=False).to_dict())

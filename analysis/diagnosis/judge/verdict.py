@@ -39,7 +39,7 @@ from analysis.diagnosis.judge.result import (
 from analysis.procedures.facts import facts_of
 from analysis.procedures.pooled import FigureColumn, figure_columns
 from analysis.procedures.pose import SAME_RAD, groups
-from analysis.procedures.results import Result, borrowers, by_test, evaluated_again, result_of
+from analysis.procedures.results import Result, borrowers, by_test, result_of
 from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import Measured
@@ -128,8 +128,7 @@ def _results_of(runs: Sequence[Measured]) -> list[Result]:
         with suppress(RigError):
             results.append(result_of(run))
     for borrower in borrowers(results):
-        place, result = evaluated_again(borrower)
-        results[place] = result
+        results[borrower.place] = result_of(borrower.measured, borrower.noise)
     return results
 
 

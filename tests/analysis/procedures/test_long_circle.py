@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from analysis.procedures import long_circle
-from analysis.procedures.results import Result, figures_alone, read_and_evaluated
+from analysis.procedures.results import Result, evaluate_path
 from rigs.errors import DirectionError
 from tests.support.streamed_circle import Trouble, streamed_circle
 
@@ -35,7 +35,7 @@ def _short_parts(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def _both(path: Path) -> tuple[Result, Result]:
     assert long_circle.long_circle(path, path) is not None, "read as a whole"
-    return figures_alone(path), read_and_evaluated(path)
+    return evaluate_path(path, with_rows=False), evaluate_path(path)
 
 
 @pytest.mark.parametrize("trouble", TROUBLES.values(), ids=TROUBLES.keys())
@@ -50,6 +50,7 @@ def test_a_circle_in_parts_is_that_of_the_whole(tmp_path: Path, trouble: Trouble
 
 def test_a_wrong_direction_is_named_as_of_the_whole(tmp_path: Path) -> None:
     run = streamed_circle(tmp_path, ROWS, driven="acw", label="cw")
-    for evaluate in (figures_alone, read_and_evaluated):
-        with pytest.raises(DirectionError, match="is labelled cw, but the robot moved acw"):
-            evaluate(run)
+    for with_rows in (False, True):
+        with pytest.raises(DirectionError) as error:
+            evaluate_path(run, with_rows=with_rows)
+        assert error.value.drove == "acw"
