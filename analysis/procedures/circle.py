@@ -37,6 +37,7 @@ from analysis.procedures.shared.reduction import PHI, Reduced, nodes_of, reduced
 from analysis.procedures.shared.result_curves import CircleCurve
 from analysis.procedures.shared.simulated_gauges import read_by_gauges
 from analysis.procedures.shared.test_kind import (
+    Finders,
     Instruments,
     PathDeviation,
     Simulation,
@@ -210,7 +211,7 @@ class Circle(TestKind[CircleTable]):
     labels = Labels(example=("circular_deviation_mm", 0.05, 0.10), part="circle", along="phi_deg")
     gauges = ("g1", "g2")
     certified = ("g1", "g2", "ball")
-    finders = ((STAMPS, stamp_findings),)
+    finders: ClassVar[Finders] = ((STAMPS, stamp_findings),)
     measures: ClassVar[tuple[Callable[[Array, float], Mapping[str, Array]], ...]] = (sine_figures,)
     """Functions that compute figures (...,) by name from angles (..., NODES) rad on a circle of a radius in mm."""
     ranges = frozenset({"band_deg"})

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import EntryPoint
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, get_args
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, get_args
 
 import numpy as np
 
@@ -90,12 +90,12 @@ class TableFormat(ABC, Generic[T]):
 
 
 @cache
-def format_of(test: TestName) -> TableFormat[Any]:
+def format_of(test: TestName) -> TableFormat[Table]:
     """The kind of a test, with its table format. Raises FileError if the package that offers it is unusable."""
     own = EntryPoint(test, f"analysis.procedures.{_OWN[test]}", "rig.tests") if test in _OWN else None
     offer = own or OTHER_TESTS[test]
     try:
-        kind: TableFormat[Any] = offer.load()()
+        kind: TableFormat[Table] = offer.load()()
         if kind.test == test:
             return kind
         reason = f"it is the class of {kind.test!r}"

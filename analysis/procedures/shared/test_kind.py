@@ -134,13 +134,16 @@ class PathDeviation:
     on: bool
 
 
+Finders = tuple[tuple[str, Callable[[Any, Rig], "Iterable[Finding]"]], ...]
+"""Conventions that apply only to few tests, each with the function that finds violations."""
+
+
 class TestKind(TableFormat[T]):
     """A kind of test. Methods raise FileError for a table that is no valid measurement."""
 
     facts: ClassVar[Facts] = Facts()
     labels: ClassVar[Labels] = Labels()
-    finders: ClassVar[tuple[tuple[str, Callable[[Any, Rig], Iterable[Finding]]], ...]] = ()
-    """Conventions that apply only to few tests, each with the function that finds violations."""
+    finders: ClassVar[Finders] = ()
 
     @abstractmethod
     def evaluate(self, table: T, rig: Rig, where: str, instruments: Instruments) -> Evaluated:
@@ -211,9 +214,9 @@ class TestKind(TableFormat[T]):
         return nowhere, nowhere
 
 
-def kind_of(test: TestName) -> TestKind[Any]:
+def kind_of(test: TestName) -> TestKind[Table]:
     """The kind of a test. Raises FileError if the package that offers it is unusable."""
-    return cast("TestKind[Any]", format_of(test))
+    return cast("TestKind[Table]", format_of(test))
 
 
 def findings_against(convention: str, table: Table, rig: Rig) -> Iterable[Finding]:
