@@ -41,7 +41,7 @@ _HALVINGS = 10
 
 
 def largest(curve: Array, errors: Array, blur: float, unit: str, samples: int) -> tuple[Quantity, Quantity]:
-    """Return the largest absolute value of a curve (NODES,), in its unit, and its position.
+    """Largest absolute value of a curve (NODES,), in its unit, and its position.
 
     errors (m, NODES): possible noise. blur: standard deviation, rad, of the positions of its rows, which lowers narrow
     peaks.
@@ -97,7 +97,7 @@ class _Evidence:
 
 
 def lag_of(pairs: Sequence[tuple[LapCurve, LapCurve]], radii_mm: Sequence[float], samples: int) -> Quantity:
-    """Return the lag in ms of the gauges behind the robot's feedback, from curves of an acw and a cw run of one circle.
+    """Lag in ms of the gauges behind the robot's feedback, from curves of an acw and a cw run of one circle.
 
     Several kinds (angle, distance) together determine it better. radii_mm: per kind, the conversion of ball motion to
     its unit: 1 for a distance, the circle's radius for an angle.
@@ -131,7 +131,7 @@ def lag_of(pairs: Sequence[tuple[LapCurve, LapCurve]], radii_mm: Sequence[float]
 
 
 def _harmonics(y: Array) -> Complex:
-    """Return complex harmonics (..., h) of curves (..., NODES): y = sum of the real parts of each times exp(i h
+    """Complex harmonics (..., h) of curves (..., NODES): y = sum of the real parts of each times exp(i h
     phi)."""
     both: Complex = 2 * np.fft.rfft(y)[..., _HARMONICS] / NODES
     return both
@@ -154,7 +154,7 @@ class DirectionPair:
 
 
 def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> DirectionPair:
-    """Return figures of acw - cw at the same phi.
+    """Figures of acw - cw at the same phi.
 
     hysteresis_mean_deg (signed), hysteresis_max_deg (absolute) and its position hysteresis_max_at_deg; for the distance
     hysteresis_mean_mm, hysteresis_max_mm (H) and circular_deviation_mm (G(b)). Maxima are noise-corrected. Raises
@@ -193,7 +193,7 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Di
 
 
 def _calm(acw: LapCurve, cw: LapCurve) -> tuple[Array, Array]:
-    """Return both curves (NODES,) with reduced noise of their mean and of their much smaller difference."""
+    """Both curves (NODES,) with reduced noise of their mean and of their much smaller difference."""
     power = acw.power + cw.power
     mean, half = calmed((acw.y + cw.y) / 2, power / 4), calmed((acw.y - cw.y) / 2, power / 4)
     return mean + half, mean - half
@@ -204,13 +204,13 @@ Run = tuple[Array, Array]
 
 
 def plain_figures(angle: list[Run], distance: list[Run], radius_mm: float) -> dict[str, float]:
-    """Return the figures of a noise-free acw and cw run, in this order: angle in rad, distance in mm."""
+    """Figures of a noise-free acw and cw run, in this order: angle in rad, distance in mm."""
     nodes = np.stack([nodes_of(phi, y) for phi, y in (*angle, *distance)])
     return {name: float(value) for name, value in figures_at(nodes, radius_mm).items()}
 
 
 def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
-    """Return the figures (...,) of curves (4, ..., NODES): angle acw and cw, distance acw and cw."""
+    """Figures (...,) of curves (4, ..., NODES): angle acw and cw, distance acw and cw."""
     turned, moved = at_resolution(np.degrees(y[0] - y[1])), at_resolution(y[2] - y[3])
     fit = (fit_circle(y[2], radius_mm) + fit_circle(y[3], radius_mm)) / 2
     deviation = at_resolution(y[2:] - circle_at(fit, radius_mm))
@@ -225,7 +225,7 @@ def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
 
 
 def ball_moved_mm(acw: CircleResult, cw: CircleResult) -> float:
-    """Return the motion of the ball between the runs, mm; 0 if the robot may explain the difference.
+    """Motion of the ball between the runs, mm; 0 if the robot may explain the difference.
 
     Backlash also changes the first order of the distance; for yaw the angle shows the ball independently, and backlash
     hardly gives the same value there.

@@ -54,7 +54,7 @@ class PathMove:
 
 
 def moves_of(t_s: Array, xyz_mm: Array) -> list[PathMove]:
-    """Return the moves between standstills, in order, for positions xyz_mm (n, 3) at increasing times t_s (n,)."""
+    """Moves between standstills, in order, for positions xyz_mm (n, 3) at increasing times t_s (n,)."""
     if len(t_s) < 10 * _SAMPLES:
         return []
     step_s = float(np.median(np.diff(t_s)))
@@ -125,7 +125,7 @@ class DrivenPaths:
 
 
 def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None, where: str) -> DrivenPaths:
-    """Return the paths of a cube in a recording.
+    """Paths of a cube in a recording.
 
     T_world_instrument (4, 4): tracker frame in mm, None to fit it. Raises FileError if the recording contains no paths,
     or not those of this cube.
@@ -173,7 +173,7 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
 def _sorted(
     table: PathTable, commands: Mapping[PathName, CommandPath], moves: list[PathMove]
 ) -> dict[PathName, list[PathMove]]:
-    """Return the moves of each path, in order of time."""
+    """Moves of each path, in order of time."""
     cycles: dict[PathName, list[PathMove]] = {}
     around: Array | None = None
     lengths = {name: command.length_mm for name, command in commands.items()}
@@ -198,7 +198,7 @@ def _sorted(
 
 
 def _fitted(places: Mapping[PathName, list[Array]], commands: Mapping[PathName, CommandPath]) -> Array:
-    """Return the frame (4, 4) that fits all positions to their paths."""
+    """Frame (4, 4) that fits all positions to their paths."""
     cycles = [
         (commands[name], cycle[:: max(1, len(cycle) // _FITTED)]) for name, driven in places.items() for cycle in driven
     ]

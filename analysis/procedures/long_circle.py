@@ -66,13 +66,13 @@ class StreamInterval:
 
 
 def rows_of_gauge(manifest: Manifest) -> int:
-    """Return the number of rows of gauge 1 in a recorded run; 0 if there are none."""
+    """Number of rows of gauge 1 in a recorded run; 0 if there are none."""
     first = _stream_of(manifest, "g1_mm")
     return sum(chunk.rows for chunk in manifest.chunks_of(first)) if first else 0
 
 
 def parts_of(path: Path, manifest: Manifest) -> Iterator[StreamInterval]:
-    """Yield the streams of gauges and robot part by part, in order of time.
+    """Streams of gauges and robot part by part, in order of time.
 
     Raises FileError for a missing or damaged chunk, and for decreasing stamps: such a run is refused as a whole.
     """
@@ -104,7 +104,7 @@ class _Window:
         self._kept: list[Columns] = []
 
     def rows_between(self, begin_ns: float, end_ns: float) -> Columns:
-        """Return the rows received in [begin_ns, end_ns); intervals must not move backwards."""
+        """Rows received in [begin_ns, end_ns); intervals must not move backwards."""
         while self._last_ns() < end_ns and self._reads_on():
             pass
         self._kept = [chunk for chunk in self._kept[:-1] if chunk["last_byte_ns"][-1] >= begin_ns] + self._kept[-1:]
@@ -125,7 +125,7 @@ class _Window:
         return joined
 
     def time_after(self, begin_ns: float, rows: int) -> float:
-        """Return the time of the row that follows the first row from begin_ns on by `rows` rows.
+        """Time of the row that follows the first row from begin_ns on by `rows` rows.
 
         The result is infinite if at most one and a half times as many rows remain.
         """
@@ -209,7 +209,7 @@ class _Piece:
 
 
 def long_circle(directory: Path, path: Path) -> tuple[Measured, Reduced] | None:
-    """Return a run with thinned rows, and all readings reduced to circle angles; path: original location of its files.
+    """A run with thinned rows, and all readings reduced to circle angles; path: original location of its files.
 
     None if it is not a long recorded circle, or contains features visible only in the whole run, which must then be
     read.
@@ -259,7 +259,7 @@ class _AsAWhole(Exception):
 
 
 def _pieces(directory: Path, run: Run, rig: Rig) -> Iterator[_Piece]:
-    """Yield the results of the parts. Raises FileError for an invalid part, _AsAWhole."""
+    """Results of the parts. Raises FileError for an invalid part, _AsAWhole."""
     taken, manifest = 0, run.manifest
     for part in parts_of(directory, manifest):
         shown = _shown_of_robot(part, manifest)
@@ -276,7 +276,7 @@ def _pieces(directory: Path, run: Run, rig: Rig) -> Iterator[_Piece]:
 
 
 def _rows_of(joined: Joined, manifest: Manifest, rig: Rig, taken: int) -> _Rows:
-    """Return the result of a part's rows. taken: rows of the previous parts."""
+    """Result of a part's rows. taken: rows of the previous parts."""
     circle, total, inside = circle_of(rig), rows_of_gauge(manifest), joined.inside
     q, g_mm = joined.robot.values, joined.g_mm
     of_robot = frame_of(circle).angle(places_along(arm_of(rig.robot), q, np.arange(len(q))))
@@ -302,7 +302,7 @@ def _rows_of(joined: Joined, manifest: Manifest, rig: Rig, taken: int) -> _Rows:
 
 
 def _stretches(phi: Array, g_mm: Array, marks: Mask, slot: Integers, start: float) -> tuple[Integers, Integers, Array]:
-    """Return the first rows (m,) of stretches, with their nodes (m,) and sums (m, len(_SUMS)).
+    """First rows (m,) of stretches, with their nodes (m,) and sums (m, len(_SUMS)).
 
     A stretch is the sequence of rows between two nodes within a time slot. marks (4, n): masks of outliers and of
     changed readings. If the robot trembles about a node, the rows on each side form one stretch.
@@ -330,7 +330,7 @@ def _stretches(phi: Array, g_mm: Array, marks: Mask, slot: Integers, start: floa
 
 
 def _shown_of_robot(part: StreamInterval, manifest: Manifest) -> dict[str, Array]:
-    """Return thinned robot rows of a part, and those with a state change."""
+    """Thinned robot rows of a part, and those with a state change."""
     stream = part.streams.get("robot")
     if not stream:
         return {}
@@ -376,7 +376,7 @@ def _rows_in(laps: Laps, parts: Sequence[_Rows], first_ns: float, start: float) 
 
 
 def _pulls_of(base: Array, sums: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Return the sums (2, L, NODES) of readings times hat functions, for readings equal to waves (5, 2).
+    """Sums (2, L, NODES) of readings times hat functions, for readings equal to waves (5, 2).
 
     A wave is represented by its Taylor polynomial of third order after each node; the error is 4e-9.
     """
@@ -392,7 +392,7 @@ def _pulls_of(base: Array, sums: Mapping[str, Array]) -> tuple[Array, Array]:
 
 
 def _lap_of(laps: Laps, at_s: Array, cell: Integers, start: float) -> Integers:
-    """Return the lap number (m,) of each stretch, or -1 outside the laps.
+    """Lap number (m,) of each stretch, or -1 outside the laps.
 
     The lap times are known to a few rows of the thinned table. Within these rows the circle angle decides.
     """

@@ -66,7 +66,7 @@ class PathResult:
 
     @property
     def as_curve(self) -> PathCurve:
-        """Return the paths station by station."""
+        """Paths station by station."""
         cube, parts = self.cube, list[tuple[Array, ...]]()
         axes = np.stack([cube.level, cube.rising, np.cross(cube.level, cube.rising)])
         names: list[str] = []
@@ -83,7 +83,7 @@ class PathResult:
 def evaluate(
     table: PathTable, cube: Cube, instrument: TrackerPose | None, where: str, speed_mm_s: float | None = None
 ) -> PathResult:
-    """Return the figures of a path recording.
+    """Figures of a path recording.
 
     NAME_at_mm and NAME_rt_mm of line, circle and small_circle; corner_round_mm, corner_overshoot_mm; f_max_mm,
     f_min_mm, d_mm of the large circle in both directions; speed_mm_s along the line, or the largest path found, doubted
@@ -123,14 +123,14 @@ def evaluate(
 
 
 def at_and_rt(off_mm: Array, name: str = "path") -> dict[str, Array]:
-    """Return AT and RT (...,) in mm of deviations (..., cycles, stations, 3) mm."""
+    """AT and RT (...,) in mm of deviations (..., cycles, stations, 3) mm."""
     accuracy = np.linalg.norm(off_mm.mean(axis=-3), axis=-1).max(axis=-1)
     repeat = rp(np.swapaxes(off_mm, -3, -2)).max(axis=-1)
     return {f"{name}_at_mm": accuracy, f"{name}_rt_mm": repeat}
 
 
 def _redone(values: Array, plain: Callable[[Array], dict[str, Array]]) -> dict[str, Quantity]:
-    """Return the figures of values (cycles, …), and their deviations from the expectation in repeated tests.
+    """Figures of values (cycles, …), and their deviations from the expectation in repeated tests.
 
     Each repeated cycle is the mean plus a mixture of the differences between cycles, preserving their correlation along
     the path; the uncertainty of their scatter adds a chi-square draw.
@@ -148,7 +148,7 @@ def _redone(values: Array, plain: Callable[[Array], dict[str, Array]]) -> dict[s
 
 
 def _corners(rectangle: DrivenPath) -> dict[str, Quantity]:
-    """Return CR and CO from the first three cycles of the standard; u from all cycles.
+    """CR and CO from the first three cycles of the standard; u from all cycles.
 
     Between two positions the chord cuts a right corner by up to half its length: this is the minimum of 2 u.
     """
@@ -167,7 +167,7 @@ def _corners(rectangle: DrivenPath) -> dict[str, Quantity]:
 
 
 def corner_of(places: Array, command: Polygon, knot: int) -> tuple[float, float, float]:
-    """Return CR and CO in mm of one pass, positions (n, 3) mm, at a corner of a polygon, and the spacing of the
+    """CR and CO in mm of one pass, positions (n, 3) mm, at a corner of a polygon, and the spacing of the
     positions there."""
     corner, before, after = command.knots[knot], command.knots[knot - 1], command.knots[knot + 1]
     old, new = (corner - before) / np.linalg.norm(corner - before), (after - corner) / np.linalg.norm(after - corner)
@@ -193,7 +193,7 @@ def corner_of(places: Array, command: Polygon, knot: int) -> tuple[float, float,
 
 
 def _radial(acw: DrivenPath, cw: DrivenPath) -> dict[str, Quantity]:
-    """Return F and D of the large circle in both directions, with stations at equal positions."""
+    """F and D of the large circle in both directions, with stations at equal positions."""
     ring, n = acw.command, min(len(acw.places), len(cw.places))
     stations = min(len(acw.s_mm), len(cw.s_mm))
     if not isinstance(ring, Ring) or n < FEWEST_CYCLES or len(acw.s_mm) != len(cw.s_mm):

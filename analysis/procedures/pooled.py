@@ -58,7 +58,7 @@ class BetweenRuns:
 
     @property
     def in_sd(self) -> str:
-        """Return the standard deviation between the runs, formatted for display."""
+        """Standard deviation between the runs, formatted for display."""
         return self.mean.rounded_size(self.sd)
 
 
@@ -99,7 +99,7 @@ def pooled(group: Sequence[Result]) -> list[Pooled]:
 
 
 def figures_between_runs(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, BetweenRuns]:
-    """Return the figures common to all runs, combined over the runs.
+    """Figures common to all runs, combined over the runs.
 
     The u of a mean is at least the smallest u of a run, because a part of it (time and baseline of the gauges) is
     common to all runs.
@@ -122,7 +122,7 @@ def figures_between_runs(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, Be
 
 
 def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, str]]]:
-    """Return the runs that belong together, and the other runs with the reason: repeated readings, other poses, or a
+    """Runs that belong together, and the other runs with the reason: repeated readings, other poses, or a
     remounted ball.
     """
     by_digest: dict[str, Result] = {}
@@ -157,7 +157,7 @@ def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, 
 
 
 def _are_same_poses(first: Result, run: Result) -> bool:
-    """Return whether a pose run has the same poses; other tests depend on the set-up only."""
+    """True if a pose run has the same poses; other tests depend on the set-up only."""
     table, its = first.measured.table, run.measured.table
     if not (isinstance(table, PlaceTable) and isinstance(its, PlaceTable)):
         return True
@@ -212,7 +212,7 @@ class FigureColumn:
 
 
 def figure_columns(group: Sequence[Result]) -> list[FigureColumn]:
-    """Return the columns for the runs of one test at one place."""
+    """Columns for the runs of one test at one place."""
     together = {mean.title: mean for mean in pooled(group) if mean.figures}
     columns = []
     for title in dict.fromkeys(result.title for result in group):

@@ -121,7 +121,7 @@ class PoseResult:
 
     @property
     def as_curve(self) -> PoseCurve:
-        """Return the errors in table order."""
+        """Errors in table order."""
         return PoseCurve(self.position_mm, None if self.rotation is None else np.degrees(self.rotation), self.axes)
 
 
@@ -134,7 +134,7 @@ def evaluate(
     cube: Cube | None = None,
     instrument: TrackerPose | None = None,
 ) -> PoseResult:
-    """Return the figures of tracker poses.
+    """Figures of tracker poses.
 
     arm: nominal; its base and tool are replaced by the fit, except for AP in a known instrument frame. u_mm: standard
     uncertainty of a coordinate, assumed if no pose was repeated; the uncertainty of the orientation is nan then. cube:
@@ -193,7 +193,7 @@ def evaluate(
 
 
 def _in_frame(arm: Arm, table: PoseTable, instrument: TrackerPose) -> tuple[Array, Array | None]:
-    """Return errors (n, 3) mm and (n, 3) rad, or None, in the arm's base, with the tool of the rig file and the
+    """Errors (n, 3) mm and (n, 3) rad, or None, in the arm's base, with the tool of the rig file and the
     measured instrument frame, without a fit."""
     T = np.linalg.inv(arm.T_world_base) @ forward(arm, table.q)
     to_base: Array = np.linalg.inv(arm.T_world_base) @ transform(instrument)
@@ -207,7 +207,7 @@ def _in_frame(arm: Arm, table: PoseTable, instrument: TrackerPose) -> tuple[Arra
 def _of_visits(
     placed: Array, twisted: Array | None, group: NDArray[np.int64], pose: Integers, instrument: TrackerPose | None
 ) -> tuple[dict[str, Quantity], list[str], Scatter, Scatter | None]:
-    """Return figures, notes, and the scatter of positions and rotations of repeated poses.
+    """Figures, notes, and the scatter of positions and rotations of repeated poses.
 
     pose (n,): pose number of the cube. u of AP includes the uncertainty of the instrument frame.
     """
@@ -234,7 +234,7 @@ def _of_visits(
 
 
 def _errors(bare: Arm, of_fit: PoseTable, table: PoseTable) -> tuple[Array, Array | None]:
-    """Return errors (n, 3) mm and (n, 3) rad, or None, of the poses of a table, with base and tool fitted to a
+    """Errors (n, 3) mm and (n, 3) rad, or None, of the poses of a table, with base and tool fitted to a
     second table."""
     setup = fit_setup(forward(bare, of_fit.q), of_fit.xyz_mm)
     T = forward(bare, table.q)
@@ -251,7 +251,7 @@ _MANY_ROWS = 2000
 
 
 def groups(q: Array, same_rad: float, *, rail: bool = False) -> NDArray[np.int64]:
-    """Return the group number (n,) of each row: rows with all joints within same_rad of the group's first, modulo a
+    """Group number (n,) of each row: rows with all joints within same_rad of the group's first, modulo a
     turn.
 
     rail: whether the last column is a rail position.
@@ -269,7 +269,7 @@ def groups(q: Array, same_rad: float, *, rail: bool = False) -> NDArray[np.int64
 
 
 def _near_in_table(places: Array, box: Array, same_rad: float) -> Callable[[int], NDArray[np.intp]]:
-    """Return a function from a row to all rows near it. box: period of each column; 0 if it has none."""
+    """A function from a row to all rows near it. box: period of each column; 0 if it has none."""
 
     def near_row(row: int) -> NDArray[np.intp]:
         apart = np.abs(places - places[row])
@@ -279,7 +279,7 @@ def _near_in_table(places: Array, box: Array, same_rad: float) -> Callable[[int]
 
 
 def _near_in_tree(places: Array, box: Array, same_rad: float) -> Callable[[int], NDArray[np.intp]]:
-    """Return the same function as `_near_in_table`, by a tree."""
+    """Same function as `_near_in_table`, by a tree."""
     from scipy.spatial import cKDTree  # noqa: PLC0415 - takes half a second to import
 
     tree = cKDTree(places, boxsize=box)
@@ -293,7 +293,7 @@ def _noise(
     u: float,
     stops: LogUniform | None = None,
 ) -> Array:
-    """Return draws (m, n, 3) of the noise of all rows.
+    """Draws (m, n, 3) of the noise of all rows.
 
     The noise is taken from the scatter of the group of the row, or else of any group. If both are unknown, it combines
     the uncertainty u of the instrument with the usual scatter of robot stops.
@@ -331,7 +331,7 @@ def _angles(vectors: Array) -> dict[str, Array]:
 
 
 def place_figures(x: Array) -> dict[str, Array]:
-    """Return scatter, AP and RP (...,) in mm of position errors x (..., g, 3, n) mm of n visits in g groups, NaN if
+    """Scatter, AP and RP (...,) in mm of position errors x (..., g, 3, n) mm of n visits in g groups, NaN if
     missing."""
     x = np.swapaxes(x, -1, -2)
     mean = np.nanmean(x, axis=-2, keepdims=True)
@@ -347,7 +347,7 @@ def place_figures(x: Array) -> dict[str, Array]:
 
 
 def turn_figures(x: Array) -> dict[str, Array]:
-    """Return AP and RP (...,) in degrees about each axis, of orientation errors x (..., g, 3, n) in degrees, NaN if
+    """AP and RP (...,) in degrees about each axis, of orientation errors x (..., g, 3, n) in degrees, NaN if
     missing."""
     x = np.swapaxes(x, -1, -2)
     figures = {}
@@ -361,13 +361,13 @@ def turn_figures(x: Array) -> dict[str, Array]:
 
 
 def _thrice(x: Array) -> NDArray[np.bool_]:
-    """Return a mask (g,) of the groups of (..., g, n, 3) with three visits or more."""
+    """A mask (g,) of the groups of (..., g, n, 3) with three visits or more."""
     counts = np.isfinite(x[..., 0]).sum(axis=-1)
     return np.asarray(counts.reshape(-1, counts.shape[-1])[0] >= 3)
 
 
 def _padded(values: Array, group: NDArray[np.int64], again: NDArray[np.int64]) -> Array:
-    """Return values by group (groups, 3, visits), NaN if missing."""
+    """Values by group (groups, 3, visits), NaN if missing."""
     visits = [values[group == number] for number in again]
     x = np.full((len(again), 3, max(map(len, visits))), np.nan)
     for row, of_group in enumerate(visits):
@@ -376,7 +376,7 @@ def _padded(values: Array, group: NDArray[np.int64], again: NDArray[np.int64]) -
 
 
 def _orientation(T: Array, rpy: Array, setup: PoseSetUp) -> tuple[PoseSetUp, Array]:
-    """Return the set-up with the tool orientation, and the remaining rotation vectors (n, 3) rad, in the arm's base."""
+    """Set-up with the tool orientation, and the remaining rotation vectors (n, 3) rad, in the arm's base."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     seen = _turns_seen(rpy, setup)
@@ -386,14 +386,14 @@ def _orientation(T: Array, rpy: Array, setup: PoseSetUp) -> tuple[PoseSetUp, Arr
 
 
 def _turns_seen(rpy: Array, setup: PoseSetUp) -> Rotation:
-    """Return the measured rotations rpy (n, 3) rad as rotations (n,) in the arm's base."""
+    """Measured rotations rpy (n, 3) rad as rotations (n,) in the arm's base."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     return Rotation.from_matrix(setup.T_world_base[:3, :3]).inv() * Rotation.from_euler("xyz", rpy)
 
 
 def _remaining_rotations(T: Array, seen: Rotation, R_tool: Array) -> Array:
-    """Return rotation vectors (n, 3) rad from flanges T (n, 4, 4) with a tool rotation R_tool (3, 3) to the measured
+    """Rotation vectors (n, 3) rad from flanges T (n, 4, 4) with a tool rotation R_tool (3, 3) to the measured
     ones."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
@@ -401,7 +401,7 @@ def _remaining_rotations(T: Array, seen: Rotation, R_tool: Array) -> Array:
 
 
 def _doubts(rms: Quantity, setup: PoseSetUp) -> list[str]:
-    """Return doubts about errors far beyond those of any nominal arm, and about an undetermined base or tool."""
+    """Doubts about errors far beyond those of any nominal arm, and about an undetermined base or tool."""
     doubts = []
     if not (rms.value < _MISSES_MM or rms.value < _DOUBTFUL_U * rms.u):
         doubts.append(

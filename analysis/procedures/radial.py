@@ -98,12 +98,12 @@ def free_sphere(points: Array) -> Sphere:
 
 
 def conditioned(points: Array) -> bool:
-    """Return whether points (n, 3) mm determine centre and radius: not all near one circle or position."""
+    """True if points (n, 3) mm determine centre and radius: not all near one circle or position."""
     return not _unknown(_design(points, np.zeros(3)))
 
 
 def outlying_targets(points: Array) -> NDArray[np.bool_]:
-    """Return a mask (t,) of outliers of a robust sphere; points (t, o, 3) mm: o readings per target, NaN if missing."""
+    """A mask (t,) of outliers of a robust sphere; points (t, o, 3) mm: o readings per target, NaN if missing."""
     # Robust sphere: soft_l1 by reweighting.
     read = points[np.isfinite(points).all(axis=-1)]
     x = np.append(np.zeros(3), np.median(np.linalg.norm(read, axis=1)))
@@ -121,12 +121,12 @@ def outlying_targets(points: Array) -> NDArray[np.bool_]:
 
 
 def _distances_from_sphere(points: Array, x: Array) -> Array:
-    """Return the distances (...,) mm of points (..., 3) mm from the sphere x: centre and radius."""
+    """Distances (...,) mm of points (..., 3) mm from the sphere x: centre and radius."""
     return np.asarray(np.linalg.norm(points - x[:3], axis=-1) - x[3])
 
 
 def _design(points: Array, centre: Array) -> Array:
-    """Return the derivatives (n, 4) of each point's distance from a sphere by centre and radius, outwards."""
+    """Derivatives (n, 4) of each point's distance from a sphere by centre and radius, outwards."""
     line = points - centre
     unit = line / np.linalg.norm(line, axis=1)[:, None]
     return np.concatenate([unit, np.ones((len(points), 1))], axis=1)
@@ -179,7 +179,7 @@ class Cells:
         return bool(np.median(apart) > _APART * (last.max() - first.min()))
 
     def only(self, rows: NDArray[np.bool_]) -> Cells:
-        """Return the cells of the targets in a mask (t,)."""
+        """Cells of the targets in a mask (t,)."""
         return Cells(self.target[rows], self.direction[rows], self.g_mm[rows], self.t_s[rows])
 
 
@@ -207,7 +207,7 @@ class RadialResult:
 
     @property
     def as_curve(self) -> RadialCurve:
-        """Return the targets in order of their numbers."""
+        """Targets in order of their numbers."""
         x, y, z = self.cells.direction.T
         polar_deg, azimuth_deg = np.degrees(np.arccos(np.clip(z, -1.0, 1.0))), np.degrees(np.arctan2(y, x))
         return RadialCurve(self.cells.target, polar_deg, azimuth_deg, self.deviation_mm, self.spread_mm, self.used)
@@ -221,7 +221,7 @@ def evaluate(
     expected: Collection[int] = (),
     orientations: int = 1,
 ) -> RadialResult:
-    """Return the figures of a hemisphere.
+    """Figures of a hemisphere.
 
     radius_mm: nominal. u_mm: standard uncertainty of a gauge reading without its step, 0 for exact (simulated)
     readings.
@@ -284,7 +284,7 @@ def _figures(cells: Cells, best: Array, free: Sphere, scatter: Scatter | None, r
 def _plain(
     cell_mm: Array, best: Array, free: Sphere, radius_mm: float, length_mm: Array | float = 0.0
 ) -> dict[str, Array]:
-    """Return the figures (m,) of m draws of the readings, including those of the fitted sphere.
+    """Figures (m,) of m draws of the readings, including those of the fitted sphere.
 
     cell_mm (m, t, o): drawn readings. best (t, o): readings about which they are drawn. length_mm (m,): length added to
     every distance. The sphere is updated by a linear approximation.
@@ -311,7 +311,7 @@ def _plain(
 
 
 def _cells(table: RadialTable, radius_mm: float, where: str) -> Cells:
-    """Return the readings by target and orientation. Raises FileError for a table impossible in a radial test."""
+    """Readings by target and orientation. Raises FileError for a table impossible in a radial test."""
     if len(table.g_mm) == 0:
         raise FileError(where, "has no rows", "give a table with readings")
     check_numbers(where, g1_mm=table.g_mm, polar=table.polar, azimuth=table.azimuth)
@@ -348,7 +348,7 @@ def _has_time(t_s: Array) -> bool:
 
 
 def _mean(x: Array) -> Array:
-    """Return the mean over the last axis ignoring NaN; NaN without a warning if empty."""
+    """Mean over the last axis ignoring NaN; NaN without a warning if empty."""
     measured = np.isfinite(x)
     count = measured.sum(axis=-1)
     return np.where(count > 0, np.where(measured, x, 0.0).sum(axis=-1) / np.maximum(count, 1), np.nan)
@@ -357,7 +357,7 @@ def _mean(x: Array) -> Array:
 def _notes(
     cells: Cells, expected: Collection[int], orientations: int, far: NDArray[np.bool_], off_mm: Array, free: Sphere
 ) -> tuple[str, ...]:
-    """Return notes: unmeasured targets, targets left out with off_mm (t, o) mm from the sphere, and undetermined
+    """Notes: unmeasured targets, targets left out with off_mm (t, o) mm from the sphere, and undetermined
     parameters."""
     notes = []
     targets, have = len(cells.target), cells.g_mm.shape[1]
@@ -412,7 +412,7 @@ class Radial(TargetTest[RadialTable]):
     def recorded(
         self, data: Aligned, rig: Rig, direction: Direction | None, where: str
     ) -> tuple[RadialTable, list[str]]:
-        """Return the table of stops at targets, with the certified difference between link length and radius."""
+        """Table of stops at targets, with the certified difference between link length and radius."""
         stands, program = stands_of(data.t_s, data.q, data.g_mm), radial_program(rig)
         at = at_targets(stands, program, rig)
         order = list(zip(program.target.tolist(), program.orientation.tolist(), strict=True))
@@ -440,7 +440,7 @@ class Radial(TargetTest[RadialTable]):
         return table.with_readings(read_by_gauges(rig, table, self.setup(rig), run))
 
     def directions(self, table: RadialTable, hemisphere: Hemisphere) -> tuple[Array, Array]:
-        """Return the angles (n,) rad of the table."""
+        """Angles (n,) rad of the table."""
         return table.polar, table.azimuth
 
     def visits(self, table: RadialTable) -> Integers:

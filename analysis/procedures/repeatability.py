@@ -74,14 +74,14 @@ class RepeatabilityResult:
 
     @property
     def as_curve(self) -> RepeatabilityCurve:
-        """Return the readings by target, approach and time."""
+        """Readings by target, approach and time."""
         target, side, visit = np.nonzero(np.isfinite(self.readings_mm))
         readings_mm = self.readings_mm[target, side, visit]
         return RepeatabilityCurve(self.targets[target], np.array(SIDES)[side], visit + 1, readings_mm)
 
 
 def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatability run") -> RepeatabilityResult:
-    """Return the figures of repeated approaches.
+    """Figures of repeated approaches.
 
     u_mm: standard uncertainty of a gauge reading without its step, 0 for exact (simulated) readings.
 
@@ -119,7 +119,7 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
 
 
 def plain_figures(x: Array) -> dict[str, Array]:
-    """Return the figures (...,) of readings x (..., targets, 2, n) mm, sides out and in, NaN if missing."""
+    """Figures (...,) of readings x (..., targets, 2, n) mm, sides out and in, NaN if missing."""
     uni, bi, repeat = _range(x), _range(x.reshape(*x.shape[:-2], -1)), rp(x[..., None])
     return {
         "uni_mm": uni.max(axis=(-2, -1)),
@@ -137,7 +137,7 @@ def _range(x: Array) -> Array:
 
 
 def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tuple[str, ...]]:
-    """Return targets with at least two readings from each side, and these readings padded with NaN: (t, 2, n) mm."""
+    """Targets with at least two readings from each side, and these readings padded with NaN: (t, 2, n) mm."""
     every = np.unique(table.target)
     cells = {
         int(target): [table.g_mm[(table.target == target) & (table.approach == side)] for side in SIDES]
@@ -187,7 +187,7 @@ class Repeatability(TargetTest[RepeatabilityTable]):
     def recorded(
         self, data: Aligned, rig: Rig, direction: Direction | None, where: str
     ) -> tuple[RepeatabilityTable, list[str]]:
-        """Return the table of stops at targets, each with its side of approach."""
+        """Table of stops at targets, each with its side of approach."""
         stands, program = stands_of(data.t_s, data.q, data.g_mm), repeatability_program(rig)
         frame, arm = hemisphere_frame(hemisphere_of(rig)), arm_of(rig.robot)
         limit_mm = repeatability_of(rig).approach_mm / 2
@@ -224,7 +224,7 @@ class Repeatability(TargetTest[RepeatabilityTable]):
         return table.with_readings(read_by_gauges(rig, table, self.setup(rig), run))
 
     def path(self, model: Model, table: RepeatabilityTable) -> Path:
-        """Return stops at targets, from outside, from inside, or from the target itself if unknown."""
+        """Stops at targets, from outside, from inside, or from the target itself if unknown."""
         hemisphere = hemisphere_of(model.rig)
         polar, azimuth = (angles[table.target - 1] for angles in target_angles(hemisphere))
         side = np.select([table.approach == "out", table.approach == "in"], [1.0, -1.0], 0.0)
@@ -233,7 +233,7 @@ class Repeatability(TargetTest[RepeatabilityTable]):
         return stops(table.q, table.t_s, came_from)
 
     def directions(self, table: RepeatabilityTable, hemisphere: Hemisphere) -> tuple[Array, Array] | None:
-        """Return the angles (n,) rad of the numbered targets."""
+        """Angles (n,) rad of the numbered targets."""
         polar, azimuth = target_angles(hemisphere)
         if table.target.min() < 1 or table.target.max() > len(polar):
             return None
@@ -245,7 +245,7 @@ class Repeatability(TargetTest[RepeatabilityTable]):
 
 
 def _program_table(rig: Rig) -> RepeatabilityTable:
-    """Return the visits of each target: one reading, then rounds with an approach from outside and one from inside."""
+    """Visits of each target: one reading, then rounds with an approach from outside and one from inside."""
     at, rounds = repeatability_program(rig), repeatability_of(rig).rounds
     approach = np.array(["none", *["out", "in"] * rounds])
     number = np.array([1, *np.repeat(np.arange(1, rounds + 1), 2)])

@@ -110,12 +110,12 @@ class Result(Tabular):
         return self.found.curve.noise, self.found.distance.curve.noise
 
     def to_table(self) -> pa.Table:
-        """Return a row per figure: figure, value, u (standard uncertainty), unit, samples, noise."""
+        """A row per figure: figure, value, u (standard uncertainty), unit, samples, noise."""
         rows = [{"figure": name, **asdict(figure)} for name, figure in self.figures.items()]
         return table_of_rows(("figure", "value", "u", "unit", "samples", "noise"), rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return run, figures and doubts as plain types, with None for unknown values: the entry of a run in `rig
+        """Run, figures and doubts as plain types, with None for unknown values: the entry of a run in `rig
         analyse --json`.
         """
         manifest = self.measured.run.manifest
@@ -273,7 +273,7 @@ class Fitness:
 
 
 def fitness(run: Path) -> Fitness:
-    """Return whether a run is usable, and how to repair it."""
+    """True if a run is usable, and how to repair it."""
     why, drove, still_driving = "", None, False
     try:
         recorded = read_run(run)
@@ -293,5 +293,5 @@ def fitness(run: Path) -> Fitness:
 
 
 def why_unusable(run: Path) -> str:
-    """Return the reason why `rig analyse` would refuse a run, or a convention makes it unusable; empty if valid."""
+    """Reason why `rig analyse` would refuse a run, or a convention makes it unusable; empty if valid."""
     return fitness(run).why

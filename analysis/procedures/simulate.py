@@ -35,7 +35,7 @@ def simulate(
 
 
 def noise_seed(seed: int, direction: Direction | None) -> int:
-    """Return the noise seed of a run, different for each direction."""
+    """Noise seed of a run, different for each direction."""
     return 2 * seed + (direction == "cw")
 
 
@@ -48,7 +48,7 @@ def simulated_run(
     effects: Sequence[Effect] | None = None,
     noise: Noise | None = None,
 ) -> Measured:
-    """Return a simulated run like a measured one, named after test, direction and seed. Raises FileError.
+    """A simulated run like a measured one, named after test, direction and seed. Raises FileError.
 
     seed: of the noise, different in both directions; None for no noise. effects: in place of those of the rig. The run
     contains the rig file, without the simulated effects; its source states the seed.

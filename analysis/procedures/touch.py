@@ -84,12 +84,12 @@ class TouchResult:
 
     @property
     def as_curve(self) -> PoseCurve:
-        """Return the errors in table order."""
+        """Errors in table order."""
         return PoseCurve(self.position_mm, None)
 
 
 def evaluate(table: TouchTable, model: Model, where: str = "the touch table") -> TouchResult:
-    """Return the figures of touches with a model of the arm: rms_mm and max_mm of the ball relative to its socket,
+    """Figures of touches with a model of the arm: rms_mm and max_mm of the ball relative to its socket,
     spat_mm, and socket_distance_mm for two sockets.
 
     Raises FileError for too few touches, and for a robot that did not move.
@@ -137,7 +137,7 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
 
 
 def _plain(off: Array, socket: Integers, sockets: int) -> dict[str, Array]:
-    """Return figures (...,) in mm of ball positions relative to their sockets (..., n, 3) mm."""
+    """Figures (...,) in mm of ball positions relative to their sockets (..., n, 3) mm."""
     distance = np.linalg.norm(off, axis=-1)
     worst = np.zeros(distance.shape[:-1])
     for number in range(sockets):
@@ -151,7 +151,7 @@ def _plain(off: Array, socket: Integers, sockets: int) -> dict[str, Array]:
 def _distances(
     model: Model, names: Sequence[str], terms: Array, drawn: Array, samples: int
 ) -> tuple[SocketDistance, ...]:
-    """Return the distances between sockets, and their draws, from the fitted terms (3 + 3 s,) mm and draws (m, 3 + 3
+    """Distances between sockets, and their draws, from the fitted terms (3 + 3 s,) mm and draws (m, 3 + 3
     s) mm.
     """
     declared = model.rig.tests.touch.distances if model.rig.tests.touch else ()
@@ -173,7 +173,7 @@ _ALL_PAIRS = 4
 
 
 def known_otherwise(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
-    """Return notes about distances that differ from the known ones."""
+    """Notes about distances that differ from the known ones."""
     return tuple(
         f"sockets {pair.between[0]} and {pair.between[1]} are {pair.known} apart, but {pair.distance} according to the "
         "arm: its constants are wrong by a part of the difference, or the distance is wrong"
@@ -184,7 +184,7 @@ def known_otherwise(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
 
 
 def unknown_distance(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
-    """Return a note if sockets were touched, but the rig file states none of their distances."""
+    """A note if sockets were touched, but the rig file states none of their distances."""
     if not distances or any(pair.known for pair in distances):
         return ()
     first, second = distances[0].between

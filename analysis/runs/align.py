@@ -53,7 +53,7 @@ def require_sound(path: Path, instrument: str, columns: Mapping[str, np.ndarray[
 
 
 def is_reading(values: Array, largest: float) -> Mask:
-    """Return a mask of the rows of values (n, k) in which all numbers are finite and at most `largest` in magnitude."""
+    """A mask of the rows of values (n, k) in which all numbers are finite and at most `largest` in magnitude."""
     sound = np.ones(len(values), dtype=bool)
     for column in values.T:  # column by column, to use no more memory than the result
         sound &= column <= largest
@@ -197,7 +197,7 @@ class Joined:
         return _columns_at(self.rows_ns, self.gauges)
 
     def q_at(self, rows_ns: Array) -> Array:
-        """Return the joint angles (m, 6) rad at times rows_ns (m,)."""
+        """Joint angles (m, 6) rad at times rows_ns (m,)."""
         return _columns_at(rows_ns, [self.robot])
 
 
@@ -288,12 +288,12 @@ def _read(
 
 
 def gauges_of(test: TestName, rig: Rig) -> list[str]:
-    """Return the gauges used by a test."""
+    """Gauges used by a test."""
     return [name for name, _ in rig.gauges] if test in CIRCLES else ["g1"]
 
 
 def doubts_of(seen: Mapping[str, InstrumentObservations], rows: int) -> list[str]:
-    """Return the doubts about a run as text. rows: number of rows of gauge 1."""
+    """Doubts about a run as text. rows: number of rows of gauge 1."""
     doubts = [doubt for name, of in seen.items() for doubt in _doubts_of(name, of)]
     gaps = ((name, of.gaps) for name, of in seen.items() if of.gaps and are_many(of.gaps, of.longest_ns, rows))
     return [*doubts, *(f"{_left_out(name, count)} at gaps" for name, count in gaps)]
@@ -320,7 +320,7 @@ def _left_out(name: str, count: int) -> str:
 
 
 def robot_only(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
-    """Return times (n,) s since the first row, reported angles (n, 6) rad, and doubts of a recorded run.
+    """Times (n,) s since the first row, reported angles (n, 6) rad, and doubts of a recorded run.
 
     Gauges are ignored. Raises FileError if the robot was not recorded.
     """
@@ -365,7 +365,7 @@ def _columns_at(rows_ns: Array, tracks: Sequence[InstrumentTrack]) -> Array:
 
 
 def are_many(gaps: int, longest_ns: float, rows: int) -> bool:
-    """Return whether the gaps exceed the delays caused by rigd itself.
+    """True if the gaps exceed the delays caused by rigd itself.
 
     gaps: number of rows in gaps. longest_ns: length of the longest gap.
     """
@@ -375,7 +375,7 @@ def are_many(gaps: int, longest_ns: float, rows: int) -> bool:
 def _gauge(
     path: Path, streams: Streams, test: TestName, rig: Rig, name: str, part: tuple[float, float] | None
 ) -> tuple[InstrumentTrack, InstrumentObservations]:
-    """Return readings (n, 1) mm of one gauge, increasing with the distance from the ball."""
+    """Readings (n, 1) mm of one gauge, increasing with the distance from the ball."""
     gauge, column = dict(rig.gauges)[name], f"{name}_mm"
     stream = _stream(path, streams, [column], f"gauge {name}", LONGEST_MM)
     if gauge.bus and sum(key.endswith("_mm") for key in stream) > 1:
@@ -395,7 +395,7 @@ def _gauge(
 
 
 def _inside(stream: Columns, part: tuple[float, float] | None) -> Mask | None:
-    """Return a mask (n,) of the rows of a stream in a part of the run, None for the complete run."""
+    """A mask (n,) of the rows of a stream in a part of the run, None for the complete run."""
     if part is None:
         return None
     came_ns = stream["last_byte_ns"]
@@ -420,7 +420,7 @@ def _robot(
 
 
 def timing_doubts(name: str, instants: Instants | InstrumentObservations) -> list[str]:
-    """Return doubts about the times of an instrument, as text."""
+    """Doubts about the times of an instrument, as text."""
     doubts = []
     if instants.restarts:
         doubts.append(f"{name}: the clock restarted {instants.restarts} times and is fitted in pieces")
@@ -444,7 +444,7 @@ def timing_doubts(name: str, instants: Instants | InstrumentObservations) -> lis
 def _track(
     instants: Instants, values: Array, sound: Mask, inside: Mask | None
 ) -> tuple[InstrumentTrack, InstrumentObservations]:
-    """Return the values in order of time with a single row per instant. Rows lacking a valid reading or time are
+    """Values in order of time with a single row per instant. Rows lacking a valid reading or time are
     dropped.
 
     If several messages arrived together, the last one is kept, because the others waited for it. If a coarse clock
@@ -491,7 +491,7 @@ def _stream(path: Path, streams: Streams, columns: Sequence[str], instrument: st
 
 
 def gaps_ns(rows: Array, times: Array, short_ns: float) -> Array:
-    """Return for each of the rows (n,) ns the length in ns of the gap containing it, 0 outside gaps.
+    """For each of the rows (n,) ns the length in ns of the gap containing it, 0 outside gaps.
 
     times (m,) ns: instants of the other instrument; both arrays increase. A row equal to one of the times is outside.
     """

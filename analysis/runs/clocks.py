@@ -117,7 +117,7 @@ class Instants:
 
 
 def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
-    """Return the time of each gauge reading, in the middle of the averaging interval of the filter."""
+    """Time of each gauge reading, in the middle of the averaging interval of the filter."""
     stream, doubts = _without_standing_clock(stream)
     timing, device_s = gauge.timing, stream["device_time_s"]
     character_ns = 0 if tcp_address(gauge.port) else gauge.line.character_ns
@@ -143,7 +143,7 @@ def _without_standing_clock(stream: Columns) -> tuple[Columns, tuple[TimingDoubt
 
 
 def _requested(stream: Columns, went_through: Array, set_out: Array, timing: Timing) -> Instants:
-    """Return the times of readings sent at set_out (n,) ns, for requests transmitted at went_through (n,) ns."""
+    """Times of readings sent at set_out (n,) ns, for requests transmitted at went_through (n,) ns."""
     set_out = set_out - timing.answer_delay_ms * 1e6
     window = np.maximum(set_out - went_through, 0.0)
     if timing.latched_within_ms is not None:
@@ -166,7 +166,7 @@ def _requested(stream: Columns, went_through: Array, set_out: Array, timing: Tim
 
 
 def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
-    """Return the times of readings (n, k) mm that a gauge takes in an internal cycle and sends on request."""
+    """Times of readings (n, k) mm that a gauge takes in an internal cycle and sends on request."""
     cycle_ns = None if timing.cycle_ms is None else timing.cycle_ms * 1e6
     if cycle_ns is None and not repeats(values):
         return asked
@@ -199,7 +199,7 @@ def _spread(window: Array) -> float:
 
 
 def robot_instants(stream: Columns) -> Instants:
-    """Return the times of reported positions.
+    """Times of reported positions.
 
     A controller reports a value latched during the previous cycle, so the uncertainty is one cycle. A controller polled
     over a network (registers) was read between request and answer.
@@ -217,7 +217,7 @@ def robot_instants(stream: Columns) -> Instants:
 
 
 def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
-    """Return the times of unprompted readings, latched up to one character before they were sent."""
+    """Times of unprompted readings, latched up to one character before they were sent."""
     fitted = _by_any_clock(device_s, set_out)
     # An adapter that buffers uneven unprompted bytes releases them by a timer, at multiples of its period.
     late, timer_ns, steps = set_out - fitted.ns, 0.0, np.diff(set_out[:_SAMPLE])
@@ -237,13 +237,13 @@ def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
 
 
 def _listened(fitted: FittedClock, before_ns: float) -> Instants:
-    """Return the times of readings latched at most before_ns before the fitted times."""
+    """Times of readings latched at most before_ns before the fitted times."""
     u_s = math.hypot(before_ns / math.sqrt(3) / 1e9, fitted.shared_u_s)
     return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarted, fitted.wrong, wanders_s=fitted.wanders_s)
 
 
 def _keeps_pace(late: Array, timer_ns: float) -> bool:
-    """Return whether delays late (n,) ns relative to a steady rate are caused by transmission.
+    """True if delays late (n,) ns relative to a steady rate are caused by transmission.
 
     Transmission delays are independent of each other, or multiples of a timer period. If the rate is not steady, the
     differences from a straight line drift slowly, in small steps.
@@ -265,7 +265,7 @@ def _by_any_clock(device_s: Array, host_ns: Array) -> FittedClock:
 
 
 def asked_instants(went_through: Array, window: Array, held: bool) -> Instants:
-    """Return times in the middle of windows (n,) ns between request and answer, as in NTP clock comparisons.
+    """Times in the middle of windows (n,) ns between request and answer, as in NTP clock comparisons.
 
     Behind a buffering adapter only the fastest answer shows the instrument's answer time. Longer answers contain delays
     of the adapter.
@@ -282,5 +282,5 @@ def asked_instants(went_through: Array, window: Array, held: bool) -> Instants:
 
 
 def _anywhere_in(window_ns: Any) -> Any:
-    """Return the standard uncertainty in s of the middle of a window in ns, assuming a uniform distribution."""
+    """Standard uncertainty in s of the middle of a window in ns, assuming a uniform distribution."""
     return window_ns / math.sqrt(12) / 1e9

@@ -54,7 +54,7 @@ class ControllerPoses:
 
 
 def rig_as_recorded(rig: Rig, poses: ControllerPoses | None) -> Rig:
-    """Return a rig that does not state its controller with the constants that the controller's poses show.
+    """A rig that does not state its controller with the constants that the controller's poses show.
 
     Unchanged if they show own constants without determining them everywhere: the controller then stays unknown.
     """
@@ -75,7 +75,7 @@ def are_same_constants(one: Robot, other: Robot) -> bool:
 
 
 def controller_poses(robot: Mapping[str, np.ndarray[Any, Any]]) -> ControllerPoses | None:
-    """Return up to 60 poses of a robot stream, evenly spread over its rows; None if it has none."""
+    """Up to 60 poses of a robot stream, evenly spread over its rows; None if it has none."""
     if POSE[0] not in robot:
         return None
     columns = np.stack([np.asarray(robot[name], dtype=float) for name in POSE], axis=1)
@@ -92,7 +92,7 @@ def _complete(columns: Array) -> Mask:
 
 
 def controller_doubt(rig: Rig, poses: ControllerPoses | None) -> list[str]:
-    """Return a doubt if the controller computes with other constants than the rig file states."""
+    """A doubt if the controller computes with other constants than the rig file states."""
     if poses is None or (apart_mm := poses.distance_mm(rig)) <= RESOLUTION_MM:
         return []
     problem = f"the controller computes poses with other constants than the rig file: up to {apart_mm:.2f} mm apart"

@@ -29,7 +29,7 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
 
 
 def u_lag_s_of(columns: pa.Table) -> float:
-    """Return the common standard uncertainty in s of the gauges' time relative to the joints', 0 if not stated."""
+    """Common standard uncertainty in s of the gauges' time relative to the joints', 0 if not stated."""
     stated = "u_lag_s" in columns.column_names and pa.types.is_floating(columns.schema.field("u_lag_s").type)
     return float(Rows(columns).floats("u_lag_s").max(initial=0.0)) if stated else 0.0
 

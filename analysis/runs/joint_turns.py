@@ -31,7 +31,7 @@ turn is empty is at most n (1 - g)^(n - 1).
 
 
 def without_whole_turns(table: Table, rig: Rig) -> tuple[Table, tuple[str, ...]]:
-    """Return poses or touches with each joint counted in the same turn, and a message about all corrected joints."""
+    """Poses or touches with each joint counted in the same turn, and a message about all corrected joints."""
     if not isinstance(table, PlaceTable):
         return table, ()
     limits, turned, counted = arm_of(rig.robot).limits, np.zeros(table.q.shape), list[str]()
@@ -48,7 +48,7 @@ def without_whole_turns(table: Table, rig: Rig) -> tuple[Table, tuple[str, ...]]
 
 
 def turns_further(angle: Array, limits: Array) -> Integers:
-    """Return the number of excess turns in each angle (n,) rad of a joint, zero if the joint really turned.
+    """Number of excess turns in each angle (n,) rad of a joint, zero if the joint really turned.
 
     The excess is relative to the other angles, or to the limits (2,) rad.
     """
@@ -70,7 +70,7 @@ def turns_further(angle: Array, limits: Array) -> Integers:
 
 
 def _with_neighbours(angle: Array, turns: Integers) -> Integers:
-    """Return the excess turns of angles (n,) rad, given those of angles beyond the limits: also of fewer angles within
+    """Excess turns of angles (n,) rad, given those of angles beyond the limits: also of fewer angles within
     the limits, but outside the turn of most angles, such as one at -354° and six below -360°.
     """
     counted = angle - _TURN * turns
@@ -82,7 +82,7 @@ def _with_neighbours(angle: Array, turns: Integers) -> Integers:
 
 
 def _turns_beyond(angle: Array, limits: Array) -> Integers:
-    """Return the number of turns to subtract from angles (n,) rad to bring them within limits (2,) rad.
+    """Number of turns to subtract from angles (n,) rad to bring them within limits (2,) rad.
 
     Zero for an angle already inside, and for one that no number of turns brings inside.
     """
@@ -94,7 +94,7 @@ def _turns_beyond(angle: Array, limits: Array) -> Integers:
 
 
 def beyond_limits(table: Table, rig: Rig) -> tuple[str, ...]:
-    """Return a message for each joint with angles outside the limits of the rig file."""
+    """A message for each joint with angles outside the limits of the rig file."""
     limits, doubts = arm_of(rig.robot).limits, []
     for axis, ((low, high), angle) in enumerate(zip(limits, table.q.T, strict=False), start=1):
         outside = (angle < low - _SLACK_RAD) | (angle > high + _SLACK_RAD)
@@ -109,20 +109,20 @@ def beyond_limits(table: Table, rig: Rig) -> tuple[str, ...]:
 
 
 def _has_fractional_wave(rig: Rig, axis: int) -> bool:
-    """Return whether the rig file contains an error of an axis that differs from turn to turn."""
+    """True if the rig file contains an error of an axis that differs from turn to turn."""
     effects = (*rig.effects, *(rig.calibrated.effects if rig.calibrated else ()))
     return any(getattr(effect, "axis", None) == axis and not effect.repeats_each_turn for effect in effects)
 
 
 def _counted_further(table: Table, axis: int, turns: Integers, count: int) -> str:
-    """Return a phrase about the rows in which a joint has this number of excess turns."""
+    """A phrase about the rows in which a joint has this number of excess turns."""
     rows = turns == count
     turns_off = f"{counted(abs(count), 'whole turn')} {'higher' if count > 0 else 'lower'}"
     return f"axis {axis} is {turns_off} {_row_words(table, rows)} ({_ends(table.q[rows, axis - 1])})"
 
 
 def _ends(angles: Array) -> str:
-    """Return the range of angles in degrees, a single value if both ends are the same."""
+    """Range of angles in degrees, a single value if both ends are the same."""
     return " to ".join(dict.fromkeys(f"{np.degrees(angle):z.1f}°" for angle in (angles.min(), angles.max())))
 
 

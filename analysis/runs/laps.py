@@ -91,7 +91,7 @@ class Laps:
 
 
 def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
-    """Return all complete laps of a circle table in its direction. `where` names the run in errors.
+    """All complete laps of a circle table in its direction. `where` names the run in errors.
 
     Laps are consecutive, or separated by returns, because few wrists have two spare turns. Laps of short tables are
     cached with the table and shared by all parts of a diagnosis. Laps of long tables are cached only while they are
@@ -150,7 +150,7 @@ def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
 def _ways_along(
     frame: CircleFrame, start: float, table: CircleTable, rig: Rig, where: str
 ) -> list[tuple[slice, Array]]:
-    """Return the rows of each motion along the circle, with angles in rad from the start in the direction of the table.
+    """Rows of each motion along the circle, with angles in rad from the start in the direction of the table.
 
     Raises FileError if the robot drove a different circle, and DirectionError if it drove in the opposite direction.
     """
@@ -183,14 +183,14 @@ def _ways_along(
 
 
 def is_on_circle(tool: Array, frame: CircleFrame) -> Mask:
-    """Return a mask (n,) of tool positions (n, 3) mm on the circle, within the accuracy of a program."""
+    """A mask (n,) of tool positions (n, 3) mm on the circle, within the accuracy of a program."""
     from_centre = tool - frame.centre
     radius, height = np.linalg.norm(from_centre, axis=1), from_centre @ frame.n
     return np.asarray(np.maximum(np.abs(radius - frame.radius), np.abs(height)) <= _RADIUS_OFF_MM)
 
 
 def _ways(ahead: Array) -> list[tuple[int, int]]:
-    """Return the rows (begin, end) of each motion between reversals, along circle angles (n,) rad."""
+    """Rows (begin, end) of each motion between reversals, along circle angles (n,) rad."""
     step = max(1, len(ahead) // _SEEN)
     turns, extreme, sense = [0], 0, 0.0
     for row in range(0, len(ahead), step):
@@ -207,7 +207,7 @@ def _ways(ahead: Array) -> list[tuple[int, int]]:
 
 
 def _turns_before(ahead: Array, lead: float) -> float:
-    """Return the circle angle, in whole turns, at which the first lap of a motion (n,) begins.
+    """Circle angle, in whole turns, at which the first lap of a motion (n,) begins.
 
     The first row is at the lead-in, or at the start itself.
     """
@@ -215,7 +215,7 @@ def _turns_before(ahead: Array, lead: float) -> float:
 
 
 def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
-    """Return the rows of the lap that begins at a circle angle, with circle angles (n,) rad from 0.
+    """Rows of the lap that begins at a circle angle, with circle angles (n,) rad from 0.
 
     The rows are contiguous in time, so a standstill or an approach to the start is excluded.
     """
@@ -226,7 +226,7 @@ def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
 
 
 def places_along(arm: Arm, q: Array, rows: Integers) -> Array:
-    """Return the tool positions (m, 3) mm at selected rows (m,) of joint angles (n, 6) rad."""
+    """Tool positions (m, 3) mm at selected rows (m,) of joint angles (n, 6) rad."""
     places = np.empty((len(rows), 3))
     for begin in range(0, len(rows), _BLOCK):
         places[begin : begin + _BLOCK] = forward(arm, q[rows[begin : begin + _BLOCK]])[:, :3, 3]
@@ -234,7 +234,7 @@ def places_along(arm: Arm, q: Array, rows: Integers) -> Array:
 
 
 def _on_circle(t_s: Array, tool: Array, frame: CircleFrame, seen: Integers) -> list[slice]:
-    """Return the rows of each stay on the circle. tool (m, 3) mm: positions at the rows seen (m,).
+    """Rows of each stay on the circle. tool (m, 3) mm: positions at the rows seen (m,).
 
     Approach and departure, which may be at any angle, are excluded. One or two faulty rows off the circle do not
     interrupt a stay. They are detected later.
@@ -249,7 +249,7 @@ def _on_circle(t_s: Array, tool: Array, frame: CircleFrame, seen: Integers) -> l
 
 
 def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig: Rig) -> slice:
-    """Return a section without the part before or after a jump at standstill, as caused by a move to a start.
+    """A section without the part before or after a jump at standstill, as caused by a move to a start.
 
     Raises FileError if a joint jumps in the middle of the circle by more than its speed permits.
     """
@@ -271,7 +271,7 @@ def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig:
 
 
 def leaps_of(t_s: Array, q: Array, rig: Rig) -> list[tuple[int, int, float]]:
-    """Return the jumps of q (n, 6) rad at t_s (n,) s: steps that exceed the joint speeds.
+    """Jumps of q (n, 6) rad at t_s (n,) s: steps that exceed the joint speeds.
 
     Each jump is the row before it, the axis, and the size in rad. Axes are processed singly, because a run may be long.
     """

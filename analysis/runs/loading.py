@@ -75,7 +75,7 @@ class Measured(Tabular):
     condition: Condition = NOT_SHOWN
 
     def __repr__(self) -> str:
-        """Return one line for a console, instead of all readings."""
+        """One line for a console, instead of all readings."""
         return f"<run {self.run.manifest.name}: {self.table.test} of {self.rig.name}, {len(self.table.q)} rows>"
 
     @property
@@ -97,7 +97,7 @@ class Measured(Tabular):
         return table is not None and table.only_commanded
 
     def to_table(self) -> pa.Table:
-        """Return the columns of docs/tables.md: unchanged for an imported table, else those of the aligned table."""
+        """Columns of docs/tables.md: unchanged for an imported table, else those of the aligned table."""
         return columns_of(self.table) if self.run.table is None else self.run.table
 
 
@@ -114,7 +114,7 @@ def measured_in(directory: Path, path: Path) -> Measured:
 
 
 def as_recorded(rig: Rig, runs: Iterable[Measured]) -> Rig:
-    """Return a rig that does not state its controller with the constants of the controller that a run shows."""
+    """A rig that does not state its controller with the constants of the controller that a run shows."""
     shown = (run.rig.robot for run in runs if run.rig.robot.controller and run.rig.controller != "unknown")
     if rig.controller != "unknown" or (robot := next(shown, None)) is None:
         return rig
@@ -123,7 +123,7 @@ def as_recorded(rig: Rig, runs: Iterable[Measured]) -> Rig:
 
 
 def with_controller_of(rig: Rig, runs: Iterable[Measured]) -> list[Measured]:
-    """Return runs with the constants of the controller of a rig, in place of the same ones that each run showed, and of
+    """Runs with the constants of the controller of a rig, in place of the same ones that each run showed, and of
     those of a data sheet in runs of that model whose rig file does not state the controller.
     """
     robot, made = rig.robot, []
@@ -209,7 +209,7 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
 
 
 def known_doubts(run: Run, rig: Rig) -> list[str]:
-    """Return the doubts about a run that do not depend on the readings, as text.
+    """Doubts about a run that do not depend on the readings, as text.
 
     Raises FileError if the run is invalid, or if it is a replay with instruments out of step.
     """
@@ -240,7 +240,7 @@ def measured_as(
 
 
 def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
-    """Return doubts about corrections in the rig file that imported readings may lack.
+    """Doubts about corrections in the rig file that imported readings may lack.
 
     There are none if the import states the correction, or if the readings are simulated.
     """
@@ -311,7 +311,7 @@ class RobotMotion:
 
 
 def motion_in(run: Run) -> RobotMotion:
-    """Return the motion of a recorded, imported or simulated run. Raises FileError if it contains no motion."""
+    """Motion of a recorded, imported or simulated run. Raises FileError if it contains no motion."""
     path, direction = run.path, run.manifest.direction
     if run.table is None:
         t_s, q, doubts = robot_only(path, run)

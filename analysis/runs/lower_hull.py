@@ -18,7 +18,7 @@ _TOLERANCE = 1e-10
 
 
 def highest_under(pull: Array, right: Integers, share: Array, corners: Array) -> Array | None:
-    """Return the heights (k,) below all corners that maximise pull @ heights, or None if there is no solution.
+    """Heights (k,) below all corners that maximise pull @ heights, or None if there is no solution.
 
     pull (k,): at least 0. right, share, corners (m,): a corner lies between knots right - 1 and right, at the relative
     position share, and has the ordinate corners, in the unit of the heights.
@@ -60,7 +60,7 @@ Mask = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 
 def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
-    """Return the lower envelope (n,) of y (n,) at increasing x (n,), both in s, and a mask of impossibly low points.
+    """Lower envelope (n,) of y (n,) at increasing x (n,), both in s, and a mask of impossibly low points.
 
     At least two points are required. If there are few points, all are treated as valid.
     """
@@ -94,7 +94,7 @@ def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
 
 
 def low_outliers(x: Array, y: Array) -> Mask:
-    """Return a mask of wrong timestamps y (n,) at increasing x (n,), in s: isolated values well below their neighbours.
+    """A mask of wrong timestamps y (n,) at increasing x (n,), in s: isolated values well below their neighbours.
 
     The minimum of each block is compared with those of the neighbouring blocks. At most one in 500 points, or three, is
     treated as wrong, because repeated low points are short delays.
@@ -129,7 +129,7 @@ def low_outliers(x: Array, y: Array) -> Mask:
 
 
 def lower_line(x: Array, y: Array) -> tuple[float, float]:
-    """Return intercept and slope, in units of x and y, of the line below all points (n,) with the smallest mean
+    """Intercept and slope, in units of x and y, of the line below all points (n,) with the smallest mean
     distance.
 
     The line is the edge of the lower convex hull at the mean of x.
@@ -143,7 +143,7 @@ def lower_line(x: Array, y: Array) -> tuple[float, float]:
 
 
 def lower_hull(x: Array, y: Array) -> tuple[Array, Array]:
-    """Return the corners (m,) of the lower convex hull of points x, y (n,) in any unit, with increasing x."""
+    """Corners (m,) of the lower convex hull of points x, y (n,) in any unit, with increasing x."""
     blocks = len(x) // _HULL_BLOCK
     if not (x[1:] > x[:-1]).all():
         order = np.lexsort((y, x))

@@ -66,12 +66,12 @@ class FittedClock:
 
 
 def is_stalled(device_s: Array) -> bool:
-    """Return whether a clock device_s (n,) is not advancing, within the resolution of host timestamps."""
+    """True if a clock device_s (n,) is not advancing, within the resolution of host timestamps."""
     return len(device_s) > 1 and bool(device_s.max() <= device_s.min() + TICK_S)
 
 
 def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
-    """Return the host times of timestamps device_s (n,) s. host_ns (n,): arrival times or other upper bounds.
+    """Host times of timestamps device_s (n,) s. host_ns (n,): arrival times or other upper bounds.
 
     If the instrument has no clock, the result is host_ns.
     """
@@ -105,7 +105,7 @@ def _among(wrong: Mask, kept: NDArray[Any], filler: float) -> NDArray[Any]:
 
 
 def _starts(device_s: Array, host_ns: Array) -> Integers:
-    """Return the rows at which the clock restarts: it decreases, or its offset changes permanently."""
+    """Rows at which the clock restarts: it decreases, or its offset changes permanently."""
     offset_s = (host_ns - host_ns[0]) / 1e9 - device_s
     leaps = np.flatnonzero((np.diff(device_s) < 0) | (np.abs(np.diff(offset_s)) > _LEAP_S)) + 1
     starts: list[int] = []
@@ -120,7 +120,7 @@ def _starts(device_s: Array, host_ns: Array) -> Integers:
 
 
 def unwrapped(device_s: Array, host_ns: Array) -> Array:
-    """Return the timestamps (n,) s of a counter, continued after each wrap.
+    """Timestamps (n,) s of a counter, continued after each wrap.
 
     A wrap is a decrease by the range of the counter.
     """
@@ -137,7 +137,7 @@ def unwrapped(device_s: Array, host_ns: Array) -> Array:
 
 
 def out_of_order(device_s: Array) -> Mask:
-    """Return a mask of wrong timestamps (n,): the fewest that must be removed for the others to increase.
+    """A mask of wrong timestamps (n,): the fewest that must be removed for the others to increase.
 
     Many decreases are a restart of the clock, and no timestamp is wrong.
     """
@@ -151,7 +151,7 @@ def out_of_order(device_s: Array) -> Mask:
 
 
 def _longest_in_order(values: Sequence[float]) -> list[int]:
-    """Return the indices of the longest non-decreasing subsequence, by patience sorting."""
+    """Indices of the longest non-decreasing subsequence, by patience sorting."""
     piles: list[float] = []
     tops: list[int] = []
     below: list[int] = []
@@ -229,7 +229,7 @@ recovers earlier, it was a stall of a few seconds, because an instrument that wa
 
 
 def through_pace(host_ns: Array) -> FittedClock:
-    """Return the host times (n,) ns of messages that arrived at host_ns (n,), assuming a steady rate.
+    """Host times (n,) ns of messages that arrived at host_ns (n,), assuming a steady rate.
 
     A crystal keeps its rate regardless of the computer. A temporary delay is therefore a transmission delay, and the
     lower envelope is the clock. An instrument that waits never catches up, for example a program timed by software. A
@@ -279,7 +279,7 @@ def _not_early(number: Integers, host_ns: Array, period_ns: float) -> Integers:
 
 
 def _wandering(fitted: FittedClock, late_ns: Array, block: int) -> FittedClock:
-    """Return a clock that follows slow changes of the delay, if they exceed the scatter.
+    """A clock that follows slow changes of the delay, if they exceed the scatter.
 
     late_ns (n,): delay of each message. The least delay of a block of messages contains no short delays.
     """
@@ -307,7 +307,7 @@ def _least_of_blocks(values: Array, block: int) -> Array:
 
 
 def _floor_around(late_ns: Array, width: int) -> Array:
-    """Return the larger of the smallest delays in `width` messages up to each message and from it on, (n,) ns.
+    """Larger of the smallest delays in `width` messages up to each message and from it on, (n,) ns.
 
     The result steps exactly at the start of a permanent delay.
     """
@@ -316,7 +316,7 @@ def _floor_around(late_ns: Array, width: int) -> Array:
 
 
 def numbered(host_ns: Array, period_ns: float) -> Integers:
-    """Return the sequence number (n,) of each arrival (n,) ns. A missing message delays all later ones by a period.
+    """Sequence number (n,) of each arrival (n,) ns. A missing message delays all later ones by a period.
 
     A single message may be late for other reasons, but rarely all of the next `_AHEAD`. A missing message near the end
     of a run is not detected. At least `_AHEAD` arrivals are required.
@@ -337,7 +337,7 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
 
 
 def _count_missing_periods(least: Array, period_ns: float) -> Integers:
-    """Return the lag of each smallest delay (n,) relative to the corrected delays of the previous `_AHEAD` rows, in
+    """Lag of each smallest delay (n,) relative to the corrected delays of the previous `_AHEAD` rows, in
     periods.
 
     If the previous rows have equal counts, the next count depends only on the increase of the delay. Such increases are
@@ -365,7 +365,7 @@ def _count_missing_periods(least: Array, period_ns: float) -> Integers:
 
 
 def _counted(least: Array, behind: Array, period_ns: float) -> list[int]:
-    """Return the counts of the first rows of least (n,), until `_AHEAD` consecutive counts are equal.
+    """Counts of the first rows of least (n,), until `_AHEAD` consecutive counts are equal.
 
     behind (_AHEAD,): smallest delays of the previous rows, minus the missing periods counted before.
     """
@@ -388,7 +388,7 @@ def _counted(least: Array, behind: Array, period_ns: float) -> list[int]:
 
 
 def _least_of_next(values: Array, width: int = _AHEAD) -> Array:
-    """Return the running minimum of values (n,) over `width` values, (n - width + 1,)."""
+    """Running minimum of values (n,) over `width` values, (n - width + 1,)."""
     covered = 1
     while covered < width:
         step = min(covered, width - covered)
@@ -398,7 +398,7 @@ def _least_of_next(values: Array, width: int = _AHEAD) -> Array:
 
 
 def _uneven_s(host_ns: Array) -> Array:
-    """Return the standard uncertainty (n,) s of arrivals without a steady rate. Their delays are as large as their
+    """Standard uncertainty (n,) s of arrivals without a steady rate. Their delays are as large as their
     scatter.
 
     It combines the usual scatter with the deviation of each arrival.

@@ -44,7 +44,7 @@ class Bounds:
     jumps: Mask
 
     def of(self, chosen: Mask) -> Bounds:
-        """Return the changes selected by a mask (m,)."""
+        """Changes selected by a mask (m,)."""
         return Bounds(self.low_ns[chosen], self.high_ns[chosen], self.row[chosen], self.jumps[chosen])
 
     @property
@@ -74,7 +74,7 @@ class Bounds:
 
 
 def changes(asked_ns: Array, values: Array) -> Bounds:
-    """Return the changes of values (n, k) between consecutive answers at asked_ns (n,). NaN equals NaN."""
+    """Changes of values (n, k) between consecutive answers at asked_ns (n,). NaN equals NaN."""
     row = np.flatnonzero(_changed(values)) + 1
     with np.errstate(over="ignore"):  # the difference of very large doubles is infinite
         steps = np.nan_to_num(np.abs(values[row] - values[row - 1])).max(axis=1, initial=0.0)
@@ -85,7 +85,7 @@ def changes(asked_ns: Array, values: Array) -> Bounds:
 
 
 def repeats(values: Array) -> bool:
-    """Return whether readings (n, k) mm repeat often enough to search for an internal cycle."""
+    """True if readings (n, k) mm repeat often enough to search for an internal cycle."""
     return bool(np.count_nonzero(_changed(values)) < _REPEATS * len(values))
 
 
@@ -117,7 +117,7 @@ give the same result.
 
 
 def period_of(middle_ns: Array, usual_ns: float, within: float) -> float:
-    """Return the period of which the distances of changes at middle_ns (m,) are multiples.
+    """Period of which the distances of changes at middle_ns (m,) are multiples.
 
     within: relative range of the search around usual_ns.
     """
@@ -138,7 +138,7 @@ def period_of(middle_ns: Array, usual_ns: float, within: float) -> float:
 
 
 def numbered(middle_ns: Array, period_ns: float) -> Integers:
-    """Return the tick number of each change (m,). The phase is tracked from block to block, as the cycle drifts."""
+    """Tick number of each change (m,). The phase is tracked from block to block, as the cycle drifts."""
     turns = middle_ns / period_ns
     starts = np.arange(0, max(len(turns) - _BLOCK // 2, 1), _BLOCK)
     count = np.diff(np.append(starts, len(turns)))
@@ -168,12 +168,12 @@ class CycleLine:
     u_ns: Array
 
     def tick_ns(self, number: Array) -> Array:
-        """Return the times in ns of ticks by number (n,). The cycle is extrapolated beyond both ends."""
+        """Times in ns of ticks by number (n,). The cycle is extrapolated beyond both ends."""
         inside = np.clip(number, self.knots[0], self.knots[-1])
         return np.asarray(np.interp(inside, self.knots, self.at_ns) + (number - inside) * self.period_ns)
 
     def number_at(self, at_ns: Array) -> Array:
-        """Return the tick numbers (n,), with fractions, at times (n,) ns."""
+        """Tick numbers (n,), with fractions, at times (n,) ns."""
         inside = np.clip(at_ns, self.at_ns[0], self.at_ns[-1])
         return np.asarray(np.interp(inside, self.at_ns, self.knots) + (at_ns - inside) / self.period_ns)
 
@@ -209,7 +209,7 @@ def fitted(bounds: Bounds, number: Integers, period_ns: float) -> CycleLine:
 
 
 def _broken(x: Array, y: Array, weight: Array, knots: Array) -> Array:
-    """Return the heights (k,) at increasing knots of the polyline closest to y (n,) at x (n,), in the unit of y."""
+    """Heights (k,) at increasing knots of the polyline closest to y (n,) at x (n,), in the unit of y."""
     from scipy.linalg import solveh_banded  # noqa: PLC0415 - slow to import, needed for such gauges only
 
     weight = weight + 1e-6  # a knot may have no agreeing change
@@ -227,7 +227,7 @@ def _summed(place: Integers, values: Array, knots: Array) -> Array:
 
 
 def _expected(low: Array, high: Array, scatter: float) -> tuple[Array, Array, Array]:
-    """Return mean and standard deviation (n,) of a normal variable within bounds (n,), and their probability."""
+    """Mean and standard deviation (n,) of a normal variable within bounds (n,), and their probability."""
     from scipy.special import ndtr  # noqa: PLC0415 - as above
 
     a, b = low / scatter, high / scatter
@@ -239,13 +239,13 @@ def _expected(low: Array, high: Array, scatter: float) -> tuple[Array, Array, Ar
 
 
 def _likely(inside: Array, by_chance: Array) -> Array:
-    """Return the probability (n,) that a change is a tick of the cycle."""
+    """Probability (n,) that a change is a tick of the cycle."""
     tick = (1 - _WRONG) * inside
     return np.asarray(tick / (tick + _WRONG * by_chance))
 
 
 def _sampled(bounds: Bounds, line_ns: Array) -> tuple[Array, Array]:
-    """Return the lower and upper bounds (m,) ns relative to a line, at up to `_SAMPLE` evenly spaced changes."""
+    """Lower and upper bounds (m,) ns relative to a line, at up to `_SAMPLE` evenly spaced changes."""
     each = np.linspace(0, len(line_ns) - 1, min(len(line_ns), _SAMPLE)).astype(int)
     return bounds.low_ns[each] - line_ns[each], bounds.high_ns[each] - line_ns[each]
 
@@ -256,7 +256,7 @@ def _log_likelihood(low: Array, high: Array, scatter_ns: float, period_ns: float
 
 
 def _phase(bounds: Bounds, line_ns: Array, scatter_ns: float, period_ns: float) -> tuple[float, float]:
-    """Return standard deviation and mean of a shift common to all ticks of the line.
+    """Standard deviation and mean of a shift common to all ticks of the line.
 
     If requests are synchronous with the cycle, all changes have the same bounds, and any phase within them is possible.
     """
@@ -299,7 +299,7 @@ class Ticks:
 
 
 def through_cycle(asked_ns: Array, values: Array, cycle_ns: float | None) -> Ticks | None:
-    """Return the ticks of answers at asked_ns (n,) with values (n, k), or None if ticks cannot be detected.
+    """Ticks of answers at asked_ns (n,) with values (n, k), or None if ticks cannot be detected.
 
     cycle_ns: stated cycle. An unstated cycle is accepted only if values were repeated while the gauge moved by more
     than its resolution.
@@ -333,7 +333,7 @@ def through_cycle(asked_ns: Array, values: Array, cycle_ns: float | None) -> Tic
 
 
 def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: CycleLine) -> Ticks:
-    """Return the tick of each answer at asked_ns (n,): the last change, or a later tick with an equal value."""
+    """Tick of each answer at asked_ns (n,): the last change, or a later tick with an equal value."""
     # Changes that agree with no tick are garbled readings, and the correct readings after them.
     true = ~close
     true[close] = line.agreeing
@@ -362,7 +362,7 @@ def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: CycleLine) -> 
 
 
 def anywhere_in_a_cycle(asked_ns: Array, cycle_ns: float) -> tuple[Array, float]:
-    """Return individual (n,) and common standard uncertainty in s of readings half a cycle older than asked_ns (n,).
+    """Individual (n,) and common standard uncertainty in s of readings half a cycle older than asked_ns (n,).
 
     If requests are synchronous with the cycle, all readings have the same age. The common part is the mean resultant
     length of the phases, maximised over cycles near the stated value.

@@ -28,7 +28,7 @@ _FIRST_BLOCK = 64
 
 
 def rule_of(run: Run) -> Rule:
-    """Return the rule for the program of a recorded run. Raises FileError if the run contains no suitable event."""
+    """Rule for the program of a recorded run. Raises FileError if the run contains no suitable event."""
     manifest, where = run.manifest, str(run.path)
     if "robot" not in run.streams:
         raise FileError(where, "contains a table without a robot stream", "give a run recorded by rigd")
@@ -53,7 +53,7 @@ def rule_of(run: Run) -> Rule:
 
 
 def _departure(robot: Mapping[str, np.ndarray[Any, Any]], where: str) -> tuple[dict[str, Any], float]:
-    """Return posture and first movement of the departure, and the standstill in s that ends the run.
+    """Posture and first movement of the departure, and the standstill in s that ends the run.
 
     The standstill is twice the longest on the path. Raises FileError if the robot stood still or moved from the
     beginning.
@@ -81,7 +81,7 @@ def _departure(robot: Mapping[str, np.ndarray[Any, Any]], where: str) -> tuple[d
 
 
 def _leaves(q_deg: Array, by_deg: float, begin: int = 0) -> int:
-    """Return the first row from `begin` on in which a joint has moved by more than by_deg, or the number of rows.
+    """First row from `begin` on in which a joint has moved by more than by_deg, or the number of rows.
 
     Block sizes double, so rows after the result are not examined.
     """

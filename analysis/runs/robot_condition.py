@@ -63,7 +63,7 @@ class Friction:
 
 
 def friction_of(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array) -> dict[int, Friction]:
-    """Return the friction of each reversing axis, 1 … 6, from columns (n,) of the robot stream at times t_s (n,) s.
+    """Friction of each reversing axis, 1 … 6, from columns (n,) of the robot stream at times t_s (n,) s.
 
     The uncertainty is the larger of the fit uncertainty and the scatter between reversals.
     """
@@ -83,7 +83,7 @@ def friction_of(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array) -> dict[i
 
 
 def _turns(t_s: Array, q_deg: Array, current_a: Array) -> list[tuple[float, float]]:
-    """Return half the current jump at each reversal, which is the friction, and the standard uncertainty, in A."""
+    """Half the current jump at each reversal, which is the friction, and the standard uncertainty, in A."""
     places = sorted((k, sign) for sign in (1, -1) for k in peaks(sign * q_deg, _WAY_DEG / 3))
     ends = [0, *(k for k, _ in places), len(q_deg) - 1]
     turns = []
@@ -104,7 +104,7 @@ def _turns(t_s: Array, q_deg: Array, current_a: Array) -> list[tuple[float, floa
 
 
 def _side(t_s: Array, away_deg: Array, current_a: Array, turn: int, end: int) -> Array | None:
-    """Return time from the reversal, side and mean current (pieces, 3) of the motion to or from a reversal.
+    """Time from the reversal, side and mean current (pieces, 3) of the motion to or from a reversal.
 
     None if the joint stands still or the motion is too short.
     """

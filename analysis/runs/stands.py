@@ -61,7 +61,7 @@ class Stand:
 
 
 def stands_of(t_s: Array, q: Array, g_mm: Array) -> list[Stand]:
-    """Return the standstills of a motion: times t_s (n,) s, reported angles q (n, 6) rad, readings g_mm (n, k)."""
+    """Standstills of a motion: times t_s (n,) s, reported angles q (n, 6) rad, readings g_mm (n, k)."""
     stands = []
     for begin, end in standing(t_s, q, STANDSTILL_RAD, _WINDOW_S):
         settled = _settled(begin, end)
@@ -75,7 +75,7 @@ def _settled(begin: int, end: int) -> slice:
 
 
 def _averaged(values: Array) -> tuple[Array, int]:
-    """Return the mean (k,) of the readings or angles (n, k) excluding outliers, and the number of outliers."""
+    """Mean (k,) of the readings or angles (n, k) excluding outliers, and the number of outliers."""
     away = np.abs(values - np.median(values, axis=0))
     limit = _OUTLYING * 1.4826 * np.median(away, axis=0)
     # The median deviation is zero if most readings of a coarse gauge are equal. Outliers cannot be detected then.
@@ -147,7 +147,7 @@ def visits_of(
 
 
 def _longest_common(places: Sequence[Hashable], order: Sequence[Hashable]) -> list[tuple[int, int]]:
-    """Return the index pairs of the longest common subsequence. If there are several, the latest is returned."""
+    """Index pairs of the longest common subsequence. If there are several, the latest is returned."""
     codes = {place: code for code, place in enumerate(dict.fromkeys([*places, *order]))}
     targets = np.array([codes[place] for place in order], dtype=np.int64)
     length = np.zeros((len(places) + 1, len(order) + 1), dtype=np.int32)
@@ -215,7 +215,7 @@ def average_standstills(table: Table) -> Table:
     count = np.bincount(stand)
 
     def mean(values: Array) -> Array:
-        """Return the means (s, …) of values over each standstill, in the unit of the values."""
+        """Means (s, …) of values over each standstill, in the unit of the values."""
         columns = values.reshape(len(values), -1).T
         means = np.stack([np.bincount(stand, column) / count for column in columns], axis=1)
         return means.reshape(len(count), *values.shape[1:])
@@ -224,13 +224,13 @@ def average_standstills(table: Table) -> Table:
 
 
 def rows_per_standstill(table: Table) -> Integers:
-    """Return the number of rows of each standstill, (s,). Empty for circles."""
+    """Number of rows of each standstill, (s,). Empty for circles."""
     first = format_of(table.test).stands(table)
     return np.empty(0, dtype=np.int64) if first is None else np.bincount(np.cumsum(first) - 1)
 
 
 def standstill_starts(q: Array, differs: Mask) -> Mask:
-    """Return a mask (n,) of the rows that start a standstill: joints q (n, axes) rad moved, or the row differs from the
+    """A mask (n,) of the rows that start a standstill: joints q (n, axes) rad moved, or the row differs from the
     previous one otherwise (n - 1,)."""
     if not len(q):
         return np.ones(0, dtype=bool)
@@ -238,7 +238,7 @@ def standstill_starts(q: Array, differs: Mask) -> Mask:
 
 
 def standstill_starts_of_visits(q: Array, differs: Mask) -> Mask:
-    """Return the mask (n,) of `standstill_starts` for rows without times.
+    """Mask (n,) of `standstill_starts` for rows without times.
 
     If the rows seem to be visits in any order, each row starts a standstill.
     """
@@ -247,7 +247,7 @@ def standstill_starts_of_visits(q: Array, differs: Mask) -> Mask:
 
 
 def _standstills_are_adjacent(q: Array, moved: Mask) -> bool:
-    """Return whether most rows with equal postures q (n, axes) rad are adjacent.
+    """True if most rows with equal postures q (n, axes) rad are adjacent.
 
     If they are, rows without times are repeated readings of one standstill. Otherwise the rows are visits in any order.
     """

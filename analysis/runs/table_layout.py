@@ -7,12 +7,12 @@ from typing import Literal
 
 
 def joint_columns(axes: int) -> tuple[str, ...]:
-    """Return the column names of joints."""
+    """Column names of joints."""
     return tuple(f"q{axis}_deg" for axis in range(1, axes + 1))
 
 
 def second_joint_columns(axes: int) -> tuple[str, ...]:
-    """Return the column names of the joints of a second arm, which holds the socket."""
+    """Column names of the joints of a second arm, which holds the socket."""
     return tuple(f"p{axis}_deg" for axis in range(1, axes + 1))
 
 
@@ -58,5 +58,5 @@ class Layout:
 
 
 def came_from_columns(axes: int) -> tuple[str, ...]:
-    """Return the names of the columns with the joint angles before the last move."""
+    """Names of the columns with the joint angles before the last move."""
     return tuple(f"q{axis}_from_deg" for axis in range(1, axes + 1))

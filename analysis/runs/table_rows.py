@@ -42,31 +42,31 @@ class Rows:
         return np.radians(self.stack(joint_columns(self.axes)))
 
     def has(self, names: tuple[str, ...]) -> bool:
-        """Return whether the table has all of these columns."""
+        """True if the table has all of these columns."""
         return set(names) <= set(self.columns.column_names)
 
     def floats(self, name: str) -> Array:
-        """Return a column (n,) of numbers."""
+        """A column (n,) of numbers."""
         return np.asarray(array_of(self.columns[name]), dtype=float)
 
     def stack(self, names: tuple[str, ...]) -> Array:
-        """Return columns of numbers side by side, (n, k)."""
+        """Columns of numbers side by side, (n, k)."""
         return np.stack([self.floats(name) for name in names], axis=1)
 
     def counts(self, name: str) -> Integers:
-        """Return a column (n,) of counts."""
+        """A column (n,) of counts."""
         return array_of(self.columns[name])
 
     def words(self, name: str) -> NDArray[np.str_]:
-        """Return a column (n,) of words without a unit."""
+        """A column (n,) of words without a unit."""
         return np.array(self.columns[name].to_pylist(), dtype=np.str_)
 
     def times(self) -> Array:
-        """Return times (n,) s, zeros if the table has none."""
+        """Times (n,) s, zeros if the table has none."""
         return self.floats("t_s") if self.has(("t_s",)) else np.zeros(self.columns.num_rows)
 
     def with_rail(self, q: Array, name: str = RAIL) -> Array:
-        """Return angles q (n, axes) rad with the rail position in m, if the table contains it."""
+        """Angles q (n, axes) rad with the rail position in m, if the table contains it."""
         return np.column_stack([q, self.floats(name) / RAIL_MM]) if self.rail else q
 
     def _is_measured(self, name: str) -> bool:
@@ -77,7 +77,7 @@ class Rows:
 def joint_cells(
     q: Array, *, rail: bool, names: Callable[[int], tuple[str, ...]] = joint_columns, rail_name: str = RAIL
 ) -> dict[str, Array]:
-    """Return the columns of angles q (n, axes) rad by name, in degrees, followed by a rail in mm."""
+    """Columns of angles q (n, axes) rad by name, in degrees, followed by a rail in mm."""
     axes = q.shape[1] - rail
     cells = dict(zip(names(axes), np.degrees(q[:, :axes]).T, strict=True))
     return cells | ({rail_name: RAIL_MM * q[:, axes]} if rail else {})

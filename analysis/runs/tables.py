@@ -45,7 +45,7 @@ class Table(ABC):
         """Readings (n, k), in mm: a column for each gauge, or three coordinates."""
 
     def with_readings(self, values: Array) -> Self:
-        """Return the table with the gauge readings replaced by values (n, k) mm."""
+        """Table with the gauge readings replaced by values (n, k) mm."""
         raise TypeError(f"a {self.test} table has no readings of gauges")
 
     @property
@@ -110,7 +110,7 @@ class CircleTable(Table):
         return self.g_mm
 
     def with_readings(self, values: Array) -> Self:
-        """Return the table with other readings (n, 2) mm."""
+        """Table with other readings (n, 2) mm."""
         return replace(self, g_mm=values)
 
     @property
@@ -119,7 +119,7 @@ class CircleTable(Table):
         return self.direction
 
     def thinned(self, count: int) -> CircleTable:
-        """Return about `count` rows at equal intervals, without the uncertainty of their times."""
+        """About `count` rows at equal intervals, without the uncertainty of their times."""
         if len(self.q) <= count:
             return self
         rows = slice(None, None, len(self.q) // count)
@@ -145,7 +145,7 @@ class TargetTable(Table):
         return self.g_mm[:, None]
 
     def with_readings(self, values: Array) -> Self:
-        """Return the table with other readings (n, 1) mm."""
+        """Table with other readings (n, 1) mm."""
         return replace(self, g_mm=values[:, 0])  # type: ignore[call-arg]  # a field of each test at targets
 
     @property
@@ -222,18 +222,18 @@ class PlaceTable(Table):
         return np.where(np.abs(self.last_moves) > SAME_RAD, np.sign(self.last_moves), 0).astype(np.int64)
 
     def counted_back(self, turns_rad: Array) -> Self:
-        """Return the table with turns_rad (n, axes), multiples of a turn, subtracted from the joint angles."""
+        """Table with turns_rad (n, axes), multiples of a turn, subtracted from the joint angles."""
         came_from = None if self.came_from is None else self.came_from - turns_rad
         return self.with_fields(q=self.q - turns_rad, came_from=came_from)
 
     def in_content_order(self) -> Self:
-        """Return the table sorted by `content_order`; each row keeps its number in the file."""
+        """Table sorted by `content_order`; each row keeps its number in the file."""
         order = content_order(self)
         columns = {name: values[order] for name, values in vars(self).items() if _is_content(name, values)}
         return self.with_fields(**columns, row=self.rows[order])
 
     def with_fields(self, **fields: Array | Integers | None) -> Self:
-        """Return the table with other values of fields that every table of positions has."""
+        """Table with other values of fields that every table of positions has."""
         return replace(self, **fields)
 
 
@@ -304,7 +304,7 @@ class PathTable(Table):
 
 
 def content_order(table: Table) -> Integers:
-    """Return the row indices (n,) that sort a table by content.
+    """Row indices (n,) that sort a table by content.
 
     Tables that differ only in the order of rows become identical. Sums, random draws, neighbourhoods and ties then do
     not depend on that order.

@@ -25,10 +25,10 @@ class Tabular(ABC):
 
     @abstractmethod
     def to_table(self) -> pa.Table:
-        """Return a pyarrow Table."""
+        """A pyarrow Table."""
 
     def to_frame(self) -> Any:
-        """Return a pandas DataFrame. Raises RigError if pandas is not installed."""
+        """A pandas DataFrame. Raises RigError if pandas is not installed."""
         try:
             import_module("pandas")
         except ModuleNotFoundError as error:

@@ -96,7 +96,7 @@ Writer = Callable[[BinaryIO], object]
 
 
 def holding(data: bytes) -> Writer:
-    """Return a function that writes these bytes."""
+    """A function that writes these bytes."""
     return lambda file: file.write(data)
 
 

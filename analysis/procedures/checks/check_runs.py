@@ -33,7 +33,7 @@ class Checked:
     cannot: str
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types, as listed by `rig check --json`."""
+        """Plain types, as listed by `rig check --json`."""
         return {
             "name": self.convention.name,
             "asks": self.convention.asks,
@@ -60,7 +60,7 @@ def check_runs(runs: Runs) -> list[Checked]:
 
 
 def findings_of(runs: Runs) -> list[Finding]:
-    """Return the findings against conventions in runs of a robot. For path recordings, which contain neither joints
+    """Findings against conventions in runs of a robot. For path recordings, which contain neither joints
     nor gauges, only positions are checked.
     """
     with_joints, paths = _with_joints(runs), [run for run in runs if not shows_joints(run.table.test)]
@@ -73,7 +73,7 @@ def _with_joints(runs: Runs) -> list[Measured]:
 
 
 def doubts_of(run: Measured, *, with_refusals: bool = True) -> tuple[str, ...]:
-    """Return the doubts about a single run as text: those already known, then the findings against conventions.
+    """Doubts about a single run as text: those already known, then the findings against conventions.
 
     with_refusals: include the findings for which a diagnosis refuses or ignores the run, which it reports itself.
     """
@@ -95,7 +95,7 @@ def refuse_impossible(run: Measured, where: str) -> None:
 
 
 def _each(of_run: Callable[[Measured], Iterable[Finding]]) -> Callable[[Runs], Iterator[Finding]]:
-    """Return a function that yields the findings of each run separately.
+    """A function that yields the findings of each run separately.
 
     They are cached as long as the run exists, because a diagnosis checks a run that was already checked when loaded.
     """
@@ -112,12 +112,12 @@ def _each(of_run: Callable[[Measured], Iterable[Finding]]) -> Callable[[Runs], I
 
 
 def _by_kind(convention: str) -> Callable[[Runs], Iterator[Finding]]:
-    """Return a function that yields the findings about a convention that applies only to some kinds of test."""
+    """A function that yields the findings about a convention that applies only to some kinds of test."""
     return _each(lambda run: findings_against(convention, run.table, run.rig))
 
 
 def _of_joints(run: Measured) -> Iterator[Finding]:
-    """Yield the findings about the joints of a run, except after an import map, which has already compared the poses
+    """Findings about the joints of a run, except after an import map, which has already compared the poses
     with the arm.
     """
     source = run.run.manifest.table
@@ -126,7 +126,7 @@ def _of_joints(run: Measured) -> Iterator[Finding]:
 
 
 def _gauges(runs: Runs) -> Iterator[Finding]:
-    """Yield the most certain finding of each run about order and sign of the gauges. The evidence comes from
+    """Most certain finding of each run about order and sign of the gauges. The evidence comes from
     repeated runs, from changes that no joint causes, and from the position of the ball.
     """
     named: set[str] = set()
@@ -142,7 +142,7 @@ def _joints_hidden(runs: Runs) -> str:
 
 
 def _without(convention: str, why: str) -> Callable[[Runs], str]:
-    """Return a function that gives the reason why no run of a suitable kind is available for a convention."""
+    """A function that gives the reason why no run of a suitable kind is available for a convention."""
     return lambda runs: "" if any(convention in dict(kind_of(run.table.test).finders) for run in runs) else why
 
 
@@ -203,5 +203,5 @@ _FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
 
 
 def why_no_measurement(run: Measured) -> str:
-    """Return the reason why a new run is not a valid measurement of the labelled test; empty if it is valid."""
+    """Reason why a new run is not a valid measurement of the labelled test; empty if it is valid."""
     return next((finding.words for finding in findings_of([run]) if finding.strength != "likely"), "")

@@ -38,7 +38,7 @@ class CommandError:
 
     @property
     def words(self) -> str:
-        """Return a sentence with the figures of the axis."""
+        """A sentence with the figures of the axis."""
         reasons = [("load", self.with_load), ("speed", self.with_speed)]
         known = [f"{name} {value:+z.2f}" for name, value in reasons if value is not None]
         correlation = f", correlation with {', with '.join(known)}" if known else ""
@@ -46,7 +46,7 @@ class CommandError:
 
 
 def command_errors(run: Measured) -> tuple[CommandError, ...]:
-    """Return the following error of each axis; empty if the run lacks commanded or measured angles."""
+    """Following error of each axis; empty if the run lacks commanded or measured angles."""
     source = run.run.table
     both = None if source is None else _both_angles(Rows(source))
     if both is None:
@@ -74,7 +74,7 @@ def command_errors(run: Measured) -> tuple[CommandError, ...]:
 
 
 def command_findings(run: Measured) -> Iterator[Finding]:
-    """Yield a finding for the axes with a considerable following error."""
+    """A finding for the axes with a considerable following error."""
     large = [error for error in command_errors(run) if error.rms_deg > _LEAST_DEG]
     if not large:
         return
@@ -90,7 +90,7 @@ def _has_column(run: Measured, name: str) -> bool:
 
 
 def _both_angles(rows: Rows) -> tuple[Array, Array] | None:
-    """Return measured and commanded angles (n, axes) rad of a table; None if one of them is missing."""
+    """Measured and commanded angles (n, axes) rad of a table; None if one of them is missing."""
     axes = range(1, rows.axes + 1)
     for other, is_measured in (("measured", True), ("commanded", False)):
         names = tuple(f"q{axis}_{other}_deg" for axis in axes)
@@ -105,7 +105,7 @@ def _both_angles(rows: Rows) -> tuple[Array, Array] | None:
 
 
 def _correlation(off: Array, cause: Array) -> float | None:
-    """Return the correlation of a difference with a cause (n,); None if either hardly changes."""
+    """Correlation of a difference with a cause (n,); None if either hardly changes."""
     if len(off) < _FEWEST or np.ptp(off) < 1e-9 or np.ptp(cause) < 1e-9:
         return None
     return float(np.corrcoef(off, cause)[0, 1])

@@ -69,7 +69,7 @@ class _Series:
 
     @classmethod
     def of(cls, g_mm: Array) -> _Series | None:
-        """Return the series; None if the readings are too few or never change."""
+        """Series; None if the readings are too few or never change."""
         d_mm = np.diff(g_mm)
         sizes = np.abs(d_mm[d_mm != 0])
         if len(g_mm) < _FEWEST or len(sizes) < _FEWEST // 2 or not np.isfinite(g_mm).all():
@@ -94,7 +94,7 @@ class _Series:
 
 
 def display_findings(run: Measured) -> Iterator[Finding]:
-    """Yield the findings about displays of the gauges of a run that is a continuous sequence."""
+    """Findings about displays of the gauges of a run that is a continuous sequence."""
     if not run.table.swept:
         return
     for name, column in zip(format_of(run.table.test).gauges, run.table.readings.T, strict=False):
@@ -111,7 +111,7 @@ def display_findings(run: Measured) -> Iterator[Finding]:
 
 
 def _faults(series: _Series) -> Iterator[tuple[str, str, str]]:
-    """Yield what each display fault is, its rows, and the remedy. A wrap or a lost sign explains what else is odd."""
+    """What each display fault is, its rows, and the remedy. A wrap or a lost sign explains what else is odd."""
     if len(wraps := _wraps(series)):
         size_mm = float(np.median(np.abs(series.d_mm[wraps])))
         counts = size_mm / series.step_mm
@@ -145,7 +145,7 @@ def _faults(series: _Series) -> Iterator[tuple[str, str, str]]:
 
 
 def _wraps(series: _Series) -> Integers:
-    """Return the indices of jumps across the whole range, of which there are at least two.
+    """Indices of jumps across the whole range, of which there are at least two.
 
     A reading that rises to the end of the range goes on rising from the other end. Reversals of play make steps of one
     size as well, but not from end to end, or the reading is nearly constant between them.
@@ -166,7 +166,7 @@ def _is_power_of_two(counts: float) -> bool:
 
 
 def _corners_at_zero(series: _Series) -> Integers:
-    """Return the indices of corners at zero, with all readings near zero on one side of it; otherwise empty.
+    """Indices of corners at zero, with all readings near zero on one side of it; otherwise empty.
 
     A reading below -1 shows its sign, and the step from 0.99 to -1.00 is a corner as well.
     """
@@ -194,7 +194,7 @@ def _corners_at_zero(series: _Series) -> Integers:
 
 
 def _plateaus(series: _Series) -> tuple[Integers, Integers]:
-    """Return first and last indices of stretches of equal readings that no smooth curve has.
+    """First and last indices of stretches of equal readings that no smooth curve has.
 
     They begin and end at full speed, or the noise would change the reading. If most readings are equal to the one
     before, the gauge was only read more often than it measures.
@@ -216,6 +216,6 @@ def _plateaus(series: _Series) -> tuple[Integers, Integers]:
 
 
 def _rows(begins: Integers, lasts: Integers) -> str:
-    """Return stretches of rows, counted from 1, as text."""
+    """Stretches of rows, counted from 1, as text."""
     pairs = zip(begins.tolist(), lasts.tolist(), strict=True)
     return "rows " + first_of([f"{a + 1}" if a == b else f"{a + 1} to {b + 1}" for a, b in pairs], _MOST_LISTED)

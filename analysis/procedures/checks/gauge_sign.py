@@ -63,7 +63,7 @@ Chosen: an error of the arm has the same size and direction only by chance.
 
 
 def order_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
-    """Yield a finding if g1 and g2 of a yaw run appear exchanged, or one of them inverted, by comparing the two
+    """A finding if g1 and g2 of a yaw run appear exchanged, or one of them inverted, by comparing the two
     eccentricities for each meaning of the columns.
     """
     circle = rig.tests.circle
@@ -131,7 +131,7 @@ class _Eccentricities:
 
     @classmethod
     def of(cls, phi: Array, g_mm: Array, radius_mm: float, baseline_mm: float) -> _Eccentricities:
-        """Return the eccentricities for circle angles phi (n,) rad and readings g_mm (n, 2). Angles are multiplied
+        """Eccentricities for circle angles phi (n,) rad and readings g_mm (n, 2). Angles are multiplied
         by the radius in mm.
         """
         by_gauges = link_angle(g_mm[:, 0], g_mm[:, 1], baseline_mm)
@@ -143,7 +143,7 @@ class _Eccentricities:
 
 
 def negated(number: int) -> str:
-    """Return the alternative meaning in which gauge 1 or 2 is inverted."""
+    """Alternative meaning in which gauge 1 or 2 is inverted."""
     return f"g{number} may count the other way"
 
 
@@ -175,7 +175,7 @@ class Lap:
 
 
 def laps_on_grid(runs: Iterable[Measured]) -> list[Lap]:
-    """Return the circle runs with two gauges on the grid. Runs without a lap are reported elsewhere."""
+    """Circle runs with two gauges on the grid. Runs without a lap are reported elsewhere."""
     laps_of_runs = []
     for run in runs:
         with suppress(FileError):
@@ -188,7 +188,7 @@ def laps_on_grid(runs: Iterable[Measured]) -> list[Lap]:
 
 
 def gridded(phi: Array, values: Array) -> Array:
-    """Return the mean (GRID, k) of values (n, k) around each angle of the grid; gaps are interpolated. phi (n,):
+    """Mean (GRID, k) of values (n, k) around each angle of the grid; gaps are interpolated. phi (n,):
     circle angles in rad.
     """
     place = np.round(phi * GRID / (2 * np.pi)).astype(int) % GRID
@@ -199,7 +199,7 @@ def gridded(phi: Array, values: Array) -> Array:
 
 
 def repeat_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
-    """Yield findings about runs that contradict their repeats. If two equal halves contradict each other, the half
+    """Findings about runs that contradict their repeats. If two equal halves contradict each other, the half
     that contradicts the circles of the opposite direction is reported.
     """
     laps = laps_on_grid(runs)
@@ -222,7 +222,7 @@ def _grouped(items: Iterable[T], key: Callable[[T], object]) -> list[list[T]]:
 
 
 def _contradicting(repeats: Sequence[Lap], reverse: Sequence[Lap]) -> Iterator[Finding]:
-    """Yield a finding for repeats in which the difference of the gauges has the opposite sign to most others."""
+    """A finding for repeats in which the difference of the gauges has the opposite sign to most others."""
     mean, apart = np.array([lap.mean for lap in repeats]), np.array([lap.apart for lap in repeats])
     sign = np.where(np.linalg.eigh(apart @ apart.T)[1][:, -1] < 0, -1.0, 1.0)
     if abs(sign.sum()) > 0:
@@ -286,7 +286,7 @@ _STEP = 1e-4
 
 
 def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
-    """Yield findings about the sign of the gauges in runs of a robot."""
+    """Findings about the sign of the gauges in runs of a robot."""
     gauged = [run for run in runs if format_of(run.table.test).gauges]
     for group in _grouped(gauged, lambda run: (run.rig.gauges, run.rig.robot)):
         by_effects = [finding for run in group for finding in _known_effects(run)]
@@ -296,7 +296,7 @@ def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
 
 
 def _known_effects(run: Measured) -> Iterator[Finding]:
-    """Yield a finding if the effects of the rig file explain a run only with inverted gauges."""
+    """A finding if the effects of the rig file explain a run only with inverted gauges."""
     model = model_of(run.rig)
     table = run.table
     if not model.effects or not format_of(table.test).gauges or kind_of(table.test).cannot_tell(table, run.rig):
@@ -320,7 +320,7 @@ _REMEDY = "press a probe: if its reading falls, set counts: towards in the rig f
 
 
 def _left_mm(model: Model, table: Table, sign: float) -> float:
-    """Return the rms residual in mm of readings multiplied by a sign, for a model with fitted ball and zeros."""
+    """Rms residual in mm of readings multiplied by a sign, for a model with fitted ball and zeros."""
     setup = nominal_setup(model.rig, table)
     path = path_of(model, table)
     scene = moved(model, path)
@@ -359,7 +359,7 @@ class _Way:
 
 
 def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
-    """Yield findings about circles in both directions in which joints lead at reversals as labelled, and lag with an
+    """Findings about circles in both directions in which joints lead at reversals as labelled, and lag with an
     alternative meaning. All runs of these gauges are then doubtful.
     """
     if {run.run.manifest.direction for run in runs} < {"acw", "cw"}:
@@ -419,13 +419,13 @@ _GAUGE_CONTENTS = (
 
 
 def _as(way: _Way, meant: _GaugeContent) -> _Way:
-    """Return the laps of a direction with an alternative meaning of the gauge columns."""
+    """Laps of a direction with an alternative meaning of the gauge columns."""
     signs, columns = np.array(meant.signs), list(meant.columns)
     return replace(way, g_mm=way.g_mm[:, columns] * signs, stuck=way.stuck[:, columns] * signs)
 
 
 def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[Rig, TestName, dict[str, list[_Way]]]]:
-    """Yield the circles of each test and placement driven in both directions, with their rig, on the grid. Runs
+    """Circles of each test and placement driven in both directions, with their rig, on the grid. Runs
     without a lap are reported elsewhere.
     """
     pairs: dict[tuple[object, ...], tuple[Rig, TestName, dict[str, list[_Way]]]] = {}
@@ -455,7 +455,7 @@ def _mean(ways: Sequence[_Way]) -> _Way:
 
 
 def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:
-    """Return the energy in mm² of the difference between the directions that backlash does not explain.
+    """Energy in mm² of the difference between the directions that backlash does not explain.
 
     slopes (GRID, 2, 6) mm/rad: change of both gauges by each joint. Errors that depend on the joint angles cancel in
     the difference. Drift, late times and a sticking gauge are removed.
@@ -478,7 +478,7 @@ def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:
 
 
 def _slopes(rig: Rig, test: TestName, acw: _Way, cw: _Way) -> Array:
-    """Return the derivatives (GRID, 2, 6) in mm/rad of both gauges by each drive of the nominal arm, for both
+    """Derivatives (GRID, 2, 6) in mm/rad of both gauges by each drive of the nominal arm, for both
     directions.
     """
     circle = circle_of(rig)

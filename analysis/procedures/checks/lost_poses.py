@@ -62,7 +62,7 @@ class Places:
 
     @property
     def words(self) -> dict[str, str]:
-        """Return messages to the user by kind, `wild` and `repeated`; empty if there are none."""
+        """Messages to the user by kind, `wild` and `repeated`; empty if there are none."""
         words = {}
         if count := int(self.wild.sum()):
             named = listed((np.flatnonzero(self.wild) + 1).tolist())
@@ -79,7 +79,7 @@ class Places:
 
 
 def places_of(table: PathTable) -> Places:
-    """Return the outliers and repeated positions of a path."""
+    """Outliers and repeated positions of a path."""
     repeated, wild = np.zeros(len(table.t_s), dtype=bool), np.zeros(len(table.t_s), dtype=bool)
     step = np.linalg.norm(np.diff(table.xyz_mm, axis=0), axis=1)
     # Rows of equal positions after which the tool has moved on.
@@ -98,7 +98,7 @@ def places_of(table: PathTable) -> Places:
 
 
 def measured_places(table: PathTable) -> tuple[PathTable, list[str]]:
-    """Return a path without outliers and repeated positions, and messages about the removed rows."""
+    """A path without outliers and repeated positions, and messages about the removed rows."""
     places = places_of(table)
     kept = ~(places.wild | places.repeated)
     notes = [f"{words}; ignored" for words in places.words.values()]
@@ -106,7 +106,7 @@ def measured_places(table: PathTable) -> tuple[PathTable, list[str]]:
 
 
 def _outliers(t_s: Array, xyz_mm: Array) -> tuple[Mask, Array]:
-    """Return the outliers (n,) relative to the neighbouring path, and their distances (n,) in mm."""
+    """Outliers (n,) relative to the neighbouring path, and their distances (n,) in mm."""
     count = len(t_s)
     wild, away = np.zeros(count, dtype=bool), np.zeros(count)
     step_s = float(np.median(np.diff(t_s))) if count > 1 else 0.0
@@ -140,7 +140,7 @@ Fit = Callable[[PoseTable, PoseTable], tuple[Array, Array | None]]
 
 
 def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Outliers:
-    """Return the poses with a position far from that of an arm. Rows of 0, 0, 0 are no positions and not included.
+    """Poses with a position far from that of an arm. Rows of 0, 0, 0 are no positions and not included.
 
     fit: function for positions and rotations; positions only if absent.
     """
@@ -175,7 +175,7 @@ def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Outliers:
 
 
 def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Array, Mask]:
-    """Return distances (n,) mm from an arm with all constants fitted to the near poses, and the mask (n,) of far poses.
+    """Distances (n,) mm from an arm with all constants fitted to the near poses, and the mask (n,) of far poses.
 
     If there are too few poses for the fit, the arguments are returned unchanged.
     """
@@ -194,7 +194,7 @@ def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Ar
 
 
 def _sample(rows: Integers, xyz_mm: Array) -> Integers:
-    """Return at most FITTED of the rows (m,), at places xyz_mm (n, 3); the same ones for any order of the rows."""
+    """At most FITTED of the rows (m,), at places xyz_mm (n, 3); the same ones for any order of the rows."""
     by_place = rows[np.lexsort(xyz_mm[rows].T)]
     chosen: Integers = by_place[np.unique(np.linspace(0, len(rows) - 1, min(FITTED, len(rows))).astype(int))]
     return chosen
@@ -221,7 +221,7 @@ def _of(table: PoseTable, mask: Mask) -> PoseTable:
 
 
 def far_touches(table: TouchTable, T: Array) -> Outliers:
-    """Return the touches far from all other touches of the same socket. T (n, 4, 4): tool poses of the arm, in mm."""
+    """Touches far from all other touches of the same socket. T (n, 4, 4): tool poses of the arm, in mm."""
     names, socket = np.unique(table.socket, return_inverse=True)
     design, seen = socket_design(T, socket.ravel(), len(names)), -T[:, :3, 3].ravel()
 
@@ -238,7 +238,7 @@ def far_touches(table: TouchTable, T: Array) -> Outliers:
 
 
 def left_out(table: Table, out: Mask, far_mm: Array) -> str:
-    """Return a message about the excluded poses (n,) and their distances (n,) mm from the arm."""
+    """A message about the excluded poses (n,) and their distances (n,) mm from the arm."""
     rows = np.sort(table.rows[out]).tolist()
     shown = listed(rows, MOST_LISTED_ROWS)
     far = length_in_words(far_mm[out].max())
@@ -252,7 +252,7 @@ WILDNESS = "wildness"
 
 
 def outlying_touches(table: TouchTable, rig: Rig) -> Iterator[Finding]:
-    """Yield findings about touches far from all other touches of the same socket."""
+    """Findings about touches far from all other touches of the same socket."""
     far = far_touches(table, forward(arm_of(rig.robot), table.q))
     if far.wild.any():
         fact, remedy = left_out(table, far.wild, far.far_mm).rsplit("; ", 1)
@@ -260,7 +260,7 @@ def outlying_touches(table: TouchTable, rig: Rig) -> Iterator[Finding]:
 
 
 def outlier_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
-    """Yield findings about poses recorded with a lost target, or far from the arm."""
+    """Findings about poses recorded with a lost target, or far from the arm."""
     lost = (table.xyz_mm == 0).all(axis=1)
     if lost.any():
         rows = listed(table.rows[lost].tolist())
@@ -280,7 +280,7 @@ def outlier_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
 
 
 def outlying_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
-    """Yield findings about outliers of a path."""
+    """Findings about outliers of a path."""
     del rig
     if "wild" in (words := places_of(table).words):
         remedy = "check that the beam is not interrupted; the analysis ignores these rows"
@@ -297,7 +297,7 @@ _SEVERAL = 3
 
 
 def duplicate_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
-    """Yield findings about poses that repeat the position of other rows."""
+    """Findings about poses that repeat the position of other rows."""
     if not len(table.q):
         return
     lost = (table.xyz_mm == 0).all(axis=1)
@@ -324,7 +324,7 @@ def duplicate_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
 
 
 def repeated_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
-    """Yield findings about path positions that repeat the previous one although the tool moved."""
+    """Findings about path positions that repeat the previous one although the tool moved."""
     del rig
     if "repeated" in (words := places_of(table).words):
         remedy = "the analysis ignores these rows; set the instrument to pause output while the target is lost"

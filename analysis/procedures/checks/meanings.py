@@ -34,7 +34,7 @@ _ZEROS_DEG = (90.0, -90.0, 180.0)
 
 
 def meanings(axes: int) -> list[Meaning]:
-    """Return all alternative meanings for this number of joints."""
+    """All alternative meanings for this number of joints."""
     ways = []
     for sign, word in ((1.0, "+"), (-1.0, "-")):
         matrix = np.eye(axes)
@@ -106,7 +106,7 @@ _ROWS = 2000
 
 
 def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
-    """Yield findings about the joint columns of a table: order, signs, zeros or coupling."""
+    """Findings about the joint columns of a table: order, signs, zeros or coupling."""
     if kind_of(table.test).cannot_tell(table, rig):
         return
     best, as_labelled, as_good = kind_of(table.test).judged_joints(table, rig)
@@ -131,7 +131,7 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 
 
 def _another_arm(table: Table, rig: Rig) -> Finding | None:
-    """Return a finding if an arm of the library fits poses or touches clearly better than the stated arm.
+    """A finding if an arm of the library fits poses or touches clearly better than the stated arm.
 
     The stated arm must be an arm of the library too: a rig file with another length may contain a mistake.
     """
@@ -167,7 +167,7 @@ def _links(robot: Robot) -> list[tuple[float, ...]]:
 
 
 def _far_off(table: Table, rig: Rig, left_mm: float) -> Iterator[Finding]:
-    """Yield a finding if the rms residual in mm of tracker positions, or of touches, exceeds that of an arm with
+    """A finding if the rms residual in mm of tracker positions, or of touches, exceeds that of an arm with
     nominal constants in every meaning.
     """
     if facts_of(table.test).of_places and not facts_of(table.test).of_tracker:
@@ -190,7 +190,7 @@ def _far_off(table: Table, rig: Rig, left_mm: float) -> Iterator[Finding]:
 
 
 def _strength(left_mm: float, extent_mm: float) -> Strength:
-    """Return the strength of a residual as evidence for a different arm; extent_mm: of the positions, rms."""
+    """Strength of a residual as evidence for a different arm; extent_mm: of the positions, rms."""
     return "decisive" if left_mm > max(RIGHT_MM, UNRELATED_SHARE * extent_mm) else "likely"
 
 
@@ -212,7 +212,7 @@ PLACE_UNKNOWN = "the rig file lacks the place of the test"
 
 
 def judged_by_path(table: Table, rig: Rig) -> Verdict:
-    """Return the meaning of the joints that puts the tool on the path of the rig file, a circle or targets."""
+    """Meaning of the joints that puts the tool on the path of the rig file, a circle or targets."""
     arm = arm_of(rig.robot)
     rows = slice(None, None, max(1, len(table.q) // _ROWS))
     columns = {name: column for name, column in vars(table).items() if isinstance(column, np.ndarray)}
@@ -235,7 +235,7 @@ def judged_by_path(table: Table, rig: Rig) -> Verdict:
 
 
 def judged_by_places(rig: Rig, q: Array, xyz_mm: Array, rpy: Array | None) -> Verdict:
-    """Return the meaning of joints q (n, axes) rad that fits the measured positions xyz_mm (n, 3) and rotations rpy
+    """Meaning of joints q (n, axes) rad that fits the measured positions xyz_mm (n, 3) and rotations rpy
     (n, 3) rad.
     """
     bare, measured = without_setup(arm_of(rig.robot)), np.flatnonzero((xyz_mm != 0).any(axis=1))
@@ -259,7 +259,7 @@ def judged_by_places(rig: Rig, q: Array, xyz_mm: Array, rpy: Array | None) -> Ve
 
 
 def judged_by_sockets(table: Table, rig: Rig) -> Verdict:
-    """Return the meaning of the joints that returns the ball of touches to its sockets."""
+    """Meaning of the joints that returns the ball of touches to its sockets."""
     arm = arm_of(rig.robot)
 
     def off_mm(q: Array) -> float:
@@ -280,7 +280,7 @@ def _decided(judged: Sequence[JudgedMeaning], as_labelled: float, right_mm: floa
 
 
 def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> float:
-    """Return the rms residual in mm of the positions xyz_mm (n, 3) that fit best, with fitted base and tool.
+    """Rms residual in mm of the positions xyz_mm (n, 3) that fit best, with fitted base and tool.
 
     q (n, axes) rad: joint angles. Rotations rpy (n, 3) rad are included as lengths.
     """
@@ -288,7 +288,7 @@ def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = 
 
 
 def fit_nearest(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> tuple[float, PoseSetUp]:
-    """Return the residual of `left_mm`, in mm, for positions xyz_mm (n, 3), and the fitted base and tool."""
+    """Residual of `left_mm`, in mm, for positions xyz_mm (n, 3), and the fitted base and tool."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     T = forward(bare, q)

@@ -62,7 +62,7 @@ _LEAST_MM = 0.05
 
 
 def two_placings(table: PoseTable, bare: Arm) -> str:
-    """Return a description of the rows measured after target or instrument had moved; empty if there are none, or
+    """A description of the rows measured after target or instrument had moved; empty if there are none, or
     too few poses.
     """
     count = len(table.q)
@@ -88,7 +88,7 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
 
 
 def _parts(rows: Array, left_mm: Callable[[Mask], float]) -> Iterator[tuple[Mask, str]]:
-    """Yield possible sets of moved rows with their descriptions: the rows after the split with the smallest residual
+    """Possible sets of moved rows with their descriptions: the rows after the split with the smallest residual
     (first a few splits, then their neighbours), and every other row if there are enough.
     """
     place, last = np.arange(len(rows)), len(rows) - _FEWEST_ROWS
@@ -102,7 +102,7 @@ def _parts(rows: Array, left_mm: Callable[[Mask], float]) -> Iterator[tuple[Mask
 
 
 def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:
-    """Return the rms residual in mm, corrected for the number of unknowns, of a fit of the constants.
+    """Rms residual in mm, corrected for the number of unknowns, of a fit of the constants.
 
     The rows `part` of the tool poses T (n, 4, 4) have a separate shift, rotation and target offset.
     """
@@ -126,7 +126,7 @@ _OFF = 3.2
 
 
 def stamp_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
-    """Yield a finding if the mean speed along the circle is wrong by a unit. Reading refuses decreasing timestamps."""
+    """A finding if the mean speed along the circle is wrong by a unit. Reading refuses decreasing timestamps."""
     circle = rig.tests.circle
     if circle is None:
         return
@@ -146,7 +146,7 @@ def stamp_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
 
 
 def place_findings(table: Table, rig: Rig) -> Iterator[Finding]:
-    """Yield the first reading that the nominal arm puts elsewhere than at the target."""
+    """First reading that the nominal arm puts elsewhere than at the target."""
     places = kind_of(table.test).targets(table, rig)
     if places is None:
         return
@@ -168,7 +168,7 @@ STANDS = "stands"
 
 
 def stand_findings(run: Measured) -> Iterator[Finding]:
-    """Yield a finding about the first reading whose target is far from the tool position of the nominal arm."""
+    """A finding about the first reading whose target is far from the tool position of the nominal arm."""
     manifest, table = run.run.manifest, run.run.table
     if table is None or run.table.swept:
         return
@@ -240,7 +240,7 @@ def source_of(bare: Arm, q: Array, xyz_mm: Array) -> PlaceSource | None:
 
 
 def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
-    """Yield a finding if the positions of poses were computed instead of measured."""
+    """A finding if the positions of poses were computed instead of measured."""
     if table.rail:
         return
     measured = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
@@ -273,7 +273,7 @@ _UPRIGHT = 0.3
 
 
 def off_sockets(T: Array, socket: NDArray[np.str_]) -> PathDeviation | None:
-    """Return the deviation of the ball from the sockets at tool poses T (n, 4, 4), with fitted positions of sockets
+    """Deviation of the ball from the sockets at tool poses T (n, 4, 4), with fitted positions of sockets
     and ball.
     """
     size = float(np.linalg.norm(T[:, :3, 3] - T[:, :3, 3].mean(axis=0), axis=1).mean())
@@ -284,7 +284,7 @@ def off_sockets(T: Array, socket: NDArray[np.str_]) -> PathDeviation | None:
 
 
 def off_places(T: Array, xyz_mm: Array) -> PathDeviation | None:
-    """Return the difference between the mutual distances of tool poses T (n, 4, 4) and those of measured positions
+    """Difference between the mutual distances of tool poses T (n, 4, 4) and those of measured positions
     xyz_mm (n, 3).
     """
     rows = most_distant_rows(xyz_mm)
@@ -296,7 +296,7 @@ def off_places(T: Array, xyz_mm: Array) -> PathDeviation | None:
 
 
 def off_circle(T: Array, circle: Circle) -> PathDeviation:
-    """Return the deviation of tool poses T (n, 4, 4) from a circle.
+    """Deviation of tool poses T (n, 4, 4) from a circle.
 
     On a circle, the x axis of the tool points along the normal. In a different orientation the deviation is an arc
     length.
@@ -313,7 +313,7 @@ def off_circle(T: Array, circle: Circle) -> PathDeviation:
 
 
 def off_targets(T: Array, targets: Array | None, hemisphere: Hemisphere) -> PathDeviation:
-    """Return the deviation of tool poses T (n, 4, 4) from their targets (n, 3) mm, or from the sphere if the targets
+    """Deviation of tool poses T (n, 4, 4) from their targets (n, 3) mm, or from the sphere if the targets
     are unknown.
     """
     frame, places = hemisphere_frame(hemisphere), T[:, :3, 3]
@@ -323,7 +323,7 @@ def off_targets(T: Array, targets: Array | None, hemisphere: Hemisphere) -> Path
 
 
 def most_distant_rows(places: Array) -> int:
-    """Return the row distance at which positions (n, 3) differ most, among a few distances.
+    """Row distance at which positions (n, 3) differ most, among a few distances.
 
     Rows half a table apart have equal positions if all poses are driven twice, and adjacent rows if each pose is
     measured several times.
@@ -333,5 +333,5 @@ def most_distant_rows(places: Array) -> int:
 
 
 def steps(places: Array, rows: int) -> Array:
-    """Return the distances (n,) mm of positions (n, 3) from those `rows` rows before; they are equal in every frame."""
+    """Distances (n,) mm of positions (n, 3) from those `rows` rows before; they are equal in every frame."""
     return np.asarray(np.linalg.norm(places - np.roll(places, rows, axis=0), axis=1))

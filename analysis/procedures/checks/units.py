@@ -44,7 +44,7 @@ FACTORS = {"inches": 1 / 25.4, "µm": 1000.0}
 
 
 def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str, str]]:
-    """Yield the faults of the gauges of a circle, each with a remedy. T (n, 4, 4): nominal tool poses."""
+    """Faults of the gauges of a circle, each with a remedy. T (n, 4, 4): nominal tool poses."""
     circle = rig.tests.circle
     if circle is None:
         return
@@ -82,7 +82,7 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
 
 
 def impossible_travel(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, str]]:
-    """Yield the fault and the remedy if a reading (n,) mm travels further than the radius, which is impossible with
+    """Fault and the remedy if a reading (n,) mm travels further than the radius, which is impossible with
     a link.
     """
     travel = float(np.ptp(reading))
@@ -110,7 +110,7 @@ _FARTHER = 8.0
 
 
 def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
-    """Yield the faults in the units of a tracker, each with a remedy. T (n, 4, 4): nominal tool poses."""
+    """Faults in the units of a tracker, each with a remedy. T (n, 4, 4): nominal tool poses."""
     rows = most_distant_rows(table.xyz_mm)
     robot_step, seen = (float(np.median(steps(places, rows))) for places in (T[:, :3, 3], table.xyz_mm))
     for unit, factor in {**FACTORS, **_OF_TRACKERS}.items():
@@ -144,14 +144,14 @@ def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
 
 
 def off_in_its_unit(T: Array, xyz_mm: Array) -> PathDeviation | None:
-    """Return the deviation of tool poses T (n, 4, 4) from positions (n, 3), in the best-fitting unit of positions."""
+    """Deviation of tool poses T (n, 4, 4) from positions (n, 3), in the best-fitting unit of positions."""
     units = (1.0, *FACTORS.values(), *_OF_TRACKERS.values(), *_MISREAD_UNITS.values())
     every = [off for factor in units if (off := off_places(T, xyz_mm / factor))]
     return min(every, key=lambda off: off.off, default=None)
 
 
 def _turns(R: Array, rows: int) -> Array:
-    """Return the angle (n,) rad between each rotation (n, 3, 3) and the one `rows` rows before, which is equal in
+    """Angle (n,) rad between each rotation (n, 3, 3) and the one `rows` rows before, which is equal in
     every frame.
     """
     trace = np.einsum("nij,nij->n", R, np.roll(R, rows, axis=0))
@@ -165,7 +165,7 @@ _POSES, _RAIL_STEPS = 200, 30
 
 
 def rail_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
-    """Yield a finding if e1_mm of poses of an arm on a rail fits in a different unit, or if the rail is shorter."""
+    """A finding if e1_mm of poses of an arm on a rail fits in a different unit, or if the rail is shorter."""
     arm = without_setup(arm_of(rig.robot))
     if rig.robot.rail is None or table.q.shape[1] == arm.axes:
         return
@@ -197,7 +197,7 @@ _MIRROR = np.array([1.0, -1.0, 1.0])
 
 
 def mirror_findings(table: PoseTable, rig: Rig, convention: str) -> Iterator[Finding]:
-    """Yield a finding if poses fit the arm only with x, y or z inverted."""
+    """A finding if poses fit the arm only with x, y or z inverted."""
     measured = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
     if len(measured) < FEWEST:
         return
@@ -235,7 +235,7 @@ _ROWS = 20_000
 
 
 def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
-    """Yield findings about the units of a table, most certain first."""
+    """Findings about the units of a table, most certain first."""
     if most := impossible_rad(table.q):
         columns = tuple(f"q{axis}_deg" for axis in range(1, table.q.shape[1] + 1))
         fact = f"a joint would be at {np.degrees(most):.0f}°: degrees were read as radians"
@@ -258,7 +258,7 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 
 
 def unsigned_findings(table: Table, rig: Rig) -> Iterator[Finding]:
-    """Yield findings about gauges with negative values decoded as large positive values."""
+    """Findings about gauges with negative values decoded as large positive values."""
     readings, gauges = table.readings, format_of(table.test).gauges
     for name, column in zip(gauges, readings.T, strict=False):
         value = getattr(dict(rig.gauges).get(name), "value", None)
@@ -269,14 +269,14 @@ def unsigned_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 
 
 def impossible(mistakes: Iterable[tuple[str, str]]) -> Iterator[Finding]:
-    """Return certain faults and their remedies as findings."""
+    """Certain faults and their remedies as findings."""
     for fact, remedy in mistakes:
         columns = tuple(name.strip(",:") for name in fact.split() if "_" in name)
         yield Finding(UNITS, "impossible", columns, "another unit", fact, remedy)
 
 
 def target_units(g_mm: Array, radius_mm: float) -> Iterator[Finding]:
-    """Yield findings about the unit of gauge readings g_mm (n,) at targets of a hemisphere."""
+    """Findings about the unit of gauge readings g_mm (n,) at targets of a hemisphere."""
     yield from impossible(impossible_travel("g1_mm", g_mm, radius_mm))
     travel = float(np.ptp(g_mm))
     if _UNLIKELY * radius_mm <= travel <= radius_mm:

@@ -44,7 +44,7 @@ class AxisCurve:
 def axis_curves(
     q: Array, sides: Integers, xyz_mm: Array, axes: int
 ) -> tuple[tuple[AxisCurve, ...], dict[str, Quantity]]:
-    """Return the curve of each joint that turned alone, up and down, and its figures axis3_reversal_deg and
+    """Curve of each joint that turned alone, up and down, and its figures axis3_reversal_deg and
     axis3_bidirectional_deg.
 
     q (n, k) rad: joints, those of the arm first. sides (n, k): directions of approach, -1, 0 or 1. xyz_mm (n, 3):
@@ -93,7 +93,7 @@ _SAME_RAD = float(np.radians(0.1))
 
 
 def _rows_of_joint(q: Array, sides: Integers, joint: int) -> Integers:
-    """Return the rows in which one joint moved, with the others at their most frequent position."""
+    """Rows in which one joint moved, with the others at their most frequent position."""
     rows = np.flatnonzero((sides[:, joint] != 0) & (np.delete(sides, joint, axis=1) == 0).all(axis=1))
     if not len(rows):
         return rows
@@ -103,7 +103,7 @@ def _rows_of_joint(q: Array, sides: Integers, joint: int) -> Integers:
 
 
 def _about_circle(angle: Array, xyz_mm: Array) -> tuple[float, Array, Array]:
-    """Return the radius in mm of the circle through positions xyz_mm (n, 3) at angles (n,) rad, the deviations along it
+    """Radius in mm of the circle through positions xyz_mm (n, 3) at angles (n,) rad, the deviations along it
     (n,) mm, and those across it (n, 2) mm, radial and axial.
 
     The circle is the least-squares similarity from the unit circle (Umeyama, IEEE PAMI 13, 1991).
@@ -119,7 +119,7 @@ def _about_circle(angle: Array, xyz_mm: Array) -> tuple[float, Array, Array]:
 
 
 def _mean_errors(off: Array, number: Integers, kept: Array, count: int) -> Array:
-    """Return the means (m, count) of errors (m, n) over the kept rows (n,) of each angle; nan if there are none."""
+    """Means (m, count) of errors (m, n) over the kept rows (n,) of each angle; nan if there are none."""
     share = (number[:, None] == np.arange(count)) & np.asarray(kept, dtype=bool)[:, None]
     rows = share.sum(axis=0)
     weight = np.divide(share, rows, out=np.full(share.shape, np.nan), where=rows > 0)

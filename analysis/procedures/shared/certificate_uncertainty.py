@@ -24,7 +24,7 @@ _LENGTHS = ("radius_mm", "held_radius_mm", "ap_mm", "ap_mean_mm")
 
 
 def with_certificates(figures: Figures, systematic: Systematic, rig: Rig, test: TestName) -> Figures:
-    """Return the figures of a run with the uncertainty of certificates added in quadrature."""
+    """Figures of a run with the uncertainty of certificates added in quadrature."""
     if systematic == NO_CERTIFICATE or test in WITHOUT_GAUGES:
         return figures
     u = _u_of_circle if test in CIRCLES else _u_of_targets
@@ -35,7 +35,7 @@ def with_certificates(figures: Figures, systematic: Systematic, rig: Rig, test: 
 
 
 def _u_of_circle(name: str, figures: Figures, systematic: Systematic, rig: Rig) -> float:
-    """Return the standard uncertainty of a circle figure, in its unit."""
+    """Standard uncertainty of a circle figure, in its unit."""
     if name.endswith(PLACE):
         return 0.0  # a position on the circle depends on the shape of the curve, not its size
     gauges_mm = math.hypot(*systematic.gauge_mm)
@@ -53,7 +53,7 @@ def _u_of_circle(name: str, figures: Figures, systematic: Systematic, rig: Rig) 
 
 
 def _u_of_targets(name: str, figures: Figures, systematic: Systematic, rig: Rig) -> float:
-    """Return the standard uncertainty of a figure of a radial or repeatability test, mm."""
+    """Standard uncertainty of a figure of a radial or repeatability test, mm."""
     gauge_mm, ball_mm = systematic.gauge_mm[0], systematic.ball_mm
     if name in _LENGTHS:
         return math.hypot(gauge_mm, ball_mm, systematic.link_mm)

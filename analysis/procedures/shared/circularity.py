@@ -48,7 +48,7 @@ class Circularity:
 def evaluate(
     run: Reduced, laps: Laps, u_lag_s: float, where: str = "the circle run", like: LapNoise | None = None
 ) -> Circularity:
-    """Return the circular deviation and eccentricity of one direction.
+    """Circular deviation and eccentricity of one direction.
 
     figures: circular_deviation_mm G, noise-corrected; eccentricity_u_mm, _v_mm and _mm of the ball from the distance,
     independent of orientation errors. Raises FileError.
@@ -68,12 +68,12 @@ def evaluate(
 
 
 def plain_figures(phi: Array, distance: Array, radius_mm: float) -> dict[str, float]:
-    """Return the figures of noise-free distances (n,) mm, with any zero, over phi (n,) rad."""
+    """Figures of noise-free distances (n,) mm, with any zero, over phi (n,) rad."""
     return {name: float(value) for name, value in figures_at(nodes_of(phi, distance), radius_mm).items()}
 
 
 def figures_at(distance: Array, radius_mm: float) -> dict[str, Array]:
-    """Return the figures (...,) of distances (..., NODES) mm over PHI."""
+    """Figures (...,) of distances (..., NODES) mm over PHI."""
     fit, circle = circle_through(distance, radius_mm)
     deviation = at_resolution(distance - circle)
     return {
@@ -85,18 +85,18 @@ def figures_at(distance: Array, radius_mm: float) -> dict[str, Array]:
 
 
 def mean_of_gauges(g_mm: Array) -> Array:
-    """Return the distance (...,) mm, relative to the gauge zeros, for readings (..., 2) mm."""
+    """Distance (...,) mm, relative to the gauge zeros, for readings (..., 2) mm."""
     return np.asarray((g_mm[..., 0] + g_mm[..., 1]) / 2)
 
 
 def fit_circle(distance: Array, radius_mm: float) -> Array:
-    """Return least-squares e_u, e_v and constant c, (..., 3) mm, of |R r(phi) - e| + c for distances (..., NODES)
+    """Least-squares e_u, e_v and constant c, (..., 3) mm, of |R r(phi) - e| + c for distances (..., NODES)
     mm."""
     return circle_through(distance, radius_mm)[0]
 
 
 def circle_through(distance: Array, radius_mm: float) -> tuple[Array, Array]:
-    """Return the fit (..., 3) mm of `fit_circle`, and the distances (..., NODES) mm of the fitted circle.
+    """Fit (..., 3) mm of `fit_circle`, and the distances (..., NODES) mm of the fitted circle.
 
     The derivatives by e_u and e_v are close to -cos and -sin, so each round removes the orders 0 and 1 of the residual.
     """
@@ -117,11 +117,11 @@ _WAVES = np.stack([-np.cos(PHI), -np.sin(PHI), np.ones(NODES)])
 
 
 def _orders(y: Array) -> Array:
-    """Return the least-squares components (..., 3) of curves (..., NODES) along _WAVES; nodes are equidistant."""
+    """Least-squares components (..., 3) of curves (..., NODES) along _WAVES; nodes are equidistant."""
     return np.asarray(y @ (_WAVES * np.array([2.0, 2.0, 1.0])[:, None] / NODES).T)
 
 
 def circle_at(fit: Array, radius_mm: float) -> Array:
-    """Return |R r(phi) - e| + c (..., NODES) mm over PHI, for fits (..., 3) mm."""
+    """|R r(phi) - e| + c (..., NODES) mm over PHI, for fits (..., 3) mm."""
     x, y = radius_mm * np.cos(PHI) - fit[..., 0, None], radius_mm * np.sin(PHI) - fit[..., 1, None]
     return np.asarray(np.hypot(x, y) + fit[..., 2, None])

@@ -36,7 +36,7 @@ class MeasuredReversal:
 
 
 def turns(laps: Laps) -> list[MeasuredReversal]:
-    """Return the reversals of all joints in the first lap, by axis and phi."""
+    """Reversals of all joints in the first lap, by axis and phi."""
     lap = laps.first
     order = np.argsort(lap.phi, kind="stable")
     phi, q = lap.phi[order], lap.q[order]
@@ -69,12 +69,12 @@ def turns(laps: Laps) -> list[MeasuredReversal]:
 
 
 def angle_difference(phi: float, other_phi: float) -> float:
-    """Return phi - other_phi, from -pi to pi."""
+    """Phi - other_phi, from -pi to pi."""
     return float((phi - other_phi + np.pi) % (2 * np.pi) - np.pi)
 
 
 def _vertex(phi: Array, joint: Array, about: float) -> tuple[float, float]:
-    """Return position and standard uncertainty, rad, of the extreme near `about`, by a local cubic fit."""
+    """Position and standard uncertainty, rad, of the extreme near `about`, by a local cubic fit."""
     near = np.abs(phi - about) < _NEIGHBOURHOOD
     if near.sum() < 8:
         return about, float(np.median(np.diff(phi)))

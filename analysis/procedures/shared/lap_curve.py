@@ -81,7 +81,7 @@ class LapCurve:
 
     @property
     def without_draws(self) -> LapCurve:
-        """Return the curve without its draws, which are recreated on demand."""
+        """Curve without its draws, which are recreated on demand."""
         return replace(self)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -93,12 +93,12 @@ class LapCurve:
         return calmed(self.y, self.power)
 
     def turned(self, lag_s: Array) -> NDArray[np.complex128]:
-        """Return the factors of each order, (DRAWS, NODES // 2 + 1), for lags lag_s (DRAWS,) s of the gauges."""
+        """Factors of each order, (DRAWS, NODES // 2 + 1), for lags lag_s (DRAWS,) s of the gauges."""
         factors: NDArray[np.complex128] = np.exp(-1j * ORDERS * self.rate * lag_s[:, None])
         return factors
 
     def draw_noise(self, curve: Array, turned: NDArray[np.complex128], scale: Array) -> Array:
-        """Return simulated curves (DRAWS, NODES): a curve (NODES,) with new noise, lag and relative scale.
+        """Simulated curves (DRAWS, NODES): a curve (NODES,) with new noise, lag and relative scale.
 
         curve: this curve or its smoothed version. turned: factors of the lags. scale (DRAWS,): relative scale.
         """
@@ -108,7 +108,7 @@ class LapCurve:
 def curve_of(
     run: Reduced, values: Callable[[Array], Array], per_mm: float, channel: int = 0, like: LapNoise | None = None
 ) -> LapCurve:
-    """Return the curve of `values`, a function (...,) of readings (..., k) mm, with sensitivity per_mm to gauge noise.
+    """Curve of `values`, a function (...,) of readings (..., k) mm, with sensitivity per_mm to gauge noise.
 
     like: noise of a different run of the cell, for a single lap.
     """
@@ -156,7 +156,7 @@ def curve_of(
 
 
 def at_resolution(y: Array) -> Array:
-    """Return curves (..., NODES), in any unit, at the stated angular resolution."""
+    """Curves (..., NODES), in any unit, at the stated angular resolution."""
     return np.asarray(np.fft.irfft(np.fft.rfft(y) * _PASSES, NODES))
 
 
@@ -168,7 +168,7 @@ def figures(
     ranges: frozenset[str],
     calm: Sequence[Array] | None = None,
 ) -> dict[str, Quantity]:
-    """Return the figures of several curves by name, with uncertainties from simulated noise.
+    """Figures of several curves by name, with uncertainties from simulated noise.
 
     plain: computes the figures of stacked curves (curves, ..., NODES). drawn: function that returns simulated curves
     (DRAWS, NODES) around each curve. ranges: names of figures that noise increases. Each is lowered by the median
@@ -194,12 +194,12 @@ def figures(
 
 
 def blurred(y: Array, blur: float) -> Array:
-    """Return a curve (NODES,) with row positions blurred by a standard deviation of `blur` rad."""
+    """A curve (NODES,) with row positions blurred by a standard deviation of `blur` rad."""
     return np.asarray(np.fft.irfft(np.fft.rfft(y) * np.exp(-0.5 * (blur * ORDERS) ** 2), NODES))
 
 
 def _where_laps_differ(laps: Array, rng: np.random.Generator) -> Array:
-    """Return simulated errors (DRAWS, NODES) for places at which the laps (L, NODES) differ.
+    """Simulated errors (DRAWS, NODES) for places at which the laps (L, NODES) differ.
 
     Stationary noise is equal at all angles. A slow gauge that samples a jump at different times is not, and neither is
     a burst of outliers. At such places any mixture of the laps is possible, by Student's distribution for few laps.
@@ -216,14 +216,14 @@ def _where_laps_differ(laps: Array, rng: np.random.Generator) -> Array:
 
 
 def _smeared(values: Array, width: int) -> Array:
-    """Return running means (..., NODES) over `width` nodes, an odd number, around the closed circle."""
+    """Running means (..., NODES) over `width` nodes, an odd number, around the closed circle."""
     half = width // 2
     summed = np.cumsum(np.concatenate([values[..., -half - 1 :], values, values[..., :half]], axis=-1), axis=-1)
     return np.asarray((summed[..., width:] - summed[..., :-width]) / width)
 
 
 def _misplaced(run: Reduced, rng: np.random.Generator) -> Array:
-    """Return simulated errors (DRAWS, NODES, k) mm of rows with a wrong circle angle, at jumps of the curve.
+    """Simulated errors (DRAWS, NODES, k) mm of rows with a wrong circle angle, at jumps of the curve.
 
     The angle is wrong if the time of the row is wrong. If a gauge repeats its reading, the rows of a repetition are
     wrong together, possibly equally in the next lap. On a steady slope these errors average out.
@@ -245,7 +245,7 @@ def _misplaced(run: Reduced, rng: np.random.Generator) -> Array:
 
 
 def _stairs(run: Reduced, rng: np.random.Generator) -> Array:
-    """Return simulated quantisation errors (DRAWS, NODES, k) mm, for any position of the steps.
+    """Simulated quantisation errors (DRAWS, NODES, k) mm, for any position of the steps.
 
     Laps have the same errors, because their rows may coincide.
     """
@@ -259,7 +259,7 @@ def _stairs(run: Reduced, rng: np.random.Generator) -> Array:
 
 
 def calmed(y: Array, power: Array) -> Array:
-    """Return a curve (NODES,) with reduced noise, of power (NODES // 2 + 1,).
+    """A curve (NODES,) with reduced noise, of power (NODES // 2 + 1,).
 
     A running median preserves the jumps of backlash, whose many orders would preserve noise. Each order of the
     remainder is reduced by its likely share of noise (Wiener filter).

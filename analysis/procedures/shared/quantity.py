@@ -99,7 +99,7 @@ class Quantity:
 
 
 def from_draws(value: float, draws: Array, unit: str, samples: int = 0, noise: NoiseSource = "measured") -> Quantity:
-    """Return a figure with an uncertainty from Monte Carlo draws (m,) in any unit (JCGM 101).
+    """A figure with an uncertainty from Monte Carlo draws (m,) in any unit (JCGM 101).
 
     u is half of the symmetric interval containing 95.45 % of the draws, so that 2 u is correct for heavy tails too.
     """
@@ -109,7 +109,7 @@ def from_draws(value: float, draws: Array, unit: str, samples: int = 0, noise: N
 
 
 def student_factor(freedom: float) -> float:
-    """Return the ratio of the standard uncertainty of a mean to its standard deviation, for degrees of freedom.
+    """Ratio of the standard uncertainty of a mean to its standard deviation, for degrees of freedom.
 
     It is half of the 95.45 % quantile of Student's distribution, so that 2 u is correct for few runs.
     """
@@ -119,12 +119,12 @@ def student_factor(freedom: float) -> float:
 
 
 def is_around_circle(name: str) -> bool:
-    """Return whether a figure is an angle around the circle, where 359° is 2° from 1°: a position or a phase."""
+    """True if a figure is an angle around the circle, where 359° is 2° from 1°: a position or a phase."""
     return name.endswith((PLACE, "shift_deg"))
 
 
 def half_turns(angles_deg: Array) -> Array:
-    """Return angles (...,) in degrees wrapped to -180 to 180."""
+    """Angles (...,) in degrees wrapped to -180 to 180."""
     return np.asarray((angles_deg + 180.0) % 360.0 - 180.0)
 
 
@@ -136,7 +136,7 @@ def figures_of(
     excess_u: float = 0.0,
     noise: NoiseSource = "measured",
 ) -> dict[str, Quantity]:
-    """Return figures by name, ending in the unit, from values and Monte Carlo draws (m,).
+    """Figures by name, ending in the unit, from values and Monte Carlo draws (m,).
 
     excess: mean noise bias of a range or maximum; the value is lowered by it, to zero at least, and the correction has
     the relative uncertainty excess_u.
@@ -159,15 +159,15 @@ def figures_of(
 
 
 def quantity_of(effect: Effect, field: str, sd: Mapping[str, float]) -> Quantity:
-    """Return a parameter of an effect; the standard uncertainty is 0 if unknown."""
+    """A parameter of an effect; the standard uncertainty is 0 if unknown."""
     return Quantity(float(getattr(effect, field)), sd.get(field, 0.0), effect.unit(field))
 
 
 def parameters_of(effect: Effect) -> dict[str, float]:
-    """Return the parameters of an effect: sizes, shapes, and required numbers such as the order of a gear."""
+    """Parameters of an effect: sizes, shapes, and required numbers such as the order of a gear."""
     return {key: value for key, value in effect if key not in SEATS and isinstance(value, int | float)}
 
 
 def parameter_label(effect: Effect, field: str) -> str:
-    """Return the label of an effect, with the parameter unless it is the size."""
+    """Label of an effect, with the parameter unless it is the size."""
     return label_of(effect) if field == size_field(effect) else f"{label_of(effect)} {field}"

@@ -77,11 +77,11 @@ class HatSums:
         return self.before + 2 * self.between + self.beyond
 
     def without(self, odd: Mask) -> HatSums:
-        """Return the sums without the rows behind the nodes of a mask (L, NODES)."""
+        """Sums without the rows behind the nodes of a mask (L, NODES)."""
         return HatSums(*(np.where(odd, 0.0, values) for values in vars(self).values()))
 
     def lines(self, rounds: int = 2 * NODES) -> Array:
-        """Return the closed least-squares polylines (L, NODES, k), in the unit of the readings, smoothed.
+        """Closed least-squares polylines (L, NODES, k), in the unit of the readings, smoothed.
 
         About thirty rounds are sufficient if every node has rows.
         """
@@ -134,7 +134,7 @@ class LapRows:
 
 
 def reduced(laps: Laps) -> Reduced:
-    """Return the readings of a run at NODES circle angles per lap, with outliers removed and counted."""
+    """Readings of a run at NODES circle angles per lap, with outliers removed and counted."""
     base = base_of(laps)
     lap = np.minimum(np.abs(laps.phi - laps.start) // (2 * np.pi), laps.count - 1).astype(np.int64)
     rough = np.empty(laps.g_mm.shape)
@@ -152,13 +152,13 @@ def reduced(laps: Laps) -> Reduced:
 
 
 def base_of(laps: Laps) -> Array:
-    """Return level and first two orders (5, k) of the readings, removed before fitting polylines."""
+    """Level and first two orders (5, k) of the readings, removed before fitting polylines."""
     rows = slice(None, None, max(1, len(laps.phi) // _BASE_ROWS))
     return np.asarray(np.linalg.lstsq(_waves(laps.phi[rows]), laps.g_mm[rows], rcond=None)[0], dtype=np.float64)
 
 
 def slopes_of(base: Array) -> list[Array]:
-    """Return the Taylor coefficients (NODES, k), up to the third order, of waves (5, k) behind each node, by
+    """Taylor coefficients (NODES, k), up to the third order, of waves (5, k) behind each node, by
     relative position."""
     step, slopes = 2 * np.pi / NODES, [_waves(PHI) @ base]
     derived = np.zeros((5, 5))
@@ -170,7 +170,7 @@ def slopes_of(base: Array) -> list[Array]:
 
 
 def outliers_of(phi: Array, rough: Array, lap: Integers, rounds: int = 2 * NODES) -> Mask:
-    """Return a mask (k, n) of the outliers among readings rough (n, k) at phi (n,) rad.
+    """A mask (k, n) of the outliers among readings rough (n, k) at phi (n,) rad.
 
     lap (n,): number of the lap, from 0. rounds: rounds of the solver. A part of a lap needs only a few, because distant
     nodes have no influence.
@@ -192,7 +192,7 @@ def outliers_of(phi: Array, rough: Array, lap: Integers, rounds: int = 2 * NODES
 
 
 def of_rows(laps: Laps, rows: LapRows) -> Reduced:
-    """Return the readings at NODES circle angles, as curves through the combined rows of the laps."""
+    """Readings at NODES circle angles, as curves through the combined rows of the laps."""
     added = _waves(PHI) @ rows.base
     hats, nodes = rows.hats, rows.hats.lines() + added
     odd: Mask = np.any([bursts(of_gauge) for of_gauge in np.moveaxis(nodes, 2, 0)], axis=0)
@@ -233,7 +233,7 @@ def of_rows(laps: Laps, rows: LapRows) -> Reduced:
 
 
 def nodes_of(phi: Array, y: Array) -> Array:
-    """Return a noise-free curve y (n,) over phi (n,) rad, of one lap, at PHI (NODES,)."""
+    """A noise-free curve y (n,) over phi (n,) rad, of one lap, at PHI (NODES,)."""
     once, all_rows = np.zeros(len(phi), dtype=np.int64), np.ones(len(phi), dtype=bool)
     base = np.asarray(np.linalg.lstsq(_waves(phi), y[:, None], rcond=None)[0], dtype=np.float64)
     rough = y[:, None] - _waves(phi) @ base
@@ -241,12 +241,12 @@ def nodes_of(phi: Array, y: Array) -> Array:
 
 
 def _waves(phi: Array) -> Array:
-    """Return level and first two orders (n, 5) at phi (n,) rad."""
+    """Level and first two orders (n, 5) at phi (n,) rad."""
     return np.stack([np.ones_like(phi), np.sin(phi), np.cos(phi), np.sin(2 * phi), np.cos(2 * phi)], axis=1)
 
 
 def _hat_sums(phi: Array, values: Array, lap: Integers, keep: Mask) -> HatSums:
-    """Return the sums over the kept rows of each lap, computed in blocks of rows. values (n, k) at phi (n,) rad."""
+    """Sums over the kept rows of each lap, computed in blocks of rows. values (n, k) at phi (n,) rad."""
     count = int(lap.max()) + 1
     beyond, between, before = (np.zeros(count * NODES) for _ in range(3))
     pull_left, pull_right = (np.zeros((values.shape[1], count * NODES)) for _ in range(2))
@@ -266,14 +266,14 @@ def _hat_sums(phi: Array, values: Array, lap: Integers, keep: Mask) -> HatSums:
 
 
 def place_of(phi: Array) -> tuple[Integers, Array]:
-    """Return the node (n,) behind each circle angle (n,) rad, and the relative position (n,) to the next."""
+    """Node (n,) behind each circle angle (n,) rad, and the relative position (n,) to the next."""
     place = phi % (2 * np.pi) * (NODES / (2 * np.pi))
     node = np.floor(place)
     return node.astype(np.int64) % NODES, place - node
 
 
 def _steady(nodes: Array) -> tuple[Array, tuple[str, ...]]:
-    """Return laps (L, NODES, k) mm of the gauges without slips, and notes."""
+    """Laps (L, NODES, k) mm of the gauges without slips, and notes."""
     steady, notes = [], []
     for name, laps in zip(("g1", "g2"), np.moveaxis(nodes, 2, 0), strict=False):
         whole, slips = without_slips(laps)

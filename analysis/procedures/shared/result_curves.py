@@ -36,7 +36,7 @@ class CircleCurve(Tabular):
     deviation_mm: Array
 
     def to_table(self) -> pa.Table:
-        """Return a row per angle and a column per field."""
+        """A row per angle and a column per field."""
         return pa.table(vars(self))
 
 
@@ -59,7 +59,7 @@ class RadialCurve(Tabular):
     used: NDArray[np.bool_]
 
     def to_table(self) -> pa.Table:
-        """Return a row per target and a column per field."""
+        """A row per target and a column per field."""
         return pa.table(vars(self))
 
 
@@ -79,7 +79,7 @@ class RepeatabilityCurve(Tabular):
     reading_mm: Array
 
     def to_table(self) -> pa.Table:
-        """Return a row per reading and a column per field."""
+        """A row per reading and a column per field."""
         return pa.table(vars(self) | {"approach": self.approach.tolist()})
 
 
@@ -102,7 +102,7 @@ class PoseCurve(Tabular):
         return np.asarray(np.linalg.norm(self.error_mm, axis=1))
 
     def to_table(self) -> pa.Table:
-        """Return a row per pose: row, x_mm, y_mm, z_mm, distance_mm, and rx_deg, ry_deg, rz_deg if measured."""
+        """A row per pose: row, x_mm, y_mm, z_mm, distance_mm, and rx_deg, ry_deg, rz_deg if measured."""
         row = {"row": np.arange(1, len(self.error_mm) + 1)}
         place = dict(zip(("x_mm", "y_mm", "z_mm"), self.error_mm.T, strict=True))
         turned = () if self.rotation_deg is None else self.rotation_deg.T
@@ -132,7 +132,7 @@ class PathCurve(Tabular):
     rt_mm: Array
 
     def to_table(self) -> pa.Table:
-        """Return a row per station: path, s_mm, x_mm … of the command, dx_mm … of the deviation, at_mm, rt_mm."""
+        """A row per station: path, s_mm, x_mm … of the command, dx_mm … of the deviation, at_mm, rt_mm."""
         place = dict(zip(("x_mm", "y_mm", "z_mm"), self.place_mm.T, strict=True))
         off = dict(zip(("dx_mm", "dy_mm", "dz_mm"), self.off_mm.T, strict=True))
         along = {"path": self.path.tolist(), "s_mm": self.s_mm}
@@ -159,7 +159,7 @@ class JointReversal:
 
 
 def reversals_of_rig(rig: Rig) -> tuple[JointReversal, ...]:
-    """Return the joint reversals on the nominal circle of a rig file, by circle angle.
+    """Joint reversals on the nominal circle of a rig file, by circle angle.
 
     Raises FileError if the rig file has no circle, or the robot cannot drive it.
     """

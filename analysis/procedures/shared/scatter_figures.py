@@ -31,7 +31,7 @@ Plain = Callable[[Array], dict[str, Array]]
 
 
 def half_width(off: Array) -> float:
-    """Return half the limit that contains 95 % of the absolute errors (m,), in their unit.
+    """Half the limit that contains 95 % of the absolute errors (m,), in their unit.
 
     It is reported as the standard uncertainty u, so that 2 u contains 95 % even if the errors are not normally
     distributed.
@@ -40,7 +40,7 @@ def half_width(off: Array) -> float:
 
 
 def of_scatter(plain: Plain, readings: Array, scatter: Scatter, drift_mm: Array | float = 0.0) -> dict[str, Quantity]:
-    """Return figures of readings (t, k, n) mm, NaN if missing.
+    """Figures of readings (t, k, n) mm, NaN if missing.
 
     value: by the standard. u: of its distance from the expectation, in repeated tests with the same scatter about each
     cell's mean. Each draw of the scatter gives several such tests, whose scatter is too small by a known factor. The
@@ -70,21 +70,21 @@ def of_scatter(plain: Plain, readings: Array, scatter: Scatter, drift_mm: Array 
 
 
 def exact(plain: Plain, readings: Array) -> dict[str, Quantity]:
-    """Return figures of noise-free readings (t, k, n) mm."""
+    """Figures of noise-free readings (t, k, n) mm."""
     samples = int(np.isfinite(readings).sum())
     values = plain(readings)
     return {name: Quantity(float(value), 0.0, name.rsplit("_", 1)[1], samples) for name, value in values.items()}
 
 
 def assumed(scatter: Scatter | None) -> tuple[str, ...]:
-    """Return a note if the scatter was not measured."""
+    """A note if the scatter was not measured."""
     if scatter is None or scatter.noise != "assumed":
         return ()
     return ("too few targets were repeated to show the scatter, which is assumed; measure each target twice or more",)
 
 
 def coarse(scatter: Scatter | None) -> tuple[str, ...]:
-    """Return a note if quantisation exceeds the scatter."""
+    """A note if quantisation exceeds the scatter."""
     if scatter is None or scatter.step_mm <= float(np.median(scatter.sd_mm)):
         return ()
     step = f"readings step by {1e3 * scatter.step_mm:.3g} µm, more than they scatter"
@@ -100,7 +100,7 @@ RANGE_VISITS = 5
 
 
 def rp(x: Array) -> Array:
-    """Return ISO 9283, 7.2.2, position repeatability (...,) mm of attained points x (..., n, d) mm, NaN if missing.
+    """ISO 9283, 7.2.2, position repeatability (...,) mm of attained points x (..., n, d) mm, NaN if missing.
 
     Mean + 3 S of the distances from their barycentre, S with n - 1.
     """
@@ -109,7 +109,7 @@ def rp(x: Array) -> Array:
 
 
 def reversal(x: Array) -> dict[str, Array]:
-    """Return ISO 230-2 figures (...,) of readings x (..., targets, 2, n) mm, sides ↓ (from outside) and ↑ (from
+    """ISO 230-2 figures (...,) of readings x (..., targets, 2, n) mm, sides ↓ (from outside) and ↑ (from
     inside).
 
     NaN if missing. R↓, R↑, R, largest |B|, mean B = mean of x̄↑ - x̄↓.
@@ -131,7 +131,7 @@ _SAME_RAD = float(np.radians(0.5))
 
 
 def poses_of_cube(q: Array, cube: Cube | None) -> Integers:
-    """Return the pose number 1 … 5 of each row of joints q (n, axes) rad, 0 for other poses."""
+    """Pose number 1 … 5 of each row of joints q (n, axes) rad, 0 for other poses."""
     if cube is None or q.shape[1] != cube.q.shape[1]:
         return np.zeros(len(q), dtype=np.int64)
     away = np.abs(wrapped(q[:, None] - cube.q)).max(axis=2)
@@ -139,7 +139,7 @@ def poses_of_cube(q: Array, cube: Cube | None) -> Integers:
 
 
 def by_pose(pose: Integers, plain: Callable[[Array], dict[str, Array]]) -> Callable[[Array], dict[str, Array]]:
-    """Return a function for the figures of each cube pose and of all groups; pose (g,): number of each group."""
+    """A function for the figures of each cube pose and of all groups; pose (g,): number of each group."""
 
     def figures(x: Array) -> dict[str, Array]:
         by_name = plain(x)
@@ -154,7 +154,7 @@ def by_pose(pose: Integers, plain: Callable[[Array], dict[str, Array]]) -> Calla
 
 
 def distance_figures(pose: Integers, xyz_mm: Array, cube: Cube | None) -> dict[str, Quantity]:
-    """Return AD and RD from positions xyz_mm (n, 3) in order of time, pose (n,) of the cube; empty below three
+    """AD and RD from positions xyz_mm (n, 3) in order of time, pose (n,) of the cube; empty below three
     cycles."""
     second, fourth = np.flatnonzero(pose == 2), np.flatnonzero(pose == 4)
     if cube is None or not len(second) or len(fourth) < FEWEST_CYCLES:

@@ -23,7 +23,7 @@ _DWELL_S = 4.0
 
 
 def read_by_gauges(rig: Rig, program: GaugeTable, setup: SetUp, run: Simulation) -> Array:
-    """Return the readings (n, k) mm along a program, given as a table without readings."""
+    """Readings (n, k) mm along a program, given as a table without readings."""
     model = model_of(rig, run.effects)
     if run.seed is None:
         return predict(model, program, path_of(model, program), setup)
@@ -47,5 +47,5 @@ def read_by_gauges(rig: Rig, program: GaugeTable, setup: SetUp, run: Simulation)
 
 
 def visit_times(count: int) -> Array:
-    """Return times (count,) s of readings at targets."""
+    """Times (count,) s of readings at targets."""
     return np.linspace(0.0, _DWELL_S * (count - 1), count)

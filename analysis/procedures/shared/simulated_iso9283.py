@@ -80,7 +80,7 @@ def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None 
 
 
 def _leg(arm: Arm, cube: Cube, path: CommandPath, speed_mm_s: float, where: str) -> Array:
-    """Return the joints (n, 6) rad along a path from rest to rest, with the standstill after it."""
+    """Joints (n, 6) rad along a path from rest to rest, with the standstill after it."""
     s = np.linspace(0.0, path.length_mm, _STEPS)
     s = np.unique(np.concatenate([s, path.arc_length_mm])) if isinstance(path, Polygon) else s
     q = joints_along(arm, cube, path, s, where)
@@ -94,13 +94,13 @@ def _leg(arm: Arm, cube: Cube, path: CommandPath, speed_mm_s: float, where: str)
 
 
 def tool_places(model: Model, q: Array) -> Array:
-    """Return tool positions (n, 3) mm in the world at joints q (n, 6) rad in sequence."""
+    """Tool positions (n, 3) mm in the world at joints q (n, 6) rad in sequence."""
     path = stops(q)
     return np.asarray(moved(model, path).T[path.rows, :3, 3])
 
 
 def seen_by_tracker(rig: Rig, places_mm: Array, rng: np.random.Generator) -> Array:
-    """Return positions (n, 3) mm of the world in the frame of the tracker, from the rig file or random."""
+    """Positions (n, 3) mm of the world in the frame of the tracker, from the rig file or random."""
     instrument = iso9283_of(rig).instrument
     if instrument is not None:
         T = transform(instrument)

@@ -36,18 +36,18 @@ _REACHED = (0.35, 0.7)
 
 
 def touch_of(rig: Rig) -> Touch:
-    """Return the touch test of a rig. Raises FileError if the rig file has none."""
+    """Touch test of a rig. Raises FileError if the rig file has none."""
     return require_part(rig, rig.tests.touch, "touch")
 
 
 def planned_touches(rig: Rig, seed: int = 0) -> TouchTable:
-    """Return touches of the nominal arm, distributed over the sockets of the rig file. Raises FileError without a touch
+    """Touches of the nominal arm, distributed over the sockets of the rig file. Raises FileError without a touch
     test, or without postures."""
     return _standing(rig, _planned(rig, np.random.default_rng(seed))[0])
 
 
 def simulated_touches(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> TouchTable:
-    """Return touches of an arm with effects, `seed` None for no scatter.
+    """Touches of an arm with effects, `seed` None for no scatter.
 
     effects: in place of those of the rig file. Raises FileError like `planned_touches`.
     """
@@ -70,7 +70,7 @@ def simulated_touches(rig: Rig, seed: int | None, effects: Sequence[Effect] | No
 
 
 def _standing(rig: Rig, table: TouchTable) -> TouchTable:
-    """Return touches with the rail at position 0; touches of an arm that has no rail are unchanged."""
+    """Touches with the rail at position 0; touches of an arm that has no rail are unchanged."""
     if rig.robot.rail is None:
         return table
     assert table.came_from is not None  # noqa: S101 - planned touches say it
@@ -80,7 +80,7 @@ def _standing(rig: Rig, table: TouchTable) -> TouchTable:
 
 
 def _planned(rig: Rig, rng: np.random.Generator) -> tuple[TouchTable, Array]:
-    """Return touches of the nominal arm, and the socket position (n, 3) mm of each."""
+    """Touches of the nominal arm, and the socket position (n, 3) mm of each."""
     touch, q, places, names = touch_of(rig), [], [], []
     arm = _with_ball(arm_of(rig.robot), touch)
     count = -(-touch.touches // len(touch.sockets))
@@ -104,7 +104,7 @@ def _planned(rig: Rig, rng: np.random.Generator) -> tuple[TouchTable, Array]:
 def _somewhere(
     arm: Arm, count: int, rng: np.random.Generator, where: str, distances: Sequence[tuple[Array, float]]
 ) -> tuple[Array, Array]:
-    """Return a random socket position (3,) mm at given distances from other sockets, and postures (count, axes) rad."""
+    """A random socket position (3,) mm at given distances from other sockets, and postures (count, axes) rad."""
     low, high = arm.limits.T
     free = forward(arm, rng.uniform(low, high, (_POSTURES, arm.axes)))[:, :3, 3]
     base = arm.T_world_base[:3, 3]
@@ -127,7 +127,7 @@ def _somewhere(
 
 
 def _postures_at(arm: Arm, place: Array, count: int, rng: np.random.Generator) -> Array:
-    """Return postures (at most count, axes) rad with the tool at a position (3,) mm in any orientation."""
+    """Postures (at most count, axes) rad with the tool at a position (3,) mm in any orientation."""
     low, high = arm.limits.T
     free = _OFF_LIMIT * (high - low)
     postures = np.empty((0, arm.axes))

@@ -114,7 +114,7 @@ def denavit_hartenberg(axes: AxisLines) -> DenavitHartenberg:
 
 
 def _linked(before: _Step, z: Array, point: Array, z_next: Array, point_next: Array) -> tuple[Array, Array, _Step]:
-    """Return origin (3,) mm and x axis (3,) on the axis through point with direction z, and the step to the next."""
+    """Origin (3,) mm and x axis (3,) on the axis through point with direction z, and the step to the next."""
     normal = np.cross(z, z_next)
     sine = float(np.linalg.norm(normal))
     if sine < _PARALLEL:
@@ -133,7 +133,7 @@ def _linked(before: _Step, z: Array, point: Array, z_next: Array, point_next: Ar
 
 
 def _turned(origin: Array, R: Array, z_next: Array, a: float) -> _Step:
-    """Return the step from a frame (3, 3) at origin (3,) mm to the axis z_next (3,), which intersects the frame's x
+    """Step from a frame (3, 3) at origin (3,) mm to the axis z_next (3,), which intersects the frame's x
     axis at a.
     """
     x, y, z = R.T @ z_next
@@ -143,12 +143,12 @@ def _turned(origin: Array, R: Array, z_next: Array, a: float) -> _Step:
 
 
 def _towards(before: Array, x: Array) -> Array:
-    """Return x or -x (3,), whichever is closer to the previous direction."""
+    """X or -x (3,), whichever is closer to the previous direction."""
     return -x if before @ x < -_MEET_MM else x
 
 
 def _angle(start: Array, end: Array, z: Array) -> float:
-    """Return the angle (rad) from start to end, directions (3,), about z."""
+    """Angle (rad) from start to end, directions (3,), about z."""
     return float(np.arctan2(np.cross(start, end) @ z, start @ end))
 
 

@@ -54,7 +54,7 @@ class ControllerConstants:
 
 
 def robot_with(rig: Rig, read: ControllerConstants) -> Robot:
-    """Return the robot of a rig with the arm in its controller."""
+    """Robot of a rig with the arm in its controller."""
     robot = rig.robot.model_copy(update={"controller": read.arm, "controller_axes": ()})
     if read.arm == "constants" and (rig.effects or rig.calibration):
         own = tuple(
@@ -67,7 +67,7 @@ def robot_with(rig: Rig, read: ControllerConstants) -> Robot:
 
 
 def data_sheet_of(robot: Robot) -> Robot:
-    """Return the robot with the constants of the data sheet, without base and tool.
+    """Robot with the constants of the data sheet, without base and tool.
 
     If the axes are those of a controller, the arm of the library that the robot names has the data sheet. Raises
     FileError if it names none.
@@ -124,7 +124,7 @@ def constants_from_poses(robot: Robot, q: Array, xyz_mm: Array, R: Array | None,
 
 
 def _base_of(arm: Arm, q: Array, xyz_mm: Array) -> Array:
-    """Return the turn (3, 3) of the poses' base: none, or half a turn about z, as base_link of ROS drivers has it."""
+    """Turn (3, 3) of the poses' base: none, or half a turn about z, as base_link of ROS drivers has it."""
     T, half = forward(arm, q), np.diag([-1.0, -1.0, 1.0])
     if len(q) > 3:  # the frame is determined, whatever the tool
         seen = fit_setup(T, xyz_mm).T_world_base[:3, :3]

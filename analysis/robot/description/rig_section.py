@@ -60,7 +60,7 @@ class RobotSection:
     largest_rad: float
 
     def with_build(self, build: Build) -> RobotSection:
-        """Return the section with the build of the arm as stated by the user."""
+        """Section with the build of the arm as stated by the user."""
         head = "".join(line for line in self.text.splitlines(keepends=True) if line.startswith("#"))
         robot = self.robot.model_copy(update={"build": build})
         return replace(self, robot=robot, text=head + robot_text(robot))
@@ -147,7 +147,7 @@ def parsed(text: str) -> Robot:
 
 
 def random_postures(robot: Robot) -> Array:
-    """Return random joint angles (200, axes) rad within the limits, with the rail position in m if there is a rail.
+    """Random joint angles (200, axes) rad within the limits, with the rail position in m if there is a rail.
 
     Each call returns the same postures.
     """
@@ -159,12 +159,12 @@ def random_postures(robot: Robot) -> Array:
 
 
 def flange_poses(robot: Robot, q: Array) -> Array:
-    """Return flange poses (n, 4, 4) mm in the base frame, for joint angles q (n, axes) rad."""
+    """Flange poses (n, 4, 4) mm in the base frame, for joint angles q (n, axes) rad."""
     return forward(arm_of(robot), q)
 
 
 def largest_difference(T: Array, its_T: Array) -> tuple[float, float]:
-    """Return the largest differences between two stacks of poses (n, 4, 4), in mm and in rad."""
+    """Largest differences between two stacks of poses (n, 4, 4), in mm and in rad."""
     # Use the chord of the rotation: the arc cosine of its trace loses all digits near zero.
     chord = np.linalg.norm(T[:, :3, :3] - its_T[:, :3, :3], axis=(1, 2)) / np.sqrt(2)
     return float(np.linalg.norm(T[:, :3, 3] - its_T[:, :3, 3], axis=1).max()), float(chord.max())

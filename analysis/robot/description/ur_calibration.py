@@ -152,7 +152,7 @@ _Chain = Callable[[Array], Array]
 
 
 def _lines(path: Path, robot: Robot) -> tuple[AxisLines, _Chain, float, tuple[str, ...]]:
-    """Return the joint axes in a file, the flange poses that it states (for a check), their rounding, and notes."""
+    """Joint axes in a file, the flange poses that it states (for a check), their rounding, and notes."""
     try:
         text = read_text(path, _MOST_BYTES)
     except OSError as error:
@@ -171,7 +171,7 @@ def _lines(path: Path, robot: Robot) -> tuple[AxisLines, _Chain, float, tuple[st
 
 
 def _turned_zeros(own: Robot, robot: Robot) -> list[str]:
-    """Return a note on each link that lies on the other side of its joint than in the data sheet."""
+    """A note on each link that lies on the other side of its joint than in the data sheet."""
     return [
         f"the file counts the joint before {robot.axis_words(axis)} from half a turn; check that it was not edited"
         for axis, (x, y) in enumerate(zip(own.axes, robot.axes, strict=True), 1)
@@ -300,7 +300,7 @@ class _Classic:
     alpha: Array
 
     def frames(self, q: Array) -> Array:
-        """Return the base frame and the frame after each joint, (n, 7, 4, 4) mm, at q (n, 6) rad."""
+        """Base frame and the frame after each joint, (n, 7, 4, 4) mm, at q (n, 6) rad."""
         frames = [np.broadcast_to(np.eye(4), (len(q), 4, 4))]
         for theta, a, d, alpha in zip((q + self.theta).T, self.a, self.d, self.alpha, strict=True):
             c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
@@ -313,6 +313,6 @@ class _Classic:
         return np.stack(frames, axis=1)
 
     def axes(self) -> AxisLines:
-        """Return the joint axes. Each is the z axis of the previous frame."""
+        """Joint axes. Each is the z axis of the previous frame."""
         T = self.frames(np.zeros((1, 6)))[0]
         return AxisLines(T[:6, :3, 3], T[:6, :3, 2], T[6])

@@ -27,7 +27,7 @@ from rigs.schema.vocabulary import CircleTest, Direction
 
 
 def peaks(x: Array, prominence: float) -> Integers:
-    """Return the rows of peaks of x (n,) that exceed their surroundings on both sides by `prominence`, in the unit of
+    """Rows of peaks of x (n,) that exceed their surroundings on both sides by `prominence`, in the unit of
     x.
 
     A flat top has its peak in the middle. Of several equal tops, the first counts.
@@ -62,11 +62,11 @@ class CircleFrame:
     radius: float
 
     def radial(self, phi: Array) -> Array:
-        """Return r(phi) (k, 3) for circle angles phi (k,) rad."""
+        """R(phi) (k, 3) for circle angles phi (k,) rad."""
         return np.cos(phi)[:, None] * self.u + np.sin(phi)[:, None] * self.v
 
     def poses(self, phi: Array) -> Array:
-        """Return nominal T_world_tool (k, 4, 4) at circle angles phi (k,) rad."""
+        """Nominal T_world_tool (k, 4, 4) at circle angles phi (k,) rad."""
         r = self.radial(phi)
         T = np.zeros((len(phi), 4, 4))
         T[:, :3, 0] = self.n
@@ -77,13 +77,13 @@ class CircleFrame:
         return T
 
     def angle(self, points: Array) -> Array:
-        """Return unwrapped circle angles (k,) rad of points (k, 3) mm in the world."""
+        """Unwrapped circle angles (k,) rad of points (k, 3) mm in the world."""
         from_centre = points - self.centre
         return np.unwrap(np.arctan2(from_centre @ self.v, from_centre @ self.u))
 
 
 def circle_frame(centre: Array, normal: Array, towards: Array, radius: float) -> CircleFrame:
-    """Return a circle about centre (3,) mm with a normal (3,) of any length; phi = 0 is the projected direction
+    """A circle about centre (3,) mm with a normal (3,) of any length; phi = 0 is the projected direction
     towards (3,)."""
     n = normal / np.linalg.norm(normal)
     u = towards - (towards @ n) * n
@@ -93,7 +93,7 @@ def circle_frame(centre: Array, normal: Array, towards: Array, radius: float) ->
 
 @lru_cache(maxsize=16)
 def frame_of(circle: Circle) -> CircleFrame:
-    """Return the frame of a rig file's circle, cached because a fit requests the same few repeatedly."""
+    """Frame of a rig file's circle, cached because a fit requests the same few repeatedly."""
     return circle_frame(np.array(circle.centre_mm), np.array(circle.normal), np.array(circle.zero), circle.radius_mm)
 
 
@@ -108,7 +108,7 @@ class Reversal:
 
 
 def reversals(circle: Circle, arm: Arm, where: str) -> list[Reversal]:
-    """Return the joint reversals on the nominal circle, by axis and phi (Table 1 of the paper).
+    """Joint reversals on the nominal circle, by axis and phi (Table 1 of the paper).
 
     A joint moving by less than 0.05° around the point counts as standing. Raises FileError if the arm cannot follow the
     circle; the joint limits are checked for programs, which move less than this function.
@@ -148,31 +148,31 @@ class Deviations:
 
     @property
     def design(self) -> Array:
-        """Return the columns (n, 3): 1, cos(phi), sin(phi)."""
+        """Columns (n, 3): 1, cos(phi), sin(phi)."""
         return np.stack([np.ones_like(self.phi), np.cos(self.phi), np.sin(self.phi)], axis=1)
 
     @property
     def largest(self) -> Array:
-        """Return the larger absolute value (n,) mm of both deviations."""
+        """Larger absolute value (n,) mm of both deviations."""
         return np.maximum(np.abs(self.radial), np.abs(self.axial))
 
 
 def deviations(circle: CircleFrame, points: Array) -> Deviations:
-    """Return the deviations of points (n, 3) mm from a circle."""
+    """Deviations of points (n, 3) mm from a circle."""
     from_centre = points - circle.centre
     x, y = from_centre @ circle.u, from_centre @ circle.v
     return Deviations(np.arctan2(y, x), np.hypot(x, y) - circle.radius, from_centre @ circle.n)
 
 
 def moved(circle: CircleFrame, radial: Array, axial: Array) -> CircleFrame:
-    """Return the circle corrected by the regression coefficients (3,) mm of the radial and axial deviations."""
+    """Circle corrected by the regression coefficients (3,) mm of the radial and axial deviations."""
     centre = circle.centre + axial[0] * circle.n + radial[1] * circle.u + radial[2] * circle.v
     n = circle.n - (axial[1] * circle.u + axial[2] * circle.v) / circle.radius
     return circle_frame(centre, n, circle.u, circle.radius + float(radial[0]))
 
 
 def circles_through(points: Array) -> tuple[Array, Array, Array]:
-    """Return centre (k, 3) mm, unit normal (k, 3) and radius (k,) mm of circles through points (k, 3, 3) mm, three
+    """Centre (k, 3) mm, unit normal (k, 3) and radius (k,) mm of circles through points (k, 3, 3) mm, three
     each.
 
     Collinear points give a radius beyond any arm.
@@ -186,7 +186,7 @@ def circles_through(points: Array) -> tuple[Array, Array, Array]:
 
 
 def largest_deviations(points: Array, centre: Array, normal: Array, radius: Array) -> Array:
-    """Return the larger absolute deviation (k, n) mm, radial or axial, of points (n, 3) mm from k circles.
+    """Larger absolute deviation (k, n) mm, radial or axial, of points (n, 3) mm from k circles.
 
     centre (k, 3) mm, unit normal (k, 3), radius (k,) mm.
     """
@@ -197,7 +197,7 @@ def largest_deviations(points: Array, centre: Array, normal: Array, radius: Arra
 
 
 def nearest_circle(points: Array) -> CircleFrame | None:
-    """Return the least-squares circle of points (n, 3) mm, three or more; None for collinear or equal points."""
+    """Least-squares circle of points (n, 3) mm, three or more; None for collinear or equal points."""
     middle = points.mean(axis=0)
     _, extent, V = np.linalg.svd(points - middle, full_matrices=False)
     if extent[1] < 1e-6 * extent[0] + 1e-9:
@@ -223,7 +223,7 @@ BASELINE_AXIS: dict[str, int] = {"yaw": 1, "roll": 0}
 def link_readings(
     T: Array, ball: Array, offsets_mm: Array, test: CircleTest, link_mm: float, form_mm: Array | float = 0.0
 ) -> Array:
-    """Return gauge readings (n, k) mm, before zero setting, of k gauges at `offsets_mm` (k,) along the baseline.
+    """Gauge readings (n, k) mm, before zero setting, of k gauges at `offsets_mm` (k,) along the baseline.
 
     T (n, 4, 4): link-side tool poses; ball (3,) mm in the world; link_mm: link constant, subtracted from |B - P|;
     form_mm (n,): form error of the ball, added to the distance.
@@ -238,5 +238,5 @@ def link_readings(
 
 
 def link_angle(g1: Array, g2: Array, baseline_mm: float) -> Array:
-    """Return the angle (n,) rad between disk and tool from two readings (n,) mm: atan((g2 - g1) / b)."""
+    """Angle (n,) rad between disk and tool from two readings (n,) mm: atan((g2 - g1) / b)."""
     return np.arctan((g2 - g1) / baseline_mm)

@@ -19,14 +19,14 @@ _LEAST_CONDITIONING = 0.01
 
 
 def is_clear(arm: Arm, q: Array) -> Mask:
-    """Return a mask (n,) of joint angles q (n, 6) rad at a distance from the floor, from axis 1 and from
+    """A mask (n,) of joint angles q (n, 6) rad at a distance from the floor, from axis 1 and from
     singularities.
     """
     return np.asarray(is_collision_free(arm, q) & (conditioning(arm, q) > _LEAST_CONDITIONING))
 
 
 def is_collision_free(arm: Arm, q: Array) -> Mask:
-    """Return a mask (n,) of joint angles q (n, axes) rad at which the arm keeps its distance from the floor and from
+    """A mask (n,) of joint angles q (n, axes) rad at which the arm keeps its distance from the floor and from
     axis 1.
     """
     points = chain_points(arm, q)
@@ -36,11 +36,11 @@ def is_collision_free(arm: Arm, q: Array) -> Mask:
 
 
 def chain_points(arm: Arm, q: Array) -> Array:
-    """Return joint and tool positions (n, 7, 3) mm in the robot's base."""
+    """Joint and tool positions (n, 7, 3) mm in the robot's base."""
     frames = np.concatenate([link_frames(arm, q), forward(arm, q)[:, None]], axis=1)
     return np.asarray(in_base(arm, frames)[..., :3, 3])
 
 
 def in_base(arm: Arm, T: Array) -> Array:
-    """Return frames T (..., 4, 4) of the world in the robot's base, lengths in mm."""
+    """Frames T (..., 4, 4) of the world in the robot's base, lengths in mm."""
     return np.asarray(np.linalg.inv(arm.T_world_base) @ T)

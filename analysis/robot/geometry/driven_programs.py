@@ -46,13 +46,13 @@ def require_drivable_arm(rig: Rig) -> None:
 
 
 def circle_of(rig: Rig) -> Circle:
-    """Return the circle of a rig. Raises FileError if there is none."""
+    """Circle of a rig. Raises FileError if there is none."""
     require_drivable_arm(rig)
     return require_part(rig, rig.tests.circle, "circle")
 
 
 def hemisphere_of(rig: Rig) -> Hemisphere:
-    """Return the hemisphere of a rig. Raises FileError if there is none."""
+    """Hemisphere of a rig. Raises FileError if there is none."""
     return require_part(rig, rig.tests.hemisphere, "hemisphere")
 
 
@@ -91,7 +91,7 @@ class LapMotion:
         return float((self.count - 1) * self.round_s + self.t_s[-1])
 
     def at(self, t_s: Array) -> Array:
-        """Return reported angles (m, 6) rad at program times t_s (m,) s."""
+        """Reported angles (m, 6) rad at program times t_s (m,) s."""
         lap_s = self.t_s[-1]
         since = t_s - self.round_s * np.clip(np.floor(t_s / self.round_s), 0, self.count - 1)
         driven_back = np.maximum(since - lap_s - PAUSE_S, 0.0) * self.back
@@ -104,7 +104,7 @@ class LapMotion:
 
 
 def circle_program(rig: Rig, direction: Direction) -> CircleProgram:
-    """Return the circle program of a rig, all laps, from rest to rest. Raises FileError if the robot cannot drive
+    """Circle program of a rig, all laps, from rest to rest. Raises FileError if the robot cannot drive
     it."""
     laps = circle_laps(rig, direction)
     t_s, back_s = laps.t_s, laps.t_s / laps.back
@@ -117,7 +117,7 @@ def circle_program(rig: Rig, direction: Direction) -> CircleProgram:
 
 
 def circle_laps(rig: Rig, direction: Direction) -> LapMotion:
-    """Return the laps of a circle program. Raises FileError if the robot cannot drive them.
+    """Laps of a circle program. Raises FileError if the robot cannot drive them.
 
     Between laps the robot returns along the circle, because few arms can turn the wrist by two more turns. The return
     is twice as fast if the joint speeds permit it.
@@ -136,7 +136,7 @@ def circle_laps(rig: Rig, direction: Direction) -> LapMotion:
 
 
 def drive(arm: Arm, frame: CircleFrame, phi: Array, posture: Array, where: str) -> Array:
-    """Return reported angles (n, 6) rad along monotone circle angles phi (n,), in either direction.
+    """Reported angles (n, 6) rad along monotone circle angles phi (n,), in either direction.
 
     The posture is that of the acw start. A cw program reverses the same joint angles: a joint with a full turn starts
     at the end of the acw lap, because most have no second turn.
@@ -146,7 +146,7 @@ def drive(arm: Arm, frame: CircleFrame, phi: Array, posture: Array, where: str) 
 
 
 def lap(circle: Circle, direction: Direction) -> tuple[Array, Array]:
-    """Return time (n,) s and circle angle (n,) rad: lead-in, one lap at constant speed, lead-out, from rest to rest."""
+    """Time (n,) s and circle angle (n,) rad: lead-in, one lap at constant speed, lead-out, from rest to rest."""
     arc = np.radians(360.0 + 2 * circle.lead_deg)
     speed = circle.speed_mm_s / circle.radius_mm
     acceleration = _ACCELERATION_MM_S2 / circle.radius_mm
@@ -160,18 +160,18 @@ def lap(circle: Circle, direction: Direction) -> tuple[Array, Array]:
 
 
 def _ramp(t: Array, begin: float, end: float) -> Array:
-    """Return twice the distance for unit acceleration between begin and end, followed by constant speed."""
+    """Twice the distance for unit acceleration between begin and end, followed by constant speed."""
     inside = np.clip(t, begin, end) - begin
     return np.asarray(inside**2 + 2 * (end - begin) * np.maximum(t - end, 0.0))
 
 
 def way_back(arm: Arm, fastest: Array) -> float:
-    """Return the speed of the return relative to a lap with joint speeds `fastest` (6,) rad/s."""
+    """Speed of the return relative to a lap with joint speeds `fastest` (6,) rad/s."""
     return _BACK if (_BACK * fastest < arm.speed).all() else 1.0
 
 
 def fastest_joints(t_s: Array, q: Array) -> Array:
-    """Return the maximum speed (6,) rad/s of each joint along angles q (n, 6) rad at times t_s (n,)."""
+    """Maximum speed (6,) rad/s of each joint along angles q (n, 6) rad at times t_s (n,)."""
     return np.asarray(np.abs(np.diff(q, axis=0) / np.diff(t_s)[:, None]).max(axis=0))
 
 
@@ -187,7 +187,7 @@ class TargetProgram:
 
 
 def radial_program(rig: Rig) -> TargetProgram:
-    """Return every target of the rig's hemisphere in each orientation, `visits` times.
+    """Every target of the rig's hemisphere in each orientation, `visits` times.
 
     The whole list is repeated, so visits to a target are minutes apart. Raises FileError if one is out of reach.
     """
@@ -205,7 +205,7 @@ def radial_program(rig: Rig) -> TargetProgram:
 
 
 def repeatability_program(rig: Rig) -> TargetProgram:
-    """Return the rig's repeatability targets in their middle orientation, one row each. Raises FileError like
+    """Rig's repeatability targets in their middle orientation, one row each. Raises FileError like
     `radial_program`."""
     hemisphere, target = hemisphere_of(rig), repeatability_targets(rig)
     polar, azimuth = target_angles(hemisphere)
@@ -217,7 +217,7 @@ def repeatability_program(rig: Rig) -> TargetProgram:
 
 
 def repeatability_targets(rig: Rig) -> Integers:
-    """Return the target numbers (n,) of the rig's repeatability test, from 1. Raises FileError for a target outside
+    """Target numbers (n,) of the rig's repeatability test, from 1. Raises FileError for a target outside
     the hemisphere."""
     target, count = np.array(repeatability_of(rig).targets, dtype=np.int64), len(target_angles(hemisphere_of(rig))[0])
     if (unknown := target[target > count]).size:
@@ -227,12 +227,12 @@ def repeatability_targets(rig: Rig) -> Integers:
 
 
 def repeatability_of(rig: Rig) -> Repeatability:
-    """Return the rig's repeatability test, or the paper's by default."""
+    """Rig's repeatability test, or the paper's by default."""
     return rig.tests.repeatability or Repeatability()
 
 
 def stops(q: Array, *, dwell_s: float) -> tuple[Array, Array]:
-    """Return times (n,) s and reported angles (n, 6) rad of a program stopping at each of q (m, 6) for `dwell_s`.
+    """Times (n,) s and reported angles (n, 6) rad of a program stopping at each of q (m, 6) for `dwell_s`.
 
     Between stops all joints move together, smoothly, from rest to rest; the slowest joint determines the time.
     """
@@ -251,12 +251,12 @@ def stops(q: Array, *, dwell_s: float) -> tuple[Array, Array]:
 
 
 def radial_stops(rig: Rig) -> Array:
-    """Return the joint angles (m, 6) rad of the stops in a radial program."""
+    """Joint angles (m, 6) rad of the stops in a radial program."""
     return radial_program(rig).q
 
 
 def repeatability_stops(rig: Rig) -> Array:
-    """Return the joint angles (m, 6) rad of a repeatability program: each target, then out and back, in and back, in
+    """Joint angles (m, 6) rad of a repeatability program: each target, then out and back, in and back, in
     rounds."""
     program, plan = repeatability_program(rig), repeatability_of(rig)
     radius = hemisphere_frame(hemisphere_of(rig)).direction(program.polar, program.azimuth)
@@ -269,7 +269,7 @@ def repeatability_stops(rig: Rig) -> Array:
 
 
 def displace_tool(arm: Arm, q: Array, offset_mm: Array) -> Array:
-    """Return joint angles (n, 6) rad with the tool displaced by offset_mm (n, 3) from its position at q (n, 6), same
+    """Joint angles (n, 6) rad with the tool displaced by offset_mm (n, 3) from its position at q (n, 6), same
     orientation."""
     from analysis.robot.kinematics.arm import forward  # noqa: PLC0415
 
@@ -292,7 +292,7 @@ def _reach(rig: Rig, hemisphere: Hemisphere, poses: Array, names: list[str]) -> 
 
 
 def feasible_tests(rig: Rig, file: str | Path) -> tuple[list[str], list[FileError]]:
-    """Return a line for each test that the robot can drive, and an error naming the rig file for each of the others.
+    """A line for each test that the robot can drive, and an error naming the rig file for each of the others.
 
     A repeatability test requires targets of the hemisphere.
     """

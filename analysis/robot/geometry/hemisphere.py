@@ -28,13 +28,13 @@ class HemisphereFrame:
     radius: float
 
     def direction(self, polar: Array, azimuth: Array) -> Array:
-        """Return unit vectors (k, 3) from the centre, for angles (k,) rad."""
+        """Unit vectors (k, 3) from the centre, for angles (k,) rad."""
         around = np.cos(azimuth)[:, None] * self.u + np.sin(azimuth)[:, None] * self.v
         return np.cos(polar)[:, None] * self.n + np.sin(polar)[:, None] * around
 
 
 def hemisphere_frame(hemisphere: Hemisphere) -> HemisphereFrame:
-    """Return the frame of a rig file's hemisphere."""
+    """Frame of a rig file's hemisphere."""
     n = np.array(hemisphere.normal) / np.linalg.norm(hemisphere.normal)
     u = np.array(hemisphere.zero) - (np.array(hemisphere.zero) @ n) * n
     u /= np.linalg.norm(u)
@@ -42,7 +42,7 @@ def hemisphere_frame(hemisphere: Hemisphere) -> HemisphereFrame:
 
 
 def target_angles(hemisphere: Hemisphere) -> tuple[Array, Array]:
-    """Return polar angles and azimuths (k,) rad of the targets, numbered from 1: the pole, then ring by ring."""
+    """Polar angles and azimuths (k,) rad of the targets, numbered from 1: the pole, then ring by ring."""
     polar, azimuth = [0.0], [0.0]
     for ring in np.arange(hemisphere.step_deg, hemisphere.polar_max_deg + 1e-9, hemisphere.step_deg):
         around = np.arange(0.0, 360.0 - 1e-9, hemisphere.step_deg)
@@ -52,7 +52,7 @@ def target_angles(hemisphere: Hemisphere) -> tuple[Array, Array]:
 
 
 def target_poses(frame: HemisphereFrame, polar: Array, azimuth: Array, orientation: Integers, count: int) -> Array:
-    """Return T_world_tool (k, 4, 4) at targets: TCP on the sphere, the tool tilted inwards.
+    """T_world_tool (k, 4, 4) at targets: TCP on the sphere, the tool tilted inwards.
 
     orientation (k,) from 1 to `count`: tilts about the tool's x axis, evenly around the middle one.
     """
@@ -69,7 +69,7 @@ def target_poses(frame: HemisphereFrame, polar: Array, azimuth: Array, orientati
 
 
 def _about(axis: Array, angle: Array) -> Array:
-    """Return rotations (k, 3, 3) about axes (k, 3) by angles (k,) rad; the identity for a zero axis."""
+    """Rotations (k, 3, 3) about axes (k, 3) by angles (k,) rad; the identity for a zero axis."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     length = np.linalg.norm(axis, axis=1, keepdims=True)

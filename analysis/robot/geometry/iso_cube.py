@@ -80,7 +80,7 @@ class Cube:
         return FROM_CENTRE * self.side_mm, FROM_CENTRE * self.side_mm * float(np.sqrt(2))
 
     def on_plane(self, along: Array) -> Array:
-        """Return world positions (n, 3) mm for positions (n, 2) mm on the plane: horizontal and rising coordinate."""
+        """World positions (n, 3) mm for positions (n, 2) mm on the plane: horizontal and rising coordinate."""
         return np.asarray(self.centre_mm + along @ np.stack([self.level, self.rising]))
 
     @property
@@ -94,19 +94,19 @@ class Cube:
         return 2 * FROM_CENTRE * self.side_mm * float(np.sqrt(3))
 
     def poses(self, places_mm: Array) -> Array:
-        """Return tool poses (n, 4, 4) at positions (n, 3) mm in the world."""
+        """Tool poses (n, 4, 4) at positions (n, 3) mm in the world."""
         T = np.tile(np.eye(4), (len(places_mm), 1, 1))
         T[:, :3, :3], T[:, :3, 3] = self.R, places_mm
         return T
 
 
 def iso9283_of(rig: Rig) -> Iso9283:
-    """Return the ISO 9283 test of a rig. Raises FileError if the rig file has none."""
+    """ISO 9283 test of a rig. Raises FileError if the rig file has none."""
     return require_part(rig, rig.tests.iso9283, "iso9283")
 
 
 def cube_of(rig: Rig) -> Cube:
-    """Return the cube of a rig, as stated or from a search. Raises FileError if there is none."""
+    """Cube of a rig, as stated or from a search. Raises FileError if there is none."""
     test, where = iso9283_of(rig), RigPlace.of(rig.name, "tests.iso9283")
     if len(rig.robot.axes) != DRIVEN_AXES:
         problem = f"is for an arm of {len(rig.robot.axes)} axes, but programs of the cube need {DRIVEN_AXES} axes"
@@ -156,7 +156,7 @@ class _Starts:
 
 
 def _starts(arm: Arm, test: Iso9283) -> Iterator[_Starts]:
-    """Yield the centre of a stated posture, or centres in each of four directions, starting in front of the base."""
+    """Centre of a stated posture, or centres in each of four directions, starting in front of the base."""
     if test.posture_deg is not None:
         posture = np.radians(test.posture_deg)
         T = forward(arm, posture[None])
@@ -177,7 +177,7 @@ def _starts(arm: Arm, test: Iso9283) -> Iterator[_Starts]:
 
 
 def _postures(arm: Arm, places: Array, ahead: Array) -> _Starts:
-    """Return postures at positions (n, 3) mm with the tool pointing down or ahead (2,), in four rolls, most regular
+    """Postures at positions (n, 3) mm with the tool pointing down or ahead (2,), in four rolls, most regular
     first.
 
     Postures are collision-free, regular, within half a turn, and with the elbow on the side of the position.
@@ -205,12 +205,12 @@ def _postures(arm: Arm, places: Array, ahead: Array) -> _Starts:
 
 
 def _reach_mm(arm: Arm) -> float:
-    """Return the reach of the arm in mm: the sum of its link lengths."""
+    """Reach of the arm in mm: the sum of its link lengths."""
     return float(np.hypot(arm.a, arm.d).sum())
 
 
 def _reached(arm: Arm, starts: _Starts, rows: Integers, away: Array) -> tuple[Array, Mask]:
-    """Return joints (m, k, 6) rad at offsets away (k, 3) mm from centres rows (m,), and a mask (m,) of completely
+    """Joints (m, k, 6) rad at offsets away (k, 3) mm from centres rows (m,), and a mask (m,) of completely
     valid centres."""
     poses = np.tile(np.eye(4), (len(rows), len(away), 1, 1))
     poses[:, :, :3, :3] = starts.R[rows, None]
@@ -227,7 +227,7 @@ def _reached(arm: Arm, starts: _Starts, rows: Integers, away: Array) -> tuple[Ar
 
 
 def cycle_stops(rig: Rig) -> Array:
-    """Return the joints (n, 6) rad of all stops for a tracker, in the order P5 P4 P3 P2 P1 in each cycle.
+    """Joints (n, 6) rad of all stops for a tracker, in the order P5 P4 P3 P2 P1 in each cycle.
 
     Raises FileError like `cube_of`.
     """
@@ -268,11 +268,11 @@ class Polygon:
         return float(self.arc_length_mm[-1])
 
     def at(self, s_mm: Array) -> Array:
-        """Return positions (n, 3) mm at lengths s_mm (n,)."""
+        """Positions (n, 3) mm at lengths s_mm (n,)."""
         return np.stack([np.interp(s_mm, self.arc_length_mm, column) for column in self.knots.T], axis=1)
 
     def nearest(self, places: Array) -> Array:
-        """Return the lengths (n,) mm of the closest path points to positions (n, 3) mm."""
+        """Lengths (n,) mm of the closest path points to positions (n, 3) mm."""
         best, lengths = np.full(len(places), np.inf), np.zeros(len(places))
         for begin, end, s in zip(self.knots[:-1], self.knots[1:], self.arc_length_mm[:-1], strict=True):
             length = float(np.linalg.norm(end - begin))
@@ -299,12 +299,12 @@ class Ring:
         return 2 * float(np.pi) * self.radius_mm
 
     def at(self, s_mm: Array) -> Array:
-        """Return positions (n, 3) mm at lengths s_mm (n,)."""
+        """Positions (n, 3) mm at lengths s_mm (n,)."""
         angle = np.asarray(s_mm)[:, None] / self.radius_mm
         return np.asarray(self.centre + self.radius_mm * (np.cos(angle) * self.u + np.sin(angle) * self.v))
 
     def nearest(self, places: Array) -> Array:
-        """Return the lengths (n,) mm of the closest path points to positions (n, 3) mm."""
+        """Lengths (n,) mm of the closest path points to positions (n, 3) mm."""
         away = places - self.centre
         angle: Array = np.arctan2(away @ self.v, away @ self.u) % (2 * np.pi)
         return angle * self.radius_mm
@@ -314,7 +314,7 @@ CommandPath = Polygon | Ring
 
 
 def paths_of(cube: Cube) -> dict[PathName, CommandPath]:
-    """Return the paths of a cube in the order of each cycle. The path `back`, from the end of the line to its start
+    """Paths of a cube in the order of each cycle. The path `back`, from the end of the line to its start
     over P3, is not evaluated.
     """
     _, p2, p3, p4, p5 = cube.places_mm
@@ -331,7 +331,7 @@ def paths_of(cube: Cube) -> dict[PathName, CommandPath]:
 
 
 def in_order(cube: Cube, cycles: int) -> Iterator[CommandPath]:
-    """Yield the paths in program order, each cycle repeated. The path `way`, between the cycles of two paths, is not
+    """Paths in program order, each cycle repeated. The path `way`, between the cycles of two paths, is not
     evaluated.
     """
     paths, at = paths_of(cube), cube.places_mm[1]
@@ -345,7 +345,7 @@ def in_order(cube: Cube, cycles: int) -> Iterator[CommandPath]:
 
 
 def joints_along(arm: Arm, cube: Cube, path: CommandPath, s_mm: Array, where: str) -> Array:
-    """Return joints (n, 6) rad with the tool at increasing lengths s_mm (n,) of a path.
+    """Joints (n, 6) rad with the tool at increasing lengths s_mm (n,) of a path.
 
     Raises PathError if the arm cannot follow; `where` names the cube.
     """

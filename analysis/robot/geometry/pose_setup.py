@@ -19,7 +19,7 @@ from analysis.robot.kinematics.arm import Arm, Array, Integers, forward, rotatio
 
 
 def socket_design(T: Array, socket: Integers, sockets: int) -> Array:
-    """Return the derivatives (3 n, 3 + 3 s) of the ball's distance from its socket by ball position on the tool and
+    """Derivatives (3 n, 3 + 3 s) of the ball's distance from its socket by ball position on the tool and
     socket positions, at tool poses T (n, 4, 4) mm; socket (n,): index of each socket, from 0."""
     design = np.zeros((len(T), 3, 3 + 3 * sockets))
     design[:, :, :3] = T[:, :3, :3]
@@ -29,7 +29,7 @@ def socket_design(T: Array, socket: Integers, sockets: int) -> Array:
 
 
 def socket_residuals(T: Array, names: NDArray[np.str_]) -> Array:
-    """Return the residuals (n, 3) mm of the ball relative to its socket at tool poses T (n, 4, 4) mm.
+    """Residuals (n, 3) mm of the ball relative to its socket at tool poses T (n, 4, 4) mm.
 
     Ball position on the tool and socket positions, named (n,), are fitted.
     """
@@ -39,7 +39,7 @@ def socket_residuals(T: Array, names: NDArray[np.str_]) -> Array:
 
 
 def best_rigid(points: Array, targets: Array) -> Array:
-    """Return T (4, 4) that maps points (n, 3) mm to targets (n, 3) mm in the least-squares sense (Kabsch 1976)."""
+    """T (4, 4) that maps points (n, 3) mm to targets (n, 3) mm in the least-squares sense (Kabsch 1976)."""
     middle, goal = points.mean(axis=0), targets.mean(axis=0)
     u, _, vt = np.linalg.svd((points - middle).T @ (targets - goal))
     flip = np.diag([1.0, 1.0, np.linalg.det(vt.T @ u.T)])
@@ -50,12 +50,12 @@ def best_rigid(points: Array, targets: Array) -> Array:
 
 
 def in_frame(T: Array, points: Array) -> Array:
-    """Return points (n, 3) mm transformed by the frame T (4, 4), in mm."""
+    """Points (n, 3) mm transformed by the frame T (4, 4), in mm."""
     return np.asarray(points @ T[:3, :3].T + T[:3, 3])
 
 
 def moved_by(T: Array, shift: Array, turn: Array) -> Array:
-    """Return a frame T (4, 4) shifted by (3,) mm and rotated by a rotation vector (3,) rad about its own origin."""
+    """A frame T (4, 4) shifted by (3,) mm and rotated by a rotation vector (3,) rad about its own origin."""
     moved = T.copy()
     moved[:3, :3] = rotation(turn) @ T[:3, :3]
     moved[:3, 3] += shift
@@ -80,7 +80,7 @@ class PoseSetUp:
 
 
 def fit_setup(T: Array, xyz_mm: Array, steps: int = _STEPS) -> PoseSetUp:
-    """Return base and tool that map the flanges T (n, 4, 4) of the bare arm to positions xyz_mm (n, 3), in at most
+    """Base and tool that map the flanges T (n, 4, 4) of the bare arm to positions xyz_mm (n, 3), in at most
     `steps` steps."""
     start = best_rigid(T[:, :3, 3], xyz_mm)
     reach = float(np.linalg.norm(T[:, :3, 3], axis=1).max()) or 1.0
@@ -110,7 +110,7 @@ def fit_setup(T: Array, xyz_mm: Array, steps: int = _STEPS) -> PoseSetUp:
 
 
 def position_error(T: Array, xyz_mm: Array, setup: PoseSetUp) -> Array:
-    """Return the position errors (n, 3) mm, measured less fitted, in the arm's base.
+    """Position errors (n, 3) mm, measured less fitted, in the arm's base.
 
     T (n, 4, 4): flanges of the bare arm. xyz_mm (n, 3): measured positions.
     """
@@ -120,20 +120,20 @@ def position_error(T: Array, xyz_mm: Array, setup: PoseSetUp) -> Array:
 
 
 def frame(R: Array, origin: Array) -> Array:
-    """Return the frame (4, 4) of a rotation (3, 3) and an origin (3,) mm."""
+    """Frame (4, 4) of a rotation (3, 3) and an origin (3,) mm."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, origin
     return T
 
 
 def _position_residuals(T: Array, xyz_mm: Array, R: Array, origin: Array, tool: Array) -> Array:
-    """Return the residuals (3 n,) mm of positions for a base and a tool."""
+    """Residuals (3 n,) mm of positions for a base and a tool."""
     values: Array = xyz_mm - ((T[:, :3, 3] + T[:, :3, :3] @ tool) @ R.T + origin)
     return values.ravel()
 
 
 def _design(T: Array, R: Array, tool: Array, reach: float) -> Array:
-    """Return the derivatives (3 n, 9) mm of the residuals by base rotation at `reach` mm, base position and tool
+    """Derivatives (3 n, 9) mm of the residuals by base rotation at `reach` mm, base position and tool
     position."""
     x, y, z = ((T[:, :3, 3] + T[:, :3, :3] @ tool) @ R.T).T
     none = np.zeros_like(x)
@@ -144,7 +144,7 @@ def _design(T: Array, R: Array, tool: Array, reach: float) -> Array:
 
 
 def _turn(vector: Array) -> Array:
-    """Return the rotation (3, 3) of a rotation vector (3,) rad (Rodrigues)."""
+    """Rotation (3, 3) of a rotation vector (3,) rad (Rodrigues)."""
     angle = float(np.linalg.norm(vector))
     x, y, z = vector / angle if angle > 0 else vector
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -222,7 +222,7 @@ def undetermined_mm(fitted: FittedArm, q: Array) -> float:
 
 
 def _with_constants(arm: Arm, change: Array) -> Arm:
-    """Return an arm with constants changed by (5 axes,) mm."""
+    """An arm with constants changed by (5 axes,) mm."""
     parts = change.reshape(len(_FIELDS), arm.axes)
     return replace(
         arm, **{name: getattr(arm, name) + part / reach for (name, reach), part in zip(_FIELDS, parts, strict=True)}
@@ -230,7 +230,7 @@ def _with_constants(arm: Arm, change: Array) -> Arm:
 
 
 def _fitted(changed: Callable[[Array], Arm], count: int, misfit: Callable[[Arm], Array]) -> FittedArm:
-    """Return the arm with the `count` changes in mm that minimise the misfit in mm."""
+    """Arm with the `count` changes in mm that minimise the misfit in mm."""
     change, damping = np.zeros(count), _LEAST_DAMPING_OF_ARM
     residual, J = misfit(changed(change)), np.empty((0, count))
     for _ in range(_ROUNDS):

@@ -89,7 +89,7 @@ class Arm:
 
 @lru_cache(maxsize=64)
 def arm_of(robot: Robot) -> Arm:
-    """Return the arm of a rig file."""
+    """Arm of a rig file."""
 
     def column(field: str) -> Array:
         return np.array([getattr(axis, field) for axis in robot.axes], dtype=float)
@@ -142,7 +142,7 @@ def reported_angles(arm: Arm, m: Array) -> Array:
 
 
 def without_setup(arm: Arm) -> Arm:
-    """Return the arm with the base at the world origin, including the rail, and the tool at the flange.
+    """Arm with the base at the world origin, including the rail, and the tool at the flange.
 
     Fits of base and tool start from this arm.
     """
@@ -151,19 +151,19 @@ def without_setup(arm: Arm) -> Arm:
 
 
 def rail_mm(arm: Arm, q: Array) -> Array:
-    """Return the rail position (n,) mm in joint angles q (n, axes) rad, 0 if they have no rail column."""
+    """Rail position (n,) mm in joint angles q (n, axes) rad, 0 if they have no rail column."""
     stands: Array = RAIL_MM * q[:, arm.axes :].sum(axis=1)
     return stands
 
 
 def base_places(arm: Arm, q: Array) -> Array:
-    """Return the origin of the base in the world (n, 3) mm for joint angles q (n, axes) rad, including the rail."""
+    """Origin of the base in the world (n, 3) mm for joint angles q (n, axes) rad, including the rail."""
     at_zero: Array = arm.T_world_base[:3, 3]
     return np.broadcast_to(at_zero, (len(q), 3)) if arm.rail is None else at_zero + np.outer(rail_mm(arm, q), arm.rail)
 
 
 def rail_frame(arm: Arm) -> Array:
-    """Return the directions (3, 3) of a rail in the world as columns.
+    """Directions (3, 3) of a rail in the world as columns.
 
     The first is along the rail, the second horizontal in the base frame and perpendicular to it, and the third
     perpendicular to both. For a vertical rail the second is the x axis of the base.
@@ -178,12 +178,12 @@ def rail_frame(arm: Arm) -> Array:
 
 
 def transform(pose: Pose) -> Array:
-    """Return the frame (4, 4) of a pose with fixed-axis roll-pitch-yaw angles."""
+    """Frame (4, 4) of a pose with fixed-axis roll-pitch-yaw angles."""
     return transforms(np.array([*pose.xyz_mm, *pose.rpy_deg]))
 
 
 def transforms(poses: Array) -> Array:
-    """Return the frames (..., 4, 4) of poses (..., 6) in mm and degrees.
+    """Frames (..., 4, 4) of poses (..., 6) in mm and degrees.
 
     Roll, pitch and yaw are about fixed axes: R = Rz(yaw) Ry(pitch) Rx(roll).
     """
@@ -202,7 +202,7 @@ def transforms(poses: Array) -> Array:
 
 
 def rotation(turn: Array) -> Array:
-    """Return the rotation matrices (..., 3, 3) of rotation vectors (..., 3) rad, by Rodrigues' formula.
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) rad, by Rodrigues' formula.
 
     scipy has this too, but its import takes half a second, a quarter of a small command.
     """
@@ -213,7 +213,7 @@ def rotation(turn: Array) -> Array:
 
 
 def roll_pitch_yaw(T: Array) -> Array:
-    """Return fixed-axis roll, pitch and yaw (..., 3) rad of frames (..., 4, 4). This is the inverse of `transform`.
+    """Fixed-axis roll, pitch and yaw (..., 3) rad of frames (..., 4, 4). This is the inverse of `transform`.
 
     At a pitch of 90° roll and yaw have a common axis, and roll is set to zero.
     """
@@ -228,7 +228,7 @@ def roll_pitch_yaw(T: Array) -> Array:
 
 
 def link_frames(arm: Arm, q: Array) -> Array:
-    """Return T_world_link of all joints for joint angles q (n, axes) rad: (n, axes, 4, 4)."""
+    """T_world_link of all joints for joint angles q (n, axes) rad: (n, axes, 4, 4)."""
     T = np.empty((len(q), arm.axes, 4, 4))
     for block in blocks(len(q)):
         for axis, columns in enumerate(link_columns(arm, q[block])):
@@ -237,7 +237,7 @@ def link_frames(arm: Arm, q: Array) -> Array:
 
 
 def forward(arm: Arm, q: Array) -> Array:
-    """Return T_world_tool (n, 4, 4), positions in mm, for joint angles q (n, axes) rad."""
+    """T_world_tool (n, 4, 4), positions in mm, for joint angles q (n, axes) rad."""
     T = np.empty((len(q), 4, 4))
     for block in blocks(len(q)):
         _set_frames(T[block], tool_columns(arm, q[block]))
@@ -245,7 +245,7 @@ def forward(arm: Arm, q: Array) -> Array:
 
 
 def forward_and_jacobian(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """Return T_world_tool (n, 4, 4) and the geometric Jacobian of the tool origin (n, 6, axes).
+    """T_world_tool (n, 4, 4) and the geometric Jacobian of the tool origin (n, 6, axes).
 
     Rows are linear velocity in mm/rad and angular velocity, both in the world. Columns are the joints of the
     controller, including couplings.
@@ -259,7 +259,7 @@ def forward_and_jacobian(arm: Arm, q: Array) -> tuple[Array, Array]:
 
 
 def tool_and_motions(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """Return the columns (4, 3, n) of T_world_tool for joint angles q (n, axes) rad of one block, and the Jacobian.
+    """Columns (4, 3, n) of T_world_tool for joint angles q (n, axes) rad of one block, and the Jacobian.
 
     The Jacobian is transposed, with samples last: (axes, 6, n), mm/rad and angular velocity.
     """
@@ -273,24 +273,24 @@ def tool_and_motions(arm: Arm, q: Array) -> tuple[Array, Array]:
 
 
 def _cross(a: Array, b: Array) -> tuple[Array, Array, Array]:
-    """Return a × b for vectors (3, n)."""
+    """A × b for vectors (3, n)."""
     (ax, ay, az), (bx, by, bz) = a, b
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
 def blocks(count: int, size: int = _BLOCK) -> Iterator[slice]:
-    """Yield slices that cover `count` samples. At most `size` samples per slice fit into the processor's cache."""
+    """Slices that cover `count` samples. At most `size` samples per slice fit into the processor's cache."""
     return (slice(at, min(at + size, count)) for at in range(0, count, size))
 
 
 def tool_columns(arm: Arm, q: Array) -> Array:
-    """Return the columns x, y, z and origin of T_world_tool, (4, 3, n), for joint angles q (n, axes) rad of a block."""
+    """Columns x, y, z and origin of T_world_tool, (4, 3, n), for joint angles q (n, axes) rad of a block."""
     *_, flange = link_columns(arm, q)
     return _at(flange, arm.T_flange_tool)
 
 
 def link_columns(arm: Arm, q: Array) -> Iterator[Array]:
-    """Yield columns x, y, z and origin of each joint frame, (4, 3, n), for joint angles q (n, axes) rad of a block.
+    """Columns x, y, z and origin of each joint frame, (4, 3, n), for joint angles q (n, axes) rad of a block.
 
     Samples are last, so that each step of the chain is a single operation on long rows.
     """
@@ -309,7 +309,7 @@ def link_columns(arm: Arm, q: Array) -> Iterator[Array]:
 
 
 def cos_sin(angle: Array) -> tuple[Array, Array]:
-    """Return cosine and sine (n, …) of angles (n, …) rad, accurate to 3e-16.
+    """Cosine and sine (n, …) of angles (n, …) rad, accurate to 3e-16.
 
     They are computed from the tangent of the half angle, which numpy vectorises: 2 ns for both instead of 16 ns.
     """
@@ -334,17 +334,17 @@ def _set_frames(T: Array, columns: Array) -> None:
 
 
 def columns_of(T: Array) -> Array:
-    """Return the columns x, y, z and origin in mm (4, 3, n) of frames T (n, 4, 4)."""
+    """Columns x, y, z and origin in mm (4, 3, n) of frames T (n, 4, 4)."""
     return np.ascontiguousarray(T[:, :3].transpose(2, 1, 0))
 
 
 def pose_error(T: Array, target: Array) -> Array:
-    """Return the small motion from T to target in the world, (n, 6): translation in mm, and rotation vector in rad."""
+    """Small motion from T to target in the world, (n, 6): translation in mm, and rotation vector in rad."""
     return column_error(columns_of(T), columns_of(target)).T
 
 
 def column_error(columns: Array, target: Array) -> Array:
-    """Return the small motion (6, n) from frames to targets given as columns (4, 3, n), in mm and rad."""
+    """Small motion (6, n) from frames to targets given as columns (4, 3, n), in mm and rad."""
     error = np.empty((6, columns.shape[2]))
     error[:3] = target[3] - columns[3]
     # The rotation axis times the sine is half the sum of the cross products of corresponding columns.

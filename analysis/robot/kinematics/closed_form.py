@@ -70,7 +70,7 @@ class Canonical:
 
 
 def canonical(arm: Arm) -> Canonical | None:
-    """Return the canonical form of an arm, or None if it belongs to neither kind."""
+    """Canonical form of an arm, or None if it belongs to neither kind."""
     for kind, alpha in _ALPHA.items():
         half_turns = np.rint((arm.alpha[1:] - alpha) / np.pi)
         turned = np.concatenate([arm.alpha[1:] - alpha - half_turns * np.pi, arm.beta[1:]])
@@ -120,7 +120,7 @@ Point = tuple[Array, Array]
 
 
 def branches(form: Canonical, poses: Array, spread: float = 0.0, slot: int | None = None) -> Array:
-    """Return theta (8, 6, n) rad of all branches for tool poses (n, 4, 4) in the world, or (1, 6, n) for one slot.
+    """Theta (8, 6, n) rad of all branches for tool poses (n, 4, 4) in the world, or (1, 6, n) for one slot.
 
     Slot = 4 · shoulder + 2 · elbow + wrist. Angles are not wrapped. An unreachable branch is not marked: its angles
     come as close to the pose as possible, and forward kinematics shows the difference. With `spread` > 0 (rad) the two
@@ -143,7 +143,7 @@ def branches(form: Canonical, poses: Array, spread: float = 0.0, slot: int | Non
 
 
 def _spherical_wrist(form: Canonical, T: Array, sides: list[Array], spread: float) -> list[Array]:
-    """Return t1 … t6, each broadcastable to (shoulder, elbow, wrist, n)."""
+    """T1 … t6, each broadcastable to (shoulder, elbow, wrist, n)."""
     a, d = form.a, form.d
     t1, u = _shoulder(T, d[1] + d[2], sides[0])
     t2, t3 = _elbow((u - a[1], np.broadcast_to(T[2, 3], u.shape)), a[2], complex(a[3], -d[3]), sides[1], spread)
@@ -154,7 +154,7 @@ def _spherical_wrist(form: Canonical, T: Array, sides: list[Array], spread: floa
 
 
 def _parallel_axes(form: Canonical, T: Array, sides: list[Array], spread: float) -> list[Array]:
-    """Return t1 … t6, each broadcastable to (shoulder, elbow, wrist, n)."""
+    """T1 … t6, each broadcastable to (shoulder, elbow, wrist, n)."""
     a, d = form.a, form.d
     t1, u = _shoulder(T, d[1] + d[2] + d[3], sides[0])
     x, y, hand = u - a[1], np.broadcast_to(T[2, 3], u.shape), complex(a[4], -d[4])
@@ -171,7 +171,7 @@ def _parallel_axes(form: Canonical, T: Array, sides: list[Array], spread: float)
 
 
 def _shoulder(T: Array, off_plane: float, sides: Array) -> tuple[Array, Array]:
-    """Return t1 (shoulder, n), and the distance within the plane of the wrist centre from axis 1 (shoulder, n)."""
+    """T1 (shoulder, n), and the distance within the plane of the wrist centre from axis 1 (shoulder, n)."""
     x, y = T[0, 3], T[1, 3]
     r = np.hypot(x, y)
     bearing = np.where(r < _ON_AXIS_MM, 0.0, np.arctan2(y, x))
@@ -180,7 +180,7 @@ def _shoulder(T: Array, off_plane: float, sides: Array) -> tuple[Array, Array]:
 
 
 def _elbow(target: Point, upper: float, forearm: complex, sides: Array, spread: float) -> tuple[Array, Array]:
-    """Return t2 and t3 (shoulder, elbow, …) of two planar links that end at target (shoulder, …)."""
+    """T2 and t3 (shoulder, elbow, …) of two planar links that end at target (shoulder, …)."""
     x, y = target
     length, widest = abs(forearm), np.cos(spread)
     cosine = np.clip((x * x + y * y - upper**2 - length**2) / (2 * upper * length), -widest, widest)
@@ -191,7 +191,7 @@ def _elbow(target: Point, upper: float, forearm: complex, sides: Array, spread: 
 
 
 def _wrist(M: list[Array], free: Array, sides: Array, spread: float) -> tuple[Array, Array, Array]:
-    """Return t4, t5, t6 (…, wrist, n) of rotations M, given by three rows (…, 3, n).
+    """T4, t5, t6 (…, wrist, n) of rotations M, given by three rows (…, 3, n).
 
     If the wrist is singular, t4 is `free` (…, n).
     """
@@ -211,7 +211,7 @@ def _wrist(M: list[Array], free: Array, sides: Array, spread: float) -> tuple[Ar
 
 
 def _down(t: Array, rows: Array | list[Array]) -> list[Array]:
-    """Return the rows of RotX(-90°) Rz(-t) M, for t (…, 1, n) and rotations M given by three rows (…, 3, n)."""
+    """Rows of RotX(-90°) Rz(-t) M, for t (…, 1, n) and rotations M given by three rows (…, 3, n)."""
     c, s = cos_sin(t)
     x, y, z = rows
     return [c * x + s * y, z, s * x - c * y]

@@ -29,7 +29,7 @@ _IN_METRES = 10.0
 
 
 def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
-    """Return joint angles (n, 6) rad for which the tool follows `poses` (n, 4, 4), starting near `posture` (6,).
+    """Joint angles (n, 6) rad for which the tool follows `poses` (n, 4, 4), starting near `posture` (6,).
 
     `where` names the path in errors. Raises PathError if a pose is unreachable, if a singularity requires a jump, or if
     a joint limit is violated.
@@ -56,7 +56,7 @@ def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
 
 
 def _knots(poses: Array) -> Indices:
-    """Return indices between which the tool moved by a few degrees, or by the corresponding arc at arm length.
+    """Indices between which the tool moved by a few degrees, or by the corresponding arc at arm length.
 
     The function releases the temporary memory, twice that of the poses (n, 4, 4), before the path is computed.
     """
@@ -67,7 +67,7 @@ def _knots(poses: Array) -> Indices:
 
 
 def _on_one_branch(arm: Arm, poses: Array, knots: Indices, start: Array) -> Array | None:
-    """Return the closed-form branch (n, 6) rad that starts at angles start (6,), refined for the true arm.
+    """Closed-form branch (n, 6) rad that starts at angles start (6,), refined for the true arm.
 
     None if there is no such branch or if it is discontinuous.
     """
@@ -109,7 +109,7 @@ def _walked(arm: Arm, poses: Array, knots: Indices, start: Array, where: str) ->
 
 
 def _nearest_branch(arm: Arm, pose: Array, q: Array) -> Array | None:
-    """Return the angles (6,) rad closest to q (6,) rad among all branches and turns for a pose (1, 4, 4).
+    """Angles (6,) rad closest to q (6,) rad among all branches and turns for a pose (1, 4, 4).
 
     Angles within the limits are preferred.
     """

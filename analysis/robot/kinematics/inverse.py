@@ -113,7 +113,7 @@ def _together(arm: Arm, q: Array, solved: Mask, more: Array, solved_more: Mask) 
 
 
 def _reached(arm: Arm, poses: Array, seeds: Array) -> tuple[Array, Mask]:
-    """Return the solutions reached by Newton from start values (n, k, 6), which may be nan, without duplicates."""
+    """Solutions reached by Newton from start values (n, k, 6), which may be nan, without duplicates."""
     row, slot = np.nonzero(np.isfinite(seeds).all(axis=2))
     q_reached = newton(arm, poses[row], seeds[row, slot], _ITERATIONS)[0]
     q_reached = _joints(arm, q_reached @ arm.coupling.T + arm.offset)
@@ -123,7 +123,7 @@ def _reached(arm: Arm, poses: Array, seeds: Array) -> tuple[Array, Mask]:
 
 
 def _first(q: Array, solved: Mask, most: int | None = _MOST) -> tuple[Array, Mask]:
-    """Return at most `most` slots with solved ones first, in order. If `most` is None, all solved ones are returned."""
+    """At most `most` slots with solved ones first, in order. If `most` is None, all solved ones are returned."""
     most = most or max(_MOST, int(solved.sum(axis=1).max(initial=0)))
     order = np.argsort(~solved, axis=1, kind="stable")[:, :most]
     return np.take_along_axis(q, order[..., None], axis=1), np.take_along_axis(solved, order, axis=1)
@@ -157,7 +157,7 @@ class Solutions:
 
 
 def inverse(arm: Arm, poses: Array) -> Solutions:
-    """Return all branches for tool poses (n, 4, 4) in the world: k = 8 with a closed form, otherwise 16.
+    """All branches for tool poses (n, 4, 4) in the world: k = 8 with a closed form, otherwise 16.
 
     Each solution reproduces its pose within 1e-8 mm and 1e-10 rad. Full turns are removed: coupling @ q is in (-180°,
     180°]. Joint limits are ignored; `within_limits` adds turns and filters. An unreachable or non-finite pose has no

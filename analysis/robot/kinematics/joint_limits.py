@@ -15,7 +15,7 @@ _SLACK = 1e-9
 
 
 def within_limits(arm: Arm, q: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Return all postures within the joint limits that differ from q (m, 6) rad by full turns of the axes.
+    """All postures within the joint limits that differ from q (m, 6) rad by full turns of the axes.
 
     The result contains the postures (k, 6) rad, and the row of q for each (k,). Turns are turns of theta, which a
     coupling may distribute to several joints, so all combinations are tried. Non-finite rows of q have no postures.
@@ -49,13 +49,13 @@ axis).
 
 
 def wrapped(angle: Array) -> Array:
-    """Return angles (n, …) rad wrapped to (-180°, 180°]."""
+    """Angles (n, …) rad wrapped to (-180°, 180°]."""
     wrapped: Array = angle - 2 * np.pi * np.ceil(angle / (2 * np.pi) - 0.5)
     return wrapped
 
 
 def impossible_rad(q: Array) -> float:
-    """Return the largest impossible angle of joints q (n, axes) rad, or 0 if all are possible.
+    """Largest impossible angle of joints q (n, axes) rad, or 0 if all are possible.
 
     Angles are impossible if more joints exceed the limit than an arm can have endless axes. Their unit is probably
     wrong.
@@ -72,7 +72,7 @@ _WEIGHTS = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
 
 
 def off_by(arm: Arm, poses: Array, q: Array) -> tuple[Array, Array]:
-    """Return the deviation of branches q (k, 6, n) from poses (n, 4, 4): in mm (k, n), and as a chord in rad (k, n)."""
+    """Deviation of branches q (k, 6, n) from poses (n, 4, 4): in mm (k, n), and as a chord in rad (k, n)."""
     target = np.ascontiguousarray(poses.transpose(2, 1, 0)[:, :3])
     mm, rad = np.empty((2, len(q), len(poses)))
     for slot, angles in enumerate(q):
@@ -84,7 +84,7 @@ def off_by(arm: Arm, poses: Array, q: Array) -> tuple[Array, Array]:
 
 
 def good(mm: Array, rad: Array) -> Mask:
-    """Return a mask (k, n) of the branches with acceptable deviations in mm and rad."""
+    """A mask (k, n) of the branches with acceptable deviations in mm and rad."""
     return (mm < _TOLERANCE_MM) & (rad < _TOLERANCE_RAD)
 
 
@@ -99,7 +99,7 @@ def distinct(arm: Arm, q: Array, solved: Mask) -> tuple[Array, Mask]:
 
 
 def may_have_duplicates(turned: Array, solved: Mask) -> Mask:
-    """Return a mask of the poses (n,) that may have duplicate solutions in coupling @ q (k, 6, n) rad.
+    """A mask of the poses (n,) that may have duplicate solutions in coupling @ q (k, 6, n) rad.
 
     Solutions are compared by a weighted sum of absolute angles, which is continuous at half a turn.
     """

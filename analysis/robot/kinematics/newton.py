@@ -134,19 +134,19 @@ def _simplified(arm: Arm, poses: Array, q: Array, within_mm: float) -> tuple[Arr
 
 
 def _error_mm(tool: Array, targets: Array) -> Array:
-    """Return the error (6, n) mm of frames given as columns (4, 3, n), with a radian counted as 500 mm."""
+    """Error (6, n) mm of frames given as columns (4, 3, n), with a radian counted as 500 mm."""
     error = column_error(tool, targets)
     error[3:] *= LENGTH_MM
     return error
 
 
 def _length(vectors: Array) -> Array:
-    """Return the lengths (n,) of vectors (k, n)."""
+    """Lengths (n,) of vectors (k, n)."""
     return np.asarray(np.sqrt(np.einsum("kn,kn->n", vectors, vectors)))
 
 
 def _normal(motions: Array) -> Array:
-    """Return the normal equations (6, 6, n) of joint motions (6, 6, n)."""
+    """Normal equations (6, 6, n) of joint motions (6, 6, n)."""
     normal = np.empty((len(motions), len(motions), motions.shape[2]))
     for row, motion in zip(normal, motions, strict=True):
         row[:] = _applied(motions, motion)
@@ -154,7 +154,7 @@ def _normal(motions: Array) -> Array:
 
 
 def _applied(matrices: Array, vectors: Array) -> Array:
-    """Return the products (6, n) of matrices (6, 6, n) and vectors (6, n)."""
+    """Products (6, n) of matrices (6, 6, n) and vectors (6, n)."""
     return np.asarray(np.einsum("ijn,jn->in", matrices, vectors))
 
 
@@ -194,7 +194,7 @@ _TAKES_PART = 0.1
 
 
 def conditioning(arm: Arm, q: Array) -> Array:
-    """Return the ratio (n,) of smallest to largest singular value of the Jacobian at q (n, 6) rad.
+    """Ratio (n,) of smallest to largest singular value of the Jacobian at q (n, 6) rad.
 
     The ratio is 0 at a singularity and 1 for an isotropic arm. A radian of tool rotation counts as 500 mm. The joints
     are those of the controller.
@@ -203,7 +203,7 @@ def conditioning(arm: Arm, q: Array) -> Array:
 
 
 def null_motion(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """Return the conditioning (n,) at q (n, 6) rad, and the unit joint motion (n, 6) that moves the tool least."""
+    """Conditioning (n,) at q (n, 6) rad, and the unit joint motion (n, 6) that moves the tool least."""
     J = forward_and_jacobian(arm, q)[1]
     J[:, 3:] *= LENGTH_MM
     _, values, motions = np.linalg.svd(J)
@@ -211,7 +211,7 @@ def null_motion(arm: Arm, q: Array) -> tuple[Array, Array]:
 
 
 def cancelling_axes(arm: Arm, q: Array) -> list[int]:
-    """Return the axes (1 … 6) involved in the joint motion that moves the tool least, at q (6,) rad.
+    """Axes (1 … 6) involved in the joint motion that moves the tool least, at q (6,) rad.
 
     Axes 4 and 6 are a wrist singularity. Axes 2, 3 and 5 are a stretched elbow.
     """
@@ -259,6 +259,6 @@ def newton_in_part(arm: Arm, targets: Array, q: Array, tool: Poses | None = None
 
 
 def turned_rad(tool: Array, targets: Array) -> Array:
-    """Return the rotation angles (n,) rad between tools (n, 4, 4) and targets."""
+    """Rotation angles (n,) rad between tools (n, 4, 4) and targets."""
     turned: Array = np.linalg.norm(pose_error(tool, targets)[:, 3:], axis=1)
     return turned

@@ -37,7 +37,7 @@ class Motion:
     _of_drives: dict[bytes, Motion] = field(default_factory=dict, init=False, repr=False)
 
     def of_drives(self, arm: Arm) -> Motion:
-        """Return the motion of the drives of an arm, with their angles and reversals in place of the reported ones."""
+        """Motion of the drives of an arm, with their angles and reversals in place of the reported ones."""
         if arm.drives is None:
             return self
         key = arm.to_drives.tobytes()
@@ -46,7 +46,7 @@ class Motion:
         return self._of_drives[key]
 
     def reversals(self, axis: int) -> list[tuple[float, float]]:
-        """Return the reversals of a joint (from 1): time in s, and new direction (±1). Visits contain no reversals."""
+        """Reversals of a joint (from 1): time in s, and new direction (±1). Visits contain no reversals."""
         if self.samples_per_visit:
             return []
         if axis not in self._reversals:
@@ -61,7 +61,7 @@ class Motion:
 
 
 def standing(t_s: Array, q: Array, still_rad: float, window_s: float) -> list[tuple[int, int]]:
-    """Return the rows [begin, end) of each standstill: all joints move by less than still_rad within window_s.
+    """Rows [begin, end) of each standstill: all joints move by less than still_rad within window_s.
 
     Times t_s (n,) s, reported angles q (n, 6) rad. The standstills do not overlap.
     """
@@ -82,7 +82,7 @@ def standing(t_s: Array, q: Array, still_rad: float, window_s: float) -> list[tu
 
 
 def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[float, float]]:
-    """Return the reversals of x (n,) rad: time in s, and new direction (±1).
+    """Reversals of x (n,) rad: time in s, and new direction (±1).
 
     stand_ends (s,): last row of each standstill of the robot. A reversal in a standstill happens at the departure;
     otherwise it happens at the vertex of the motion.
@@ -118,7 +118,7 @@ def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[floa
 
 
 def _near(t_s: Array, k: int) -> Integers:
-    """Return the indices of samples with times t_s (n,) s close to the time of sample k."""
+    """Indices of samples with times t_s (n,) s close to the time of sample k."""
     first, end = np.searchsorted(t_s, t_s[k] + 2 * _NEAR_S * np.array([-1, 1]))
     near: Integers = first + np.flatnonzero(np.abs(t_s[first:end] - t_s[k]) <= _NEAR_S)
     return near

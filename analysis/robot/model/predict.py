@@ -59,7 +59,7 @@ class Path:
         return self.motion.q
 
     def at_readings(self, simulated: Array) -> Array:
-        """Return simulated tool values (n, …) in mm or rad at the readings (m, …)."""
+        """Simulated tool values (n, …) in mm or rad at the readings (m, …)."""
         return simulated if self.alone else simulated[self.rows]
 
 
@@ -88,14 +88,14 @@ class Model:
 
 
 def model_of(rig: Rig, effects: Sequence[Effect] | None = None) -> Model:
-    """Return the model of a rig, with the effects of its file and calibration or with the given effects."""
+    """Model of a rig, with the effects of its file and calibration or with the given effects."""
     if effects is None:
         effects = (*rig.effects, *(rig.calibrated.effects if rig.calibrated else ()))
     return Model(rig, arm_of(rig.robot), load_of(rig.robot), tuple(effects))
 
 
 def stops(q: Array, t_s: Array | None = None, came_from: Array | None = None) -> Path:
-    """Return the motion of a robot that stops at each reading, in the given order.
+    """Motion of a robot that stops at each reading, in the given order.
 
     q (n, axes): joint angles in rad at the readings. t_s (n,): times in s, if known. came_from (n, axes): joint angles
     in rad before each reading; None if the robot arrives from the previous reading.
@@ -111,7 +111,7 @@ def stops(q: Array, t_s: Array | None = None, came_from: Array | None = None) ->
 
 
 def visits(q: Array, came_from: Array | None = None) -> Path:
-    """Return the motion of a robot that stops at each reading in an unknown order.
+    """Motion of a robot that stops at each reading in an unknown order.
 
     q (n, axes): joint angles in rad at the readings. came_from (n, axes): joint angles in rad before each reading, None
     if unknown. Each visit has the same times, because the table is untimed.
@@ -124,13 +124,13 @@ def visits(q: Array, came_from: Array | None = None) -> Path:
 
 
 def gauged(model: Model, path: Path, scene: ModelScene, setup: SetUp, g_mm: Array) -> Array:
-    """Return gauge readings (m, k) mm for plunger positions g_mm (n, k) mm, with zeros and gauge errors."""
+    """Gauge readings (m, k) mm for plunger positions g_mm (n, k) mm, with zeros and gauge errors."""
     scene = apply(model.effects, "gauge", replace(scene, g_mm=g_mm - setup.zeros_mm))
     return path.at_readings(scene.g_mm)
 
 
 def moved(model: Model, path: Path) -> ModelScene:
-    """Return the scene up to the tool stage.
+    """Scene up to the tool stage.
 
     Recent scenes of short paths are cached, because fits, gaps and steps of a diagnosis reuse the scenes.
     """
@@ -147,7 +147,7 @@ def moved(model: Model, path: Path) -> ModelScene:
 
 
 def posed(model: Model, path: Path, scene: ModelScene) -> ModelScene:
-    """Return the scene up to the tool stage, from a scene up to the joint stage."""
+    """Scene up to the tool stage, from a scene up to the joint stage."""
     if path.alone:
         visit = min(path.motion.samples_per_visit, 1)
         motion = Motion(scene.motion.t_s[path.rows], scene.motion.q[path.rows], visit)
@@ -156,7 +156,7 @@ def posed(model: Model, path: Path, scene: ModelScene) -> ModelScene:
 
 
 def driven(model: Model, path: Path) -> ModelScene:
-    """Return the scene up to the joint stage, at all n samples of a path, in angles of the drives."""
+    """Scene up to the joint stage, at all n samples of a path, in angles of the drives."""
     n, motion = len(path.q), path.motion.of_drives(model.arm)
     scene = ModelScene(
         arm=model.arm.by_drives,
@@ -179,17 +179,17 @@ _GEOMETRIC = ("joint zero", "link constant")
 
 
 def is_geometric(effect: Effect) -> bool:
-    """Return whether an effect only changes constants of the arm."""
+    """True if an effect only changes constants of the arm."""
     return effect.compensation().use in _GEOMETRIC
 
 
 def geometric_part(model: Model) -> Model:
-    """Return the model reduced to effects that constants of the arm can represent."""
+    """Model reduced to effects that constants of the arm can represent."""
     return replace(model, effects=tuple(effect for effect in model.effects if is_geometric(effect)))
 
 
 def geometric_arm(model: Model) -> Arm:
-    """Return the arm with all joint zeros and link constants of a model merged into the constants.
+    """Arm with all joint zeros and link constants of a model merged into the constants.
 
     It gives the same poses as the geometric part of the model.
     """

@@ -40,7 +40,7 @@ class Load:
 
 
 def load_of(robot: Robot) -> Load:
-    """Return the link masses of a rig file."""
+    """Link masses of a rig file."""
     mass = np.array([axis.mass_kg for axis in robot.axes])
     return Load(mass, np.array([axis.centre_mm for axis in robot.axes], dtype=float), robot.payload_kg)
 
@@ -63,7 +63,7 @@ _KEPT_ROWS = 50_000
 
 
 def pull(arm: Arm, load: Load, q: Array) -> Pull:
-    """Return gravity at angles q (n, axes) rad."""
+    """Gravity at angles q (n, axes) rad."""
     for known_arm, known_load, known_q, pulled in _recent:
         if (
             known_q is q
@@ -136,7 +136,7 @@ class ModelScene:
         return self.arm.T_world_base[:3, 3]
 
     def reported_at(self, t_s: Array) -> Array:
-        """Return the reported angles (n, axes) rad at times t_s (n,), constant beyond the ends.
+        """Reported angles (n, axes) rad at times t_s (n,), constant beyond the ends.
 
         The interpolation is cubic with the slopes of the samples: the error of a linear interpolation exceeds the
         effect of a lag of a millisecond. The slope is zero next to a standstill of the joint. In an untimed table the
@@ -160,21 +160,21 @@ class ModelScene:
         return angles
 
     def reversals(self, axis: int) -> list[tuple[float, float]]:
-        """Return the reversals of a joint (from 1): time in s, and new direction (±1)."""
+        """Reversals of a joint (from 1): time in s, and new direction (±1)."""
         return self.motion.reversals(axis)
 
     def torques(self, payload_kg: float = 0.0) -> Array:
-        """Return the gravity torque on each joint (n, axes) Nm. payload_kg: change of the payload; the sum is at
+        """Gravity torque on each joint (n, axes) Nm. payload_kg: change of the payload; the sum is at
         least zero."""
         hangs_kg = max(self.load.payload_kg + payload_kg, 0.0)
         return pull(self.arm, replace(self.load, payload_kg=hangs_kg), self.q).torque
 
     def moment(self) -> Array:
-        """Return the gravity moment (n, 3) Nm on the base, about its origin and in its axes."""
+        """Gravity moment (n, 3) Nm on the base, about its origin and in its axes."""
         return pull(self.arm, self.load, self.q).moment
 
     def link_after(self, axis: int) -> tuple[Array, Array, Array]:
-        """Return the joint position (n, 3) mm, axis direction (n, 3) and link end (n, 3) mm for a joint (from 1).
+        """Joint position (n, 3) mm, axis direction (n, 3) and link end (n, 3) mm for a joint (from 1).
 
         If the link has no length, the end is the joint position.
         """
@@ -186,25 +186,25 @@ class ModelScene:
         return place, direction, end
 
     def taken_at(self, t_s: Array) -> ModelScene:
-        """Return the scene as reported at other times t_s (n,) s."""
+        """Scene as reported at other times t_s (n,) s."""
         q = self.reported_at(t_s)
         return replace(self, motion=Motion(self.t_s, q), link_q=q)
 
     def with_constant(self, field: str, axis: int, delta: float) -> ModelScene:
-        """Return the scene with an arm constant (a, d in mm; alpha, beta in rad) of an axis (from 1) changed by
+        """Scene with an arm constant (a, d in mm; alpha, beta in rad) of an axis (from 1) changed by
         delta."""
         column = getattr(self.arm, field).copy()
         column[axis - 1] += delta
         return replace(self, arm=replace(self.arm, **{field: column}))
 
     def turned(self, axis: int, deviation: Array | float) -> ModelScene:
-        """Return the scene with the link side of a joint (from 1) turned by a deviation (n,) rad."""
+        """Scene with the link side of a joint (from 1) turned by a deviation (n,) rad."""
         link_q = self.link_q.copy()
         link_q[:, axis - 1] += deviation
         return replace(self, link_q=link_q)
 
     def along_rail(self, error_mm_m: Array) -> ModelScene:
-        """Return the scene with the tool moved by an error (3,) in mm per metre of the rail position.
+        """Scene with the tool moved by an error (3,) in mm per metre of the rail position.
 
         Components: along the rail, across the rail horizontally in the base frame, and across both. The scene is
         unchanged if the arm has no rail.
@@ -215,7 +215,7 @@ class ModelScene:
         return self.shifted(rail_mm(self.arm, self.q[: len(self.T)])[:, None] * offset)
 
     def tilted(self, turn: Array, below_mm: float) -> ModelScene:
-        """Return the scene with the arm turned by rotation vectors (n, 3) rad in base axes, about a point below the
+        """Scene with the arm turned by rotation vectors (n, 3) rad in base axes, about a point below the
         base origin."""
         R_base = self.arm.T_world_base[:3, :3]
         R = rotation(turn @ R_base.T)
@@ -226,30 +226,30 @@ class ModelScene:
         return replace(self, T=T)
 
     def raised(self, height_mm: Array) -> ModelScene:
-        """Return the scene with the arm moved along the z axis of its base by (n,) mm."""
+        """Scene with the arm moved along the z axis of its base by (n,) mm."""
         return self.shifted(np.outer(height_mm, self.arm.T_world_base[:3, 2]))
 
     def shifted(self, offset_mm: Array) -> ModelScene:
-        """Return the scene with the tool moved by (n, 3) mm in the world."""
+        """Scene with the tool moved by (n, 3) mm in the world."""
         T = self.T.copy()
         T[:, :3, 3] += offset_mm
         return replace(self, T=T)
 
     def with_form(self, form_mm: Array) -> ModelScene:
-        """Return the scene with a ball radius larger by (n,) mm at the contact."""
+        """Scene with a ball radius larger by (n,) mm at the contact."""
         return replace(self, form_mm=self.form_mm + form_mm)
 
     def blended(self, before: ModelScene, after: ModelScene, share: float) -> ModelScene:
-        """Return the scene with a share of the change made by a joint or gauge effect."""
+        """Scene with a share of the change made by a joint or gauge effect."""
         link_q, g_mm = share * (after.link_q - before.link_q), share * (after.g_mm - before.g_mm)
         return replace(self, link_q=self.link_q + link_q, g_mm=self.g_mm + g_mm)
 
     def with_gauges_at(self, offsets_mm: Array) -> ModelScene:
-        """Return the scene with gauges at other positions (k,) mm on the baseline."""
+        """Scene with gauges at other positions (k,) mm on the baseline."""
         return replace(self, offsets_mm=offsets_mm)
 
     def read(self, gauge: str, change: Callable[[Array], Array]) -> ModelScene:
-        """Return the scene with changed readings (n,) mm of a gauge; unchanged if the test does not use this gauge."""
+        """Scene with changed readings (n,) mm of a gauge; unchanged if the test does not use this gauge."""
         column = {"g1": 0, "g2": 1}[gauge]
         if column >= self.g_mm.shape[1]:
             return self
@@ -258,12 +258,12 @@ class ModelScene:
         return replace(self, g_mm=g_mm)
 
     def all_read(self, change: Callable[[Array], Array]) -> ModelScene:
-        """Return the scene with changed readings (n, k) mm of all gauges."""
+        """Scene with changed readings (n, k) mm of all gauges."""
         return replace(self, g_mm=change(self.g_mm))
 
 
 def apply(effects: Sequence[Effect], stage: Stage, scene: ModelScene) -> ModelScene:
-    """Return the scene after all effects of a stage, in order."""
+    """Scene after all effects of a stage, in order."""
     for effect in effects:
         if stage == effect.STAGE:
             scene = effect.apply(scene)

@@ -25,7 +25,7 @@ from rigs.errors import CellError, FileError
 def each(
     work: Callable[[Item], Value], items: Sequence[Item], *, jobs: int = 1, scheduler: str | None = None
 ) -> Generator[Outcome[Item, Value], None, None]:
-    """Yield the outcome for each item in order, as soon as the outcome and all previous outcomes are available.
+    """Outcome for each item in order, as soon as the outcome and all previous outcomes are available.
 
     work: a stateless module-level function, importable by other processes. A RigError or a numerical error becomes the
     outcome of the item; other exceptions are bugs and are raised here. items, values: picklable. jobs: number of local
@@ -63,7 +63,7 @@ _COMPUTING = (NAME, "numpy", "scipy")
 
 
 def on_cluster(work: Callable[[Item], Value], items: Sequence[Item], address: str) -> Iterator[Outcome[Item, Value]]:
-    """Yield the outcomes in order of the items. Items that have not started are cancelled at the end of the iteration.
+    """Outcomes in order of the items. Items that have not started are cancelled at the end of the iteration.
 
     Raises FileError if dask.distributed is not installed, and CellError for a cluster that does not respond, has no
     workers, or has different versions.
@@ -130,7 +130,7 @@ def _require_same_versions(client: Any, address: str) -> None:
 
 
 def _result(future: Any, item: object, address: str) -> Any:
-    """Return the result of `attempt` on a worker, or an error if the workers of the item died."""
+    """Result of `attempt` on a worker, or an error if the workers of the item died."""
     from distributed import KilledWorker  # noqa: PLC0415
 
     try:

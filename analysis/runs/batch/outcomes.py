@@ -36,7 +36,7 @@ Outcome = CompletedItem[Item, Value] | FailedItem[Item]
 
 
 def attempt(work: Callable[[Item], Value], item: Item) -> Value | RigError:
-    """Return the value of the work, or the error of the item. Other exceptions are bugs and are raised.
+    """Value of the work, or the error of the item. Other exceptions are bugs and are raised.
 
     A RuntimeWarning is an error here in every process: numpy warns only if a figure becomes NaN.
     """
@@ -60,7 +60,7 @@ def outcome_of(item: Item, result: Value | RigError, deaths: int = 0) -> Outcome
 
 
 def is_numerical(error: BaseException) -> bool:
-    """Return whether a computation failed numerically: overflow, NaN, or an error of a solver in numpy or scipy."""
+    """True if a computation failed numerically: overflow, NaN, or an error of a solver in numpy or scipy."""
     if isinstance(error, ArithmeticError | RuntimeWarning) or type(error).__name__ == "LinAlgError":
         return True
     trace = error.__traceback__

@@ -38,7 +38,7 @@ _AHEAD = 200
 
 
 def cores() -> int:
-    """Return the number of cores available to this process."""
+    """Number of cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -54,7 +54,7 @@ class _Worker:
 def in_processes(
     work: Callable[[Item], Value], items: Sequence[Item], processes: int
 ) -> Iterator[Outcome[Item, Value]]:
-    """Yield the outcomes in order of the items. All processes are gone at the end of the iteration."""
+    """Outcomes in order of the items. All processes are gone at the end of the iteration."""
     todo = list(range(len(items)))[::-1]
     deaths = [0] * len(items)
     outcomes: dict[int, Outcome[Item, Value]] = {}

@@ -29,18 +29,18 @@ class RemotePath(_Path):
     """A URL. parts: protocol with a colon, host or bucket, and the names below."""
 
     def __str__(self) -> str:
-        """Return the URL, or the names of a relative path."""
+        """URL, or the names of a relative path."""
         protocol, *names = self.parts or ("",)
         if not protocol.endswith(":"):
             return super().__str__()
         return f"{protocol}//{'/' if self.protocol in _WITHOUT_HOST else ''}{'/'.join(names)}"
 
     def absolute(self) -> RemotePath:
-        """Return the path itself, which does not depend on the current directory."""
+        """Path itself, which does not depend on the current directory."""
         return self
 
     def resolve(self, strict: bool = False) -> RemotePath:
-        """Return the path itself: links are not followed."""
+        """Path itself: links are not followed."""
         return self
 
     @property
@@ -66,7 +66,7 @@ class ImportedRun(_Path):
 
     @classmethod
     def of(cls, table: Path, run: Path) -> ImportedRun:
-        """Return the table with its temporary run."""
+        """Table with its temporary run."""
         made = cls(table)
         made.run = run
         return made
@@ -76,11 +76,11 @@ class ImportedRun(_Path):
         return ImportedRun.of, (Path(str(self)), self.run)
 
     def absolute(self) -> ImportedRun:
-        """Return the path itself, so that messages name the table as the user does."""
+        """Path itself, so that messages name the table as the user does."""
         return self
 
     def resolve(self, strict: bool = False) -> ImportedRun:
-        """Return the path itself."""
+        """Path itself."""
         return self
 
 

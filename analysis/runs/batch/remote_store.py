@@ -34,18 +34,18 @@ _CHUNKS = (".parquet", ".arrow")
 
 
 def is_run(names: Iterable[str]) -> bool:
-    """Return whether these file names belong to a run, however damaged. A ledger is sufficient, even if the manifest
+    """True if these file names belong to a run, however damaged. A ledger is sufficient, even if the manifest
     is missing."""
     return not OF_A_RUN.isdisjoint(names)
 
 
 def has_figures(name: str) -> bool:
-    """Return whether figures depend on a file. Marks of exports and protection do not affect figures."""
+    """True if figures depend on a file. Marks of exports and protection do not affect figures."""
     return name in (MANIFEST, LEDGER) or name.endswith(_CHUNKS)
 
 
 def is_read(name: str) -> bool:
-    """Return whether reading or verifying a run uses a file."""
+    """True if reading or verifying a run uses a file."""
     return has_figures(name) or name == MARKS or name.endswith((TEMPORARY, CALIBRATION))
 
 
@@ -97,7 +97,7 @@ def explained(where: RemotePath) -> Iterator[None]:
 
 
 def opened(path: RemotePath) -> tuple[Any, str]:
-    """Return the fsspec file system of a URL and the path in it. Raises exceptions of the packages."""
+    """Fsspec file system of a URL and the path in it. Raises exceptions of the packages."""
     import fsspec  # noqa: PLC0415 - an extra
 
     options: dict[str, Any] = {}
@@ -111,7 +111,7 @@ def opened(path: RemotePath) -> tuple[Any, str]:
 
 
 def entries(store: Any, folder: str) -> tuple[list[RemoteFile], list[str]]:
-    """Return the files and the subdirectory names of a directory, excluding links to directories.
+    """Files and the subdirectory names of a directory, excluding links to directories.
 
     Raises exceptions of the packages.
     """
@@ -132,20 +132,20 @@ def entries(store: Any, folder: str) -> tuple[list[RemoteFile], list[str]]:
 
 
 def remote_file(name: str, info: dict[str, Any]) -> RemoteFile:
-    """Return a file from the information given by the store."""
+    """A file from the information given by the store."""
     stamp = next((str(info[key]) for key in _STAMPS if info.get(key) is not None), "")
     return RemoteFile(name, int(info["size"]), stamp)
 
 
 def name_below(folder: str, path: str) -> str:
-    """Return the relative path of a file below a directory, or an empty text if it is elsewhere."""
+    """Relative path of a file below a directory, or an empty text if it is elsewhere."""
     start = folder.rstrip("/") + "/"
     path = "/" + path if start.startswith("/") and not path.startswith("/") else path
     return path[len(start) :].rstrip("/") if path.startswith(start) else ""
 
 
 def is_plain(name: str) -> bool:
-    """Return whether a name is a plain file or directory name. Object keys can be any text."""
+    """True if a name is a plain file or directory name. Object keys can be any text."""
     return name not in ("", ".", "..") and not {"/", "\\", "\0"} & set(name)
 
 
@@ -203,7 +203,7 @@ def _explanation(where: RemotePath, error: Exception) -> RigError:
 
 
 def _reason(error: Exception) -> str:
-    """Return the text of an error, with possible passwords and signatures removed from URLs."""
+    """Text of an error, with possible passwords and signatures removed from URLs."""
     words = " ".join((getattr(error, "strerror", None) or str(error)).split()) or type(error).__name__
     words = re.sub(r"(://[^\s?]*)\?[^\s'\"]*", r"\1", re.sub(r"//[^/@\s]*@", "//", words))
     return words[:_LONGEST].rstrip(".")
@@ -223,7 +223,7 @@ class RemoteRun:
 
 
 def remote_runs(top: RemotePath) -> list[RemoteRun]:
-    """Return the runs below a URL, or the run at the URL, in order of names. Raises RigError."""
+    """Runs below a URL, or the run at the URL, in order of names. Raises RigError."""
     (outcome,) = in_processes(listed, [top], 1)
     if isinstance(outcome, FailedItem):
         raise outcome.error
@@ -231,7 +231,7 @@ def remote_runs(top: RemotePath) -> list[RemoteRun]:
 
 
 def listed(top: RemotePath) -> list[RemoteRun]:
-    """Return runs, and directories that may contain runs, in this process. Nested runs are excluded."""
+    """Runs, and directories that may contain runs, in this process. Nested runs are excluded."""
     runs: list[RemoteRun] = []
     run: Steps | None = None
     with explained(top):
@@ -246,7 +246,7 @@ def listed(top: RemotePath) -> list[RemoteRun]:
 
 
 def _of_objects(store: Any, folder: str) -> Iterator[tuple[Steps, tuple[RemoteFile, ...]]]:
-    """Yield a directory and all directories below it, from the names of all objects."""
+    """A directory and all directories below it, from the names of all objects."""
     folders: dict[Steps, list[RemoteFile]] = {}
     store.invalidate_cache(folder)
     for name, info in store.find(folder, detail=True).items():
@@ -258,7 +258,7 @@ def _of_objects(store: Any, folder: str) -> Iterator[tuple[Steps, tuple[RemoteFi
 
 
 def _walked(store: Any, top: str, where: RemotePath) -> Iterator[tuple[Steps, tuple[RemoteFile, ...] | None]]:
-    """Yield a directory and all directories below it by listing each. Inaccessible directories have None in place of
+    """A directory and all directories below it by listing each. Inaccessible directories have None in place of
     files."""
     todo: list[Steps] = [()]
     while todo:

@@ -13,7 +13,7 @@ from rigs.errors import FileError
 
 
 def run_directories(paths: Iterable[Path]) -> list[Path]:
-    """Return the runs given by paths, in the given order without repetition, and in order of names within a directory.
+    """Runs given by paths, in the given order without repetition, and in order of names within a directory.
 
     A path that contains no runs is returned unchanged, and reading it then reports the problem. Raises CellError if a
     store does not respond.
@@ -34,7 +34,7 @@ def run_directories(paths: Iterable[Path]) -> list[Path]:
 
 
 def _runs_below(top: Path) -> Iterator[Path]:
-    """Yield the runs below a directory. Each directory is entered once, even if several links lead to it.
+    """Runs below a directory. Each directory is entered once, even if several links lead to it.
 
     An unreadable directory is returned like a run, because it may contain runs.
     """
@@ -64,7 +64,7 @@ def _runs_below(top: Path) -> Iterator[Path]:
 
 
 def _is_run(path: Path) -> bool:
-    """Return whether a directory is an accessible run."""
+    """True if a directory is an accessible run."""
     try:
         return is_run(path)
     except OSError:

@@ -19,7 +19,7 @@ from this table."""
 
 
 def least_known(sources: Iterable[NoiseSource]) -> NoiseSource:
-    """Return the least certain of several sources, which applies to a figure based on all of them."""
+    """Least certain of several sources, which applies to a figure based on all of them."""
     return max(sources, key=get_args(NoiseSource).index)
 
 

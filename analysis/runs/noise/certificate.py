@@ -40,7 +40,7 @@ NO_CERTIFICATE = Systematic()
 
 
 def correction_mm(certificate: GaugeCertificate, reading_mm: Array) -> Array:
-    """Return the correction to add to readings (...,) mm. Beyond the range of the certificate the value at the end
+    """Correction to add to readings (...,) mm. Beyond the range of the certificate the value at the end
     applies."""
     if certificate.valid_mm is None:
         return np.zeros_like(reading_mm)
@@ -54,12 +54,12 @@ def correction_mm(certificate: GaugeCertificate, reading_mm: Array) -> Array:
 
 
 def corrected(certificate: GaugeCertificate, reading_mm: Array, temperature: Temperature | None) -> Array:
-    """Return the lengths (...,) mm for the readings (...,) mm of a gauge with this certificate."""
+    """Lengths (...,) mm for the readings (...,) mm of a gauge with this certificate."""
     return (reading_mm + correction_mm(certificate, reading_mm)) * _growth(certificate, temperature)
 
 
 def as_shown(certificate: GaugeCertificate, length_mm: Array, temperature: Temperature | None) -> Array:
-    """Return the readings (...,) mm of a gauge with this certificate for lengths (...,) mm: the inverse of
+    """Readings (...,) mm of a gauge with this certificate for lengths (...,) mm: the inverse of
     `corrected`."""
     at_reference = length_mm / _growth(certificate, temperature)
     if certificate.valid_mm is None:
@@ -72,7 +72,7 @@ def as_shown(certificate: GaugeCertificate, length_mm: Array, temperature: Tempe
 
 
 def corrected_gauges(rig: Rig, names: Sequence[str], g_mm: Array) -> tuple[Array, dict[str, int]]:
-    """Return the corrected readings (n, k) mm of the gauges `names`, and the numbers of readings beyond the
+    """Corrected readings (n, k) mm of the gauges `names`, and the numbers of readings beyond the
     certificates.
 
     Input and output increase with the distance from the ball, whereas a certificate refers to the displayed reading.
@@ -92,7 +92,7 @@ def corrected_gauges(rig: Rig, names: Sequence[str], g_mm: Array) -> tuple[Array
 
 
 def beyond_certificates(rig: Rig, beyond: Mapping[str, int], rows: int) -> list[str]:
-    """Return doubts about readings beyond the certificates. beyond: number of readings by gauge, of `rows` rows."""
+    """Doubts about readings beyond the certificates. beyond: number of readings by gauge, of `rows` rows."""
     doubts, gauges = [], dict(rig.gauges)
     for name, count in beyond.items():
         certificate = gauges[name].certificate
@@ -106,7 +106,7 @@ def beyond_certificates(rig: Rig, beyond: Mapping[str, int], rows: int) -> list[
 
 
 def link_excess_mm(rig: Rig) -> float:
-    """Return the certified length of the link at the temperature of the cell, minus the radius of the hemisphere, in
+    """Certified length of the link at the temperature of the cell, minus the radius of the hemisphere, in
     mm."""
     if rig.link is None or rig.tests.hemisphere is None:
         return 0.0
@@ -114,7 +114,7 @@ def link_excess_mm(rig: Rig) -> float:
 
 
 def systematic(rig: Rig, g_mm: Array) -> Systematic:
-    """Return the uncertainty by certificates in a run with readings (n, k) mm of the first k gauges."""
+    """Uncertainty by certificates in a run with readings (n, k) mm of the first k gauges."""
     gauges = [gauge.certificate for _, gauge in rig.gauges][: g_mm.shape[1]]
     # A wave of unknown phase has a standard deviation of 1 / (2 √2) of the peak-to-valley height.
     form_mm = rig.ball.form_mm / (2 * math.sqrt(2)) if rig.ball else 0.0
@@ -129,7 +129,7 @@ def systematic(rig: Rig, g_mm: Array) -> Systematic:
 
 
 def doubts_of(rig: Rig, names: Sequence[str], on: dt.date) -> list[str]:
-    """Return doubts about the certificates of the parts `names` on the day of a measurement."""
+    """Doubts about the certificates of the parts `names` on the day of a measurement."""
     parts = [*((name, gauge.certificate) for name, gauge in rig.gauges), ("ball", rig.ball), ("link", rig.link)]
     certificates = [(name, certificate) for name, certificate in parts if certificate is not None and name in names]
     overdue = [
@@ -149,7 +149,7 @@ def _growth(certificate: Certificate, temperature: Temperature | None) -> float:
 
 
 def _u_mm(certificate: Certificate | None, length_mm: float, rig: Rig) -> float:
-    """Return the standard uncertainty of a length in mm by the certificate and by temperature."""
+    """Standard uncertainty of a length in mm by the certificate and by temperature."""
     if certificate is None:
         return 0.0
     by_warmth = certificate.coefficient_per_c * length_mm * (rig.temperature or _ASSUMED).u_c

@@ -36,7 +36,7 @@ _NEAR = 41
 
 
 def without_slips(laps: Array) -> tuple[Array, list[float]]:
-    """Return laps (L, NODES) of a gauge in order of time, corrected for the steps of its clamp, and these steps."""
+    """Laps (L, NODES) of a gauge in order of time, corrected for the steps of its clamp, and these steps."""
     slips: list[float] = []
     while len(slips) < len(laps) and (clearest := _clearest(laps)):
         lap, node, step = clearest
@@ -55,7 +55,7 @@ def without_slips(laps: Array) -> tuple[Array, list[float]]:
 
 
 def _clearest(laps: Array) -> tuple[int, int, float] | None:
-    """Return lap, node and size of the clearest step between a lap and the next, or None if no step is clear."""
+    """Lap, node and size of the clearest step between a lap and the next, or None if no step is clear."""
     clearest: tuple[int, int, float] | None = None
     most = _CLEAR
     for lap, between in enumerate(np.diff(laps, axis=0)):
@@ -79,7 +79,7 @@ def _clearest(laps: Array) -> tuple[int, int, float] | None:
 
 
 def bursts(laps: Array) -> Mask:
-    """Return a mask (L, NODES) of nodes at which a lap differs both from its neighbours and from the other laps.
+    """A mask (L, NODES) of nodes at which a lap differs both from its neighbours and from the other laps.
 
     Such bursts are outliers in succession, too many for a running median. The neighbourhood is wide, because a line
     through outliers oscillates.
@@ -99,7 +99,7 @@ def bursts(laps: Array) -> Mask:
 
 
 def following(laps: Array, odd: Mask) -> Array:
-    """Return laps (L, NODES) with masked values replaced by the other laps.
+    """Laps (L, NODES) with masked values replaced by the other laps.
 
     odd (L, NODES): mask of the values to replace. The distance of the new values from the other laps is that of the
     surrounding nodes.
@@ -114,7 +114,7 @@ def following(laps: Array, odd: Mask) -> Array:
 
 
 def without_level_steps(laps: Array, level_sd: float, apart_s: float, per_mm: float) -> tuple[Array, list[float]]:
-    """Return laps (L, NODES) shifted to the level of the first lap, and the steps removed.
+    """Laps (L, NODES) shifted to the level of the first lap, and the steps removed.
 
     A step between the levels of two laps is removed if it exceeds noise and drift, as after a slip on the way back.
     level_sd: standard deviation of the level of a lap by noise.
@@ -128,7 +128,7 @@ def without_level_steps(laps: Array, level_sd: float, apart_s: float, per_mm: fl
 
 
 def changes(lap: Array) -> Array:
-    """Return the change (NODES,) of a lap within two nodes, excluding the sine and the second order."""
+    """Change (NODES,) of a lap within two nodes, excluding the sine and the second order."""
     spectrum = np.fft.rfft(lap)
     spectrum[:3] = 0.0
     rough = np.fft.irfft(spectrum, NODES)
@@ -137,7 +137,7 @@ def changes(lap: Array) -> Array:
 
 
 def _local_median(values: Array) -> Array:
-    """Return the median (NODES,) of the nodes around each node, cyclic along the lap."""
+    """Median (NODES,) of the nodes around each node, cyclic along the lap."""
     half = _NEAR // 2
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(values, half, mode="wrap"), _NEAR)
     median: Array = np.median(windows, axis=1)
@@ -147,7 +147,7 @@ def _local_median(values: Array) -> Array:
 def without_drift(
     laps: Array, level_variance: float, times_s: tuple[float, float], per_mm: float
 ) -> tuple[Array, float, float]:
-    """Return laps (L, NODES) with the ramp of their means removed, the drift in a lap, and the variance of the drift.
+    """Laps (L, NODES) with the ramp of their means removed, the drift in a lap, and the variance of the drift.
 
     times_s: duration of a lap, and time between the starts of two laps. level_variance: noise of the mean of a lap. The
     ramp is shrunk towards the largest drift of real cells. With noisy levels or a single lap it cannot be detected, and
@@ -167,7 +167,7 @@ def without_drift(
 
 
 def power_of_ramp(variance: float) -> Array:
-    """Return the mean square (NODES // 2 + 1,), in mm², of the Fourier coefficients of a ramp along each lap with a
+    """Mean square (NODES // 2 + 1,), in mm², of the Fourier coefficients of a ramp along each lap with a
     variance in mm²."""
     power = np.zeros(len(ORDERS))
     power[1:] = variance / (2 * np.pi * ORDERS[1:]) ** 2

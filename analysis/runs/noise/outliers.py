@@ -45,14 +45,14 @@ chance is 0.002 for six joints."""
 
 
 def spreads_of(distances: Array, least: float) -> Array:
-    """Return distances (n,) from a model, in mm or rad, as multiples of the robust standard deviation, which is at
+    """Distances (n,) from a model, in mm or rad, as multiples of the robust standard deviation, which is at
     least `least`."""
     sd = max(1.4826 * float(np.median(distances)), least)
     return distances / sd
 
 
 def far_from_fit(distances_of: Callable[[Mask], Array], count: int, least: float) -> tuple[Array, Array]:
-    """Return the distances (n,) in mm or rad of `count` readings from a model fitted to the near readings.
+    """Distances (n,) in mm or rad of `count` readings from a model fitted to the near readings.
 
     The second result is the same in robust standard deviations. distances_of: fits the model to some of the readings,
     and returns the distances of all.
@@ -73,7 +73,7 @@ def far_from_fit(distances_of: Callable[[Mask], Array], count: int, least: float
 
 
 def by_accident(far: Mask, q: Array, most: float = MOST) -> bool:
-    """Return whether distant readings (n,), in the order of the table, are few or scattered, and have no separate range
+    """True if distant readings (n,), in the order of the table, are few or scattered, and have no separate range
     of any joint. q (n, 6): joint angles in rad. most: largest share."""
     count, share = int(far.sum()), float(far.mean())
     if count > max(1.0, most * len(far)):

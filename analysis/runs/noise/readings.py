@@ -40,12 +40,12 @@ _BLOCK = 1 << 13
 
 
 def rms(values: NDArray[Any]) -> float:
-    """Return the root mean square of values (n, …), in their unit."""
+    """Root mean square of values (n, …), in their unit."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
 def running_median(values: Array) -> Array:
-    """Return the median (n,), in the unit of the values, of each value and three neighbours on either side.
+    """Median (n,), in the unit of the values, of each value and three neighbours on either side.
 
     The values at the ends are repeated.
     """
@@ -61,7 +61,7 @@ def running_median(values: Array) -> Array:
 
 
 def is_outlier(values: Array) -> Mask:
-    """Return a mask of readings (n,), in order of time, that differ from their neighbours, as after chips, oil or a
+    """A mask of readings (n,), in order of time, that differ from their neighbours, as after chips, oil or a
     knock.
 
     If the curve itself jumps, as at the crossing of a backlash, a reading must differ by more than the jump.
@@ -78,14 +78,14 @@ def is_outlier(values: Array) -> Mask:
 
 
 def beyond_neighbours(away: Array) -> Mask:
-    """Return a mask (n,) of the distances that are outliers by two robust limits together."""
+    """A mask (n,) of the distances that are outliers by two robust limits together."""
     seen = away[:: max(1, len(away) // _SAMPLE)]
     limit = max(_SPREADS * 1.4826 * float(np.median(seen)), _TAIL * float(np.quantile(seen, 0.98)))
     return away > limit if limit > 0 else np.zeros(len(away), dtype=bool)
 
 
 def step_of(values: Array) -> float:
-    """Return the rounding step of readings (n,) in their unit, or 0 if they show no step.
+    """Rounding step of readings (n,) in their unit, or 0 if they show no step.
 
     All distances between neighbouring distinct values are multiples of the step. If few values repeat, the distances
     are only multiples of the last digit.
@@ -102,7 +102,7 @@ def step_of(values: Array) -> float:
 
 
 def noise_beneath(values: Array, step: float) -> float:
-    """Return the standard deviation of the white noise of readings (n,) before rounding to `step`.
+    """Standard deviation of the white noise of readings (n,) before rounding to `step`.
 
     It is based on third differences, to which a smooth curve contributes little (Gasser, Sroka and Jennen-Steinmetz
     1986), and on their median, so jumps have no influence. The variance of rounding, step²/12, is subtracted.
@@ -124,7 +124,7 @@ def noise_beneath(values: Array, step: float) -> float:
 
 
 def rounding_error(curve: Array, step: float, noise: float, phase: Array) -> tuple[Array, Array]:
-    """Return the mean rounding errors (m, n) in mm of a closed curve (n,) of noisy readings, and the variance (n,)
+    """Mean rounding errors (m, n) in mm of a closed curve (n,) of noisy readings, and the variance (n,)
     about them.
 
     phase (m,): positions of the steps. The variance is that of a single reading. The sawtooth of rounding is expanded
@@ -157,7 +157,7 @@ _SHARED_HARMONICS = np.arange(1, 21)[:, None, None]
 
 
 def step_of_stops(readings_mm: Array) -> float:
-    """Return the rounding step in mm of readings (n,) mm at stops, or 0 if they show no step.
+    """Rounding step in mm of readings (n,) mm at stops, or 0 if they show no step.
 
     Few stops repeat a value, and the closest two may be several steps apart. The step is then the largest divisor of
     all distances between distinct readings. If this is coarser than any gauge, as for nearly equal readings, the step
@@ -179,7 +179,7 @@ def step_of_stops(readings_mm: Array) -> float:
 
 
 def shared_rounding(step_mm: float, noise_sq: Array) -> Array:
-    """Return the variance (m, t) mm² of the rounding error shared by all readings at a position.
+    """Variance (m, t) mm² of the rounding error shared by all readings at a position.
 
     noise_sq (m, t): variance in mm² of the readings before rounding. For zero noise the result is the variance of a
     single reading, step²/12; noise of half a step removes it (Widrow and Kollár, Quantization Noise, 2008).

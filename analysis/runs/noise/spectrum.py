@@ -67,7 +67,7 @@ class LapNoise:
     source: NoiseSource
 
     def power(self, laps: int, rows: float, lap_s: float) -> Array:
-        """Return the mean square (m, NODES // 2 + 1) of each complex Fourier coefficient of the mean of laps.
+        """Mean square (m, NODES // 2 + 1) of each complex Fourier coefficient of the mean of laps.
 
         rows: number of rows in each lap.
         """
@@ -76,7 +76,7 @@ class LapNoise:
         return power
 
     def elsewhere(self, rng: np.random.Generator) -> LapNoise:
-        """Return the noise (m,) expected in a different run of the same cell, which may have a different level."""
+        """Noise (m,) expected in a different run of the same cell, which may have a different level."""
         level = LEVELS_APART ** rng.uniform(-1.0, 1.0, len(self.white))
         return LapNoise(self.white * level, self.slow * level, self.shape, "borrowed")
 
@@ -84,7 +84,7 @@ class LapNoise:
 def noise_of(
     laps: Array, rows: float, times_s: tuple[float, float], per_mm: float, rng: np.random.Generator
 ) -> LapNoise:
-    """Return the noise of a curve measured in laps (L, NODES), in order of time.
+    """Noise of a curve measured in laps (L, NODES), in order of time.
 
     rows: number of rows in each lap. times_s: duration of a lap, and time between the starts of two laps. per_mm: unit
     of the curve per mm of the noise of a gauge.
@@ -103,7 +103,7 @@ def noise_of(
 
 
 def _of_differences(laps: Array, rows: float, lap_s: float, drift_mm: float) -> Array:
-    """Return the log likelihood (whites, slows, shapes) of the differences between laps (L, NODES) mm.
+    """Log likelihood (whites, slows, shapes) of the differences between laps (L, NODES) mm.
 
     drift_mm: largest drift between successive laps, which does not count as noise of their levels.
     """
@@ -125,7 +125,7 @@ def _of_differences(laps: Array, rows: float, lap_s: float, drift_mm: float) -> 
 
 
 def _of_scales(lap: Array, rows: float, lap_s: float) -> Array:
-    """Return the log likelihood (whites, slows, shapes) of the third differences of a lap (NODES,) mm at several
+    """Log likelihood (whites, slows, shapes) of the third differences of a lap (NODES,) mm at several
     scales.
 
     Each difference is a mixture of pure noise, and of noise with curve, which is larger by some factor.
@@ -154,7 +154,7 @@ def _of_scales(lap: Array, rows: float, lap_s: float) -> Array:
 
 @lru_cache(maxsize=16)
 def _third_difference_passes(scale: int) -> Array:
-    """Return the share (NODES // 2 + 1,) of the mean square passed by a third difference at each order, for both
+    """Share (NODES // 2 + 1,) of the mean square passed by a third difference at each order, for both
     halves of a spectrum."""
     half = np.pi * ORDERS / NODES
     mean = np.ones(len(ORDERS))
@@ -166,7 +166,7 @@ def _third_difference_passes(scale: int) -> Array:
 
 @lru_cache(maxsize=4)
 def _prior() -> Array:
-    """Return the log prior (whites, slows, 1): uniform on a logarithmic scale over the range of real cells, falling
+    """Log prior (whites, slows, 1): uniform on a logarithmic scale over the range of real cells, falling
     outside."""
     white = -2.0 * (_positive_log(0.5 * WHITE_MM.low / _WHITES_MM) + _positive_log(_WHITES_MM / (2 * WHITE_MM.high)))
     slow = -1.0 * _positive_log(0.6 * SLOW_MM.low / _SLOWS_MM) - 2.0 * _positive_log(_SLOWS_MM / (1.5 * SLOW_MM.high))
@@ -179,7 +179,7 @@ def _positive_log(ratio: Array) -> Array:
 
 
 def _white(rows: float) -> Array:
-    """Return the mean square (NODES // 2 + 1,) of the coefficients of unit white noise in a number of rows, reduced
+    """Mean square (NODES // 2 + 1,) of the coefficients of unit white noise in a number of rows, reduced
     to nodes."""
     turn = 2 * np.pi * ORDERS / NODES
     return 3 / (2 + np.cos(turn)) / node_response() ** 2 / rows
@@ -187,7 +187,7 @@ def _white(rows: float) -> Array:
 
 @lru_cache(maxsize=1)
 def node_response() -> Array:
-    """Return the response (NODES // 2 + 1,) of the least-squares broken line through NODES to each order of a smooth
+    """Response (NODES // 2 + 1,) of the least-squares broken line through NODES to each order of a smooth
     curve.
 
     A broken line overshoots a curve at the nodes (Unser, Splines: a perfect fit, 1999), by 2 % at order 60.
@@ -199,7 +199,7 @@ def node_response() -> Array:
 
 @lru_cache(maxsize=8)
 def _shapes(lap_s: float, laps: int) -> tuple[Array, Array]:
-    """Return the mean squares (shapes, orders) of the coefficients of a lap, and of the mean of laps, for slow noise.
+    """Mean squares (shapes, orders) of the coefficients of a lap, and of the mean of laps, for slow noise.
 
     Each shape is a kind of slow noise of unit variance. The coefficients of a lap are relative to the mean of the laps,
     or absolute for a single lap.
@@ -217,7 +217,7 @@ def _with_pink(power: Array) -> Array:
 
 
 def _coefficients(tau_s: float, window_s: float, turn_s: Array) -> Array:
-    """Return the mean squares (k,) of Fourier coefficients of an Ornstein-Uhlenbeck process of unit variance.
+    """Mean squares (k,) of Fourier coefficients of an Ornstein-Uhlenbeck process of unit variance.
 
     turn_s (k,): angular frequencies, for which the window contains full turns. Each result is the double integral of
     the covariance over the window.
@@ -237,7 +237,7 @@ def _edges() -> Integers:
 
 
 def _banded(power: Array) -> Array:
-    """Return means (..., bands) of power (..., orders) over bands of orders."""
+    """Means (..., bands) of power (..., orders) over bands of orders."""
     edges = _edges()
     means: Array = np.add.reduceat(power[..., : edges[-1]], edges[:-1], axis=-1) / np.diff(edges)
     return means

@@ -83,7 +83,7 @@ class Scatter:
     step_mm: float = 0.0
 
     def beneath(self, rng: np.random.Generator) -> Scatter:
-        """Return the scatter (m, t) before rounding. If steps hide it, it is uniform between zero and the apparent
+        """Scatter (m, t) before rounding. If steps hide it, it is uniform between zero and the apparent
         size."""
         if self.step_mm == 0:
             return self
@@ -92,7 +92,7 @@ class Scatter:
         return replace(self, sd_mm=np.sqrt(noise_sq) * (1 - hidden * rng.uniform(size=(len(noise_sq), 1))), step_mm=0.0)
 
     def again(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-        """Return the scatter (m, t, *shape) mm of further readings of the same targets."""
+        """Scatter (m, t, *shape) mm of further readings of the same targets."""
         wide = (len(self.tail), 1) + (1,) * len(shape)
         size = self.sd_mm.shape + shape
         chi2 = 2.0 * rng.standard_gamma(np.broadcast_to(self.tail.reshape(wide) / 2, size))
@@ -103,19 +103,19 @@ class Scatter:
 
 
 def separate(rng: np.random.Generator, weight: Array, mean: Array) -> tuple[Array, Array]:
-    """Return expected values and draws (m, t, k) of independent cells: a `Level`."""
+    """Expected values and draws (m, t, k) of independent cells: a `Level`."""
     return mean, mean + rng.standard_normal(mean.shape) / np.sqrt(np.maximum(weight, 1e-12))
 
 
 def freedom_of(readings_mm: Array) -> int:
-    """Return the degrees of freedom within the cells of readings (t, k, n), NaN for missing readings."""
+    """Degrees of freedom within the cells of readings (t, k, n), NaN for missing readings."""
     return int((np.isfinite(readings_mm).sum(axis=-1) - 1).clip(min=0).sum())
 
 
 def scatter_of(
     readings_mm: Array, u_mm: float, t_s: Array | None = None, level: Level = separate, step_mm: float = 0.0
 ) -> Scatter:
-    """Return the scatter of readings (t, k, n) mm of k cells at each of t targets, NaN for missing readings.
+    """Scatter of readings (t, k, n) mm of k cells at each of t targets, NaN for missing readings.
 
     u_mm: standard uncertainty of a gauge reading in addition to the rounding to step_mm (variance step²/12), a lower
     limit of the scatter. t_s: times of the readings, if drift is to be separated from scatter.
@@ -136,13 +136,13 @@ def scatter_of(
 
 
 def _typical(away_mm: Array, least_mm: float) -> float:
-    """Return the standard deviation of readings (n,) mm from the median distance to the mean of two or three
+    """Standard deviation of readings (n,) mm from the median distance to the mean of two or three
     readings."""
     return max(2.0 * float(np.median(np.abs(away_mm))), least_mm) if len(away_mm) else least_mm
 
 
 def _drift_shapes(t_s: Array) -> Array:
-    """Return polynomials (t, k, n, d) of the time of each reading with zero mean over the run, in mm of the drift of
+    """Polynomials (t, k, n, d) of the time of each reading with zero mean over the run, in mm of the drift of
     a real cell."""
     read = np.isfinite(t_s)
     begin, end = float(t_s[read].min()), float(t_s[read].max())
@@ -170,7 +170,7 @@ class _Sampler:
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(_SEED))
 
     def _cell_deviations(self, values: Array) -> Array:
-        """Return values (t, k, n, d) minus their mean over the readings of a cell."""
+        """Values (t, k, n, d) minus their mean over the readings of a cell."""
         read = self.there[..., None]
         mean = np.where(read, values, 0.0).sum(axis=2, keepdims=True) / np.maximum(read.sum(axis=2, keepdims=True), 1)
         away: Array = np.where(read, values - mean, 0.0)
@@ -229,7 +229,7 @@ class _Sampler:
         return best, cell
 
     def _read(self, cell: Array, shared: Array, total: Array, mean: Array) -> Array:
-        """Return the average readings of the gauge at the cells (m, t, k), with a draw of the shared rounding error."""
+        """Average readings of the gauge at the cells (m, t, k), with a draw of the shared rounding error."""
         if self.step_mm == 0:
             return cell
         prior = shared / (1 + shared * total)
@@ -237,7 +237,7 @@ class _Sampler:
         return drawn
 
     def _without_drift(self, weight: Array, total: Array) -> Array:
-        """Return the readings minus a random draw of the drift.
+        """Readings minus a random draw of the drift.
 
         The drift is estimated only from differences between repeated readings, never from the readings themselves.
         """
@@ -258,7 +258,7 @@ class _Sampler:
         return np.asarray(self.y - (self.drift @ flat.T).reshape(weight.shape))
 
     def _tail_fit(self, squares: Array, nu: float) -> Array:
-        """Return the log-likelihood (m,) of Student's t with nu degrees of freedom."""
+        """Log-likelihood (m,) of Student's t with nu degrees of freedom."""
         each = math.lgamma((nu + 1) / 2) - math.lgamma(nu / 2) - 0.5 * math.log(nu)
         logs: Array = np.log1p(squares / nu).sum(axis=(1, 2, 3))
         return float(self.counts.sum()) * each - (nu + 1) / 2 * logs
@@ -276,7 +276,7 @@ class _Sampler:
         self.d0 = self._chosen(_AGREEMENT, fit)
 
     def _chosen(self, values: Array, fit: Array) -> Array:
-        """Return a value for each chain, with the probabilities of the log-likelihoods fit (m, values) (Gumbel's
+        """A value for each chain, with the probabilities of the log-likelihoods fit (m, values) (Gumbel's
         method)."""
         chosen: Array = values[np.argmax(fit + self.rng.gumbel(size=fit.shape), axis=1)]
         return chosen
@@ -312,7 +312,7 @@ class SphereLevel:
         self._orientation_mm2: Array
 
     def __call__(self, rng: np.random.Generator, weight: Array, mean: Array) -> tuple[Array, Array]:
-        """Return expected values and draws (m, t, o) of the cells from their weights and weighted means (m, t, o)."""
+        """Expected values and draws (m, t, o) of the cells from their weights and weighted means (m, t, o)."""
         if not self._begun:
             # Initialise from plain means, with the noise known at this point subtracted.
             seen_cells = weight > 0
@@ -358,7 +358,7 @@ class SphereLevel:
         self._tilt = tilt - tilt.mean(axis=1, keepdims=True)
 
     def _sphere(self, rng: np.random.Generator, precision: Array, seen: Array) -> tuple[Array, Array]:
-        """Return the distance (m, t) of the sphere at the targets, and the difference of a draw from it."""
+        """Distance (m, t) of the sphere at the targets, and the difference of a draw from it."""
         size = self._basis.shape[1]
         pairs = (self._basis[:, :, None] * self._basis[:, None, :]).reshape(-1, size * size)
         normal = (precision @ pairs).reshape(-1, size, size)
