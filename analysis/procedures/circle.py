@@ -396,7 +396,7 @@ def angle_of_gauges(g_mm: Array, baseline_mm: float) -> Array:
 
 def _known(direction: Direction | None, where: str, remedy: str) -> Direction:
     if direction is None:
-        raise FileError(where, "lacks a direction, which a circle needs", remedy, code="circle.direction")
+        raise FileError(where, "lacks a direction, which a circle needs", remedy, code="run.no_direction")
     return direction
 
 
