@@ -300,7 +300,9 @@ class Circle(TestKind[CircleTable]):
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> CircleTable:
         require_test(rig, self.test)
         if direction is None:
-            raise FileError(f"{self.test} test", "needs a direction", "give --direction cw, acw or both")
+            raise FileError(
+                f"{self.test} test", "needs a direction", "give --direction cw, acw or both", code="run.no_direction"
+            )
         laps = circle_laps(rig, direction)
         t_s = np.arange(0.0, laps.end_s, 1.0 / GAUGE_RATE_HZ)
         table = CircleTable(self.test, direction, t_s, laps.at(t_s), np.empty((0, 2)))

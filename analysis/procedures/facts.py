@@ -83,4 +83,4 @@ def shows_joints(test: TestName) -> bool:
 
 def no_joints_error(test: TestName, where: str) -> FileError:
     """Error for a test that reveals nothing about the joints of an arm."""
-    return FileError(where, labels_of(test).unsupported_reason, "give poses, touches or circles")
+    return FileError(where, labels_of(test).unsupported_reason, "give poses, touches or circles", code="test.no_joints")

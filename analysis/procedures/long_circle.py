@@ -149,7 +149,12 @@ class _Window:
         stamps = chunk["last_byte_ns"]
         if len(stamps):
             if stamps[0] < self._last_ns() or not (stamps[1:] >= stamps[:-1]).all():
-                raise FileError(str(self._path), "has timestamps that decrease", "restore the run from a copy")
+                raise FileError(
+                    str(self._path),
+                    "has timestamps that decrease",
+                    "restore the run from a copy",
+                    code="run.times_decrease",
+                )
             self._kept.append(chunk)
         return True
 

@@ -419,7 +419,12 @@ def _doubts(rms: Quantity, setup: PoseSetUp) -> list[str]:
 
 def _hold(table: PoseTable, where: str) -> None:
     if len(table.q) < _FEWEST:
-        raise FileError(where, f"has {len(table.q)} poses, too few to fit base and tool", f"give at least {_FEWEST}")
+        raise FileError(
+            where,
+            f"has {len(table.q)} poses, too few to fit base and tool",
+            f"give at least {_FEWEST}",
+            code="table.few_rows",
+        )
     check_numbers(where, q=table.q, xyz_mm=table.xyz_mm)
     if table.rpy is not None:
         check_numbers(where, rpy=table.rpy)
@@ -427,7 +432,10 @@ def _hold(table: PoseTable, where: str) -> None:
     require_postures(table.q, where)
     if np.ptp(table.xyz_mm, axis=0).max() == 0:
         raise FileError(
-            where, "the instrument reported the same place in all rows", "check that the instrument follows the target"
+            where,
+            "the instrument reported the same place in all rows",
+            "check that the instrument follows the target",
+            code="pose.one_place",
         )
 
 

@@ -99,7 +99,9 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
     if 3 * len(table.q) <= 3 + 3 * count or len(table.q) < _FEWEST:
         touches = f"{len(table.q)} touch{'es' * (len(table.q) > 1)} of {count} socket{'s' * (count > 1)}"
         problem = f"has {touches}, too few to fit their places"
-        raise FileError(where, problem, f"give at least {max(_FEWEST, count + 2)}, in postures that differ")
+        raise FileError(
+            where, problem, f"give at least {max(_FEWEST, count + 2)}, in postures that differ", code="table.few_rows"
+        )
     check_joints(where, table.q, "touch each socket in many postures")
     table = table.in_content_order()
     T = forward(model.arm, table.q) if not model.effects else moved(model, path_of(model, table)).T

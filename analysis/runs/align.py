@@ -49,7 +49,12 @@ def require_sound(path: Path, instrument: str, columns: Mapping[str, np.ndarray[
     for words, broken in rules.items():
         if broken.any():
             row = int(broken.argmax()) + 1
-            raise FileError(str(path), f"row {row} of {instrument} has {words}", "restore the run from a copy")
+            raise FileError(
+                str(path),
+                f"row {row} of {instrument} has {words}",
+                "restore the run from a copy",
+                code="run.impossible_row",
+            )
 
 
 def is_reading(values: Array, largest: float) -> Mask:
@@ -204,6 +209,8 @@ class Joined:
 class NotTogether(FileError):
     """Gauges and robot have no common time. seen: observations of each instrument, in a part of a run."""
 
+    code = "run.not_together"
+
     def __init__(
         self, where: str, problem: str, remedy: str, seen: Mapping[str, InstrumentObservations] | None = None
     ) -> None:
@@ -327,7 +334,9 @@ def robot_only(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
     track, seen = _robot(path, run.streams, None)
     if len(track.ns) < 2:
         problem = "contains fewer than two readings of robot at known times"
-        raise FileError(str(path), problem, "repeat the recording, and check the rates with rig status")
+        raise FileError(
+            str(path), problem, "repeat the recording, and check the rates with rig status", code="run.few_readings"
+        )
     return (track.ns - track.ns[0]) / 1e9, track.values, tuple(_doubts_of("robot", seen))
 
 

@@ -22,7 +22,7 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
     missing = [name for name in table_format.layout(rows.axes).required if name not in columns.column_names]
     if missing or not columns.num_rows:
         problem = f"the table has no {', '.join(missing) or 'rows'}"
-        raise FileError(where, problem, "import the table again")
+        raise FileError(where, problem, "import the table again", code="table.columns")
     table = table_format.table_of(rows, direction, where)
     check_table_rows(table, where)
     return table
@@ -71,7 +71,7 @@ def check_table_rows(table: Table, where: str) -> None:
         if len(back):
             row = int(back[0]) + 1
             problem = f"row {row + 1}: time does not increase, {t_s[row]:g} s after {t_s[row - 1]:g} s"
-            raise FileError(where, problem, _REMEDY)
+            raise FileError(where, problem, _REMEDY, code="table.times")
 
 
 def _check_rows(is_good: Mask, name: str, rows: Array, why: str, where: str) -> None:
@@ -80,4 +80,4 @@ def _check_rows(is_good: Mask, name: str, rows: Array, why: str, where: str) -> 
     if not good.all():
         row = int(np.argmin(good))
         values = ", ".join(f"{value:g}" for value in rows[row])
-        raise FileError(where, f"row {row + 1} has {name} = {values}, {why}", _REMEDY)
+        raise FileError(where, f"row {row + 1} has {name} = {values}, {why}", _REMEDY, code="table.value")

@@ -101,12 +101,18 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
     if (kept := _LAPS.get(key)) is not None and kept[0]() is table and kept[1] == cell and (laps := kept[2]()):
         return laps
     if len(table.q) < 2:
-        raise FileError(where, f"has {len(table.q)} rows, too few for a circle", "record the whole circle")
+        raise FileError(
+            where, f"has {len(table.q)} rows, too few for a circle", "record the whole circle", code="table.few_rows"
+        )
     if not np.isfinite(table.q).all():
         row = int(np.argmin(np.isfinite(table.q).all(axis=1))) + 1
-        raise FileError(where, f"row {row} has a joint angle that is not a number", "remove such rows")
+        raise FileError(
+            where, f"row {row} has a joint angle that is not a number", "remove such rows", code="table.number"
+        )
     if np.ptp(table.q[:: max(1, len(table.q) // _SEEN)], axis=0).max() < STILL_RUN_RAD:
-        raise FileError(where, "the robot stood still", "start the recording before the circle program")
+        raise FileError(
+            where, "the robot stood still", "start the recording before the circle program", code="table.still"
+        )
     laps = _cut_out(table, rig, where)
     asked: Callable[[], Laps | None] = ref(laps) if len(table.q) > _KEPT_ROWS else lambda: laps
     _LAPS[key] = (ref(table, lambda _: _LAPS.pop(key, None)), cell, asked)
@@ -266,7 +272,9 @@ def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig:
             break
         else:
             jump = f"{rig.robot.axis_words(axis + 1)} jumps by {np.degrees(step):.1f}° at {t_s[row + 1]:.3f} s"
-            raise FileError(where, jump, "check the feedback's units and wrap-around, or remove the bad rows")
+            raise FileError(
+                where, jump, "check the feedback's units and wrap-around, or remove the bad rows", code="circle.jump"
+            )
     return slice(rows.start + begin, rows.start + end)
 
 
@@ -293,7 +301,9 @@ def _require_this_circle(where: str, frame: CircleFrame, tool: Array, ever: bool
             f"the robot stayed {radius:.1f} mm from the centre and {height:.1f} mm out of the plane of the "
             f"circle in the rig file (radius {frame.radius:g} mm)"
         )
-        raise FileError(where, problem, "correct tests.circle, robot.tool or the units of the feedback")
+        raise FileError(
+            where, problem, "correct tests.circle, robot.tool or the units of the feedback", code="circle.elsewhere"
+        )
 
 
 def _require_covered(where: str, ahead: Array, sense: float, start: float) -> None:
@@ -304,4 +314,4 @@ def _require_covered(where: str, ahead: Array, sense: float, start: float) -> No
         begin, end = (np.degrees(start + sense * edges[k]) % 360 for k in (widest, widest + 1))
         problem = f"the lap has no data from {begin:.0f}° to {end:.0f}° ({np.degrees(gaps[widest]):.0f}° wide)"
         remedy = "record the complete circle, including lead-in and lead-out, on a less busy computer"
-        raise FileError(where, problem, remedy)
+        raise FileError(where, problem, remedy, code="circle.gap")

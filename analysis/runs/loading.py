@@ -146,7 +146,9 @@ def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
     by_digest: dict[str, Path] = {}
     for path, readings in runs:
         if first := by_digest.get(readings):
-            raise FileError(str(path), f"contains the same readings as {first}", "give each recording once")
+            raise FileError(
+                str(path), f"contains the same readings as {first}", "give each recording once", code="run.copy"
+            )
         by_digest[readings] = path
 
 
@@ -168,10 +170,17 @@ def refuse_copied_rows(runs: Sequence[Measured]) -> None:
         name = run.run.manifest.name
         if len(q) - len(rows) > _COPIED * len(rows):
             problem = f"contains {len(q) - len(rows)} of its {len(q)} rows twice, to the last digit"
-            raise FileError(name, problem, "give each pose once; visit a target again to show its repeatability")
+            raise FileError(
+                name,
+                problem,
+                "give each pose once; visit a target again to show its repeatability",
+                code="run.copied_rows",
+            )
         for first, earlier in seen:
             if len(rows & earlier) > _COPIED * len(rows):
-                raise FileError(name, f"contains the poses of {first} in another order", "give each pose once")
+                raise FileError(
+                    name, f"contains the poses of {first} in another order", "give each pose once", code="run.copy"
+                )
         seen.append((name, rows))
 
 
@@ -200,9 +209,9 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
     if RAIL in format_of(table.test).layout(rail=True).known_columns and table.rail != (rig.robot.rail is not None):
         if table.rail:
             problem = f"has {RAIL}, but the arm of the rig file has no rail"
-            raise FileError(str(path), problem, "add robot.rail to it")
+            raise FileError(str(path), problem, "add robot.rail to it", code="table.rail")
         problem = f"lacks {RAIL}, but the arm of the rig file is on a rail"
-        raise FileError(str(path), problem, f"add {RAIL}, the rail position of each row")
+        raise FileError(str(path), problem, f"add {RAIL}, the rail position of each row", code="table.rail")
     table, counted_further = without_whole_turns(average_standstills(table), rig)
     doubts += [*counted_further, *beyond_limits(table, rig)]
     return Measured(path, run, rig, table, u_lag_s_of(run.table), tuple(doubts), _systematic(rig, table))
@@ -217,11 +226,16 @@ def known_doubts(run: Run, rig: Rig) -> list[str]:
     if out_of_step := ", ".join(f"{stream} for {count} s" for stream, count in seconds.items() if count):
         problem = f"was made from a replay out of step ({out_of_step}), so the results would be wrong"
         remedy = "repeat the replay on a less busy computer, and record that replay"
-        raise FileError(str(run.path), problem, remedy)
+        raise FileError(str(run.path), problem, remedy, code="run.out_of_step")
     certified, started = format_of(run.manifest.test).certified, run.manifest.started
     for missing in missing_gauges(rig, run.manifest.test):
         remedy = f"{missing.remedy}, then repeat the import"
-        raise FileError(str(run.path), f"is a {run.manifest.test} run, but the rig file {missing.problem}", remedy)
+        raise FileError(
+            str(run.path),
+            f"is a {run.manifest.test} run, but the rig file {missing.problem}",
+            remedy,
+            code="gauge.missing",
+        )
     if not certified:
         return _doubts(run)
     try:
@@ -319,5 +333,5 @@ def motion_in(run: Run) -> RobotMotion:
     table = table_from(run.table, run.manifest.test, direction, str(path))
     if not isinstance(table, CircleTable):
         problem = f"is a {run.manifest.test} table, which has single readings without motion"
-        raise FileError(str(path), problem, "give a circle run, or a recorded run")
+        raise FileError(str(path), problem, "give a circle run, or a recorded run", code="run.no_motion")
     return RobotMotion(str(path), table.t_s, table.q, direction)

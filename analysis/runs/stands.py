@@ -134,7 +134,7 @@ def visits_of(
     stands = [at[k][0] for k in fits]
     if not stands:
         remedy = "correct tests.hemisphere, or record the program of that test"
-        raise FileError(where, "the robot did not rest at any target", remedy)
+        raise FileError(where, "the robot did not rest at any target", remedy, code="table.no_stops")
     rows = np.array([at[k][1] for k in fits], dtype=np.int64)
     missing = sorted(set(program.target.tolist()) - set(program.target[rows].tolist()))
     if missing:
@@ -197,7 +197,12 @@ def require_postures(q: Array, where: str) -> None:
             return
     postures = "a single posture" if len(seen) == 1 else f"only {len(seen)} postures"
     problem = f"has rows of {postures}, which show the scatter of the instrument, but not the errors of the arm"
-    raise FileError(where, problem, "measure other postures also, in the whole working space (rig plan --poses)")
+    raise FileError(
+        where,
+        problem,
+        "measure other postures also, in the whole working space (rig plan --poses)",
+        code="table.one_posture",
+    )
 
 
 STANDSTILL_MM = 1.0

@@ -69,7 +69,7 @@ class TableFormat(ABC, Generic[T]):
     def recorded(self, data: Aligned, rig: Rig, direction: Direction | None, where: str) -> tuple[T, list[str]]:
         """Convert a recorded run to a table, and return it with the doubts as text. Raises FileError."""
         problem = f"a recorded {self.test} run has no measuring instrument"
-        raise FileError(where, problem, "import the table with rig import")
+        raise FileError(where, problem, "import the table with rig import", code="test.not_recorded")
 
     def stands(self, table: T) -> Mask | None:
         """Mask (n,) of the rows that start a standstill of the robot.

@@ -34,7 +34,9 @@ class Tabular(ABC):
         except ModuleNotFoundError as error:
             if error.name != "pandas":
                 raise
-            raise RigError("to_frame()", "pandas is not installed", "install pandas, or use to_table()") from None
+            raise RigError(
+                "to_frame()", "pandas is not installed", "install pandas, or use to_table()", code="package.missing"
+            ) from None
         return self.to_table().to_pandas()
 
 

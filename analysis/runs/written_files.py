@@ -62,13 +62,15 @@ def refuse_foreign(path: Path, option: str = "--output") -> None:
     except FileError as error:  # not a regular file
         raise FileError(error.where, error.what, f"choose a different {option}") from None
     except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), f"choose a different {option}") from None
+        raise FileError(
+            str(path), error.strerror or str(error), f"choose a different {option}", code="output.not_writable"
+        ) from None
     suffix = {".htm": ".html"}.get(path.suffix.lower(), path.suffix.lower())
     first, marks = _MARKS.get(suffix, _MARKS[".parquet"])  # a table may have any name
     is_of_rig = begin.lstrip().startswith(first) and all(mark in begin or mark in end for mark in marks)
     if size and not is_of_rig:
         problem = "already exists, and was not created by rig"
-        raise FileError(str(path), problem, f"choose a different {option}, or remove it first")
+        raise FileError(str(path), problem, f"choose a different {option}, or remove it first", code="output.exists")
     REPLACED.add(path)
 
 
@@ -140,8 +142,10 @@ def _write_all(directory: Path, files: Mapping[str, Writer], *, over: bool) -> l
     except OSError as error:
         if made:
             problem = f"cannot be written: {error.strerror or error}"
-            raise CellError(str(directory), problem, "free some space or choose a different disk") from error
-        raise FileError(str(directory), error.strerror or str(error), remedy) from None
+            raise CellError(
+                str(directory), problem, "free some space or choose a different disk", code="disk.full"
+            ) from error
+        raise FileError(str(directory), error.strerror or str(error), remedy, code="output.not_writable") from None
     return paths
 
 
@@ -154,10 +158,15 @@ def write_new(path: Path, write: Writer) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
         raise FileError(
-            str(path.parent), "is a file, but a directory is needed", "choose a different --output"
+            str(path.parent),
+            "is a file, but a directory is needed",
+            "choose a different --output",
+            code="output.not_writable",
         ) from None
     except OSError as error:
-        raise FileError(str(path.parent), error.strerror or str(error), "choose a different --output") from None
+        raise FileError(
+            str(path.parent), error.strerror or str(error), "choose a different --output", code="output.not_writable"
+        ) from None
     refuse_existing(path)
     temporary, opened = path.with_name(f".{secrets.token_hex(8)}.tmp"), False
     try:
@@ -176,16 +185,20 @@ def write_new(path: Path, write: Writer) -> None:
         raise _exists(path) from None
     except OSError as error:
         if not opened:
-            raise FileError(str(path), error.strerror or str(error), "choose a different --output") from None
+            raise FileError(
+                str(path), error.strerror or str(error), "choose a different --output", code="output.not_writable"
+            ) from None
         problem = f"cannot be written: {error.strerror or error}"
-        raise CellError(str(path), problem, "free some space or choose a different disk") from error
+        raise CellError(str(path), problem, "free some space or choose a different disk", code="disk.full") from error
     finally:
         with suppress(OSError):
             surely(lambda: temporary.unlink(missing_ok=True))
 
 
 def _exists(path: Path) -> FileError:
-    return FileError(str(path), "exists already", "choose a different --output, or remove it first")
+    return FileError(
+        str(path), "exists already", "choose a different --output, or remove it first", code="output.exists"
+    )
 
 
 def write_parquet(table: pa.Table, file: BinaryIO) -> None:
@@ -217,11 +230,14 @@ def write_xlsx(table: pa.Table, file: BinaryIO) -> None:
         import openpyxl  # noqa: PLC0415 - an extra, and slow to import
     except ModuleNotFoundError:
         raise CellError(
-            "xlsx", "needs the Python package openpyxl, which is not installed", to_install("openpyxl")
+            "xlsx",
+            "needs the Python package openpyxl, which is not installed",
+            to_install("openpyxl"),
+            code="package.missing",
         ) from None
     if table.num_rows >= _SHEET_ROWS:
         problem = f"has {table.num_rows} rows, but a sheet can contain only {_SHEET_ROWS - 1}"
-        raise FileError("xlsx", problem, "export the run as csv or parquet")
+        raise FileError("xlsx", problem, "export the run as csv or parquet", code="output.form")
     book = openpyxl.Workbook(write_only=True)
     sheet = book.create_sheet("table")
     sheet.freeze_panes = "A2"

@@ -123,7 +123,9 @@ def _somewhere(
         if len(postures) == count:
             return place, postures
     remedy = "check tests.touch.distances, and limits_deg" if distances else "check limits_deg"
-    raise FileError(f"rig {where}", "the arm has no place for a socket with enough postures", remedy)
+    raise FileError(
+        f"rig {where}", "the arm has no place for a socket with enough postures", remedy, code="touch.no_postures"
+    )
 
 
 def _postures_at(arm: Arm, place: Array, count: int, rng: np.random.Generator) -> Array:

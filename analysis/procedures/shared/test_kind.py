@@ -154,7 +154,7 @@ class TestKind(TableFormat[T]):
 
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> T:
         """A run as it would be measured. Raises FileError if the robot cannot do the test."""
-        raise FileError(f"{self.test} test", "is not simulated", "simulate a different test")
+        raise FileError(f"{self.test} test", "is not simulated", "simulate a different test", code="test.not_simulated")
 
     def setup(self, rig: Rig) -> SetUp:
         """Nominal set-up: ball in the nominal centre, gauges at zero, instrument in the world frame."""

@@ -77,7 +77,9 @@ def data_sheet_of(robot: Robot) -> Robot:
         return bare
     if not robot.arm:
         problem = "has the constants of a controller, and no `arm` that names the data sheet"
-        raise FileError(f"{robot.name}, robot", problem, "add `arm: NAME` (rig arms lists the names)")
+        raise FileError(
+            f"{robot.name}, robot", problem, "add `arm: NAME` (rig arms lists the names)", code="controller.unknown_arm"
+        )
     return bare.model_copy(update={"axes": load_arm(robot.arm).robot.axes})
 
 
@@ -95,7 +97,12 @@ def constants_from_poses(robot: Robot, q: Array, xyz_mm: Array, R: Array | None,
     practice = practice_of(robot.name)
     if apart_mm <= rounding_mm and practice and practice.own_constants == "always" and len(q) < _PROVES:
         problem = f"agrees with the data sheet to {apart_mm:.2f} mm, as a single pose of own constants may"
-        raise FileError(where, problem, f"give {_PROVES} poses or more, or the constants of the controller")
+        raise FileError(
+            where,
+            problem,
+            f"give {_PROVES} poses or more, or the constants of the controller",
+            code="controller.few_poses",
+        )
     if apart_mm <= rounding_mm:
         words = f"{where}: the controller computes with the data sheet, to {apart_mm:.3f} mm in {len(q)} poses"
         return ControllerConstants(robot.axes, "data_sheet", apart_mm, words)
@@ -105,13 +112,23 @@ def constants_from_poses(robot: Robot, q: Array, xyz_mm: Array, R: Array | None,
             f"the controller does not compute with the data sheet: {len(q)} poses differ by up to {apart_mm:.2f} mm"
         )
         remedy = "to determine its constants give calibration.conf, or 20 poses in which all joints move; tool: none"
-        raise FileError(where, problem, remedy)
+        raise FileError(where, problem, remedy, code="controller.poses")
     if fitted.rms_mm > _RESIDUAL_MM:
         problem = f"no link constants of {robot.name} match the flange poses: {fitted.rms_mm:.3g} mm rms remain"
-        raise FileError(where, problem, "set the tool of the controller to none, and give flange poses and joints")
+        raise FileError(
+            where,
+            problem,
+            "set the tool of the controller to none, and give flange poses and joints",
+            code="controller.poses",
+        )
     if undetermined_mm(fitted, random_postures(robot)) > _UNDETERMINED_MM:
         problem = f"the controller has constants of its own ({apart_mm:.2f} mm apart), undetermined by these postures"
-        raise FileError(where, problem, "give calibration.conf, or 20 poses in which all joints move; tool: none")
+        raise FileError(
+            where,
+            problem,
+            "give calibration.conf, or 20 poses in which all joints move; tool: none",
+            code="controller.poses",
+        )
     axes = tuple(_with_constants(axis, fitted.arm, k) for k, axis in enumerate(robot.axes))
     own = robot.model_copy(update={"axes": axes})
     postures = random_postures(robot)

@@ -32,13 +32,23 @@ def configured_robot(path: Path) -> Robot:
     kinematics = ini.get("KINS", {}).get("KINEMATICS", [""])[0]
     if kinematics.split(maxsplit=1)[:1] != ["genserkins"]:
         problem = f"has the kinematics {kinematics or 'of no name'}, of which rig cannot read the constants"
-        raise FileError(str(path), problem, "give the constants in a file with a section robot (rig arms shows one)")
+        raise FileError(
+            str(path),
+            problem,
+            "give the constants in a file with a section robot (rig arms shows one)",
+            code="linuxcnc.kinematics",
+        )
     trajectory = ini.get("TRAJ", {})
     if trajectory.get("ANGULAR_UNITS", ["deg"])[0].lower() not in _DEGREES:
-        raise FileError(str(path), "ANGULAR_UNITS is not deg, but genserkins computes in degrees", "correct [TRAJ]")
+        raise FileError(
+            str(path),
+            "ANGULAR_UNITS is not deg, but genserkins computes in degrees",
+            "correct [TRAJ]",
+            code="linuxcnc.unit",
+        )
     unit = _UNITS.get(trajectory.get("LINEAR_UNITS", [""])[0].lower())
     if unit is None:
-        raise FileError(str(path), "LINEAR_UNITS of [TRAJ] is neither mm nor inch", "add it")
+        raise FileError(str(path), "LINEAR_UNITS of [TRAJ] is neither mm nor inch", "add it", code="linuxcnc.unit")
     pins = _pins(path, ini.get("HAL", {}), MM_PER_UNIT["inch" if unit == "inch" else "mm"])
     axes = [_axis(str(path), joint, ini.get(f"JOINT_{joint}", {}), pins[joint]) for joint in range(DRIVEN_AXES)]
     return Robot(name=ini.get("EMC", {}).get("MACHINE", [path.stem])[0], axes=tuple(axes), controller="constants")
@@ -64,18 +74,20 @@ def _pins(path: Path, hal: Mapping[str, list[str]], mm: float) -> list[dict[str,
     text = "\n".join([*texts, *hal.get("HALCMD", [])])
     if _UNROTATE.search(text):
         problem = "the HAL files set genserkins.unrotate, a coupling that rig does not read"
-        raise FileError(str(path), problem, "write the coupling into the rig file by hand")
+        raise FileError(str(path), problem, "write the coupling into the rig file by hand", code="linuxcnc.coupling")
     read: dict[tuple[str, int], float] = {}
     for pin, joint, value in _PIN.findall(text):
         try:
             read[pin, int(joint)] = float(value)
         except ValueError:
-            raise FileError(str(path), f"genserkins.{pin}-{joint} is {value}", "write it as a number") from None
+            raise FileError(
+                str(path), f"genserkins.{pin}-{joint} is {value}", "write it as a number", code="linuxcnc.pin"
+            ) from None
     missing = [f"{pin}-{joint}" for joint in range(DRIVEN_AXES) for pin in _PINS if (pin, joint) not in read]
     if missing:
         problem = f"no HAL file sets genserkins.{missing[0]}, and {len(missing) - 1} other pins" if missing[1:] else ""
         problem = problem or f"no HAL file sets genserkins.{missing[0]}"
-        raise FileError(str(path), problem, "set every pin: the defaults are those of a Puma")
+        raise FileError(str(path), problem, "set every pin: the defaults are those of a Puma", code="linuxcnc.pin")
     factors = {"A": mm, "ALPHA": math.degrees(1), "D": mm}
     return [
         {key: round(read[pin, joint] * factors[pin], 7) for pin, key in _PINS.items()} for joint in range(DRIVEN_AXES)
@@ -87,5 +99,5 @@ def _axis(where: str, joint: int, section: Mapping[str, list[str]], constants: M
         low, high, speed = (float(section[key][0].split()[0]) for key in ("MIN_LIMIT", "MAX_LIMIT", "MAX_VELOCITY"))
     except (KeyError, ValueError):
         problem = f"[JOINT_{joint}] lacks MIN_LIMIT, MAX_LIMIT or MAX_VELOCITY as a number"
-        raise FileError(where, problem, "add it") from None
+        raise FileError(where, problem, "add it", code="linuxcnc.key") from None
     return JointAxis(name=f"J{joint}", limits_deg=(low, high), speed_deg_s=speed, **constants)

@@ -137,7 +137,12 @@ def checked_section(
     if not (largest_mm <= tolerance_mm and largest_rad <= TOLERANCE):
         apart = f"{largest_mm:.1e} mm and {largest_rad:.1e} rad"
         problem = f"converted to modified Denavit-Hartenberg parameters, the arm differs by {apart}"
-        raise FileError(str(path), problem, "no file was written; please report this with the input file")
+        raise FileError(
+            str(path),
+            problem,
+            "no file was written; please report this with the input file",
+            code="description.inaccurate",
+        )
     return RobotSection(robot, text, largest_mm, largest_rad)
 
 

@@ -112,7 +112,12 @@ def factory_constants(robot: Robot, path: Path) -> FactoryConstants:
     robot: the arm of the data sheet, from the library or a rig file.
     """
     if not robot.name.startswith(MAKER):
-        raise FileError(str(path), f"is of {MAKER}, but the arm is {robot.name}", "give the arm that the file is of")
+        raise FileError(
+            str(path),
+            f"is of {MAKER}, but the arm is {robot.name}",
+            "give the arm that the file is of",
+            code="controller.other_arm",
+        )
     arm = arm_of(robot)
     axes, source, tolerance_mm, notes = _lines(path, robot)
     # Centres of mass do not move, with all joints at zero.
@@ -137,7 +142,12 @@ def factory_constants(robot: Robot, path: Path) -> FactoryConstants:
     turned = _turned_zeros(section.robot, robot)
     if moved_mm > _MOST_MOVED_MM and not turned:
         problem = f"moves the flange by {moved_mm:.0f} mm: it is of another type of arm, or damaged"
-        raise FileError(str(path), problem, f"give the file of this {robot.name}, or the arm that the file is of")
+        raise FileError(
+            str(path),
+            problem,
+            f"give the file of this {robot.name}, or the arm that the file is of",
+            code="controller.other_arm",
+        )
     return FactoryConstants(section.robot.axes, moved_mm, (*notes, *turned))
 
 
@@ -156,7 +166,7 @@ def _lines(path: Path, robot: Robot) -> tuple[AxisLines, _Chain, float, tuple[st
     try:
         text = read_text(path, _MOST_BYTES)
     except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), _REMEDY) from None
+        raise FileError(str(path), error.strerror or str(error), _REMEDY, code="controller.file") from None
     if _CONF.search(text) is None:
         chain = _RosChain(_frames(text, str(path)))
         return chain.axes(), chain.flange, TOLERANCE, ()
@@ -193,13 +203,17 @@ def _require_same_model(own: Robot, robot: Robot, path: Path, *, names_type: boo
         return
     if not names_type:
         problem = f"is of another type of arm, or damaged: a length differs from {robot.name} by {apart_mm:.1f} mm"
-        raise FileError(str(path), problem, "give the file of this arm, or the arm that the file is of")
+        raise FileError(
+            str(path), problem, "give the file of this arm, or the arm that the file is of", code="controller.other_arm"
+        )
     arms = [arm for arm in map(load_arm, arm_names()) if arm.maker == MAKER and len(arm.robot.axes) == len(robot.axes)]
     nearest = min(arms, key=lambda arm: difference_mm(arm.robot))
     fits = difference_mm(nearest.robot) <= _SAME_MODEL_MM
     of = f"fits {nearest.name}" if fits else "fits no arm of the library"
     problem = f"is of another type of arm: a length differs from {robot.name} by {apart_mm:.1f} mm; it {of}"
-    raise FileError(str(path), problem, "give the arm that the file is of, or the file of this arm")
+    raise FileError(
+        str(path), problem, "give the arm that the file is of, or the file of this arm", code="controller.other_arm"
+    )
 
 
 # --- the YAML of the ROS package ur_calibration
@@ -210,20 +224,25 @@ def _frames(text: str, where: str) -> _Frames:
     _, data = read_yaml(text, where)
     kinematics = data.get("kinematics") if isinstance(data, dict) else None
     if not isinstance(kinematics, dict):
-        raise FileError(where, "has no key kinematics", _REMEDY)
+        raise FileError(where, "has no key kinematics", _REMEDY, code="controller.file")
     if kinematics.get("hash") == NOT_THE_CONTROLLERS:
         raise FileError(
-            where, "was written by rig export-urdf: it is the measured arm", "give the controller's own file"
+            where,
+            "was written by rig export-urdf: it is the measured arm",
+            "give the controller's own file",
+            code="controller.measured_arm",
         )
     if "hash" not in kinematics:
-        raise FileError(where, "has no kinematics.hash: it was cut off or edited by hand", _REMEDY)
+        raise FileError(
+            where, "has no kinematics.hash: it was cut off or edited by hand", _REMEDY, code="controller.file"
+        )
     try:
         return _Frames.model_validate(kinematics)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         place = ".".join(map(str, ("kinematics", *first["loc"])))
         missing = "is missing: the file was cut off" if first["type"] == "missing" else "is not a number"
-        raise FileError(where, f"{place} {missing}", _REMEDY) from None
+        raise FileError(where, f"{place} {missing}", _REMEDY, code="controller.file") from None
 
 
 class _RosChain:
@@ -270,20 +289,20 @@ def _differences(text: str, path: Path) -> _Differences:
     try:
         parser.read_string(text, source=path.name)
     except configparser.Error as error:
-        raise FileError(str(path), error.message.splitlines()[0].rstrip("."), _REMEDY) from None
+        raise FileError(str(path), error.message.splitlines()[0].rstrip("."), _REMEDY, code="controller.file") from None
     if "mounting" not in parser:
-        raise FileError(str(path), "has no section [mounting]", _REMEDY)
+        raise FileError(str(path), "has no section [mounting]", _REMEDY, code="controller.file")
     section = dict(parser["mounting"])
     deltas = []
     for key in ("delta_theta", "delta_a", "delta_d", "delta_alpha"):
         if key not in section:
-            raise FileError(str(path), f"has no {key}", _REMEDY)
+            raise FileError(str(path), f"has no {key}", _REMEDY, code="controller.file")
         try:
             values = np.array(json.loads(section[key]), dtype=float)
         except (ValueError, TypeError, RecursionError, OverflowError):
             values = np.array([])
         if values.shape != (6,) or not (np.abs(values) < _LARGEST).all():
-            raise FileError(str(path), f"{key} is not a list of six numbers", _REMEDY)
+            raise FileError(str(path), f"{key} is not a list of six numbers", _REMEDY, code="controller.file")
         deltas.append(values)
     theta, a, d, alpha = deltas
     is_calibrated = section.get("calibration_status") != _NOT_CALIBRATED

@@ -222,7 +222,9 @@ def repeatability_targets(rig: Rig) -> Integers:
     target, count = np.array(repeatability_of(rig).targets, dtype=np.int64), len(target_angles(hemisphere_of(rig))[0])
     if (unknown := target[target > count]).size:
         problem = f"target {unknown[0]} is not one of the {count} targets of the hemisphere"
-        raise FileError(RigPlace.of(rig.name, "tests.repeatability"), problem, "correct targets")
+        raise FileError(
+            RigPlace.of(rig.name, "tests.repeatability"), problem, "correct targets", code="rig_file.targets"
+        )
     return target
 
 

@@ -92,7 +92,7 @@ def _connected(address: str) -> Any:
         from distributed import Client  # noqa: PLC0415 - an extra
     except ModuleNotFoundError:
         problem = "needs the Python package dask.distributed, which is not installed"
-        raise FileError("--scheduler", problem, to_install("distributed")) from None
+        raise FileError("--scheduler", problem, to_install("distributed"), code="package.missing") from None
     # The log of a lost connection would appear among the results. Relevant errors are raised here.
     for logger in ("distributed", "distributed.client"):
         logging.getLogger(logger).setLevel(logging.CRITICAL)
@@ -104,7 +104,7 @@ def _connected(address: str) -> Any:
     except (MemoryError, OSError, TypeError, ValueError) as error:
         problem = f"the Dask scheduler does not answer: {str(error) or f'nothing came within {_CONNECTED_S} s'}"
         remedy = "give the address printed by the scheduler, such as tcp://10.0.0.5:8786"
-        raise CellError(f"--scheduler {address}", problem, remedy) from None
+        raise CellError(f"--scheduler {address}", problem, remedy, code="cluster.silent") from None
 
 
 async def _query_scheduler(address: str) -> None:
@@ -122,11 +122,21 @@ def _require_same_versions(client: Any, address: str) -> None:
         ours = metadata.version(package)
         theirs = client.run(metadata.version, package, on_error="return")
         if not theirs:
-            raise CellError(address, "has no workers", f"start a worker: dask worker {address} --nthreads 1")
+            raise CellError(
+                address,
+                "has no workers",
+                f"start a worker: dask worker {address} --nthreads 1",
+                code="cluster.no_workers",
+            )
         for worker, version in theirs.items():
             if version != ours:
                 has = f"has {package} {version}" if isinstance(version, str) else f"lacks {package}"
-                raise CellError(str(worker), f"{has}, but this computer {ours}", "install the same version on both")
+                raise CellError(
+                    str(worker),
+                    f"{has}, but this computer {ours}",
+                    "install the same version on both",
+                    code="cluster.versions",
+                )
 
 
 def _result(future: Any, item: object, address: str) -> Any:
@@ -137,10 +147,11 @@ def _result(future: Any, item: object, address: str) -> Any:
         return future.result()
     except KilledWorker:
         remedy = "it may need more memory than a worker has: give the workers more, or work on it here"
-        return CellError(str(item), "all workers that processed this run died", remedy)
+        return CellError(str(item), "all workers that processed this run died", remedy, code="cluster.worker_died")
     except (CancelledError, OSError) as error:
         raise CellError(
             address,
             f"the connection to the Dask scheduler was lost: {type(error).__name__}",
             "start the scheduler, then repeat the command",
+            code="cluster.lost",
         ) from None

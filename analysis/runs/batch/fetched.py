@@ -82,7 +82,9 @@ def _temporary_directory(within: str | None) -> Iterator[str]:
     try:
         made = tempfile.TemporaryDirectory(prefix=_PREFIX, dir=within)
     except OSError as error:
-        raise CellError("TMPDIR", f"a temporary directory cannot be created: {error.strerror}", _MORE_ROOM) from None
+        raise CellError(
+            "TMPDIR", f"a temporary directory cannot be created: {error.strerror}", _MORE_ROOM, code="disk.no_temporary"
+        ) from None
     with made as name:
         yield name
 
@@ -103,13 +105,15 @@ def _fetch(run: RemotePath, into: Path) -> None:
         store, folder = opened(run)
         files = [file for file in entries(store, folder)[0] if is_read(file.name)]
         if not files:
-            raise FileError(str(run), "contains no run", "give a run or a directory of runs")
+            raise FileError(str(run), "contains no run", "give a run or a directory of runs", code="run.missing")
         needed, free = sum(file.size for file in files), shutil.disk_usage(into).free
         if needed > free:
             room = f"{tempfile.gettempdir()} has {free / 1e6:.1f} MB of free space"
-            raise CellError(str(run), f"has {needed / 1e6:.1f} MB, but the temporary directory {room}", _MORE_ROOM)
+            raise CellError(
+                str(run), f"has {needed / 1e6:.1f} MB, but the temporary directory {room}", _MORE_ROOM, code="disk.full"
+            )
         store.get([f"{folder}/{file.name}" for file in files], [str(into / file.name) for file in files])
         for file in files:
             if (into / file.name).stat().st_size != file.size:
                 problem = f"has changed while being read: {file.name} differs from the listing"
-                raise FileError(str(run), problem, "repeat this command")
+                raise FileError(str(run), problem, "repeat this command", code="run.changed")

@@ -47,11 +47,16 @@ def attempt(work: Callable[[Item], Value], item: Item) -> Value | RigError:
     except RigError as error:
         return error
     except MemoryError:
-        return CellError(str(item), "not enough memory for this run", "close other programs, or give fewer --jobs")
+        return CellError(
+            str(item),
+            "not enough memory for this run",
+            "close other programs, or give fewer --jobs",
+            code="computer.memory",
+        )
     except (ArithmeticError, ValueError, RuntimeWarning) as error:
         if not is_numerical(error):
             raise
-        return FileError(str(item), f"the computation failed: {error}", _REMEDY)
+        return FileError(str(item), f"the computation failed: {error}", _REMEDY, code="run.numerical")
 
 
 def outcome_of(item: Item, result: Value | RigError, deaths: int = 0) -> Outcome[Item, Value]:

@@ -138,6 +138,7 @@ def _killed(item: object, process: BaseProcess) -> CellError:
         str(item),
         f"the process for this run {how}, {_TRIES} times",
         "the memory may be too small: close other programs, or give fewer --jobs",
+        code="computer.memory",
     )
 
 

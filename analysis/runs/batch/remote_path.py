@@ -89,19 +89,30 @@ def location(text: str) -> Path:
     url = _URL.fullmatch(text)
     if "::" in text and "://" in text:
         problem = "contains ::, which fsspec reads as a chain of URLs"
-        raise FileError(f"{text.partition(':')[0]}:…", problem, "give a single URL, and a computer by name")
+        raise FileError(
+            f"{text.partition(':')[0]}:…", problem, "give a single URL, and a computer by name", code="url.form"
+        )
     if not url:
         return Path(text)
     protocol, host, names = url[1].lower(), url[2], url[3]
     if ":" in host.rpartition("@")[0] or _SLASHED_PASSWORD.match(host + names):
         remedy = "remove it: credentials are taken from keys, from ~/.aws or from the settings of fsspec"
-        raise FileError(f"{protocol}://…", "contains a password, which others on this computer can see", remedy)
+        raise FileError(
+            f"{protocol}://…", "contains a password, which others on this computer can see", remedy, code="url.password"
+        )
     if protocol in _WEB and "?" in names:
-        raise FileError(f"{protocol}://…", "contains a query, and may hold a key", "give the URL of a directory")
+        raise FileError(
+            f"{protocol}://…", "contains a query, and may hold a key", "give the URL of a directory", code="url.query"
+        )
     if host and protocol in _WITHOUT_HOST:
         raise FileError(
-            text, "names a computer, which this protocol does not support", f"give three slashes: {protocol}:///DIR"
+            text,
+            "names a computer, which this protocol does not support",
+            f"give three slashes: {protocol}:///DIR",
+            code="url.form",
         )
     if not host and protocol not in _WITHOUT_HOST:
-        raise FileError(text, "names neither a bucket nor a computer", "give one: s3://BUCKET/DIR, sftp://HOST/DIR")
+        raise FileError(
+            text, "names neither a bucket nor a computer", "give one: s3://BUCKET/DIR, sftp://HOST/DIR", code="url.form"
+        )
     return RemotePath(f"{protocol}:", host, *names.strip("/").split("/"))
