@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 from weakref import finalize
 
@@ -22,6 +23,7 @@ from analysis.runs.table_format import format_of
 from rigs.errors import FileError
 
 Runs = Sequence[Measured]
+_Find = Callable[[Measured], Iterable[Finding]]
 
 
 @dataclass(frozen=True)
@@ -60,12 +62,14 @@ def check_runs(runs: Runs) -> list[Checked]:
 
 
 def findings_of(runs: Runs) -> list[Finding]:
-    """Findings against conventions in runs of a robot. For path recordings, which contain neither joints
-    nor gauges, only positions are checked.
+    """Findings against conventions in runs of a robot. For path recordings, which contain neither joints nor gauges,
+    only positions are checked.
     """
     with_joints, paths = _with_joints(runs), [run for run in runs if not shows_joints(run.table.test)]
-    findings = [finding for find in _FINDERS for finding in find(with_joints)] if with_joints else []
-    return [*findings, *(finding for find in _OF_PATHS for finding in find(paths))]
+    findings = [finding for find in _OF_LABELS for run in with_joints for finding in _found(find, run)]
+    findings += _of_gauges(with_joints)
+    findings += [finding for find in _OF_ROWS for run in with_joints for finding in _found(find, run)]
+    return [*findings, *(finding for find in _OF_PATHS for run in paths for finding in _found(find, run))]
 
 
 def _with_joints(runs: Runs) -> list[Measured]:
@@ -94,26 +98,23 @@ def refuse_impossible(run: Measured, where: str) -> None:
             raise FileError(where, "; ".join(problems), ", and ".join(dict.fromkeys(remedies)))
 
 
-def _each(of_run: Callable[[Measured], Iterable[Finding]]) -> Callable[[Runs], Iterator[Finding]]:
-    """A function that yields the findings of each run separately.
-
-    They are cached as long as the run exists, because a diagnosis checks a run that was already checked when loaded.
-    """
-    kept: dict[int, tuple[Finding, ...]] = {}
-
-    def find(runs: Runs) -> Iterator[Finding]:
-        for run in runs:
-            if id(run) not in kept:
-                kept[id(run)] = tuple(replace(finding, runs=(run.run.manifest.name,)) for finding in of_run(run))
-                finalize(run, kept.pop, id(run), None)
-            yield from kept[id(run)]
-
-    return find
+_KEPT: dict[int, dict[_Find, tuple[Finding, ...]]] = {}
+"""Findings by the identity of the run, while it exists: a diagnosis checks a run that was checked when loaded."""
 
 
-def _by_kind(convention: str) -> Callable[[Runs], Iterator[Finding]]:
-    """A function that yields the findings about a convention that applies only to some kinds of test."""
-    return _each(lambda run: findings_against(convention, run.table, run.rig))
+def _found(find: _Find, run: Measured) -> tuple[Finding, ...]:
+    if id(run) not in _KEPT:
+        _KEPT[id(run)] = {}
+        finalize(run, _KEPT.pop, id(run), None)
+    kept = _KEPT[id(run)]
+    if find not in kept:
+        kept[find] = tuple(replace(finding, runs=(run.run.manifest.name,)) for finding in find(run))
+    return kept[find]
+
+
+def _against(convention: str, run: Measured) -> Iterable[Finding]:
+    """Findings about a convention that applies only to some kinds of test."""
+    return findings_against(convention, run.table, run.rig)
 
 
 def _of_joints(run: Measured) -> Iterator[Finding]:
@@ -125,15 +126,15 @@ def _of_joints(run: Measured) -> Iterator[Finding]:
     return (finding for finding in joint_findings(run.table, run.rig) if not (mapped and finding.strength == "likely"))
 
 
-def _gauges(runs: Runs) -> Iterator[Finding]:
-    """Most certain finding of each run about order and sign of the gauges. The evidence comes from
-    repeated runs, from changes that no joint causes, and from the position of the ball.
+def _of_gauges(runs: Runs) -> list[Finding]:
+    """Most certain finding of each run about order and sign of the gauges. The evidence comes from repeated runs, from
+    changes that no joint causes, and from the position of the ball.
     """
-    named: set[str] = set()
-    for find in (repeat_findings, sign_findings, _by_kind(ORDER)):
-        findings = list(find([run for run in runs if run.run.manifest.name not in named]))
-        named.update(name for finding in findings for name in finding.runs)
-        yield from findings
+    every: list[Finding] = []
+    for find in (repeat_findings, sign_findings, lambda runs: [one for run in runs for one in _found(_ORDER, run)]):
+        named = {name for finding in every for name in finding.runs}
+        every += find([run for run in runs if run.run.manifest.name not in named])
+    return every
 
 
 def _joints_hidden(runs: Runs) -> str:
@@ -183,23 +184,24 @@ CONVENTIONS = (
 """All conventions, in reading order."""
 
 _SHOWN_BY_PATHS = (WILDNESS, DUPLICATES)
-_OF_PATHS = tuple(map(_by_kind, _SHOWN_BY_PATHS))
-_FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
-    _each(lambda run: unit_findings(run.table, run.rig)),
-    _each(lambda run: unsigned_findings(run.table, run.rig)),
-    _each(display_findings),
-    _each(_of_joints),
-    _gauges,
-    # Positions of a simulated arm are computed on purpose.
-    _each(lambda run: () if run.is_simulated else findings_against(SOURCE, run.table, run.rig)),
-    _by_kind(STAMPS),
-    _by_kind(PLACE),
-    _each(stand_findings),
-    _each(command_findings),
-    _by_kind(WILDNESS),
-    _by_kind(DUPLICATES),
+_ORDER = partial(_against, ORDER)
+_OF_PATHS: tuple[_Find, ...] = tuple(partial(_against, convention) for convention in _SHOWN_BY_PATHS)
+_OF_LABELS: tuple[_Find, ...] = (
+    lambda run: unit_findings(run.table, run.rig),
+    lambda run: unsigned_findings(run.table, run.rig),
+    display_findings,
+    _of_joints,
 )
-"""Functions that search runs for findings. Order and sign of the gauges are checked together."""
+_OF_ROWS: tuple[_Find, ...] = (
+    # Positions of a simulated arm are computed on purpose.
+    lambda run: () if run.is_simulated else findings_against(SOURCE, run.table, run.rig),
+    partial(_against, STAMPS),
+    partial(_against, PLACE),
+    stand_findings,
+    command_findings,
+    *_OF_PATHS,
+)
+"""Functions that search a run for findings, before and after those about order and sign of the gauges."""
 
 
 def why_no_measurement(run: Measured) -> str:
