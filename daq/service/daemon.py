@@ -123,7 +123,7 @@ _LEAVE_S = 3.0
 class Daemon:
     """Owner of all parts of the daemon, from opening the ports to closing the last run."""
 
-    def __init__(  # noqa: PLR0913 - what a daemon is given
+    def __init__(
         self,
         rig: Rig,
         rig_text: str,
@@ -131,16 +131,14 @@ class Daemon:
         socket_path: Path,
         capture: Path | None = None,
         metrics: Path | None = None,
-        rig_file: Path | None = None,
         *,
         opening: Callable[..., Link] = open_link,
     ) -> None:
         """Create a daemon; `start` opens the links.
 
-        metrics: file for Prometheus's node_exporter, or None. rig_file: path of the rig file, None if several daemons
-        may use it. opening: function that opens the links, with the arguments of `open_link`.
+        metrics: file for Prometheus's node_exporter, or None. opening: function that opens the links, with the
+        arguments of `open_link`.
         """
-        self._rig_file = rig_file
         self._rig, self._rig_text, self._runs, self._socket_path = rig, rig_text, runs, socket_path
         self._streams = [replace(stream, opening=opening) for stream in streams_of(rig)]
         self._buffers = {stream.name: StreamBuffer(stream.name, stream.columns) for stream in self._streams}
@@ -183,17 +181,11 @@ class Daemon:
         notify(f"READY=1\nSTATUS=reading {plain(ports)}")
 
     def _take_locks(self) -> None:
-        """Lock the socket, the rig file, the directory of runs, and the gauges.
-
-        Raises CellError if a daemon has one of the locks.
-        """
+        """Lock the socket and the gauges. Raises CellError if a daemon has one of the locks."""
         socket_lock = self._socket_path.with_suffix(".lock")
         self._locks.callback(InstanceLock.take(self._rig.name, socket_lock).release)
-        if self._rig_file:
-            self._locks.callback(InstanceLock.take_rig_file(self._rig_file).release)
         with suppress(OSError):
             self._runs.mkdir(parents=True, exist_ok=True)
-        self._locks.callback(InstanceLock.take_runs(self._rig.name, self._runs).release)
         for stream in self._streams:
             if stream.name != ROBOT and stream.opening is open_link:  # a controller serves several clients
                 self._locks.callback(InstanceLock.take_gauge(stream.name, stream.port).release)

@@ -22,7 +22,7 @@ from daq.service.trust import socket_directory
 from daq.store.ledger import Ending
 from rigs.distribution import version
 from rigs.errors import RigError, UseError, wrong_use
-from rigs.load import find, is_shipped, load
+from rigs.load import load
 from rigs.signals import end_from, ignore_interrupts
 from rigs.text import forget_width_of_0, plain
 
@@ -79,14 +79,12 @@ def rigd(
     ends = _listen()
     try:
         rig, text = load(rig_file)
-        file = find(rig_file).resolve()
         socket = socket or socket_directory() / f"{rig.name}.sock"
-        locked_file = None if is_shipped(file) else file  # shipped files are shared by all users
         if metrics is None and "RUNTIME_DIRECTORY" in os.environ:  # systemd provides a directory for metrics and socket
             metrics = socket_directory() / "rig.prom"
         state = os.environ.get("STATE_DIRECTORY")
         runs = runs or (Path(state.split(":")[0]) / "runs" if state else Path("runs"))
-        daemon = Daemon(rig, text, runs.absolute(), socket, capture, metrics, locked_file)
+        daemon = Daemon(rig, text, runs.absolute(), socket, capture, metrics)
         daemon.start()
     except RigError as error:
         for line in error.lines():

@@ -8,9 +8,8 @@ Each rig has one daemon. This is enforced by a lock next to the socket, in a dir
 In a directory of a different user, the name of the lock could be a symbolic link, and opening the lock would damage the
 target.
 
-A socket can have any name. Therefore the rig file, the directory of runs per rig, and the port of each gauge are also
-locked. Otherwise two daemons could poll the same instruments and record the same lap twice. The system releases all
-locks when the process ends.
+A socket can have any name, so the port of each gauge is also locked. Otherwise two daemons could poll the same
+instruments and record the same lap twice. The system releases all locks when the process ends.
 """
 
 from __future__ import annotations
@@ -180,22 +179,6 @@ class InstanceLock:
             os.write(self._fd, str(os.getpid()).encode())
 
     @classmethod
-    def take_rig_file(cls, rig_file: Path) -> InstanceLock:
-        """Lock a rig file. Raises CellError if a daemon uses it."""
-        return cls._lock_file(rig_file, os.O_RDONLY, "a different rigd serves this rig file")
-
-    @classmethod
-    def take_runs(cls, rig: str, runs: Path) -> InstanceLock:
-        """Lock a directory of runs for a rig. Several rigs may share a directory.
-
-        Raises CellError if a daemon records this rig there.
-        """
-        path = runs / f".rigd-{rig}.lock"
-        return cls._lock_file(
-            path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, f"a different rigd records {rig} in this directory"
-        )
-
-    @classmethod
     def take_gauge(cls, name: str, port: str) -> InstanceLock:
         """Lock the port of a gauge for the daemons of this user, independent of rig file and name.
 
@@ -222,34 +205,6 @@ class InstanceLock:
                 ) from None
             return cls(-1)
         return cls(lock.detach())
-
-    @classmethod
-    def take_cell(cls, directory: Path) -> InstanceLock:
-        """Lock the directory of an emulated or replayed cell. Raises CellError if the directory is in use."""
-        refusal = "a different rig emulate or rig replay serves a cell in this directory"
-        return cls._lock_file(directory, os.O_RDONLY, refusal, "stop that one, or choose a different --output")
-
-    @classmethod
-    def _lock_file(
-        cls, path: Path, flags: int, refusal: str, remedy: str = "stop that daemon, or query it with rig status"
-    ) -> InstanceLock:
-        """Lock a file. If it cannot be opened, or the disk does not support locks, no lock is taken.
-
-        The code that uses the file reports such problems.
-        """
-        try:
-            fd = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
-        except OSError:
-            return cls(-1)
-        try:
-            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(fd)
-            raise CellError(str(path), refusal, remedy, code="cell.second") from None
-        except OSError:
-            os.close(fd)
-            return cls(-1)
-        return cls(fd)
 
     def release(self) -> None:
         """Release the lock for a new daemon."""

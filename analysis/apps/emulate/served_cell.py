@@ -26,8 +26,8 @@ from analysis.apps.emulate.robot import PROGRAMS, RIG, TRUTH, EmulatedRobot, Sta
 from daq import clock
 from daq.apps.emulate.emulated_cell import EmulatedInstruments
 from daq.apps.emulate.instruments import emulated
-from daq.service.trust import InstanceLock
-from rigs.errors import FileError, RigError, UseError
+from daq.store import durable
+from rigs.errors import CellError, FileError, RigError, UseError
 from rigs.load import load, load_hidden, named_by
 from rigs.schema.vocabulary import MakerName
 from rigs.signals import end_from
@@ -174,16 +174,21 @@ ENDED, INTERRUPTED = 0, 130
 """Exit codes after SIGTERM or a keyboard command, and after Ctrl-C."""
 
 
-def locked_cell(directory: Path) -> InstanceLock:
-    """Create and lock the directory of a cell.
+def locked_cell(directory: Path) -> int:
+    """Create the directory of a cell, and lock it like the writer of a run; the lock is a descriptor.
 
     Raises FileError if it cannot be created, and CellError if it is in use.
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
+        lock = durable.try_lock(directory)
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "choose a different --output") from None
-    return InstanceLock.take_cell(directory)
+    if lock is None:
+        problem = "a different rig emulate or rig replay serves a cell in this directory"
+        remedy = "stop that one, or choose a different --output"
+        raise CellError(str(directory), problem, remedy, code="cell.second")
+    return lock
 
 
 def rig_file_of_cell(directory: Path) -> Path:
@@ -200,7 +205,7 @@ def rig_file_of_cell(directory: Path) -> Path:
 
 
 def serve(
-    cell: EmulatedInstruments, lock: InstanceLock, attend: Callable[[SimpleQueue[int]], int]
+    cell: EmulatedInstruments, lock: int, attend: Callable[[SimpleQueue[int]], int]
 ) -> tuple[int, dict[str, int]]:
     """Serve a cell for the duration of `attend`, which receives the queue of signal exit codes.
 
@@ -214,7 +219,7 @@ def serve(
         exit_code = attend(ends)
     finally:
         sent = cell.stop()
-        lock.release()
+        durable.close(lock)
     return exit_code, sent
 
 

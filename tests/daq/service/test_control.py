@@ -53,19 +53,6 @@ def test_a_lock_on_a_disk_that_takes_no_more_is_a_lock(tmp_path: Path, monkeypat
     lock.release()
 
 
-def test_a_rig_file_and_a_rig_in_a_directory_of_runs_have_one_daemon(tmp_path: Path) -> None:
-    file = tmp_path / "cell.yaml"
-    file.write_text("name: cell")
-    for take in (lambda: InstanceLock.take_rig_file(file), lambda: InstanceLock.take_runs("cell", tmp_path)):
-        first = take()
-        with pytest.raises(CellError, match="a different rigd"):
-            take()
-        first.release()
-        take().release()
-    InstanceLock.take_runs("other", tmp_path).release()  # several rigs may share a directory
-    InstanceLock.take_runs("cell", tmp_path / "none").release()  # which rigd reports by itself
-
-
 def test_a_daemon_that_hangs_is_told_from_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It takes a few connections and answers none; then the system takes no more."""
     monkeypatch.setattr(daq.service.client, "socket_directory", lambda: tmp_path)
