@@ -95,7 +95,7 @@ def refuse_impossible(run: Measured, where: str) -> None:
         wrong = [finding for finding in findings if finding.strength == "impossible"]
         if wrong:
             problems, remedies = ([getattr(finding, of) for finding in wrong] for of in ("what", "remedy"))
-            raise FileError(where, "; ".join(problems), ", and ".join(dict.fromkeys(remedies)))
+            raise FileError(where, "; ".join(problems), ", and ".join(dict.fromkeys(remedies)), code="run.impossible")
 
 
 _KEPT: dict[int, dict[_Find, tuple[Finding, ...]]] = {}

@@ -12,11 +12,11 @@ from analysis.procedures.pose import PoseResult
 from analysis.procedures.shared.test_kind import evaluate
 from analysis.robot.geometry.iso_cube import cube_of, cycle_stops
 from analysis.runs.tables import PoseTable
-from rigs.errors import FileError
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Iso9283, TrackerPose
 from tests.analysis.procedures.test_pose import measured as series
+from tests.support.refusals import refused
 from tests.worlds.arms.faulty_arm import flange_at, hidden
 from tests.worlds.arms.independent_arm import Array
 from tests.worlds.arms.iso_plain import accuracy, cube_places, distance, repeatability
@@ -148,14 +148,11 @@ def test_other_poses_have_no_figures_of_the_cube() -> None:
 
 
 @pytest.mark.parametrize(
-    ("test", "says"),
-    [
-        (Iso9283(centre_mm=(3000.0, 0.0, 500.0)), "no cube with this centre_mm"),
-        (Iso9283(centre_mm=(600.0, 0.0, 500.0), side_mm=2000.0), "no cube with this centre_mm, side_mm"),
-    ],
+    "test",
+    [Iso9283(centre_mm=(3000.0, 0.0, 500.0)), Iso9283(centre_mm=(600.0, 0.0, 500.0), side_mm=2000.0)],
 )
-def test_a_cube_without_room_is_refused(test: Iso9283, says: str) -> None:
-    with pytest.raises(FileError, match=says):
+def test_a_cube_without_room_is_refused(test: Iso9283) -> None:
+    with refused("path.reach"):
         cube_of(rig_with(test))
 
 

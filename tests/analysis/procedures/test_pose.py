@@ -16,9 +16,9 @@ from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.csv_tables import columns_of
 from analysis.runs.tables import PoseTable
 from analysis.runs.written_files import write_csv
-from rigs.errors import FileError
 from rigs.load import SHIPPED, load
 from tests.support.command_line import ran
+from tests.support.refusals import refused
 from tests.support.written_runs import import_table
 from tests.worlds import planted
 
@@ -158,14 +158,14 @@ def test_stacked_groups_give_what_each_gives() -> None:
 def test_what_is_no_pose_table_is_refused() -> None:
     rng = np.random.default_rng(3)
     q, xyz = rng.uniform(-2, 2, (20, 6)), rng.normal(0, 500, (20, 3))
-    for said, table in (
-        ("5 poses, too few", PoseTable(q[:5], xyz[:5], None)),
-        ("stood still", PoseTable(np.zeros((20, 6)), xyz, None)),
-        ("same place in all rows", PoseTable(q, np.zeros((20, 3)), None)),
-        ("is impossible", PoseTable(np.degrees(q), xyz, None)),
-        ("is not a number", PoseTable(q, np.where(np.arange(60).reshape(20, 3) == 4, np.nan, xyz), None)),
+    for code, table in (
+        ("table.few_rows", PoseTable(q[:5], xyz[:5], None)),
+        ("table.still", PoseTable(np.zeros((20, 6)), xyz, None)),
+        ("pose.one_place", PoseTable(q, np.zeros((20, 3)), None)),
+        ("table.unit", PoseTable(np.degrees(q), xyz, None)),
+        ("table.number", PoseTable(q, np.where(np.arange(60).reshape(20, 3) == 4, np.nan, xyz), None)),
     ):
-        with pytest.raises(FileError, match=said):
+        with refused(code):
             pose.evaluate(table, planted.ur10(), 0.01)
 
 

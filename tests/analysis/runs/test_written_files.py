@@ -10,7 +10,8 @@ import pyarrow as pa
 import pytest
 
 from analysis.runs.written_files import ROWS_AT_ONCE, holding, write_all_new, write_csv, write_new
-from rigs.errors import CellError, FileError
+from rigs.errors import CellError
+from tests.support.refusals import refused
 
 
 def test_all_are_written_into_a_directory_that_is_made(tmp_path: Path) -> None:
@@ -20,7 +21,7 @@ def test_all_are_written_into_a_directory_that_is_made(tmp_path: Path) -> None:
 
 def test_one_that_exists_leaves_all_as_they_are(tmp_path: Path) -> None:
     (tmp_path / "b").write_bytes(b"old")
-    with pytest.raises(FileError, match="b: exists already; choose a different --output"):
+    with refused("output.exists"):
         write_all_new(tmp_path, {"a": holding(b"x"), "b": holding(b"y")})
     assert [path.name for path in tmp_path.iterdir()] == ["b"] and (tmp_path / "b").read_bytes() == b"old"
 
@@ -38,7 +39,7 @@ def test_a_file_that_is_not_complete_has_another_name(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("path", [".", "..", "/", "/dev/null"])
 def test_what_is_no_name_for_a_file_exists_already(path: str) -> None:
-    with pytest.raises(FileError, match="exists already; choose a different --output"):
+    with refused("output.exists"):
         write_new(Path(path), holding(b"x"))
 
 
@@ -55,7 +56,7 @@ def test_a_file_of_another_program_is_never_replaced(
 
     if refusal:
         monkeypatch.setattr(Path, "hardlink_to", refuse)
-    with pytest.raises(FileError, match="exists already"):
+    with refused("output.exists"):
         write_new(path, lambda file: path.write_bytes(b"theirs"))
     assert path.read_bytes() == b"theirs" and len(list(tmp_path.iterdir())) == 1
     path.unlink()
