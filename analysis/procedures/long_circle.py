@@ -36,18 +36,18 @@ from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import Array, Integers, arm_of
 from analysis.runs.align import InstrumentObservations, Joined, NotTogether, doubts_of, gauges_of, join
 from analysis.runs.clocks import Columns
+from analysis.runs.controller_poses import controller_poses
 from analysis.runs.laps import Laps, laps_of, leaps_of, places_along
 from analysis.runs.loading import Measured, known_doubts, measured_as, rig_of
 from analysis.runs.noise.certificate import beyond_certificates, corrected_gauges
 from analysis.runs.noise.readings import Mask, noise_beneath, step_of
 from analysis.runs.noise.spectrum import NODES
-from analysis.runs.robot_condition import NOT_SHOWN, condition_of
 from analysis.runs.tables import CircleTable
 from daq.store import Manifest, Run, chunks_of, closed_manifest
 from rigs.errors import FileError
 from rigs.load import calibrated_beside
 from rigs.rig import Rig
-from rigs.schema.condition import MOTORS, PROGRAM, SAFETY, SPEED
+from rigs.schema.condition import MOTORS, POSE, PROGRAM, SAFETY, SPEED
 from rigs.schema.vocabulary import CIRCLES
 
 _ROWS = 300_000
@@ -229,7 +229,8 @@ def long_circle(directory: Path, path: Path) -> tuple[Measured, Reduced] | None:
         return None
     run = Run(path, manifest, {}, [])
     rig = calibrated_beside(rig_of(run), directory)
-    if rig.gauges.g2 is None:
+    poses_show_controller = rig.controller == "unknown" and POSE[0] in manifest.streams.get("robot", {})
+    if rig.gauges.g2 is None or poses_show_controller:
         return None
     beforehand = known_doubts(run, rig)
     try:
@@ -254,8 +255,7 @@ def long_circle(directory: Path, path: Path) -> tuple[Measured, Reduced] | None:
     u_lag_s = float(np.sqrt(np.average([part.u_lag_s**2 for part in parts], weights=rows)))
     shown = [piece.robot for piece in pieces if piece.robot]
     robot = {name: np.concatenate([columns[name] for columns in shown]) for name in (shown[0] if shown else ())}
-    condition = condition_of(robot) if robot else NOT_SHOWN
-    measured = measured_as(run, rig, table, u_lag_s, [*beforehand, *doubts], condition)
+    measured = measured_as(run, rig, table, u_lag_s, [*beforehand, *doubts], robot, controller_poses(robot))
     return measured, of_rows(laps, _rows_in(laps, parts, first_ns, np.radians(circle_of(rig).start_deg)))
 
 

@@ -14,7 +14,14 @@ import pyarrow as pa
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.align import align, robot_only
 from analysis.runs.batch.fetched import fetched
-from analysis.runs.controller_poses import are_same_constants, controller_doubt, controller_poses, rig_as_recorded
+from analysis.runs.clocks import Columns
+from analysis.runs.controller_poses import (
+    ControllerPoses,
+    are_same_constants,
+    controller_doubt,
+    controller_poses,
+    rig_as_recorded,
+)
 from analysis.runs.csv_tables import columns_of, table_from, u_lag_s_of
 from analysis.runs.joint_turns import beyond_limits, without_whole_turns
 from analysis.runs.noise.certificate import (
@@ -201,9 +208,7 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
         doubts += [*data.doubts, *beyond_certificates(rig, beyond, len(g_mm))]
         test, direction = run.manifest.test, run.manifest.direction
         table, of_stands = format_of(test).recorded(replace(data, g_mm=g_mm), rig, direction, str(path))
-        condition = condition_of(run.streams["robot"]) if "robot" in run.streams else NOT_SHOWN
-        doubts = [*doubts, *of_stands, *beyond_limits(table, rig), *controller_doubt(rig, poses)]
-        return measured_as(run, rig, table, data.u_lag_s, doubts, condition)
+        return measured_as(run, rig, table, data.u_lag_s, [*doubts, *of_stands], run.streams.get("robot", {}), poses)
     doubts = [*known_doubts(run, rig), *_taken_as_corrected(run, rig)]
     table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
     if RAIL in format_of(table.test).layout(rail=True).known_columns and table.rail != (rig.robot.rail is not None):
@@ -245,12 +250,19 @@ def known_doubts(run: Run, rig: Rig) -> list[str]:
 
 
 def measured_as(
-    run: Run, rig: Rig, table: Table, u_lag_s: float, doubts: Sequence[str], condition: Condition
+    run: Run,
+    rig: Rig,
+    table: Table,
+    u_lag_s: float,
+    doubts: Sequence[str],
+    robot: Columns,
+    poses: ControllerPoses | None,
 ) -> Measured:
-    """Combine a recorded run with the table aligned from its streams, and with the condition of the robot."""
+    """Combine a recorded run with the table aligned from its streams. robot: columns that show its condition."""
+    condition = condition_of(robot) if robot else NOT_SHOWN
+    every = (*doubts, *beyond_limits(table, rig), *controller_doubt(rig, poses), *condition.doubts)
     bare = replace(run, streams={})
-    doubts = (*doubts, *condition.doubts)
-    return Measured(run.path, bare, rig, table, u_lag_s, doubts, _systematic(rig, table), condition)
+    return Measured(run.path, bare, rig, table, u_lag_s, every, _systematic(rig, table), condition)
 
 
 def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:

@@ -16,7 +16,7 @@ from itertools import islice
 from typing import Any
 
 from analysis.runs.batch.fetched import fetching_into, place_of_copies
-from analysis.runs.batch.outcomes import Item, Outcome, Value, attempt, outcome_of
+from analysis.runs.batch.outcomes import FailedItem, Item, Outcome, Value, attempt
 from analysis.runs.batch.remote_path import RemotePath
 from rigs.distribution import NAME, to_install
 from rigs.errors import CellError, FileError
@@ -52,7 +52,7 @@ def each(
         yield from in_processes(work, items, min(jobs or cores(), len(items)))
         return
     for item in items:
-        yield outcome_of(item, attempt(work, item))
+        yield attempt(work, item)
 
 
 _AHEAD = 1000
@@ -80,7 +80,7 @@ def on_cluster(work: Callable[[Item], Value], items: Sequence[Item], address: st
             waiting.extend(
                 (following, client.submit(attempt, work, following, pure=False)) for following in islice(todo, 1)
             )
-            yield outcome_of(item, result)
+            yield result
     finally:
         client.close()
 
@@ -139,19 +139,18 @@ def _require_same_versions(client: Any, address: str) -> None:
                 )
 
 
-def _result(future: Any, item: object, address: str) -> Any:
-    """Result of `attempt` on a worker, or an error if the workers of the item died."""
+def _result(future: Any, item: Item, address: str) -> Outcome[Item, Any]:
+    """Outcome of an item on a worker; a failure if the workers of the item died."""
     from distributed import KilledWorker  # noqa: PLC0415
 
     try:
-        return future.result()
+        outcome: Outcome[Item, Any] = future.result()
     except KilledWorker:
         remedy = "it may need more memory than a worker has: give the workers more, or work on it here"
-        return CellError(str(item), "all workers that processed this run died", remedy, code="cluster.worker_died")
+        problem = "all workers that processed this run died"
+        return FailedItem(item, CellError(str(item), problem, remedy, code="cluster.worker_died"))
     except (CancelledError, OSError) as error:
-        raise CellError(
-            address,
-            f"the connection to the Dask scheduler was lost: {type(error).__name__}",
-            "start the scheduler, then repeat the command",
-            code="cluster.lost",
-        ) from None
+        problem = f"the connection to the Dask scheduler was lost: {type(error).__name__}"
+        remedy = "start the scheduler, then repeat the command"
+        raise CellError(address, problem, remedy, code="cluster.lost") from None
+    return outcome

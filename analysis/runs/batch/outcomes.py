@@ -35,33 +35,26 @@ class FailedItem(Generic[Item]):
 Outcome = CompletedItem[Item, Value] | FailedItem[Item]
 
 
-def attempt(work: Callable[[Item], Value], item: Item) -> Value | RigError:
-    """Value of the work, or the error of the item. Other exceptions are bugs and are raised.
+def attempt(work: Callable[[Item], Value], item: Item) -> Outcome[Item, Value]:
+    """Do the work for an item. Exceptions that no run causes are bugs and are raised.
 
     A RuntimeWarning is an error here in every process: numpy warns only if a figure becomes NaN.
     """
+    failure: RigError
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
-            return work(item)
+            return CompletedItem(item, work(item))
     except RigError as error:
-        return error
+        failure = error
     except MemoryError:
-        return CellError(
-            str(item),
-            "not enough memory for this run",
-            "close other programs, or give fewer --jobs",
-            code="computer.memory",
-        )
+        remedy = "close other programs, or give fewer --jobs"
+        failure = CellError(str(item), "not enough memory for this run", remedy, code="computer.memory")
     except (ArithmeticError, ValueError, RuntimeWarning) as error:
         if not is_numerical(error):
             raise
-        return FileError(str(item), f"the computation failed: {error}", _REMEDY, code="run.numerical")
-
-
-def outcome_of(item: Item, result: Value | RigError, deaths: int = 0) -> Outcome[Item, Value]:
-    """Convert a result of `attempt` to an outcome."""
-    return FailedItem(item, result, deaths) if isinstance(result, RigError) else CompletedItem(item, result, deaths)
+        failure = FileError(str(item), f"the computation failed: {error}", _REMEDY, code="run.numerical")
+    return FailedItem(item, failure)
 
 
 def is_numerical(error: BaseException) -> bool:

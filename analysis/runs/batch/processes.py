@@ -13,12 +13,12 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from analysis.runs.batch.outcomes import FailedItem, Item, Outcome, Value, attempt, outcome_of
+from analysis.runs.batch.outcomes import FailedItem, Item, Outcome, Value, attempt
 from rigs.errors import CellError
 
 _CONTEXT = mp.get_context("fork") if sys.platform == "linux" else mp.get_context("spawn")
@@ -72,7 +72,7 @@ def in_processes(
                         is_bug, answer = worker.line.recv()
                         if is_bug:
                             raise answer
-                        outcomes[place] = outcome_of(items[place], answer, deaths[place])
+                        outcomes[place] = replace(answer, item=items[place], deaths=deaths[place])
                     except (EOFError, ConnectionError):
                         workers.remove(worker)
                         _bury(worker)
