@@ -68,7 +68,7 @@ class CaptureWriter(clock.Thread):
         super().start()
 
     def captured(self, stream: str, link: ByteLink) -> ByteLink:
-        """Return a link that also records all data passing through."""
+        """A link that also records all data passing through."""
         return _CapturedLink(self, stream, link)
 
     def add(self, stream: str, mark: CaptureMark, data: bytes) -> None:
@@ -171,7 +171,7 @@ class ReplayMarks:
             self._lines()
 
     def read_new(self) -> list[tuple[str, Fault]]:
-        """Return the marks appended since the last call, as stream names and faults."""
+        """Marks appended since the last call, as stream names and faults."""
         marks = []
         for line in filter(None, map(_LINE.fullmatch, self._lines())):
             detail = f"the replay was {line[2]} ms out of step for a second; use a less busy computer"
@@ -179,7 +179,7 @@ class ReplayMarks:
         return marks
 
     def _lines(self) -> list[str]:
-        """Return the complete new lines, up to the limit of a call. Empty if the file is gone."""
+        """Complete new lines, up to the limit of a call. Empty if the file is gone."""
         try:
             data, size = read_from(self._path, self._end, _MOST_BYTES)
         except (OSError, FileError):

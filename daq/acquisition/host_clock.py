@@ -64,7 +64,7 @@ class HostClockMonitor:
         self._known = first
 
     def check(self, now: ClockReadings) -> list[Fault]:
-        """Return the changes since the last check as faults."""
+        """Changes since the last check as faults."""
         last = self._known
         slept_ns = (now.boot_ns - last.boot_ns) - (now.monotonic_ns - last.monotonic_ns)
         set_ns = (now.wall_ns - last.wall_ns) - (now.boot_ns - last.boot_ns)
@@ -121,7 +121,7 @@ class StallWatch(clock.Thread):
             )
 
     def take(self) -> list[Fault]:
-        """Return the faults since the last call, including a stall that has just ended."""
+        """Faults since the last call, including a stall that has just ended."""
         if self.is_alive():
             self._awake()
         return [self._faults.popleft() for _ in range(len(self._faults))]
@@ -178,7 +178,7 @@ class DriftMonitor:
             self._least, self._most = min(self._least, offset_s), max(self._most, offset_s)
 
     def state(self) -> ClockState | None:
-        """Return the state after the last complete window, or None before the first one."""
+        """State after the last complete window, or None before the first one."""
         if not self._minima:
             return None
         drift_ppm = None

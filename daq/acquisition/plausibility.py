@@ -127,7 +127,7 @@ class PlausibilityCheck:
     def _check_stuck_gauge(
         self, column: str, gauge: _GaugeState, count: int, now_ns: int, jump_mm: float
     ) -> list[Fault]:
-        """Return a fault if a gauge jumps by `jump_mm` after `count` equal readings."""
+        """A fault if a gauge jumps by `jump_mm` after `count` equal readings."""
         seconds, moved_deg = (gauge.last_ns - gauge.since_ns) / 1e9, self._travel_deg - gauge.travel_deg
         if gauge.reported or seconds < HELD_S or count < HELD_READINGS or moved_deg < HELD_DEG:
             return []
@@ -188,7 +188,7 @@ class PlausibilityCheck:
 
 
 def _rescaled(column: str, gauge: _GaugeState, samples: SampleBlock, place: int) -> list[Fault]:
-    """Return a fault if the unit of the readings changed."""
+    """A fault if the unit of the readings changed."""
     read = samples.chosen(~np.isnan(samples.values[:, place])) if len(samples) else samples
     window = SampleBlock.joined([gauge.tail, read])
     gauge.tail = window[-(BEFORE + AFTER - 1) :]
@@ -211,7 +211,7 @@ def _rescaled(column: str, gauge: _GaugeState, samples: SampleBlock, place: int)
 
 
 def _goes_on_rescaled(before_mm: NDArray[np.float64], after_mm: NDArray[np.float64]) -> bool:
-    """Return whether readings before (BEFORE,) and after (AFTER,) differ only by a factor of 25.4."""
+    """True if readings before (BEFORE,) and after (AFTER,) differ only by a factor of 25.4."""
     step_mm = 2 * float(np.abs(np.diff(before_mm)).max())
     jump_mm = abs(float(after_mm[0] - before_mm[-1]))
     if jump_mm <= 10 * max(step_mm, COARSE_MM):

@@ -107,7 +107,7 @@ class StreamBuffer:
                 self._note(fault, 1)
 
     def drain(self) -> list[SampleBlock | Fault]:
-        """Return all items since the last call, in order, for the recorder."""
+        """All items since the last call, in order, for the recorder."""
         with self._lock:
             taken, self._items = self._items, deque()
             self._waiting = 0
@@ -140,11 +140,11 @@ class StreamBuffer:
             self._opening = False
 
     def alive(self, within_s: float) -> bool:
-        """Return whether the reader completed a loop within this time, or is opening the port."""
+        """True if the reader completed a loop within this time, or is opening the port."""
         return self._opening or clock.now_ns() - self.heartbeat_ns < within_s * 1e9
 
     def state(self) -> StreamState:
-        """Return the current state of the stream."""
+        """Current state of the stream."""
         now = clock.now_ns()
         with self._lock:
             rate_hz = 0.0
@@ -162,7 +162,7 @@ class StreamBuffer:
             )
 
     def recent(self, after: int) -> tuple[int, Sequence[Sample]]:
-        """Return the number of the newest sample since start-up, and the available samples after number `after`."""
+        """Number of the newest sample since start-up, and the available samples after number `after`."""
         with self._lock:
             newest, kept = self._counters["samples"], list(self._recent)
         requested, available, taken = newest - after, 0, list[Item]()
@@ -197,18 +197,18 @@ class StreamBuffer:
 
 
 def size_of(item: Item) -> int:
-    """Return the number of samples or faults in an item."""
+    """Number of samples or faults in an item."""
     # Compare types: an isinstance check for Sequence costs a tenth of a poll.
     return len(item) if type(item) is SampleBlock else 1
 
 
 def samples_of(items: Sequence[Item]) -> SampleBlock:
-    """Return the samples among items."""
+    """Samples among items."""
     return SampleBlock.joined([item for item in packed(items) if isinstance(item, SampleBlock)])
 
 
 def faults_of(items: Sequence[Item]) -> list[Fault]:
-    """Return the faults among items."""
+    """Faults among items."""
     return [item for item in items if isinstance(item, Fault)]
 
 
@@ -234,7 +234,7 @@ class PretriggerBuffer:
                 kept.popleft()
 
     def since(self, stream: str, since_ns: int) -> list[SampleBlock | Fault]:
-        """Return the items from `since_ns` on, in order."""
+        """Items from `since_ns` on, in order."""
         cut = (
             item.chosen(item.first_byte_ns >= since_ns) if isinstance(item, SampleBlock) else item
             for item in self._items[stream]

@@ -45,7 +45,7 @@ class Stream:
 
 
 def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
-    """Return the names of the gauges, grouped by port."""
+    """Names of the gauges, grouped by port."""
     by_port: dict[str, list[str]] = {}
     for name, gauge in rig.gauges.recorded.items():
         by_port.setdefault(gauge.port, []).append(name)
@@ -53,7 +53,7 @@ def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
 
 
 def streams_of(rig: Rig) -> list[Stream]:
-    """Return all streams of a rig, with the robot last. Raises CellError if the rig has no instruments."""
+    """All streams of a rig, with the robot last. Raises CellError if the rig has no instruments."""
     if isinstance(rig.feedback, NoFeedback):
         problem = "has neither gauges nor feedback to read"
         remedy = "add feedback to the rig file, and gauges for circles; poses of a tracker are imported: rig import"
@@ -70,7 +70,7 @@ def streams_of(rig: Rig) -> list[Stream]:
 
 
 def robot_stream(robot: Feedback) -> Stream:
-    """Return the stream of a robot. Raises CellError if the interface needs a package that is not installed."""
+    """Stream of a robot. Raises CellError if the interface needs a package that is not installed."""
     feedback.load(robot)  # now, before other streams are read
     columns, host = (*JOINTS, *columns_beside_joints(robot)), partial(feedback.host, robot)
     line = robot.line if isinstance(robot, LineFeed) else NO_LINE

@@ -133,7 +133,7 @@ class SampleBlock(Sequence[Sample]):
         return cls(*(np.concatenate(parts) for parts in zip(*map(_FIELDS, full), strict=True)))
 
     def chosen(self, which: slice | NDArray[np.bool_]) -> SampleBlock:
-        """Return the samples of a slice or mask (n,). The stamps are in ns."""
+        """Samples of a slice or mask (n,). The stamps are in ns."""
         return SampleBlock(*(column[which] for column in _FIELDS(self)))
 
     def __len__(self) -> int:
@@ -220,7 +220,7 @@ class Host(Conversation, Protocol):
     """Host side of a conversation. All information about the link is in the items that it emits."""
 
     def handle_link_loss(self, now_ns: int) -> tuple[Item, ...]:
-        """Return the pending counted faults after the loss of the link."""
+        """Pending counted faults after the loss of the link."""
 
 
 class Device(Conversation, Protocol):
@@ -252,7 +252,7 @@ class Bursts:
         """Open faults by identity, with the count that is not reported yet."""
 
     def merge(self, items: Sequence[Item], now_ns: int) -> list[Item]:
-        """Return the items of a message except repeated faults, plus the merged faults that are due."""
+        """Items of a message except repeated faults, plus the merged faults that are due."""
         if not self._open and not has_fault(items):
             return list(items)
         coming = {_sameness(item) for item in items if isinstance(item, Fault)}
@@ -271,7 +271,7 @@ class Bursts:
         return merged
 
     def end(self) -> list[Item]:
-        """Return the pending faults."""
+        """Pending faults."""
         return [fault for key in list(self._open) for fault in self._close(key)]
 
     def _close(self, key: tuple[FaultKind, str]) -> list[Item]:
@@ -280,7 +280,7 @@ class Bursts:
 
 
 def has_fault(items: Sequence[Item]) -> bool:
-    """Return whether `items` contains a fault. This loop is cheaper per message than the generator of `any`."""
+    """True if `items` contains a fault. This loop is cheaper per message than the generator of `any`."""
     return Fault in map(type, items)
 
 

@@ -32,7 +32,7 @@ class Framer(Protocol):
     """Splits a stream into messages."""
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
-        """Return the completed messages, and faults for data that forms no valid frame."""
+        """Completed messages, and faults for data that forms no valid frame."""
 
     def clear(self) -> None:
         """Discard an unfinished message. The next byte starts a new message."""
@@ -163,7 +163,7 @@ class Sized:
         return messages
 
     def _next_size(self, pending: bytearray) -> int | None:
-        """Return the size of the complete message.
+        """Size of the complete message.
 
         0 if more data is needed, None if the bytes cannot start a message.
         """

@@ -77,7 +77,7 @@ class RegisterLayout(Protocol):
 
 
 def unpack(registers: Sequence[int], register: Register, layout: RegisterLayout) -> float:
-    """Return a value of a block."""
+    """A value of a block."""
     number = _NUMBER[register.type]
     start = register.address - layout.address
     words = registers[start : start + number.size // 2]
@@ -95,7 +95,7 @@ def pack(registers: list[int], register: Register, layout: RegisterLayout, value
 
 
 def fits(raw: float, register: Register) -> bool:
-    """Return whether the register type can represent the value."""
+    """True if the register type can represent the value."""
     if not math.isfinite(raw):
         return False
     if register.type in _LARGEST:
@@ -135,7 +135,7 @@ class Resync:
         self.usual.add(count)
 
     def ask(self, count: int) -> int:
-        """Return the length of the next request.
+        """Length of the next request.
 
         This is the given length, or the length of a probe while an answer is outstanding.
         """
@@ -166,7 +166,7 @@ _QUICK_BAUD, _QUICK_NS, _CHARACTERS = 19_200, 1_750_000, 3.5
 
 
 def silent_interval_ns(line: Line) -> int:
-    """Return the silence before a frame by which the units on a line recognise the start.
+    """Silence before a frame by which the units on a line recognise the start.
 
     3.5 characters, or 1.75 ms above 19 200 baud (Modbus over serial line V1.02, 2.5.1.1).
     """
@@ -174,7 +174,7 @@ def silent_interval_ns(line: Line) -> int:
 
 
 def intact(frame: bytes) -> bool:
-    """Return whether the checksum at the end of a frame is correct."""
+    """True if the checksum at the end of a frame is correct."""
     return FramerRTU.check_CRC(frame[:-2], int.from_bytes(frame[-2:], "big"))
 
 
@@ -232,7 +232,7 @@ class RtuReplies(Sized):
         return answer or None
 
     def _answer_size(self, head: bytes) -> int:
-        """Return the size of an answer with this head; 0 if invalid."""
+        """Size of an answer with this head; 0 if invalid."""
         unit, function, size = head[:_HEAD]
         counts = self._counts.get((unit, function & 0x7F))
         if function & 0x7F not in (3, 4):
@@ -308,15 +308,15 @@ class Wire:
         return resync
 
     def owes(self, unit: int) -> bool:
-        """Return whether a unit read over this line has an unanswered request."""
+        """True if a unit read over this line has an unanswered request."""
         return unit in self._resyncs and self._resyncs[unit].owed
 
     def request(self, unit: int, function: int, address: int, count: int) -> bytes:
-        """Return a read request. `numbering` adds the transaction id."""
+        """A read request. `numbering` adds the transaction id."""
         return self.encode(_REQUEST[function](dev_id=unit, address=address, count=count))
 
     def encode(self, pdu: ModbusPDU) -> bytes:
-        """Return the frame of a PDU."""
+        """Frame of a PDU."""
         return self._framer.buildFrame(pdu)
 
     def numbering(self, request: bytes) -> bytes:
@@ -329,21 +329,21 @@ class Wire:
         return self._number.to_bytes(2, "big") + request[2:]
 
     def open(self, frame: bytes) -> tuple[int, int, bytes]:
-        """Return unit, transaction id and content of a frame. The content of a damaged frame is empty."""
+        """Unit, transaction id and content of a frame. The content of a damaged frame is empty."""
         if self._ending and not _ASCII.fullmatch(frame):
             return 0, 0, b""
         _, unit, number, content = self._framer.decode(frame + self._ending)
         return unit, number, content
 
     def asks(self, frame: bytes) -> int | None:
-        """Return the unit addressed by a request on a serial line; None for an answer."""
+        """Unit addressed by a request on a serial line; None for an answer."""
         if self.numbered or len(frame) != (_ASCII_REQUEST if self._ending else REQUEST):
             return None
         unit, _, content = self.open(frame) if self._ending else (frame[0], 0, frame)
         return unit if content else None
 
     def is_sent(self, frame: bytes, request: bytes) -> bool:
-        """Return whether a frame is the echo of a request."""
+        """True if a frame is the echo of a request."""
         return frame + self._ending == request
 
     def decode(self, content: bytes) -> ModbusPDU | None:
@@ -352,12 +352,12 @@ class Wire:
 
 
 def exception_of(content: bytes) -> int | None:
-    """Return the code of an exception; None for other content."""
+    """Code of an exception; None for other content."""
     return content[1] if len(content) == 2 and content[0] & 0x80 else None
 
 
 def registers_of(content: bytes) -> tuple[int, ...] | None:
-    """Return the registers of a read answer; None for other content or a wrong length."""
+    """Registers of a read answer; None for other content or a wrong length."""
     size = len(content) - 2
     if size < 0 or size % 2 or content[0] & 0x80 or content[1] != size:
         return None

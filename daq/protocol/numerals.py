@@ -164,12 +164,12 @@ def number(text: str) -> float | None:
 
 
 def are_angles(values_deg: Iterable[float]) -> bool:
-    """Return whether all values are finite and possible axis angles."""
+    """True if all values are finite and possible axis angles."""
     return all(abs(value) < _MAX_DEG for value in values_deg)
 
 
 def plausible(value: float) -> float:
-    """Return an additional value of a robot, or nan if impossible for a speed, mass, temperature or program number."""
+    """An additional value of a robot, or nan if impossible for a speed, mass, temperature or program number."""
     return value if abs(value) <= _LARGEST_BESIDE else math.nan
 
 
@@ -178,12 +178,12 @@ _LEAST_MM = 1e-20
 
 
 def is_length(value_mm: float) -> bool:
-    """Return whether a number is a possible measured length; False for nan and infinity."""
+    """True if a number is a possible measured length; False for nan and infinity."""
     return value_mm == 0 or _LEAST_MM < abs(value_mm) <= LONGEST_MM
 
 
 def refusal(value_mm: float, gauge: Probe) -> tuple[FaultKind, str] | None:
-    """Return the reason for rejecting a number of this gauge, with advice; None if it is valid."""
+    """Reason for rejecting a number of this gauge, with advice; None if it is valid."""
     if not is_length(value_mm):
         return FaultKind.GARBLED, f"{value_mm:.3g} mm is not a plausible gauge reading; check `units`"
     if gauge.limits_mm is None or gauge.limits_mm[0] <= value_mm <= gauge.limits_mm[1]:

@@ -62,7 +62,7 @@ class Stirring:
         self._requests += 1
 
     def rest_ns(self, now_ns: int) -> int:
-        """Return the pause after an answer, usually 0."""
+        """Pause after an answer, usually 0."""
         if self._requests < STIR or now_ns < self._stirred_ns + STIR_EVERY_NS:
             return 0
         self._requests, self._stirred_ns = 0, now_ns
@@ -80,7 +80,7 @@ _ECHOED = 3
 
 
 def echoed_part(sent: bytes, heard: bytes) -> int:
-    """Return the length of an echoed fragment of a request; 0 for none.
+    """Length of an echoed fragment of a request; 0 for none.
 
     A slow adapter misses the first bytes of the echo; an early answer cuts off the last bytes.
     """
@@ -133,7 +133,7 @@ class PolledDialect(Protocol):
     """Advice for a line that does not become silent."""
 
     def request(self) -> bytes:
-        """Return the next request."""
+        """Next request."""
 
     def read(self, message: Message, requested_ns: int) -> Reply:
         """Interpret a message as an answer to the request of this time."""
@@ -280,7 +280,7 @@ class Polled(PassesShapes):
         return self._drain([fault], now_ns, send=self._dialect.reset)
 
     def _late(self, now_ns: int) -> list[Item]:
-        """Return the fault for the discarded data, including an incomplete message."""
+        """Fault for the discarded data, including an incomplete message."""
         count = self._discarded + self._dialect.frames.pending
         if not (self._reporting and count):
             return []

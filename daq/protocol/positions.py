@@ -81,7 +81,7 @@ class Order:
         self._last = None
 
     def admit(self, sample: Sample, number: int) -> tuple[Item, ...]:
-        """Return the sample unless it is late, and the faults revealed by the number."""
+        """Sample unless it is late, and the faults revealed by the number."""
         last, at_ns = self._last, sample.last_byte_ns
         if last is None:
             self._last = number
@@ -179,7 +179,7 @@ class SteadyRate:
         return self._start_ns + round(self._count * 1e9 / self._rate_hz)
 
     def step(self, now_ns: int) -> int | None:
-        """Return the next instant if it has come; otherwise None."""
+        """Next instant if it has come; otherwise None."""
         instant = self.next_ns
         if instant > now_ns:
             return None
@@ -187,7 +187,7 @@ class SteadyRate:
         return instant
 
     def due(self, now_ns: int) -> Iterator[int]:
-        """Yield all instants up to now."""
+        """All instants up to now."""
         while (instant := self.step(now_ns)) is not None:
             yield instant
 
@@ -229,7 +229,7 @@ class SteadyDevice(ABC):
 
     @abstractmethod
     def _message(self, instant_ns: int) -> bytes:
-        """Return the message of this instant."""
+        """Message of this instant."""
 
 
 _FIRST = 25

@@ -58,7 +58,7 @@ _RESPONSE = {3: ReadHoldingRegistersResponse, 4: ReadInputRegistersResponse}
 
 
 def on_one_wire(gauges: Sequence[GaugeT], exchange: Callable[[GaugeT, Wire, bool], Polled]) -> Host:
-    """Return the host side of a line with these gauges.
+    """Host side of a line with these gauges.
 
     exchange: creates the exchange of a gauge. The last argument is True if the line is shared.
     """
@@ -100,7 +100,7 @@ class RegisterDialect:
         """Current request, and the number of registers requested."""
 
     def request(self) -> bytes:
-        """Return the request for the complete block. On a serial line it may be a probe of a different length."""
+        """Request for the complete block. On a serial line it may be a probe of a different length."""
         if not self._wire.numbered:
             self._count = self._resync.ask(self._block.count)
         if self._count not in self._requests:
@@ -174,7 +174,7 @@ class RegisterDialect:
 
 
 def unasked(wire: Wire, message: Message) -> Fault:
-    """Return the fault for a message that does not answer the current request."""
+    """Fault for a message that does not answer the current request."""
     at_ns = message.last_byte_ns
     if (asked := wire.asks(message.data)) is not None:
         detail = f"another master polls unit {asked} on this line; disconnect it, or let it read for both"
@@ -192,7 +192,7 @@ def unasked(wire: Wire, message: Message) -> Fault:
 
 
 def verdict(registers: Registers, status: StatusRegister | None, layout: RegisterLayout, at_ns: int) -> int | Fault:
-    """Return the status of the instrument: 0 for good, a code for doubtful, or a fault."""
+    """Status of the instrument: 0 for good, a code for doubtful, or a fault."""
     if status is None:
         return 0
     code = unpack(registers, status, layout)
@@ -257,7 +257,7 @@ class RegisterDevice:
         return self._wire.encode(_RESPONSE[content[0]](registers=result, dev_id=unit, transaction_id=number))
 
     def _read_registers(self, unit: int, content: bytes, now_ns: int) -> list[int] | ExcCodes:
-        """Return the requested registers, or the exception code."""
+        """Requested registers, or the exception code."""
         served = [
             place for place, (block, _) in enumerate(self._blocks) if (block.unit, block.function) == (unit, content[0])
         ]

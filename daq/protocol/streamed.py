@@ -35,13 +35,13 @@ class StreamedDialect(Protocol):
     """Advice for a silent device."""
 
     def start(self) -> bytes:
-        """Return the bytes that start the stream."""
+        """Bytes that start the stream."""
 
     def read(self, message: Message | Fault) -> Reaction:
         """Interpret a message or a framing fault."""
 
     def silent(self) -> Reaction:
-        """Return the reaction to a silence."""
+        """Reaction to a silence."""
 
 
 class Streamed(PassesShapes):
@@ -130,7 +130,7 @@ class QuickDialect(StreamedDialect, Protocol):
     """Device-specific part of a stream with thousands of messages per second."""
 
     def read_run(self, arrivals: Sequence[Arrival]) -> tuple[SampleBlock, Sequence[Arrival]]:
-        """Return the plain readings at the start of the arrivals, and the remaining arrivals."""
+        """Plain readings at the start of the arrivals, and the remaining arrivals."""
 
 
 class QuicklyStreamed(GatheredStream):

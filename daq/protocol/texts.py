@@ -46,14 +46,14 @@ Reading = float | Written | Trouble
 
 
 def garbled(data: bytes) -> Trouble:
-    """Return the trouble for a message of a different protocol."""
+    """Trouble for a message of a different protocol."""
     return Trouble(
         f"{printable_message(data)} is not a reading; check the line settings", FaultKind.GARBLED, Then.DRAIN
     )
 
 
 def printable_message(data: bytes) -> str:
-    """Return a message in readable form."""
+    """A message in readable form."""
     return repr(data[:60])[1:]
 
 
@@ -78,12 +78,12 @@ def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
 
 
 def wrong_unit(sent: str, units: Units) -> Trouble:
-    """Return the trouble for a unit that differs from the rig file."""
+    """Trouble for a unit that differs from the rig file."""
     return Trouble(f"the gauge reads in {sent}, but the rig file has {units}; switch the gauge, or correct `units`")
 
 
 def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -> tuple[Item, ...]:
-    """Return a sample of the good readings, and a fault for each trouble."""
+    """A sample of the good readings, and a fault for each trouble."""
     at_ns = message.last_byte_ns
     troubles = dict.fromkeys(reading for reading in readings if isinstance(reading, Trouble))
     faults = tuple(Fault(trouble.kind, at_ns, trouble.detail) for trouble in troubles)

@@ -58,7 +58,7 @@ class _WebSocket:
         return self._carry(self._carried.tick(now_ns)) if self._open else self._waiting(ConversationStep(), now_ns)
 
     def _waiting(self, step: ConversationStep, now_ns: int) -> ConversationStep:
-        """Return a step with the wake-up time of the carried protocol, if it contains none."""
+        """A step with the wake-up time of the carried protocol, if it contains none."""
         if step.wake_ns is not None or step.hang_up or not self._open:
             return step
         return _after(step, self._carry(self._carried.tick(now_ns)))

@@ -114,7 +114,7 @@ class RecordingGap:
         raise CellError(str(self.previous), "is gone", "remount the disk of the run", code="recording.stopped")
 
     def missed_text(self) -> str:
-        """Return the number of missed samples per stream as text."""
+        """Number of missed samples per stream as text."""
         return ", ".join(f"{count} of {name}" for name, count in self.missed.items() if count) or "none"
 
     def not_recorded(self, warnings: RateLimitedLog) -> dict[str, Fault]:
@@ -131,7 +131,7 @@ class RecordingGap:
         return self.dropped()
 
     def dropped(self) -> dict[str, Fault]:
-        """Return a fault for each stream with samples that were missed or could not be saved.
+        """A fault for each stream with samples that were missed or could not be saved.
 
         If the manifest of the previous run cannot be read, all samples of that run count as lost, including drops
         counted in earlier runs.
@@ -181,7 +181,7 @@ class ActiveRun:
         )
 
     def is_behind(self, stream: str) -> bool:
-        """Return whether too many samples of the stream are in memory to drain more."""
+        """True if too many samples of the stream are in memory to drain more."""
         if self.writer:
             return self.writer.is_behind(stream)
         return sum(map(size_of, self._kept[stream])) >= MOST_PENDING

@@ -113,7 +113,7 @@ class Trigger:
         return [*commands, started]
 
     def tick(self, now_ns: int) -> list[Command]:
-        """Return the commands that result from elapsed time, in case the robot has stopped sending."""
+        """Commands that result from elapsed time, in case the robot has stopped sending."""
         if self._running is None or now_ns - self._last_sample_ns < _SILENT_NS:
             return []
         return self._stop(StopRun(now_ns, f"the robot sent no data for {_SILENT_NS // _S} s", in_order=False))
@@ -158,7 +158,7 @@ class _SettledSignal:
         self._since_ns = 0
 
     def feed(self, value: float, at_ns: int) -> int | None:
-        """Return the time of a settled change, or None if the value is unchanged or is the first one."""
+        """Time of a settled change, or None if the value is unchanged or is the first one."""
         if value == self.value:
             self._next = math.nan
             return None
@@ -180,7 +180,7 @@ class _Departure:
         self._left_ns: int | None = None
 
     def feed(self, joints: Sequence[float], stands_since_ns: int, at_ns: int) -> int | None:
-        """Return the time of departure once the robot is halfway to the next posture, otherwise None."""
+        """Time of departure once the robot is halfway to the next posture, otherwise None."""
         if largest_difference_deg(joints, self._from) <= NEAR_DEG:
             if at_ns - stands_since_ns >= _STOOD_NS:
                 self._left_ns = at_ns
@@ -251,7 +251,7 @@ class Arbiter:
         return clock.result(self._recorder.stop_run())
 
     def state(self) -> dict[str, object] | None:
-        """Return the state of the trigger and the reason for a refused start. None if the rig file has no rules."""
+        """State of the trigger and the reason for a refused start. None if the rig file has no rules."""
         if not self._rules:
             return None
         return {
@@ -305,6 +305,6 @@ class Arbiter:
             log.error("%s", error)
 
     def _is_recorded(self) -> bool:
-        """Return whether the recording of the robot continues, including the time before the run exists."""
+        """True if the recording of the robot continues, including the time before the run exists."""
         current = self._recorder.recording
         return current is not None and current.label.name == self._own_run

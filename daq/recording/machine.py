@@ -192,7 +192,7 @@ Outcome = tuple[RecorderState, tuple[Action, ...]]
 
 
 def step(state: RecorderState, event: Event) -> Outcome:
-    """Return the next state and the actions. Events that do not apply to a state leave the state unchanged."""
+    """Next state and the actions. Events that do not apply to a state leave the state unchanged."""
     match event, state.phase:
         case StartRequested(recording), _:
             return _start(state, recording)
@@ -243,7 +243,7 @@ def _start(state: RecorderState, recording: RecordingRequest) -> Outcome:
 
 
 def _gives_way(phase: Phase, to: RecordingRequest) -> bool:
-    """Return whether a new recording may replace the current phase.
+    """True if a new recording may replace the current phase.
 
     The operator may replace a recording of the robot, or one that waits for the disk.
     """

@@ -49,7 +49,7 @@ def status_of(
     *,
     closing: bool,
 ) -> dict[str, object]:
-    """Return the status of the current recording, or the result of the last recording.
+    """Status of the current recording, or the result of the last recording.
 
     run: the run receiving samples. gap: missed samples while the recording waits for the disk. synced: rows per stream
     that are safely on the disk. closing: True if another run is still being closed.
@@ -76,7 +76,7 @@ def status_of(
 
 
 def rejection(rejected: Reject, state: RecorderState, last_end: str) -> CellError:
-    """Return the error for a rejected request."""
+    """Error for a rejected request."""
     if rejected.why == "running" and state.recording:
         return CellError(
             f"recording {state.recording.label.name}",
@@ -219,7 +219,7 @@ class Recorder(clock.Thread):
         return self._state.recording
 
     def state(self) -> dict[str, object]:
-        """Return the status of the current recording, or the result of the last recording."""
+        """Status of the current recording, or the result of the last recording."""
         run, synced = self._current, {name: self._io.synced.get(name, 0) for name in self._buffers}
         closing = any(active is not run and not active.ended.done() for active in list(self._runs.values()))
         return status_of(self._state, run, self._gap, self.last_end, synced, closing=closing)

@@ -88,7 +88,7 @@ class HostWatch:
         self._stalls.stop()
 
     def check(self) -> list[Fault]:
-        """Return the faults since the last check."""
+        """Faults since the last check."""
         faults = self._clock.check(read_clocks()) + self._stalls.take()
         self._warnings.warn_faults(HOST, faults)
         self.counts.update(fault.kind for fault in faults)

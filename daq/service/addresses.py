@@ -37,7 +37,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def drop_in(rig: Rig, resolve: Resolve, resolv_conf: str) -> str:
-    """Return the drop-in with the addresses required by a rig.
+    """Drop-in with the addresses required by a rig.
 
     resolve: function that returns the addresses of a name. resolv_conf: content of /etc/resolv.conf.
     """
@@ -57,7 +57,7 @@ def drop_in(rig: Rig, resolve: Resolve, resolv_conf: str) -> str:
 
 
 def resolved(name: str) -> Sequence[str]:
-    """Return the addresses of a host. Raises CellError if it has none."""
+    """Addresses of a host. Raises CellError if it has none."""
     try:
         addresses = socket.getaddrinfo(name, None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:

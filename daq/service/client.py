@@ -103,7 +103,7 @@ class Client:
         return answer
 
     def _line(self, until_s: float) -> bytes:
-        """Return the next line, empty if the daemon is gone. Raises OSError."""
+        """Next line, empty if the daemon is gone. Raises OSError."""
         while b"\n" not in self._unread:
             if len(self._unread) > LONGEST_ANSWER:
                 problem = f"the answer exceeds {LONGEST_ANSWER} bytes, so this program is not rigd"
@@ -124,7 +124,7 @@ def _forbidden(path: Path) -> CellError:
 
 
 def find_socket(rig: str | None = None) -> Path:
-    """Return the socket of the running daemon, or of the daemon for `rig`. Raises CellError for none or several.
+    """Socket of the running daemon, or of the daemon for `rig`. Raises CellError for none or several.
 
     A killed daemon leaves a socket that has no listener.
     """
@@ -139,7 +139,7 @@ def find_socket(rig: str | None = None) -> Path:
 
 
 def sockets() -> list[Path]:
-    """Return the sockets visible to this user in order of name, even if they have no listener."""
+    """Sockets visible to this user in order of name, even if they have no listener."""
     places = [socket_directory(), *Path("/run").glob("rigd-*")]
     return sorted({path for place in places for path in place.glob("*.sock")})
 

@@ -54,7 +54,7 @@ _NO_ROOM = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 
 
 def most_connections() -> int:
-    """Return the number of connections that leaves enough descriptors for the recorder."""
+    """Number of connections that leaves enough descriptors for the recorder."""
     limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return max(1, min(_MOST, limit - _RESERVED)) if limit != resource.RLIM_INFINITY else _MOST
 
@@ -225,7 +225,7 @@ class ControlServer:
 
 
 def _next_line(sock: socket.socket, unread: bytes) -> tuple[bytes, bytes]:
-    """Return the next line and the data after it. The line is empty at the end. Raises OSError, including TimeoutError.
+    """Next line and the data after it. The line is empty at the end. Raises OSError, including TimeoutError.
 
     An excessively long line is truncated, and therefore invalid JSON.
     """
@@ -245,7 +245,7 @@ def _next_line(sock: socket.socket, unread: bytes) -> tuple[bytes, bytes]:
 
 
 def reply(line: bytes, answer: Answer) -> dict[str, Any]:
-    """Return the answer to a request line, which may be an error."""
+    """Answer to a request line, which may be an error."""
     request, problem = None, f"a request is a single line of at most {LONGEST_REQUEST} bytes"
     if len(line) <= LONGEST_REQUEST:
         try:

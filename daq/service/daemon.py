@@ -62,7 +62,7 @@ def notify(message: str) -> None:
 
 
 def watchdog_s() -> float | None:
-    """Return the watchdog time-out of the service manager, or None if it has no watchdog."""
+    """Watchdog time-out of the service manager, or None if it has no watchdog."""
     microseconds = os.environ.get("WATCHDOG_USEC", "")
     meant_for = os.environ.get("WATCHDOG_PID", str(os.getpid()))
     if not microseconds.isdigit() or meant_for != str(os.getpid()):
@@ -87,7 +87,7 @@ class _Request(Part):
 
 
 def recent_samples(request: Mapping[str, Any], buffers: Mapping[str, StreamBuffer], rig_text: str) -> dict[str, Any]:
-    """Return the answer to a `samples` request. Raises CellError if the request is invalid."""
+    """Answer to a `samples` request. Raises CellError if the request is invalid."""
     try:
         asked = _Request.model_validate(request)
     except ValidationError as error:
@@ -211,7 +211,7 @@ class Daemon:
         return cut_short
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
-        """Return the answer to a client's request. Raises RigError."""
+        """Answer to a client's request. Raises RigError."""
         match request.get("command"):
             case "status":
                 return self._status()
@@ -322,13 +322,13 @@ def _warn_if_not_writable(runs: Path) -> None:
 
 
 def _short(value: object) -> str:
-    """Return text from a client, shortened to a line."""
+    """Text from a client, shortened to a line."""
     text = repr(value)
     return text if len(text) <= _BRIEF else f"{text[:_BRIEF]}…"
 
 
 def _text_in(request: Mapping[str, Any], key: str) -> str:
-    """Return a text in a request as a line of limited length. Raises UseError."""
+    """A text in a request as a line of limited length. Raises UseError."""
     text = request.get(key)
     if not isinstance(text, str):
         raise UseError(

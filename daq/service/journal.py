@@ -29,7 +29,7 @@ _READABLE = "%(asctime)s %(levelname)s %(message)s"
 
 
 def is_journal(fd: int = 2) -> bool:
-    """Return whether a descriptor, by default standard error, is connected to the journal."""
+    """True if a descriptor, by default standard error, is connected to the journal."""
     device, _, inode = os.environ.get("JOURNAL_STREAM", "").partition(":")
     try:
         status = os.fstat(fd)
@@ -39,12 +39,12 @@ def is_journal(fd: int = 2) -> bool:
 
 
 def with_severity(text: str, severity: int) -> str:
-    """Return text for standard error. If that is the journal, every line gets this severity."""
+    """Text for standard error. If that is the journal, every line gets this severity."""
     return "\n".join(f"<{severity}>{line}" for line in text.splitlines()) if is_journal() else text
 
 
 def formatter() -> logging.Formatter:
-    """Return the log formatter: with severities for the journal, otherwise with words and times."""
+    """Log formatter: with severities for the journal, otherwise with words and times."""
     return _JournalFormatter() if is_journal() else _PlainFormatter(_READABLE)
 
 
@@ -77,7 +77,7 @@ class JournalEntry:
 
 
 def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> Iterator[JournalEntry]:
-    """Yield the log of a rig's service, or of all services. since: as for journalctl (`-1h`, `today`).
+    """Log of a rig's service, or of all services. since: as for journalctl (`-1h`, `today`).
 
     Raises CellError if the journal is missing, or contains no entry that this user can read.
     """

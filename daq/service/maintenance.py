@@ -90,7 +90,7 @@ class Maintenance(clock.Thread):
 
 
 def _is_own(path: Path) -> bool:
-    """Return whether a file may be overwritten: it was written by rigd, or is empty. Raises OSError."""
+    """True if a file may be overwritten: it was written by rigd, or is empty. Raises OSError."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -156,7 +156,7 @@ class RunRetention:
         )
 
     def state(self) -> dict[str, int]:
-        """Return number and bytes of the runs, of the runs deleted since start-up, and the bytes above the limit."""
+        """Number and bytes of the runs, of the runs deleted since start-up, and the bytes above the limit."""
         return {
             "runs": self.runs,
             "bytes": self.runs_bytes,

@@ -36,7 +36,7 @@ _CLOCKS = {
 
 
 def metrics_text(status: Status) -> str:
-    """Return a `status` answer in Prometheus's text format."""
+    """A `status` answer in Prometheus's text format."""
     rig = {"rig": status["rig"]}
     return render(
         Metric(

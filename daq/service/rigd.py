@@ -108,7 +108,7 @@ class _ExitReason:
 
 
 def _listen() -> SimpleQueue[_ExitReason]:
-    """Return the queue that receives the end of the daemon: a signal, or an unexpected error in a thread.
+    """Queue that receives the end of the daemon: a signal, or an unexpected error in a thread.
 
     If a thread has failed, the daemon would appear to work but record incompletely.
     It ends, and the service manager restarts it.

@@ -36,7 +36,7 @@ _REMEDY = "remove the directory, or set XDG_RUNTIME_DIR to a private directory"
 
 
 def socket_directory() -> Path:
-    """Return the socket directory of this user: systemd's runtime directory, otherwise a directory of the user."""
+    """Socket directory of this user: systemd's runtime directory, otherwise a directory of the user."""
     if directory := os.environ.get("RUNTIME_DIRECTORY"):
         return Path(directory.split(":")[0])
     if directory := os.environ.get("XDG_RUNTIME_DIR"):
@@ -45,7 +45,7 @@ def socket_directory() -> Path:
 
 
 def require_trusted_owner(path: Path) -> frozenset[int]:
-    """Return the trusted owners of a socket path. Raises CellError if an untrusted user could have created the socket.
+    """Trusted owners of a socket path. Raises CellError if an untrusted user could have created the socket.
 
     Raises FileNotFoundError or another OSError if the path does not exist or is not accessible.
     """
@@ -84,14 +84,14 @@ def require_trusted_owner(path: Path) -> frozenset[int]:
 
 
 def peer_user(connection: socket.socket) -> int:
-    """Return the user id of the peer of a local connection."""
+    """User id of the peer of a local connection."""
     size = _CREDENTIALS.size
     _, user, _ = _CREDENTIALS.unpack(connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size))
     return int(user)
 
 
 def tcp_user(client: tuple[str, int], port: int, table: Path = Path("/proc/net/tcp")) -> int | None:
-    """Return the user id of a local TCP client connected to a port, or None if the client is remote or invisible.
+    """User id of a local TCP client connected to a port, or None if the client is remote or invisible.
 
     IPv4 addresses within IPv6 addresses are supported.
     """
@@ -109,7 +109,7 @@ def tcp_user(client: tuple[str, int], port: int, table: Path = Path("/proc/net/t
 
 
 def may_use(user: int, path: Path) -> bool:
-    """Return whether a user may connect to a daemon's socket: root, the owner, or a member of the group."""
+    """True if a user may connect to a daemon's socket: root, the owner, or a member of the group."""
     try:
         status = path.stat()
     except OSError:
@@ -214,7 +214,7 @@ class InstanceLock:
 
 
 def _is_of_this_user(address: str) -> bool:
-    """Return whether a program of this user or of root listens at an abstract address."""
+    """True if a program of this user or of root listens at an abstract address."""
     with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX) as probe:
         probe.settimeout(1.0)
         probe.connect(address)

@@ -66,14 +66,14 @@ FAULT_COLUMNS: dict[str, pa.DataType] = {
 
 
 def schema_of(stream: str, columns: Sequence[str]) -> pa.Schema:
-    """Return the Arrow schema of a stream with these value columns, which are empty for `faults`."""
+    """Arrow schema of a stream with these value columns, which are empty for `faults`."""
     fixed = FAULT_COLUMNS if stream == FAULTS else SAMPLE_COLUMNS
     types = {**fixed, **dict.fromkeys(columns, pa.float64())}
     return pa.schema([pa.field(name, kind, nullable=False) for name, kind in types.items()])
 
 
 def table_schema(columns: Mapping[str, ColumnType]) -> pa.Schema:
-    """Return the Arrow schema of an imported table."""
+    """Arrow schema of an imported table."""
     kinds: dict[str, pa.DataType] = {"double": pa.float64(), "int64": pa.int64(), "string": pa.string()}
     return pa.schema([pa.field(name, kinds[kind], nullable=False) for name, kind in columns.items()])
 
@@ -98,12 +98,12 @@ def batch_of(rows: Sequence[Row], schema: pa.Schema, first: int) -> pa.RecordBat
 
 
 def storable(text: str) -> str:
-    """Return text that is valid in UTF-8. Text from devices or terminals may contain lone surrogates."""
+    """Text that is valid in UTF-8. Text from devices or terminals may contain lone surrogates."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
 def checksum(batch: pa.RecordBatch, number: int) -> int:
-    """Return the CRC-32 of a batch and its number in the file. Raises ArrowInvalid if a column contains nulls."""
+    """CRC-32 of a batch and its number in the file. Raises ArrowInvalid if a column contains nulls."""
     head = f"{number} {batch.num_rows} {[(f.name, str(f.type)) for f in batch.schema]}"
     crc = zlib.crc32(head.encode())
     for column in batch.columns:
@@ -115,7 +115,7 @@ def checksum(batch: pa.RecordBatch, number: int) -> int:
 
 
 def array_of(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
-    """Return a column as a read-only array (n,), in the unit given by the column name."""
+    """A column as a read-only array (n,), in the unit given by the column name."""
     pieces = [piece_of(chunk) for chunk in column.chunks]
     if len(pieces) == 1:
         return pieces[0]
@@ -123,7 +123,7 @@ def array_of(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
 
 
 def piece_of(chunk: pa.Array) -> np.ndarray[Any, Any]:
-    """Return a piece of a column as an array (n,), in the unit of the column. Numbers are not copied."""
+    """A piece of a column as an array (n,), in the unit of the column. Numbers are not copied."""
     is_plain = chunk.null_count == 0 and (pa.types.is_integer(chunk.type) or pa.types.is_floating(chunk.type))
     plain: np.ndarray[Any, Any] = np.from_dlpack(chunk) if is_plain and len(chunk) else chunk.to_numpy(False)
     return plain
@@ -164,12 +164,12 @@ class Salvage:
 
 
 def with_opening(schema: pa.Schema, opening: bytes) -> pa.Schema:
-    """Return the schema with the opening manifest (JSON) and a checksum as metadata."""
+    """Schema with the opening manifest (JSON) and a checksum as metadata."""
     return schema.with_metadata({_OPENING: opening, _OPENING_CRC: _digits(zlib.crc32(opening))})
 
 
 def opening_in(data: bytes) -> bytes | None:
-    """Return the opening manifest from a chunk of either format, or None if it cannot be verified."""
+    """Opening manifest from a chunk of either format, or None if it cannot be verified."""
     source = pa.BufferReader(data)
     try:
         parquet = data.startswith(b"PAR1")
@@ -182,7 +182,7 @@ def opening_in(data: bytes) -> bytes | None:
 
 
 def head(schema: pa.Schema) -> bytes:
-    """Return the first bytes of a recording chunk."""
+    """First bytes of a recording chunk."""
     return bytes(schema.serialize().to_pybytes())
 
 
@@ -242,7 +242,7 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
 
 
 def _has_compression(metadata: bytes) -> bool:
-    """Return whether the metadata of a batch specifies compression.
+    """True if the metadata of a batch specifies compression.
 
     Compression is the fourth field of the table RecordBatch, which is the third field of the table Message (Arrow,
     format/Message.fbs; tables and fields as in FlatBuffers' internals).
@@ -253,7 +253,7 @@ def _has_compression(metadata: bytes) -> bool:
 
 
 def _field(data: bytes, table: int, k: int) -> int:
-    """Return the offset of field k from the start of a FlatBuffers table, 0 if absent."""
+    """Offset of field k from the start of a FlatBuffers table, 0 if absent."""
     offsets = table - _number(data, table, "i")
     return _number(data, offsets + 4 + 2 * k, "H") if 4 + 2 * k < _number(data, offsets, "H") else 0
 
@@ -287,7 +287,7 @@ def to_parquet(table: pa.Table) -> bytes:
 
 
 def from_parquet(data: bytes, columns: Sequence[str] | None = None) -> pa.Table | None:
-    """Return the table in a Parquet file, or selected columns. None if bytes are invalid or text is not UTF-8.
+    """Table in a Parquet file, or selected columns. None if bytes are invalid or text is not UTF-8.
 
     Only the calling thread is used, because Arrow threads still active at exit abort the program after the output
     (apache/arrow issue 34314). Raises OSError if memory is insufficient, or if the decoded data exceeds the size of a
@@ -305,7 +305,7 @@ def from_parquet(data: bytes, columns: Sequence[str] | None = None) -> pa.Table 
 
 
 def _decoded(data: bytes, columns: Sequence[str] | None) -> pa.Table | str:
-    """Return the table in a Parquet file, or a description of the size if it is too large."""
+    """Table in a Parquet file, or a description of the size if it is too large."""
     file = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False)
     rows, width, schema = file.metadata.num_rows, file.metadata.num_columns, file.schema_arrow
     groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
@@ -327,7 +327,7 @@ def _decoded(data: bytes, columns: Sequence[str] | None) -> pa.Table | str:
 
 
 def _text_bytes(column: pa.ChunkedArray) -> int:
-    """Return the number of bytes in a text column that was read as indices."""
+    """Number of bytes in a text column that was read as indices."""
     import pyarrow.compute as pc  # noqa: PLC0415 - wraps 286 functions; only tables and faults have text
 
     lengths = [pc.binary_length(part.dictionary).take(part.indices) for part in column.chunks]

@@ -34,7 +34,7 @@ _AS_IT_IS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getatt
 
 
 def remedy(error: Exception, otherwise: str) -> str:
-    """Return the remedy for an error, or `otherwise` if the cause is the disk.
+    """Remedy for an error, or `otherwise` if the cause is the disk.
 
     Other causes are a lack of descriptors, a link in place of the lock, or a file in place of a directory.
     """
@@ -48,7 +48,7 @@ def remedy(error: Exception, otherwise: str) -> str:
 
 
 def free_bytes(path: Path) -> int:
-    """Return the number of free bytes for this user on the disk of `path`."""
+    """Number of free bytes for this user on the disk of `path`."""
     if not hasattr(os, "statvfs"):
         return shutil.disk_usage(path).free
     disk = os.statvfs(path)
@@ -109,7 +109,7 @@ def persist(path: Path) -> None:
 
 
 def again(fd: int) -> int:
-    """Return a duplicate descriptor of an open file. It remains valid after the first is closed."""
+    """A duplicate descriptor of an open file. It remains valid after the first is closed."""
     return os.dup(fd)
 
 
@@ -171,7 +171,7 @@ def reopen(path: Path) -> int:
 
 
 def read(fd: int) -> bytes:
-    """Return all bytes of an open file, even if the file name was removed."""
+    """All bytes of an open file, even if the file name was removed."""
     data = b""
     while piece := os.pread(fd, os.fstat(fd).st_size - len(data), len(data)):
         data += piece  # a second read is needed only if the first returns less than the file
@@ -179,7 +179,7 @@ def read(fd: int) -> bytes:
 
 
 def is_named(fd: int, path: Path) -> bool:
-    """Return whether an open file still has this name."""
+    """True if an open file still has this name."""
     try:
         status = os.stat(path)  # noqa: PTH116 - through os, as everything here
     except (FileNotFoundError, NotADirectoryError):
@@ -230,7 +230,7 @@ def try_lock(run: Path) -> int | None:
 
 
 def is_locked(run: Path) -> bool:
-    """Return whether a process is writing this run. The disk may be read-only."""
+    """True if a process is writing this run. The disk may be read-only."""
     try:
         fd = os.open(run / LOCK, os.O_RDONLY | _AS_IT_IS)
     except FileNotFoundError:
@@ -245,7 +245,7 @@ def is_locked(run: Path) -> bool:
 
 
 def may_be_locked(run: Path) -> bool:
-    """Return whether a process may be writing this run. True if this user is not permitted to check."""
+    """True if a process may be writing this run. True if this user is not permitted to check."""
     try:
         return is_locked(run)
     except OSError:

@@ -39,7 +39,7 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
     assumed: tuple[str, ...] = (),
     only_commanded: bool = False,
 ) -> Run:
-    """Return a run in memory for a table of double, int64 and string columns without nulls. Nothing is written.
+    """A run in memory for a table of double, int64 and string columns without nulls. Nothing is written.
 
     path: directory of the run, whose name becomes the name of the run.
     source, source_sha256: name and checksum of the original file.
@@ -113,7 +113,7 @@ def _parquet(opening: Manifest, table: pa.Table) -> bytes:
 
 
 def _entries(table: pa.Table, data: bytes, relabelled: tuple[Relabelling, ...] = ()) -> list[LedgerEntry]:
-    """Return the ledger entries of a table run after the opening: chunk, seal, and label history."""
+    """Ledger entries of a table run after the opening: chunk, seal, and label history."""
     rows = table.num_rows
     seal = Seal(
         exit_status="complete",
@@ -127,5 +127,5 @@ def _entries(table: pa.Table, data: bytes, relabelled: tuple[Relabelling, ...] =
 
 
 def _name(path: Path) -> str:
-    """Return the name of a run in a directory. Invalid characters are replaced by _."""
+    """Name of a run in a directory. Invalid characters are replaced by _."""
     return re.sub(r"[^A-Za-z0-9_.-]", "_", path.resolve().name).lstrip(".-")[:100] or TABLE

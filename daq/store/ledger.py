@@ -37,12 +37,12 @@ _CHUNK = re.compile(r"(?P<stream>.+)-(?P<number>[0-9]{4,})\.(?P<kind>parquet|arr
 
 
 def chunk_name(stream: str, number: int) -> str:
-    """Return the name of a chunk's Parquet file. Chunks are numbered from 1."""
+    """Name of a chunk's Parquet file. Chunks are numbered from 1."""
     return f"{stream}-{number:04d}.parquet"
 
 
 def parse_chunk(name: str) -> tuple[str, int, str] | None:
-    """Return stream, number and kind (parquet, arrow) from the file name of a chunk, or None for another file."""
+    """Stream, number and kind (parquet, arrow) from the file name of a chunk, or None for another file."""
     match = _CHUNK.fullmatch(name)
     return (match["stream"], int(match["number"]), match["kind"]) if match else None
 
@@ -118,12 +118,12 @@ class Seal(JsonRecord):
 
 
 def to_recover(run: Path) -> str:
-    """Return the remedy for an interrupted or damaged run, as a shell command."""
+    """Remedy for an interrupted or damaged run, as a shell command."""
     return f"run `rig recover {as_argument(run)}`"
 
 
 def no_run(path: Path) -> FileError:
-    """Return the error for a path that is not a directory.
+    """Error for a path that is not a directory.
 
     Directories of recorded runs begin with the time. If the path is a plain name, a run with that name is suggested.
     """
@@ -141,19 +141,19 @@ def no_run(path: Path) -> FileError:
 
 
 def first_error(error: ValidationError) -> str:
-    """Return the first pydantic error in one line."""
+    """First pydantic error in one line."""
     details = error.errors(include_url=False, include_context=False, include_input=False)[0]
     place = ".".join(str(part) for part in details["loc"])
     return " ".join(f"{place} {details['msg']}".split())
 
 
 def sha256(data: bytes) -> str:
-    """Return the SHA-256 of data in hexadecimal."""
+    """SHA-256 of data in hexadecimal."""
     return hashlib.sha256(data).hexdigest()
 
 
 def iso_now() -> str:
-    """Return the current UTC time in ISO 8601."""
+    """Current UTC time in ISO 8601."""
     return clock.wall_time().isoformat(timespec="milliseconds")
 
 
@@ -191,7 +191,7 @@ class VerifiedLedger:
 
 
 def verified(data: bytes) -> VerifiedLedger:
-    """Return the ledger lines before the first invalid one. Raises no exceptions."""
+    """Ledger lines before the first invalid one. Raises no exceptions."""
     entries: list[LedgerEntry] = []
     size, last, seal = 0, "", ""
     for line in data.split(b"\n")[:-1]:
@@ -226,7 +226,7 @@ class Claim:
 
 
 def claim_in(data: bytes, opening: str | None) -> Claim:
-    """Return the claims of the seals in a ledger, including those in invalid lines.
+    """Claims of the seals in a ledger, including those in invalid lines.
 
     A seal contains the row count twice, as rows and as samples. The smaller count is used, so that a damaged digit does
     not make rows appear missing. opening: SHA-256 of the run's manifest; ledgers of other runs are ignored.
@@ -244,7 +244,7 @@ def claim_in(data: bytes, opening: str | None) -> Claim:
 
 
 def line_of(entry: LedgerEntry, before: str) -> tuple[bytes, str]:
-    """Return an entry as a line, and the SHA-256 of the line.
+    """An entry as a line, and the SHA-256 of the line.
 
     before: SHA-256 of the previous line, empty for the first line.
     """
@@ -254,7 +254,7 @@ def line_of(entry: LedgerEntry, before: str) -> tuple[bytes, str]:
 
 
 def lines_of(entries: Iterable[LedgerEntry]) -> bytes:
-    """Return a complete ledger."""
+    """A complete ledger."""
     lines, last = [], ""
     for entry in entries:
         line, last = line_of(entry, last)

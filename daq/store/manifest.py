@@ -69,7 +69,7 @@ class _OperatorError(ValueError):
 
 
 def operator_name(text: str) -> str:
-    """Return the name of an operator in stored form. Raises ValueError for control characters or excessive length."""
+    """Name of an operator in stored form. Raises ValueError for control characters or excessive length."""
     text = storable(text)
     if len(text) > _LONGEST_OPERATOR:
         raise _OperatorError(f"the name has {len(text)} characters", f"write at most {_LONGEST_OPERATOR}")
@@ -79,7 +79,7 @@ def operator_name(text: str) -> str:
 
 
 def check_operator(name: str) -> str:
-    """Return the name of an operator in stored form. Raises UseError for control characters or excessive length."""
+    """Name of an operator in stored form. Raises UseError for control characters or excessive length."""
     try:
         return operator_name(name)
     except _OperatorError as error:
@@ -163,18 +163,18 @@ class Manifest(JsonRecord):
         return {**self.streams, **table, FAULTS: ()}
 
     def arrow_schema(self, stream: str) -> pa.Schema:
-        """Return the Arrow schema of one of `all_streams`."""
+        """Arrow schema of one of `all_streams`."""
         if self.table and stream == TABLE:
             return table_schema(self.table.columns)
         return schema_of(stream, self.all_streams[stream])
 
     def chunks_of(self, stream: str) -> tuple[Chunk, ...]:
-        """Return the chunks of a stream in order of recording."""
+        """Chunks of a stream in order of recording."""
         mine = (chunk for chunk in self.chunks if chunk.stream == stream)
         return tuple(sorted(mine, key=lambda chunk: chunk.number))
 
     def wall_ns(self, monotonic_ns: int) -> int:
-        """Return the wall time of a monotonic timestamp, in ns since 1970."""
+        """Wall time of a monotonic timestamp, in ns since 1970."""
         before = bisect_right(self.anchors, monotonic_ns, key=lambda anchor: anchor.monotonic_ns)
         anchor = self.anchors[before - 1] if before else self.clock
         return anchor.unix_ns + monotonic_ns - anchor.monotonic_ns
@@ -185,11 +185,11 @@ class Manifest(JsonRecord):
         return self.version > 1 and self.exit_status != "recording"
 
     def updated(self, **changes: Any) -> Manifest:
-        """Return a validated copy with changed values. Raises ValidationError."""
+        """A validated copy with changed values. Raises ValidationError."""
         return Manifest.model_validate(self.model_dump() | changes)
 
     def with_entries(self, entries: Sequence[LedgerEntry]) -> Manifest:
-        """Return a copy that includes these ledger entries. Raises ValidationError."""
+        """A copy that includes these ledger entries. Raises ValidationError."""
         history = [change for entry in entries for change in entry.relabelled]
         seal = next((entry.seal for entry in reversed(entries) if entry.seal), None)
         return self.updated(
@@ -205,7 +205,7 @@ class Manifest(JsonRecord):
         replace(run / MANIFEST, self.to_json() if self.version == 1 else self.opening())
 
     def opening(self) -> bytes:
-        """Return the manifest as it was written at the start of the run."""
+        """Manifest as it was written at the start of the run."""
         if self.version > 1:
             return self.model_dump_json(indent=1, exclude=_IN_LEDGER).encode()
         fresh: dict[str, object] = {
@@ -219,7 +219,7 @@ class Manifest(JsonRecord):
         return self.model_copy(update=fresh).to_json()
 
     def to_json(self) -> bytes:
-        """Return the manifest combined with the ledger, as JSON."""
+        """Manifest combined with the ledger, as JSON."""
         return self.model_dump_json(indent=1).encode()
 
 
@@ -271,7 +271,7 @@ class UnknownTestError(FileError):
 
 
 def is_run(path: Path) -> bool:
-    """Return whether a directory is a run, even if damaged. A ledger suffices. Raises OSError if access is denied."""
+    """True if a directory is a run, even if damaged. A ledger suffices. Raises OSError if access is denied."""
     return any((path / name).exists() for name in OF_A_RUN)
 
 
@@ -314,7 +314,7 @@ def load_manifest(run: Path) -> Manifest:
 
 
 def _of_another_package(path: Path, error: ValidationError) -> UnknownTestError | None:
-    """Return the error for a manifest that is valid except for an unknown test, otherwise None."""
+    """Error for a manifest that is valid except for an unknown test, otherwise None."""
     (first, *others) = error.errors(include_url=False, include_context=False)
     if others or first["loc"] != ("test",) or not isinstance(first["input"], str):
         return None
@@ -328,7 +328,7 @@ def _of_another_package(path: Path, error: ValidationError) -> UnknownTestError 
 
 
 def unreadable(path: Path, error: OSError) -> FileError:
-    """Return the error for a file that the operating system refuses to read."""
+    """Error for a file that the operating system refuses to read."""
     short = error.errno == errno.ENOMEM
     remedy = (
         "close other programs, or read it on a different computer" if short else "check the disk and the permissions"

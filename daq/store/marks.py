@@ -67,7 +67,7 @@ class RunMarks(BaseModel):
 
 
 def load_marks(run: Path) -> RunMarks:
-    """Return the marks of a run, empty by default. Raises FileError if they cannot be read."""
+    """Marks of a run, empty by default. Raises FileError if they cannot be read."""
     path = run / MARKS
     try:
         return RunMarks.model_validate_json(read_bytes(path, _MOST_BYTES))
@@ -220,7 +220,7 @@ def _relabelled(
 def _test_and_direction(
     run: Path, manifest: Manifest, test: TestName, direction: Direction | None
 ) -> dict[str, str | None]:
-    """Return the new test and direction.
+    """New test and direction.
 
     Raises FileError if the run does not fit, and UseError if a direction is given for a test without a circle.
     """

@@ -135,7 +135,7 @@ def _manifest_of(path: Path, done: Recovery) -> Manifest:
 
 
 def _with_sound_ledger(path: Path, manifest: Manifest, done: Recovery) -> Manifest:
-    """Return the manifest of a run with a valid ledger. The ledger is created if absent."""
+    """Manifest of a run with a valid ledger. The ledger is created if absent."""
     ledger = read_ledger(path)
     if manifest.version > 1 and ledger.entries:
         if ledger.unread:
@@ -161,7 +161,7 @@ def _with_sound_ledger(path: Path, manifest: Manifest, done: Recovery) -> Manife
 
 
 def _opening_in(path: Path) -> bytes | None:
-    """Return the manifest from any chunk of the run, or None if no chunk contains it."""
+    """Manifest from any chunk of the run, or None if no chunk contains it."""
     for file in sorted(path.iterdir()):
         if parse_chunk(file.name) and (opening := opening_in(read_bytes(file, MOST_BYTES))):
             with suppress(ValidationError):
@@ -230,7 +230,7 @@ class _Repair:
             self._list(chunk)
 
     def _closed(self, stream: str, number: int) -> Chunk | None:
-        """Return the chunk if the Parquet file is present and complete."""
+        """Chunk if the Parquet file is present and complete."""
         file = self.path / chunk_name(stream, number)
         data = read_bytes(file, MOST_BYTES) if file.exists() else b""
         listed = next((c for c in self.manifest.chunks if c.file == file.name), None)
@@ -281,7 +281,7 @@ class _Repair:
         self.done.notes.append(f"{LEDGER}: sealed as recovered")
 
     def _rows(self, stream: str) -> int:
-        """Return the number of rows in a stream, from the number of the last row."""
+        """Number of rows in a stream, from the number of the last row."""
         end = 0
         for chunk in self.manifest.chunks_of(stream):
             end = chunk.rows + (end if chunk.first_row is None else chunk.first_row)

@@ -59,7 +59,7 @@ class Decision:
 
 
 def survey(runs: Path, denied: Callable[[Path], object] = lambda _: None) -> Iterator[RunInfo]:
-    """Yield all readable runs of a directory in order of name. `denied` is called with each unreadable directory.
+    """All readable runs of a directory in order of name. `denied` is called with each unreadable directory.
 
     Raises FileError if the directory does not exist.
     """

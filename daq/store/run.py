@@ -64,7 +64,7 @@ def read_run(path: Path) -> Run:
 
 
 def closed_manifest(path: Path) -> Manifest:
-    """Return the manifest of a closed run, whose streams can be read.
+    """Manifest of a closed run, whose streams can be read.
 
     Raises FileError if the run is missing, still being recorded, or crashed and not recovered.
     """
@@ -81,7 +81,7 @@ def closed_manifest(path: Path) -> Manifest:
 
 
 def is_unclosed(path: Path) -> bool:
-    """Return whether the run was left unclosed by a crash. A run that a process is writing is not.
+    """True if the run was left unclosed by a crash. A run that a process is writing is not.
 
     Raises FileError if the manifest is missing or unreadable.
     """
@@ -94,14 +94,14 @@ def is_unclosed(path: Path) -> bool:
 
 
 def left_over(path: Path, manifest: Manifest) -> list[Path]:
-    """Return the files left by a crash, in a run that is not being recorded."""
+    """Files left by a crash, in a run that is not being recorded."""
     listed = {chunk.file for chunk in manifest.chunks}
     unlisted = {file for file in path.glob("*.parquet") if file.name not in listed}
     return sorted(unlisted | {*path.glob("*.arrow"), *path.glob(f"*{TEMPORARY}")})
 
 
 def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
-    """Return all rows of a stream in order.
+    """All rows of a stream in order.
 
     Raises FileError for the first chunk that is missing, damaged or different from the manifest.
     """
@@ -112,7 +112,7 @@ def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
 
 
 def chunks_of(path: Path, manifest: Manifest, stream: str) -> Iterator[dict[str, np.ndarray[Any, Any]]]:
-    """Yield the columns (n,) of a stream chunk by chunk, without `sequence`. The units are in the names of the columns.
+    """Columns (n,) of a stream chunk by chunk, without `sequence`. The units are in the names of the columns.
 
     Raises FileError like `read_stream`, after yielding the valid chunks.
     """
@@ -124,7 +124,7 @@ def chunks_of(path: Path, manifest: Manifest, stream: str) -> Iterator[dict[str,
 
 
 def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[str] | None = None) -> pa.Table:
-    """Return the rows of a chunk, optionally with selected columns only.
+    """Rows of a chunk, optionally with selected columns only.
 
     Raises FileError if the chunk is missing, damaged or different from the manifest.
     """

@@ -82,7 +82,7 @@ def load_all_of_arrow() -> None:
 
 
 def give_back() -> None:
-    """Return memory cached by Arrow to the system."""
+    """Memory cached by Arrow to the system."""
     pa.default_memory_pool().release_unused()
 
 
@@ -269,7 +269,7 @@ def _hidden(parent: Path) -> Iterator[Path]:
 
 
 def _lock_of(directory: Path) -> int | None:
-    """Return the descriptor of a directory lock, or None if the lock is taken or locks are not supported."""
+    """Descriptor of a directory lock, or None if the lock is taken or locks are not supported."""
     if fcntl is None:
         return None
     try:

@@ -52,7 +52,7 @@ class StartupRecovery(clock.Thread):
 
 
 def _may_be_run(path: Path) -> bool:
-    """Return whether this may be a run. False for other directories, and for runs without recorded data."""
+    """True if this may be a run. False for other directories, and for runs without recorded data."""
     try:
         return path.is_dir() and any(file.name == MANIFEST or parse_chunk(file.name) for file in path.iterdir())
     except OSError as error:  # such as lost+found on a separate disk

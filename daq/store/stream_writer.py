@@ -89,7 +89,7 @@ class Pending:
         self._count += len(part)
 
     def rows(self) -> Sequence[Row]:
-        """Return all rows."""
+        """All rows."""
         if all(isinstance(part, SampleBlock) for part in self._parts):
             return SampleBlock.joined(cast("list[SampleBlock]", self._parts))
         return [row for part in self._parts for row in part]
@@ -135,15 +135,15 @@ class StreamWriter:
         self.pending.extend(rows)
 
     def unclosed(self) -> list[OpenChunk]:
-        """Return the chunks to be converted to Parquet, in order."""
+        """Chunks to be converted to Parquet, in order."""
         return [chunk for chunk in (self.full, self.open) if chunk]
 
     def count_lost_rows(self) -> int:
-        """Return the number of lost rows at the end of a run: pending rows, and rows in a file without a name."""
+        """Number of lost rows at the end of a run: pending rows, and rows in a file without a name."""
         return len(self.pending) + sum(chunk.rows for chunk in self.unclosed() if chunk.has_vanished)
 
     def bytes_to_close(self) -> int:
-        """Return the largest number of bytes needed to write the pending rows and a Parquet file per chunk.
+        """Largest number of bytes needed to write the pending rows and a Parquet file per chunk.
 
         A Parquet file is not larger than the Arrow frames, which contain the same columns and a head per batch.
         """
@@ -176,7 +176,7 @@ class StreamWriter:
         self.rows += batch.num_rows
 
     def begin_sync(self) -> Sync | None:
-        """Return the next sync, or None if all data is synced."""
+        """Next sync, or None if all data is synced."""
         chunk = self.open
         return None if chunk is None or chunk.is_synced else Sync(chunk, durable.again(chunk.fd), chunk.size)
 
@@ -219,7 +219,7 @@ def store_chunk(run: Path, stream: str, number: int, salvaged: Salvage, schema: 
 
 
 def describe(file: str, stream: str, table: pa.Table, data: bytes) -> Chunk:
-    """Return the ledger record of a chunk with at least one row."""
+    """Ledger record of a chunk with at least one row."""
     about = {"file": file, "stream": stream, "rows": table.num_rows, "sha256": sha256(data)}
     if stream == TABLE:
         return Chunk(**about, first_ns=0, last_ns=0, first_row=0)

@@ -92,7 +92,7 @@ class _Stream:
 
 
 def verify(path: Path) -> list[str]:
-    """Return the defects of a run, one line each. Empty for a complete run. See `judge`."""
+    """Defects of a run, one line each. Empty for a complete run. See `judge`."""
     return judge(path).lines
 
 
@@ -139,7 +139,7 @@ def _read_ledger(path: Path) -> VerifiedLedger:
 
 
 def _ledger(path: Path, manifest: Manifest, verified: VerifiedLedger) -> list[str]:
-    """Return defects of the ledger, including a missing table in an imported run."""
+    """Defects of the ledger, including a missing table in an imported run."""
     if manifest.version > 1 and not verified.entries:
         return [f"{path / LEDGER}: is missing or damaged from the first line; {to_recover(path)}"]
     if manifest.version > 1 and verified.unread and manifest.exit_status != "recording":
@@ -162,7 +162,7 @@ def _manifest(path: Path, manifest: Manifest, *, is_recorded: bool) -> list[str]
 
 
 def _companion_problems(path: Path, manifest: Manifest) -> list[str]:
-    """Return defects of the marks, and of the calibrations next to a run.
+    """Defects of the marks, and of the calibrations next to a run.
 
     The digests of the calibrations are in the rig file, except in older runs.
     """

@@ -118,15 +118,15 @@ class RunWriter:
         self._writers[FAULTS].append((stream, fault) for fault in faults)
 
     def is_behind(self, stream: str) -> bool:
-        """Return whether too many rows of the stream, or faults, are waiting for the disk."""
+        """True if too many rows of the stream, or faults, are waiting for the disk."""
         return max(len(self._writers[name].pending) for name in (stream, FAULTS)) >= MOST_PENDING
 
     def stored(self) -> dict[str, int]:
-        """Return the rows per sample stream written to the operating system. They are on the disk after a sync."""
+        """Rows per sample stream written to the operating system. They are on the disk after a sync."""
         return {stream: self._writers[stream].rows for stream in self.manifest.streams}
 
     def room_to_close(self) -> int:
-        """Return the largest number of bytes needed to write the pending rows, close all chunks and end the run.
+        """Largest number of bytes needed to write the pending rows, close all chunks and end the run.
 
         The opening manifest is in the head of a chunk once, and in the Parquet file three times.
         """
@@ -156,7 +156,7 @@ class RunWriter:
         self._do(self.begin_sync())
 
     def begin_sync(self) -> DiskOperation:
-        """Return the operation that syncs all written rows.
+        """Operation that syncs all written rows.
 
         Full or old chunks are ended and synced first.
         """
@@ -181,7 +181,7 @@ class RunWriter:
         return work is not None
 
     def begin_roll(self) -> DiskOperation | None:
-        """Return the operation that closes the oldest ended and synced chunk, or None if there is none.
+        """Operation that closes the oldest ended and synced chunk, or None if there is none.
 
         Only one chunk is closed at a time, because no syncs take place while a chunk is closed, and chunks of several
         streams may be due together.

@@ -68,7 +68,7 @@ class Capture:
         return tuple(dict.fromkeys(piece.stream for piece in self.pieces))
 
     def of(self, stream: str) -> tuple[Piece, ...]:
-        """Return the pieces of a stream."""
+        """Pieces of a stream."""
         return tuple(piece for piece in self.pieces if piece.stream == stream)
 
 

@@ -26,7 +26,7 @@ class ByteLink(Protocol):
     """Interface of a link used by the loop."""
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the data received within the time-out; empty after a time-out. Raises LinkLost."""
+        """Data received within the time-out; empty after a time-out. Raises LinkLost."""
 
     def write(self, data: bytes) -> None:
         """Send all data. Raises LinkLost."""

@@ -69,11 +69,11 @@ class Link:
         self._heard_s = clock.now_s()
 
     def fileno(self) -> int:
-        """Return the file descriptor of the link."""
+        """File descriptor of the link."""
         return self._fd
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the available data, waiting at most `timeout_s`, or `WAIT_S`; empty after a time-out.
+        """Available data, waiting at most `timeout_s`, or `WAIT_S`; empty after a time-out.
 
         Raises LinkLost.
         """
@@ -128,7 +128,7 @@ class Link:
         """Inform the link of the items decoded from the last data."""
 
     def take_ignored(self) -> list[Fault]:
-        """Return the data ignored since the last call as faults: damaged data, or data of other senders."""
+        """Data ignored since the last call as faults: damaged data, or data of other senders."""
         return []
 
 
@@ -179,7 +179,7 @@ class UdpLink(Link):
         self._strangers = _Strangers("datagrams")
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the next datagram of the peer, waiting at most `timeout_s`; empty after a time-out.
+        """Next datagram of the peer, waiting at most `timeout_s`; empty after a time-out.
 
         Raises LinkLost.
         """
@@ -238,7 +238,7 @@ class ListeningLink(Link):
         self._strangers = _Strangers("connections")
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the received data, waiting at most `timeout_s`; empty after a time-out. Raises LinkLost."""
+        """Received data, waiting at most `timeout_s`; empty after a time-out. Raises LinkLost."""
         waited: list[socket.socket | Link] = [self._server, *([self._caller] if self._caller else [])]
         try:
             ready = select.select(waited, [], [], max(0.0, timeout_s))[0]

@@ -31,7 +31,7 @@ _BITS = {7: serial.SEVENBITS, 8: serial.EIGHTBITS}
 
 
 def port_names(root: Path = Path("/")) -> list[str]:
-    """Return the serial ports of this computer by their most permanent names.
+    """Serial ports of this computer by their most permanent names.
 
     Pluggable ports precede built-in ports. Names of missing hardware are omitted. root: parent of /dev and /sys.
     """
@@ -45,12 +45,12 @@ def port_names(root: Path = Path("/")) -> list[str]:
 
 
 def is_built_in(port: str) -> bool:
-    """Return whether a port is part of the computer and therefore exists even if nothing is connected."""
+    """True if a port is part of the computer and therefore exists even if nothing is connected."""
     return any(Path(port).resolve().match(f"/dev/{kind}") for kind in _BUILT_IN)
 
 
 def _has_chip(name: str, root: Path) -> bool:
-    """Return whether the hardware exists: a PC lists /dev/ttyS0 to 31, most of them lacking a chip."""
+    """True if the hardware exists: a PC lists /dev/ttyS0 to 31, most of them lacking a chip."""
     try:
         return (root / "sys/class/tty" / name / "type").read_text().strip() != "0"  # PORT_UNKNOWN of serial_core.h
     except OSError:
@@ -112,7 +112,7 @@ def _configured(port: str, line: Line, modem: ModemLines | None) -> serial.Seria
 
 
 def line_errors(fd: int) -> dict[str, int]:
-    """Return the counters of lost and damaged characters by cause.
+    """Counters of lost and damaged characters by cause.
 
     Empty for a pty, and for adapters with a driver that does not count.
     """

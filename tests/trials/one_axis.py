@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from analysis.diagnosis.diagnose import diagnose
-from analysis.procedures.pose.evaluate import evaluate
+from analysis.procedures.pose import evaluate
 from analysis.robot.kinematics.arm import arm_of
 from analysis.runs.tables import PoseTable
 from rigs.effects import Backlash

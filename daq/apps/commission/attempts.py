@@ -60,7 +60,7 @@ class Attempt:
 
 
 def attempts(port: str, modbus_units: Sequence[int] = (1,)) -> list[Attempt]:
-    """Return the attempts for an unknown port: listening, the line settings of the makers, then common settings."""
+    """Attempts for an unknown port: listening, the line settings of the makers, then common settings."""
     candidates = list(_candidates(port, modbus_units))
     listened = [Attempt(gauges, gauges[0].line, "nothing") for gauges in candidates if _streams(gauges)]
     asked = [gauges for gauges in candidates if not _streams(gauges)]
@@ -80,7 +80,7 @@ def attempts(port: str, modbus_units: Sequence[int] = (1,)) -> list[Attempt]:
 
 
 def named_attempts(fields: dict[str, Any]) -> list[Attempt]:
-    """Return the attempts for an instrument named by the user with keys of the rig file.
+    """Attempts for an instrument named by the user with keys of the rig file.
 
     They may send all data that rigd sends, because the user has confirmed the instrument. Raises ValidationError of
     pydantic for invalid keys.
@@ -96,14 +96,14 @@ def named_attempts(fields: dict[str, Any]) -> list[Attempt]:
 
 
 def missing_keys(interface: str) -> list[str]:
-    """Return the keys of an interface known only to the owner. They have no default and cannot be detected."""
+    """Keys of an interface known only to the owner. They have no default and cannot be detected."""
     (model,) = (candidate for candidate in models(Gauge) if name_of(candidate) == interface)
     discovered = {"interface", "port", "offset_mm", "line"}
     return [key for key, field in model.model_fields.items() if field.is_required() and key not in discovered]
 
 
 def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge, ...]]:
-    """Yield the possible gauges. Gauges of the same instrument are yielded together."""
+    """Possible gauges. Gauges of the same instrument are yielded together."""
     for model in models(Gauge):
         assert issubclass(model, Probe)  # noqa: S101 - every gauge is one
         if model.origin.standing != "confirmed":
@@ -133,17 +133,17 @@ def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge,
 
 
 def _streams(members: tuple[Gauge, ...]) -> bool:
-    """Return whether the instrument sends unprompted."""
+    """True if the instrument sends unprompted."""
     return isinstance(gauges.host(members[:1]), Streamed)
 
 
 def _has_line(members: tuple[Gauge, ...]) -> bool:
-    """Return whether the line settings of the maker are known."""
+    """True if the line settings of the maker are known."""
     return members[0].interface == "modbus_map" or isinstance(type(members[0]).model_fields["line"].default, Line)
 
 
 def _choices(model: type[BaseModel]) -> list[dict[str, str]]:
-    """Return the possible configurations of an instrument: the combinations of enumerated keys.
+    """Possible configurations of an instrument: the combinations of enumerated keys.
 
     The usual cable of the maker is assumed. Other cables poll with a modem line, which may affect other devices.
     """
@@ -229,7 +229,7 @@ class Evidence:
 
 
 def evidence_of(items: Iterable[Item]) -> Evidence:
-    """Return the evidence in the items of a conversation."""
+    """Evidence in the items of a conversation."""
     readings = row = longest = faults = 0
     for item in items:
         if not isinstance(item, Fault):
@@ -266,7 +266,7 @@ class FoundGauge:
         return tuple(key for key in missing_keys(self.gauge.interface) if key in STAND_IN)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Plain values for JSON."""
         plain = self.gauge.model_dump(mode="json", exclude_defaults=True, exclude={"offset_mm", *self.lacks})
         fields = {"interface": self.gauge.interface, "line": str(self.gauge.line), **plain}
         unit = "reading_percent" if self.lacks else "reading_mm"
@@ -291,7 +291,7 @@ class PortReport:
     remedy: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Plain values for JSON."""
         return {**asdict(self), "gauges": [gauge.to_dict() for gauge in self.gauges]}
 
 
@@ -312,6 +312,6 @@ class RobotReport:
     remedy: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Plain values for JSON."""
         feedback = self.feedback.model_dump(mode="json", exclude_defaults=True) if self.feedback else None
         return {**vars(self), "feedback": feedback}

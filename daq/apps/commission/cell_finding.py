@@ -34,17 +34,17 @@ class CellFinding:
 
 
 def ok(about: str, observation: str) -> CellFinding:
-    """Return a finding that all is well."""
+    """A finding that all is well."""
     return CellFinding(about, FindingVerdict.OK, observation)
 
 
 def doubtful(about: str, observation: str, remedy: str) -> CellFinding:
-    """Return a finding that deserves attention."""
+    """A finding that deserves attention."""
     return CellFinding(about, FindingVerdict.DOUBTFUL, observation, remedy)
 
 
 def wrong(about: str, observation: str, remedy: str) -> CellFinding:
-    """Return a finding that must be corrected."""
+    """A finding that must be corrected."""
     return CellFinding(about, FindingVerdict.WRONG, observation, remedy)
 
 
@@ -59,17 +59,17 @@ STOPS = {
 
 
 def condition_in(columns: Sequence[str], sample: Sample) -> dict[str, float]:
-    """Return the condition in a sample of a robot; nan for missing values."""
+    """Condition in a sample of a robot; nan for missing values."""
     return {name: value for name, value in zip(columns, sample.values, strict=True) if name in CONDITION}
 
 
 def stopped_by(shown: Mapping[str, float]) -> str:
-    """Return the reason and remedy for a robot that cannot run programs; empty if it can or if unknown."""
+    """Reason and remedy for a robot that cannot run programs; empty if it can or if unknown."""
     return "; ".join(STOPS.get(shown.get(SAFETY), ()))  # type: ignore[call-overload] # nan is no state
 
 
 def of_condition(about: str, shown: Mapping[str, float]) -> Iterator[CellFinding]:
-    """Yield problems to solve before a recording. shown: columns of the condition; missing columns are not checked."""
+    """Problems to solve before a recording. shown: columns of the condition; missing columns are not checked."""
     if shown.get(SAFETY) in STOPS:
         state, remedy = STOPS[SafetyState(int(shown[SAFETY]))]
         yield wrong(about, f"is in {state}", remedy)

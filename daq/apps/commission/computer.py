@@ -121,13 +121,13 @@ def slowest_sync_s(folder: Path) -> float:
 
 
 def clock_state() -> int:
-    """Return the clock state of adjtimex(2). Nothing is changed."""
+    """Clock state of adjtimex(2). Nothing is changed."""
     timex = ctypes.create_string_buffer(256)  # larger than struct timex; a zero in the first member requests no change
     return int(ctypes.CDLL(None).adjtimex(timex))
 
 
 def unit_properties(unit: str) -> dict[str, str]:
-    """Return the systemd properties of a unit; empty if systemd is not running or does not respond."""
+    """Systemd properties of a unit; empty if systemd is not running or does not respond."""
     if not Path("/run/systemd/system").is_dir() or not shutil.which("systemctl"):
         return {}
     command = ["systemctl", "show", f"--property={_UNIT_PROPERTIES}", unit]
@@ -148,7 +148,7 @@ _LONG_MS = 2
 
 
 def examine_port(about: str, port: str, root: Path, *, served: bool) -> Iterator[CellFinding]:
-    """Yield findings about a serial port up to the first defect. served: rigd may have opened the port."""
+    """Findings about a serial port up to the first defect. served: rigd may have opened the port."""
     checks = (present, lasting, quick) if served else (present, lasting, allowed, free, quick)
     for check in checks:
         if finding := check(about, port, root):

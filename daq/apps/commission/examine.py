@@ -22,7 +22,7 @@ _FRESH_S = 3.0
 def examine(
     rig: Rig, runs: Path, unit: str | None = None, root: Path = Path("/"), *, example: bool = False
 ) -> Iterator[CellFinding]:
-    """Yield findings one by one.
+    """Findings one by one.
 
     unit: service of the rig. root: parent of /dev, /proc and /sys. example: the rig file is a shipped example. The
     ports are then not opened, because the addresses may belong to other machines in this network.
@@ -54,7 +54,7 @@ def examine(
 
 
 def ask(rig: str) -> dict[str, Any] | None:
-    """Return the status of the daemon of this rig; None if it is not running.
+    """Status of the daemon of this rig; None if it is not running.
 
     Raises CellError if the daemon does not respond.
     """
@@ -75,7 +75,7 @@ def ask(rig: str) -> dict[str, Any] | None:
 
 
 def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[CellFinding]:
-    """Yield findings from the status of a daemon that has opened the ports. streams: streams of the rig file."""
+    """Findings from the status of a daemon that has opened the ports. streams: streams of the rig file."""
     recording = f"records {status['recording']}" if status["recording"] else "records nothing"
     yield ok("rigd", f"serves {status['rig']} and {recording}; queried through the daemon")
     served = {name: stream.get("port") for name, stream in status["streams"].items()}

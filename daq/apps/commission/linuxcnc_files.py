@@ -29,7 +29,7 @@ _JOINT = "net rig-joint-{joint} joint.{joint}.pos-fb => sampler.0.pin.{joint}"
 
 
 def linuxcnc_files(port: int) -> dict[str, bytes]:
-    """Return the HAL file and the program that it starts, by name. port: TCP port of the program."""
+    """HAL file and the program that it starts, by name. port: TCP port of the program."""
     joints = "\n".join(_JOINT.format(joint=joint) for joint in range(6))
     return {
         "rig.hal": _HAL.format(joints=joints, port=port).encode(),

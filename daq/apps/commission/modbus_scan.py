@@ -72,7 +72,7 @@ class ValueDecoding:
         return sum(_SELDOM.get(key, 1) for key in self.changed)
 
     def is_part_of(self, way: ValueDecoding) -> bool:
-        """Return whether this decoding is the upper part of a different number: the same motion, truncated.
+        """True if this decoding is the upper part of a different number: the same motion, truncated.
 
         The registers may have been read one after the other, so only the distributions are compared.
         """
@@ -84,7 +84,7 @@ class ValueDecoding:
 
 
 def ways(gauge: ModbusMap, seen: Mapping[tuple[Place, Piece], Seen]) -> list[ValueDecoding]:
-    """Return the decodings with moving readings, ordered by decreasing likelihood."""
+    """Decodings with moving readings, ordered by decreasing likelihood."""
     of_pieces = [way for (place, _), registers in seen.items() for way in _of_piece(gauge, *place, registers)]
     moving = {str(way): way for way in of_pieces}.values()
     whole = [way for way in moving if not any(way.is_part_of(wider) for wider in moving)]
@@ -92,7 +92,7 @@ def ways(gauge: ModbusMap, seen: Mapping[tuple[Place, Piece], Seen]) -> list[Val
 
 
 def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterator[ValueDecoding]:
-    """Yield the decodings of the registers read from a unit."""
+    """Decodings of the registers read from a unit."""
     orders = product(get_args(Order), repeat=2)
     for address, kind, (word_order, byte_order) in product(seen, get_args(Number), list(orders)):
         register = Register(address=address, type=kind)
@@ -120,7 +120,7 @@ def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterato
 
 
 def is_motion(readings_mm: NDArray[np.float64], gauge: ModbusMap) -> bool:
-    """Return whether readings (n,) in mm are plausible for this gauge while the probe is moved to and fro."""
+    """True if readings (n,) in mm are plausible for this gauge while the probe is moved to and fro."""
     lowest_mm, highest_mm = gauge.limits_mm or (-LIKELY_MM, LIKELY_MM)
     if not all(map(is_length, readings_mm.tolist())):
         return False
@@ -159,7 +159,7 @@ class Asker:
     heard: set[int] = field(default_factory=set)
 
     def read(self, place: Place, piece: Piece, timeout_s: float) -> tuple[int, ...] | None:
-        """Return the registers; None after a refusal or time-out. Raises LinkLost."""
+        """Registers; None after a refusal or time-out. Raises LinkLost."""
         unit, function = place
         clock.sleep(0.0 if self.wire.numbered else _SILENCE_S)
         while self.link.read(0.0):
@@ -184,7 +184,7 @@ class Asker:
 
 
 def scan_modbus(rig: Rig, say: Callable[[str], None]) -> Iterator[CellFinding]:
-    """Yield findings about each Modbus gauge of a rig. say: shows instructions to the user."""
+    """Findings about each Modbus gauge of a rig. say: shows instructions to the user."""
     gauges = {name: gauge for name, gauge in rig.gauges if isinstance(gauge, ModbusMap)}
     if not gauges:
         yield doubtful("scan", "the rig file has no gauge with interface modbus_map", "give a rig with Modbus gauges")
@@ -221,7 +221,7 @@ def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str],
 
 
 def _watch(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int, list[int]]]:
-    """Return the contents of the registers around the configured register for each pass."""
+    """Contents of the registers around the configured register for each pass."""
     pieces = [(place, piece) for unit in sorted(asker.heard) for place, piece in _readable(asker, gauge, unit)]
     seen: dict[tuple[Place, Piece], list[tuple[int, ...]]] = {piece: [] for piece in pieces}
     for _ in range(_PASSES):
@@ -237,7 +237,7 @@ def _watch(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int
 
 
 def _readable(asker: Asker, gauge: ModbusMap, unit: int) -> Iterator[tuple[Place, Piece]]:
-    """Yield the readable blocks of this unit: complete windows, or single values if a window is refused."""
+    """Readable blocks of this unit: complete windows, or single values if a window is refused."""
     for function in (3, 4):
         place = (unit, function)
         for middle in (gauge.value.address - base for base in _BASES if gauge.value.address >= base):

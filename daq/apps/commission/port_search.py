@@ -72,7 +72,7 @@ class SearchOptions:
 
 
 def ports_here() -> dict[str, str]:
-    """Return the serial ports of this computer with the description of the system. No port is opened."""
+    """Serial ports of this computer with the description of the system. No port is opened."""
     descriptions = {
         Path(port.device).resolve(): port.description for port in list_ports.comports() if port.description != "n/a"
     }
@@ -132,7 +132,7 @@ def search_port(
 
 
 def host_of(members: Sequence[Gauge], sends: Sends, listen_s: float, silences: int = 1) -> Host:
-    """Return a trial conversation with gauges. silences: see `Probing`."""
+    """A trial conversation with gauges. silences: see `Probing`."""
     timeout_s = listen_s if sends == "nothing" else _ANSWER_S if sends == "requests" else members[0].timeout_s
     return Probing(
         gauges.host([gauge.model_copy(update={"timeout_s": timeout_s}) for gauge in members]), sends, silences
@@ -187,7 +187,7 @@ def _tried(
 
 
 def _rank(candidate: tuple[Attempt, Trial]) -> tuple[bool, float, bool, int]:
-    """Return the sort key of a matching attempt. The best attempt has the highest key.
+    """Sort key of a matching attempt. The best attempt has the highest key.
 
     An interface with messages that end in a carriage return also accepts an additional line feed. It therefore matches
     instruments of other interfaces that always send both.

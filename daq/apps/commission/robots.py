@@ -62,7 +62,7 @@ class LineLayout:
 
 
 def layout_of(arrivals: Sequence[Arrival]) -> LineLayout | None:
-    """Return the layout of received lines; None for lines with fewer than six numbers."""
+    """Layout of received lines; None for lines with fewer than six numbers."""
     frames = DelimitedLines(b"\n", joined_midway=True)
     lines = [
         (message.data.decode("ascii", "replace").strip(), message.last_byte_ns / 1e9)
@@ -98,7 +98,7 @@ def layout_of(arrivals: Sequence[Arrival]) -> LineLayout | None:
 
 
 def _clock(column: list[float | None], at_s: list[float]) -> str | None:
-    """Return the name of the clock in a column according to the pace of the numbers."""
+    """Name of the clock in a column according to the pace of the numbers."""
     lasted_s = at_s[-1] - at_s[0]
     values = [value for value in column if value is not None]
     rises = len(values) == len(column) and all(b >= a for a, b in pairwise(values))
@@ -137,7 +137,7 @@ class _Tried:
 
 
 def linuxcnc_port(address: str) -> str | None:
-    """Return the `tcp://host:port` of `linuxcnc://host` or `linuxcnc://host:port`; None for other addresses."""
+    """`tcp://host:port` of `linuxcnc://host` or `linuxcnc://host:port`; None for other addresses."""
     scheme, _, host = address.partition("linuxcnc://")
     if scheme or not host:
         return None
@@ -181,7 +181,7 @@ def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
 
 
 def joints_of(robot: Feedback) -> tuple[float, ...]:
-    """Return the current joint angles in degrees. Raises CellError if the robot does not report them."""
+    """Current joint angles in degrees. Raises CellError if the robot does not report them."""
     trial = _try(robot).trial
     if trial.error:
         raise trial.error
@@ -248,13 +248,13 @@ def _try(robot: Feedback) -> _Tried:
 
 
 def _own_report(trial: Trial) -> str:
-    """Return the last report of the controller: a warning, a refusal, or a missing feature."""
+    """Last report of the controller: a warning, a refusal, or a missing feature."""
     reports = [fault.detail for fault in faults_of(trial.items) if fault.kind in OF_THE_INSTRUMENT]
     return reports[-1] if reports else ""
 
 
 def _remedy(address: str, named: Feedback | None, *, answers: bool) -> str:
-    """Return the remedy for a robot that reports no joint angles. answers: the connection is accepted."""
+    """Remedy for a robot that reports no joint angles. answers: the connection is accepted."""
     tcp, udp = tcp_address(address), udp_address(address)
     if named is not None and named.interface != "line_feed":
         return f"check that {named.interface} is available at this address and allowed in the controller's settings"

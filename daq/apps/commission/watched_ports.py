@@ -32,7 +32,7 @@ _SETTLE_S = 5.0
 
 
 def pushed(rest_mm: Mapping[str, Sequence[float]], now_mm: Mapping[str, float]) -> str | None:
-    """Return the place of the only gauge that moved; None if it is not unique.
+    """Place of the only gauge that moved; None if it is not unique.
 
     rest_mm: readings at rest by place. now_mm: current reading by place.
     """
@@ -77,7 +77,7 @@ class PortWatch:
         self._end()
 
     def readings_mm(self) -> dict[str, float]:
-        """Return the latest reading of each gauge by place. Raises CellError if a port is lost."""
+        """Latest reading of each gauge by place. Raises CellError if a port is lost."""
         with self._changed:
             for place, why in self._lost.items():
                 raise CellError(
@@ -99,12 +99,12 @@ class PortWatch:
         self.readings_mm()
 
     def pushed(self, places: Sequence[str]) -> str | None:
-        """Return the gauge among these that has moved since `rest`; None if none has."""
+        """Gauge among these that has moved since `rest`; None if none has."""
         now_mm = self.readings_mm()
         return pushed({place: self._rest[place] for place in places}, now_mm)
 
     def grows(self, place: str) -> bool:
-        """Return whether the push increased the reading."""
+        """True if the push increased the reading."""
         with self._changed:
             rest_mm = sorted(self._rest[place])[len(self._rest[place]) // 2]
             return max(self._latest[place], key=lambda reading: abs(reading - rest_mm)) > rest_mm

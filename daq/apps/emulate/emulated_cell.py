@@ -127,11 +127,11 @@ class EmulatedInstruments:
         self._plugged[name].set()
 
     def sent(self) -> dict[str, int]:
-        """Return the number of readings sent, by stream."""
+        """Number of readings sent, by stream."""
         return {name: sum(device.sent for device in devices) for name, devices in self._devices.items()}
 
     def rig_text(self, text: str, *, emulated: bool = False) -> str:
-        """Return the text of a rig file with the ports of this cell. emulated: mark the robot as emulated."""
+        """Text of a rig file with the ports of this cell. emulated: mark the robot as emulated."""
         data = data_of(as_emulated(text) if emulated else text)
         for name, port in self.ports.items():
             (data["feedback"] if name == "feedback" else data["gauges"][name])["port"] = port
@@ -190,7 +190,7 @@ class EmulatedInstruments:
 
 
 def as_emulated(text: str) -> str:
-    """Return the text of a rig file with the robot marked as emulated. Runs recorded with this file are also marked."""
+    """Text of a rig file with the robot marked as emulated. Runs recorded with this file are also marked."""
     return _text_of(data_of(text) | {"emulated": True})
 
 

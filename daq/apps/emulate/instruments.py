@@ -55,10 +55,10 @@ class MotionSource(Protocol):
     """Source of the measured values at any time of the host's monotonic clock."""
 
     def gauge_mm(self, name: str, now_ns: int) -> float:
-        """Return the reading of a gauge by name; nan if the head is disconnected."""
+        """Reading of a gauge by name; nan if the head is disconnected."""
 
     def joints_deg(self, now_ns: int) -> Sequence[float]:
-        """Return the six joint angles reported by the controller."""
+        """Six joint angles reported by the controller."""
 
 
 def emulated(
@@ -69,7 +69,7 @@ def emulated(
     names: Path | None = None,
     condition: Callable[[int], Mapping[str, float]] = lambda _: {},
 ) -> EmulatedInstruments:
-    """Return a cell of instruments measuring a motion.
+    """A cell of instruments measuring a motion.
 
     signal: program number of the robot at a time, if the feedback transmits it. condition: values that deviate from the
     normal condition of the robot at a time. For the other arguments see `EmulatedInstruments`.
@@ -84,7 +84,7 @@ def instruments_of(
     adversity: Adversity = NONE,
     condition: Callable[[int], Mapping[str, float]] = lambda _: {},
 ) -> dict[str, Callable[[], Device]]:
-    """Return a factory for each instrument by stream name. It is called for each connection."""
+    """A factory for each instrument by stream name. It is called for each connection."""
     further_columns = columns_beside_joints(rig.feedback)
 
     def read_values(now_ns: int) -> Sequence[float]:
@@ -101,7 +101,7 @@ def instruments_of(
 def gauge_device(
     rig: Rig, motion: MotionSource, group: Sequence[str], unsteady: Unsteady = STEADY
 ) -> Callable[[], Device]:
-    """Return a factory for a device with these gauges. It is called for each connection.
+    """A factory for a device with these gauges. It is called for each connection.
 
     Latching follows `timing` in the rig file. The phase of the internal cycle depends only on the name.
     """

@@ -76,7 +76,7 @@ class StreamingPlayer:
         self._knocked_ns: int | None = None
 
     def _play(self, now_ns: int) -> ConversationStep:
-        """Return at most one received chunk. Over UDP each chunk is a datagram."""
+        """At most one received chunk. Over UDP each chunk is a datagram."""
         if self._turn != self._time.turn:
             self._begin()
         shift_ns = self._time.shift_ns
@@ -122,7 +122,7 @@ class Exchange:
     answers: tuple[Piece, ...]
 
     def answers_to(self, question: bytes) -> tuple[Piece, ...] | None:
-        """Return the answers to this request; None if the request differs.
+        """Answers to this request; None if the request differs.
 
         A number repeated in the answer (Modbus TCP) may differ.
         """
@@ -157,7 +157,7 @@ class Exchanges:
 
     @classmethod
     def of(cls, pieces: Sequence[Piece]) -> Exchanges:
-        """Return the exchanges in the pieces. Data before the first request does not count as an answer."""
+        """Exchanges in the pieces. Data before the first request does not count as an answer."""
         questions = [number for number, piece in enumerate(pieces) if piece.mark is CaptureMark.SENT]
         exchanges = [
             Exchange(
@@ -267,7 +267,7 @@ class AnsweringPlayer:
         self._steps.skipped += sum(bool(exchange.answers) for exchange in self._exchanges.all[self._last + 1 : number])
 
     def _nearest(self, at_ns: int, question: bytes) -> tuple[int, tuple[Piece, ...]] | None:
-        """Return the index and the answers of the nearest exchange with this request.
+        """Index and the answers of the nearest exchange with this request.
 
         An early request has to wait, and the answer was measured in the meantime. Its error is half of that of an
         equally late request. The same is true of a late request with an answer that is not due yet, which keeps the

@@ -46,14 +46,14 @@ def heard(data: bytes, sent: Line, at: Line) -> bytes:
 
 
 def _characters(character: int, line: Line, at: Line) -> Iterator[int]:
-    """Yield the characters found by a receiver that samples each bit in the middle. Afterwards the wire is idle."""
+    """Characters found by a receiver that samples each bit in the middle. Afterwards the wire is idle."""
     # Levels of the sent character per bit: start, data with the lowest bit first, parity, stop
     data = [character >> n & 1 for n in range(line.bits)]
     parity = {"N": [], "E": [sum(data) % 2], "O": [1 - sum(data) % 2]}[line.parity]
     levels = [0, *data, *parity, *[1] * line.stop]
 
     def level(bits: float) -> int:
-        """Return the line level at a time, in bit times of the receiver."""
+        """Line level at a time, in bit times of the receiver."""
         sent = int(bits * line.baud / at.baud)
         return levels[sent] if sent < len(levels) else 1
 
@@ -82,7 +82,7 @@ class LatencyTimer:
 
     @property
     def due_ns(self) -> int | None:
-        """Time at which the bytes are due; None if there are none."""
+        """Time at which the bytes are due; None if missing."""
         return self._due_ns if self._held else None
 
     def add(self, data: bytes, now_ns: int) -> None:
@@ -97,7 +97,7 @@ class LatencyTimer:
             self._due_ns = now_ns
 
     def take(self, now_ns: int) -> bytes:
-        """Return the bytes that are due; empty if there are none."""
+        """Bytes that are due; empty if there are none."""
         if not self._held or now_ns < self._due_ns:
             return b""
         data = bytes(self._held)
@@ -193,7 +193,7 @@ class PtyLine:
         self._master, self._slave = following
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the bytes of the host after their transmission time."""
+        """Bytes of the host after their transmission time."""
         until_ns = clock.now_ns() + round(timeout_s * 1e9)
         while not select.select([self._master], [], [], self._pause_s(until_ns))[0]:
             self._release()
@@ -239,7 +239,7 @@ class PtyLine:
         """Ignored: a pty has no modem lines."""
 
     def _far_line(self) -> Line | None:
-        """Return the settings of the opposite end if the baud rates differ."""
+        """Settings of the opposite end if the baud rates differ."""
         baud = _SPEEDS.get(termios.tcgetattr(self._slave)[_OSPEED])
         matches = baud in (None, self._line.baud) or self._line.baud not in _SPEEDS.values()
         return None if matches else Line.model_validate(f"{baud} 8N1")

@@ -116,7 +116,7 @@ class Replay:
         return sum(steps.otherwise for steps in self.steps.values())
 
     def rig_text(self, text: str) -> str:
-        """Return the text of a rig file with the ports of this cell and the file of timing deviations."""
+        """Text of a rig file with the ports of this cell and the file of timing deviations."""
         data = data_of(self.cell.rig_text(text)) | ({"replay": str(self._marks.path)} if self._marks.path else {})
         written: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
         return written
@@ -166,7 +166,7 @@ class ReplayedStream:
         )
 
     def __call__(self) -> Player:
-        """Return the player of the next connection. A player closed by the host before sending is reused."""
+        """Player of the next connection. A player closed by the host before sending is reused."""
         if self._turn == self._time.turn:
             if self._playing.is_finished:
                 self._number += 1
@@ -180,7 +180,7 @@ class ReplayedStream:
 
 
 def _replayed(stream: Stream, pieces: Sequence[Piece], time: Timebase, steps: Steps) -> ReplayedStream:
-    """Return the player of a stream."""
+    """Player of a stream."""
     hangs_up = tcp_address(stream.port) is not None
     calls = udp_address(stream.port) is not None and stream.listens
     connections: list[Callable[[], Player]] = [
@@ -197,7 +197,7 @@ def _is_asked(stream: Stream) -> bool:
 
 
 def _u_ns(stream: Stream, pieces: Sequence[Piece]) -> float:
-    """Return the standard uncertainty of the times of a captured stream, as in the analysis."""
+    """Standard uncertainty of the times of a captured stream, as in the analysis."""
     if _is_asked(stream):
         return u_asked_ns(pieces)
     if stream.name == ROBOT or not stream.port.startswith("/"):
@@ -206,7 +206,7 @@ def _u_ns(stream: Stream, pieces: Sequence[Piece]) -> float:
 
 
 def _connections(stream: Stream, pieces: Sequence[Piece]) -> Iterable[Sequence[Piece]]:
-    """Yield the pieces of each connection that contains data. Only TCP connections can be distinguished."""
+    """Pieces of each connection that contains data. Only TCP connections can be distinguished."""
     if not tcp_address(stream.port):
         return [pieces]
     connections: list[list[Piece]] = []

@@ -152,7 +152,7 @@ class SimulatedClock:
             me.group = before
 
     def threads(self, process: str) -> list[str]:
-        """Return the names of the running threads of a process."""
+        """Names of the running threads of a process."""
         return [task.thread.name for task in self._tasks.values() if task.group == process]
 
     def kill(self, *processes: str) -> None:

@@ -49,7 +49,7 @@ class Timebase:
                 self.shift_ns = now_ns - at_ns + _HEAD_START_NS
 
     def is_past(self, now_ns: int, at_ns: int) -> bool:
-        """Return whether this instant of the capture has passed."""
+        """True if this instant of the capture has passed."""
         return self.shift_ns is not None and now_ns > self.shift_ns + at_ns
 
     def restart(self, turn: int) -> None:
@@ -106,14 +106,14 @@ class Steps:
             self._out_of_step(off_ns)
 
     def words(self) -> str:
-        """Return the result as text."""
+        """Result as text."""
         off_ms = statistics.median(self.judged_ns or [0.0]) / 1e6
         counted = {"skipped": self.skipped, "repeated": self.repeated, "s out of step": self.seconds_out}
         return ", ".join([f"{off_ms:+z.1f} ms off", *(f"{count} {event}" for event, count in counted.items() if count)])
 
 
 def u_asked_ns(pieces: Sequence[Piece]) -> float:
-    """Return the standard uncertainty of the time of an answer, measured anywhere between request and answer.
+    """Standard uncertainty of the time of an answer, measured anywhere between request and answer.
 
     This function and the next agree with `analysis.runs.clocks`.
     """
@@ -126,11 +126,11 @@ def u_asked_ns(pieces: Sequence[Piece]) -> float:
 
 
 def u_cycle_ns(pieces: Sequence[Piece]) -> float:
-    """Return the standard uncertainty of the time of a streamed position, latched anywhere in the cycle."""
+    """Standard uncertainty of the time of a streamed position, latched anywhere in the cycle."""
     came_ns = [piece.at_ns for piece in pieces if piece.mark is CaptureMark.CAME]
     return statistics.median([after - before for before, after in pairwise(came_ns)] or [0]) / math.sqrt(3)
 
 
 def bearable_ns(u_gauges_ns: Sequence[float], u_robot_ns: float) -> float:
-    """Return the largest tolerable deviation of a replay."""
+    """Largest tolerable deviation of a replay."""
     return max(_SHARE * math.hypot(max(u_gauges_ns), u_robot_ns), _HOST_NS)

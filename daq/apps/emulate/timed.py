@@ -91,7 +91,7 @@ class OwnCycle:
         self._tick_ns = 0
 
     def __call__(self, now_ns: int) -> list[float]:
-        """Return the reading at now_ns, which must not decrease between calls."""
+        """Reading at now_ns, which must not decrease between calls."""
         if math.isnan(self._grid_ns):
             self._grid_ns = now_ns - (self._chance.random() + (self._latched.maxlen or 1)) * self._cycle_ns
             self._next()
@@ -112,7 +112,7 @@ class OwnCycle:
 
 
 def timed_read(read: Read, timing: Timing, unsteady: Unsteady, chance: random.Random) -> Read:
-    """Return a function for the readings shown by the instrument."""
+    """A function for the readings shown by the instrument."""
     if timing.latch == "own_cycle" and timing.cycle_ms is not None:
         length = 1 + round(2 * timing.filter_ms / timing.cycle_ms)
         return OwnCycle(read, timing.cycle_ms * 1e6, length, unsteady, chance)
@@ -128,7 +128,7 @@ def timed_read(read: Read, timing: Timing, unsteady: Unsteady, chance: random.Ra
 
 
 def timed_device(device: Device, timing: Timing, unsteady: Unsteady, chance: random.Random) -> Device:
-    """Return the device side with a delay or a fixed rate."""
+    """Device side with a delay or a fixed rate."""
     if timing.latch == "streamed" and timing.cycle_ms is not None:
         return _Paced(device, timing.cycle_ms * 1e6, unsteady.pace, chance)
     return _Late(device, round(timing.answer_delay_ms * 1e6)) if timing.answer_delay_ms else device

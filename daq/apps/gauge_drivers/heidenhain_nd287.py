@@ -49,12 +49,12 @@ Chosen: a change of unit on the keypad is detected within seconds, at the cost o
 
 
 def host(gauges: Sequence[HeidenhainND287]) -> Host:
-    """Return the host side of the protocol, which reads the gauge in mm. A cable carries a single gauge."""
+    """Host side of the protocol, which reads the gauge in mm. A cable carries a single gauge."""
     return Polled(_Dialect(gauges), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[HeidenhainND287], read: Read) -> Device:
-    """Return the emulated instrument, the device side of the protocol. The display indicates a head in error."""
+    """Emulated instrument, the device side of the protocol. The display indicates a head in error."""
     units = gauges[0].units
     decimals = _DECIMALS[units]
     fixed = {

@@ -42,14 +42,14 @@ _CHECK = "check the cable and the power supply, and compare the line settings wi
 
 
 def host(gauges: Sequence[KeyenceDLRS1A]) -> Host:
-    """Return the host side of the protocol, which reads the gauges on a cable in mm."""
+    """Host side of the protocol, which reads the gauges on a cable in mm."""
     # A unit with no heads returns the request.
     dialect = TextDialect(gauges, b"M0" + _END, DelimitedLines(_END), _read, _CHECK, may_echo=False)
     return Polled(dialect, gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[KeyenceDLRS1A], read: Read) -> Device:
-    """Return the emulated communication unit, the device side of the protocol, with heads up to the last channel used.
+    """Emulated communication unit, the device side of the protocol, with heads up to the last channel used.
 
     A head not assigned to a gauge reads zero.
     """

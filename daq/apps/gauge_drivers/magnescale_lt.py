@@ -33,12 +33,12 @@ _CHECK = f"{CHECK}, and that the delimiter is CR LF"
 
 
 def host(gauges: Sequence[MagnescaleLT]) -> Host:
-    """Return the host side of the protocol, which reads the gauges on a cable in mm."""
+    """Host side of the protocol, which reads the gauges on a cable in mm."""
     return Polled(TextDialect(gauges, _REQUEST + _END, DelimitedLines(_END), _read, _CHECK), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MagnescaleLT], read: Read) -> Device:
-    """Return the emulated counter, the device side of the protocol. A channel not assigned to a gauge reads zero."""
+    """Emulated counter, the device side of the protocol. A channel not assigned to a gauge reads zero."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command != _REQUEST:
@@ -66,7 +66,7 @@ def _read(data: bytes, gauge: MagnescaleLT) -> Reading:
 
 
 def value_of(field: bytes, gauge: Probe) -> Reading:
-    """Return the reading that follows the name of a channel in the reply of a Magnescale counter."""
+    """Reading that follows the name of a channel in the reply of a Magnescale counter."""
     match = _VALUE.fullmatch(field)
     if not match:
         return garbled(field)

@@ -23,13 +23,13 @@ _FORMAT = {"mm": "+09.4f", "um": "+07.2f", "inch": "+09.5f"}
 
 
 def host(gauges: Sequence[MahrC1202]) -> Host:
-    """Return the host side of the protocol, which reads the gauges on a cable in mm."""
+    """Host side of the protocol, which reads the gauges on a cable in mm."""
     request = b"?" if len(gauges) > 1 else b"M%d?" % gauges[0].channel
     return Polled(TextDialect(gauges, request + _END, DelimitedLines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MahrC1202], read: Read) -> Device:
-    """Return the emulated instrument, the device side of the protocol. Unassigned features are inactive."""
+    """Emulated instrument, the device side of the protocol. Unassigned features are inactive."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command in {b"ID?", b"DES?"}:

@@ -29,14 +29,14 @@ _CHECK = f"close the menu and end any master measurement, during which it is sil
 
 
 def host(gauges: Sequence[MahrC1208]) -> Host:
-    """Return the host's side of the protocol. A cable carries a single gauge."""
+    """Host's side of the protocol. A cable carries a single gauge."""
     protocol = gauges[0].protocol
     dialect = TextDialect(gauges, _REQUEST[protocol] + b"\r", DelimitedLines(_END[protocol]), _read, _CHECK)
     return Polled(dialect, gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MahrC1208], read: Read) -> Device:
-    """Return the emulated instrument, the device side of the protocol. If the measuring head is in error,
+    """Emulated instrument, the device side of the protocol. If the measuring head is in error,
     the instrument is silent, as with an open menu.
     """
     (gauge,) = gauges

@@ -48,13 +48,13 @@ _MORE = Trouble("the sensor sends further values; select only the distance for R
 
 
 def host(gauges: Sequence[MicroEpsilonILD1420]) -> Host:
-    """Return the host side of the protocol, which reads the sensor in mm. A line carries a single sensor."""
+    """Host side of the protocol, which reads the sensor in mm. A line carries a single sensor."""
     (gauge,) = gauges
     return QuicklyStreamed(_ILD1420Dialect(gauge), gauge.timeout_s)
 
 
 def device(gauges: Sequence[MicroEpsilonILD1420], read: Read) -> Device:
-    """Return the emulated sensor, the device side of the protocol. `read` gives its reading in mm."""
+    """Emulated sensor, the device side of the protocol. `read` gives its reading in mm."""
     (gauge,) = gauges
     return _Sensor(gauge, read)
 
@@ -165,7 +165,7 @@ class _ILD1420Dialect:
 
 
 def _mm(x: float | NDArray[np.int64], gauge: MicroEpsilonILD1420) -> Any:
-    """Return the distances in mm for codes, relative to the zero of the gauge."""
+    """Distances in mm for codes, relative to the zero of the gauge."""
     return (102 / 65520 * x - 1) / 100 * gauge.range_mm - gauge.zero_mm
 
 

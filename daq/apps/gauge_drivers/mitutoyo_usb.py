@@ -24,12 +24,12 @@ _LONGEST = 9
 
 
 def host(gauges: Sequence[Probe]) -> Host:
-    """Return the host side of the protocol, which reads the gauge in mm. A cable carries a single gauge."""
+    """Host side of the protocol, which reads the gauge in mm. A cable carries a single gauge."""
     return Polled(TextDialect(gauges, b"1" + _END, DelimitedLines(_END), read_reply), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[Probe], read: Read) -> Device:
-    """Return the emulated gauge, the device side of the protocol. `read` gives its reading in mm."""
+    """Emulated gauge, the device side of the protocol. `read` gives its reading in mm."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command == b"V":
@@ -45,7 +45,7 @@ def device(gauges: Sequence[Probe], read: Read) -> Device:
 
 
 def read_reply(data: bytes, gauge: Probe) -> Reading:
-    """Return the reading of a reply in mm."""
+    """Reading of a reply in mm."""
     match = _REPLY.fullmatch(data)
     if match:
         return mm(match[1], gauge)

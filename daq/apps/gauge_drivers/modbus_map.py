@@ -32,7 +32,7 @@ _FINE_MM = 1e-6
 
 
 def host(gauges: Sequence[ModbusMap]) -> Host:
-    """Return the host side of the protocol, which polls one or several gauges in turn, in mm."""
+    """Host side of the protocol, which polls one or several gauges in turn, in mm."""
 
     def exchange(gauge: ModbusMap, wire: Wire, shared: bool) -> Polled:
         return Polled(dialect(gauge, wire), gauge.timeout_s, gauge.rate_hz, shared=shared)
@@ -41,17 +41,17 @@ def host(gauges: Sequence[ModbusMap]) -> Host:
 
 
 def device(gauges: Sequence[ModbusMap], read: Read) -> Device:
-    """Return the emulated gauges on a line, the device side of the protocol. `read` gives their readings in mm."""
+    """Emulated gauges on a line, the device side of the protocol. `read` gives their readings in mm."""
     return RegisterDevice([(gauge, registers_over_time(gauge, read, place)) for place, gauge in enumerate(gauges)])
 
 
 def dialect(gauge: ModbusMap, wire: Wire) -> RegisterDialect:
-    """Return the dialect for this block."""
+    """Dialect for this block."""
     return RegisterDialect(gauge, _Readings(gauge), wire)
 
 
 def registers_over_time(gauge: ModbusMap, read: Read, place: int = 0) -> Held:
-    """Return the content of the block as a function of time. place: index of the reading of this gauge."""
+    """Content of the block as a function of time. place: index of the reading of this gauge."""
     return lambda now_ns: _registers(gauge, read(now_ns)[place], now_ns)
 
 
@@ -88,7 +88,7 @@ class _Readings:
         return Sample((value_mm,), requested_ns, message.first_byte_ns, at_ns, message.size, clock_s, code)
 
     def _refusal(self, value_mm: float, registers: Registers) -> tuple[FaultKind, str] | None:
-        """Return the reason for rejecting the number, by itself or as a repeated value below a nanometre.
+        """Reason for rejecting the number, by itself or as a repeated value below a nanometre.
 
         A probe at rest with swapped bytes may repeatedly give such a small number. A rounding error may do so too, but
         is hardly a length in a different order.
@@ -112,7 +112,7 @@ def _mm(raw: float, gauge: ModbusMap) -> float:
 
 
 def _in_other_orders(registers: Registers, gauge: ModbusMap) -> list[str]:
-    """Return the values in the other orders that are possible lengths."""
+    """Values in the other orders that are possible lengths."""
     readings = []
     for word_order, byte_order in product(get_args(Order), repeat=2):
         orders: dict[str, Order] = {"word_order": word_order, "byte_order": byte_order}
@@ -134,7 +134,7 @@ def _clock_s(gauge: ModbusMap, registers: Registers) -> float:
 
 
 def _registers(gauge: ModbusMap, reading_mm: float, now_ns: int) -> list[int] | None:
-    """Return all registers; None if there is neither a reading nor a status register."""
+    """All registers; None if there is neither a reading nor a status register."""
     raw = (reading_mm / MM_PER_UNIT[gauge.units] - gauge.value.offset) / gauge.value.scale
     good = fits(raw, gauge.value)
     if not good and gauge.status is None:

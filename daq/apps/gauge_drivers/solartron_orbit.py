@@ -36,7 +36,7 @@ _STATUS = {
 
 
 def host(gauges: Sequence[SolartronOrbit]) -> Host:
-    """Return the host side of the protocol, which polls one or several probes in turn, in mm."""
+    """Host side of the protocol, which polls one or several probes in turn, in mm."""
 
     def exchange(gauge: SolartronOrbit, wire: Wire, shared: bool) -> Polled:
         return Polled(_OrbitDialect(gauge, wire), gauge.timeout_s, shared=shared)
@@ -45,7 +45,7 @@ def host(gauges: Sequence[SolartronOrbit]) -> Host:
 
 
 def device(gauges: Sequence[SolartronOrbit], read: Read) -> Device:
-    """Return the emulated units on a line, the device side of the protocol. `read` gives their readings in mm."""
+    """Emulated units on a line, the device side of the protocol. `read` gives their readings in mm."""
 
     def value(now_ns: int) -> Sequence[float]:
         return [0.0 if math.isnan(value) else value for value in read(now_ns)]
@@ -62,7 +62,7 @@ def device(gauges: Sequence[SolartronOrbit], read: Read) -> Device:
 
 
 def _block(gauge: SolartronOrbit, parameter: int) -> ModbusMap:
-    """Return a parameter as a register map."""
+    """A parameter as a register map."""
     address = _FLOATS + parameter
     return ModbusMap(
         interface="modbus_map",
@@ -74,7 +74,7 @@ def _block(gauge: SolartronOrbit, parameter: int) -> ModbusMap:
 
 
 def _status_block(gauge: SolartronOrbit) -> ModbusMap:
-    """Return the status as a register map. The unit is mm, so the status is not converted."""
+    """Status as a register map. The unit is mm, so the status is not converted."""
     return _block(gauge, gauge.status_parameter).model_copy(update={"units": "mm"})
 
 

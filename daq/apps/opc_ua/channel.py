@@ -78,7 +78,7 @@ class BoundedBuffer:
         return len(self._data) - self._at
 
     def read(self, size: int) -> bytes:
-        """Return the next `size` bytes."""
+        """Next `size` bytes."""
         begin, self._at = self._at, self._at + size
         if not begin <= self._at <= len(self._data):
             raise ValueError(f"a length of {size}, but only {len(self._data) - begin} bytes remain")
@@ -112,7 +112,7 @@ def structure(kind: Any, data: BoundedBuffer) -> Any:
 
 
 def type_of(body: bytes) -> Any:
-    """Return the type number of a message, as `TypeId.Identifier` in asyncua. Raises Unreadable."""
+    """Type number of a message, as `TypeId.Identifier` in asyncua. Raises Unreadable."""
     try:
         return nodeid_from_binary(BoundedBuffer(body)).Identifier
     except _UNREADABLE as error:
@@ -121,7 +121,7 @@ def type_of(body: bytes) -> Any:
 
 @cache
 def _reader(kind: Any) -> Reader:
-    """Return the reader of an asyncua type."""
+    """Reader of an asyncua type."""
     if type_is_list(kind):
         return _array_reader(_reader(*get_args(kind)))
     if issubclass(kind, Enum):
@@ -136,7 +136,7 @@ def _array_reader(element: Reader) -> Reader:
 
 
 def _structure_reader(kind: type[Any]) -> Reader:
-    """Return a reader for all fields in order. Optional fields have a bit each in the field `Encoding`."""
+    """A reader for all fields in order. Optional fields have a bit each in the field `Encoding`."""
     hints = get_safe_type_hints(kind, {"ua": ua})
     parts, next_bit = list[tuple[str, int, Reader]](), 1
     for field in fields(kind):
@@ -223,7 +223,7 @@ class Received:
 
 
 def chunks() -> Sized:
-    """Return a framer for chunks."""
+    """A framer for chunks."""
 
     def size_of(header: bytes) -> int | None:
         kind, _, size = _HEADER.unpack(header)
@@ -250,7 +250,7 @@ class Channel:
         self._longest = min(CHUNK, size)
 
     def packed(self, kind: bytes, message: Any, request: int = 0) -> bytes:
-        """Return the chunks of a message of the types of asyncua."""
+        """Chunks of a message of the types of asyncua."""
         body: bytes = struct_to_binary(message)
         if kind in _PLAIN:
             return _HEADER.pack(kind, _FINAL, _HEADER.size + len(body)) + body
@@ -266,7 +266,7 @@ class Channel:
         return b"".join(chunks)
 
     def read(self, chunk: bytes) -> Received | None:
-        """Return the message completed by a chunk; None if further chunks are needed. Raises Unreadable."""
+        """Message completed by a chunk; None if further chunks are needed. Raises Unreadable."""
         kind, final, _ = _HEADER.unpack_from(chunk)
         if kind in _PLAIN:
             return Received(kind, 0, chunk[_HEADER.size :])

@@ -46,7 +46,7 @@ _SUSPENDED = "Suspended"
 
 
 def condition_of(shown: Mapping[str, Any]) -> dict[str, float]:
-    """Return all columns of the condition; nan if not available.
+    """All columns of the condition; nan if not available.
 
     shown: values by browse name (temperatures by column).
     """
@@ -69,7 +69,7 @@ def condition_of(shown: Mapping[str, Any]) -> dict[str, float]:
 
 
 def shown_of(condition: Mapping[str, float]) -> dict[str, Any]:
-    """Return the values by browse name for a condition, the inverse of `condition_of`."""
+    """Values by browse name for a condition, the inverse of `condition_of`."""
     program, safety = condition[PROGRAM], condition[SAFETY]
     return {
         MODE: _MANUAL_REDUCED if safety == SafetyState.REDUCED else 3,
@@ -145,7 +145,7 @@ def robot_nodes(feedback: OPCUARobotics) -> Talk[RobotNodes]:
 
 
 def _system_and_robot(feedback: OPCUARobotics) -> Talk[tuple[Children, Children]]:
-    """Return the children of the motion device system and those of the robot."""
+    """Children of the motion device system and those of the robot."""
     objects = yield from _children_of(OBJECTS)
     devices = yield from children(list((yield from _children_of(objects.get("DeviceSet"))).values()))
     systems = [below for below in devices if "MotionDevices" in below]
@@ -166,7 +166,7 @@ def _system_and_robot(feedback: OPCUARobotics) -> Talk[tuple[Children, Children]
 
 
 def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
-    """Return the axes q1 … q6, by the names in the rig file or by number."""
+    """Axes q1 … q6, by the names in the rig file or by number."""
     names = ", ".join(axes)[:300] or "none"
     if feedback.axes:
         if missing := [axis for axis in feedback.axes if axis not in axes]:
@@ -179,7 +179,7 @@ def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
 
 
 def _deg_per_unit(names: Sequence[str], positions: Sequence[Any], feedback: OPCUARobotics) -> Talk[tuple[float, ...]]:
-    """Return the degrees per unit of each position. The server has precedence over the rig file."""
+    """Degrees per unit of each position. The server has precedence over the rig file."""
     units = yield from engineering_units(positions)
     stated = [
         None if unit is None else _DEG_PER.get(unit.UnitId) or _DEG_PER_NAME.get(_name(unit).lower()) for unit in units
@@ -199,7 +199,7 @@ def _name(unit: Any) -> str:
 
 
 def _condition_nodes(system: Children, robot: Children, axes: Sequence[Any]) -> Talk[Mapping[str, Any]]:
-    """Return the available condition nodes; none if there are several safety states or tasks."""
+    """Available condition nodes; none if there are several safety states or tasks."""
     nodes: dict[str, Any] = {}
     (parameters,) = yield from _parameters_of_children([robot])
     safety = (yield from _children_of(system.get("SafetyStates"))).values()
@@ -216,7 +216,7 @@ def _condition_nodes(system: Children, robot: Children, axes: Sequence[Any]) -> 
 
 
 def _motors(robot: Children, axes: Sequence[Any]) -> Talk[dict[str, Any]]:
-    """Return the motor temperature nodes by column. A power train lists the motors and the driven axis."""
+    """Motor temperature nodes by column. A power train lists the motors and the driven axis."""
     trains = yield from children(list((yield from _children_of(robot.get("PowerTrains"))).values()))
     temperatures: dict[str, Any] = {}
     for train in trains:
@@ -229,7 +229,7 @@ def _motors(robot: Children, axes: Sequence[Any]) -> Talk[dict[str, Any]]:
 
 
 def _task(system: Children) -> Talk[dict[str, Any]]:
-    """Return the state nodes of the only task and of the ready substate."""
+    """State nodes of the only task and of the ready substate."""
     controllers = yield from children(list((yield from _children_of(system.get("Controllers"))).values()))
     folders = yield from children([below["TaskControls"] for below in controllers if "TaskControls" in below])
     tasks = [task for folder in folders for task in folder.values()]
@@ -243,14 +243,14 @@ def _task(system: Children) -> Talk[dict[str, Any]]:
 
 
 def _children_of(node: Any | None) -> Talk[Children]:
-    """Return the children of a node; empty for None."""
+    """Children of a node; empty for None."""
     if node is None:
         return {}
     return (yield from children([node]))[0]
 
 
 def _parameters(nodes: Sequence[Any]) -> Talk[list[Children]]:
-    """Return the content of the ParameterSet of each node."""
+    """Content of the ParameterSet of each node."""
     return (yield from _parameters_of_children((yield from children(nodes))))
 
 
@@ -261,7 +261,7 @@ def _parameters_of_children(below: Sequence[Children]) -> Talk[list[Children]]:
 
 
 def engineering_units(variables: Sequence[Any]) -> Talk[list[Any | None]]:
-    """Return the EUInformation of each variable; None if absent."""
+    """EUInformation of each variable; None if absent."""
     below = yield from children(variables)
     units = yield from values([node["EngineeringUnits"] for node in below if "EngineeringUnits" in node])
     remaining = iter(units)
@@ -270,7 +270,7 @@ def engineering_units(variables: Sequence[Any]) -> Talk[list[Any | None]]:
 
 
 def values(variables: Sequence[Any]) -> Talk[list[Any]]:
-    """Return the value of each variable; None if unreadable."""
+    """Value of each variable; None if unreadable."""
     if not variables:
         return []
     results = (yield read_request(variables)).Results or ()
@@ -279,7 +279,7 @@ def values(variables: Sequence[Any]) -> Talk[list[Any]]:
 
 
 def read_request(variables: Sequence[Any]) -> Any:
-    """Return a request for present values with source timestamps."""
+    """A request for present values with source timestamps."""
     request = ua.ReadRequest()
     request.Parameters.TimestampsToReturn = ua.TimestampsToReturn.Source
     request.Parameters.NodesToRead = [ua.ReadValueId(node, ua.AttributeIds.Value) for node in variables]
@@ -287,7 +287,7 @@ def read_request(variables: Sequence[Any]) -> Any:
 
 
 def children(nodes: Sequence[Any]) -> Talk[list[Children]]:
-    """Return the children of each node by browse name; empty if a node cannot be browsed."""
+    """Children of each node by browse name; empty if a node cannot be browsed."""
     if not nodes:
         return []
     request = ua.BrowseRequest()
@@ -334,18 +334,18 @@ class RequestRefused(Exception):
 
 
 def hello(feedback: OPCUARobotics) -> Any:
-    """Return the hello message."""
+    """Hello message."""
     sizes = {"ReceiveBufferSize": CHUNK, "SendBufferSize": CHUNK, "MaxMessageSize": LIMIT}
     return ua.Hello(**sizes, MaxChunkCount=CHUNKS, EndpointUrl=endpoint(feedback))
 
 
 def endpoint(feedback: OPCUARobotics) -> str:
-    """Return the server address in OPC UA notation."""
+    """Server address in OPC UA notation."""
     return f"opc.{feedback.port}{feedback.path}"
 
 
 def channel_request(*, renew: bool) -> Any:
-    """Return a request for an unsecured channel, or for the next token of the open channel."""
+    """A request for an unsecured channel, or for the next token of the open channel."""
     request = ua.OpenSecureChannelRequest()
     kind = ua.SecurityTokenRequestType
     request.Parameters.RequestType = kind.Renew if renew else kind.Issue
@@ -413,12 +413,12 @@ def subscribed(nodes: RobotNodes, feedback: OPCUARobotics) -> Talk[None]:
 
 
 def _keep_alive(interval_ms: float, feedback: OPCUARobotics) -> int:
-    """Return the keep-alive count: three messages within the time-out."""
+    """Keep-alive count: three messages within the time-out."""
     return max(1, int(1e3 * feedback.timeout_s / 3 / max(interval_ms, 1.0)))
 
 
 def publish_request(acknowledged: Any | None = None) -> Any:
-    """Return a publish request. acknowledged: the previous response."""
+    """A publish request. acknowledged: the previous response."""
     request = ua.PublishRequest()
     if acknowledged is not None:
         number = acknowledged.NotificationMessage.SequenceNumber

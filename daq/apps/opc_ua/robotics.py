@@ -56,12 +56,12 @@ _SHORTEST_MS = 1000
 
 
 def host(feedback: OPCUARobotics) -> Host:
-    """Return the host side of the protocol, which reads the joint angles in degrees."""
+    """Host side of the protocol, which reads the joint angles in degrees."""
     return _Host(_Client(feedback), feedback.timeout_s)
 
 
 def device(feedback: OPCUARobotics, read: Read) -> Device:
-    """Return the emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
+    """Emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return RobotServer(feedback, read)
 
 
@@ -110,7 +110,7 @@ class _Client:
         return Reaction(hang_up=True)
 
     def poll(self, now_ns: int) -> bytes:
-        """Return the read request for all values."""
+        """Read request for all values."""
         self.due_ns = None
         return self._request(self._values.request(), asked_ns=now_ns) if self._values else b""
 
@@ -216,7 +216,7 @@ def _prepared(feedback: OPCUARobotics) -> Talk[tuple[RobotNodes, bool]]:
 
 
 def _response(request: Any, body: bytes) -> Any:
-    """Return the response to a request, or a ServiceFault. Raises Unreadable."""
+    """Response to a request, or a ServiceFault. Raises Unreadable."""
     kind = getattr(ua, type(request).__name__.removesuffix("Request") + "Response")
     number = type_of(body)
     if number not in (kind().TypeId.Identifier, ua.ObjectIds.ServiceFault_Encoding_DefaultBinary):

@@ -84,7 +84,7 @@ class Space:
         return node
 
     def browsed(self, node: Any) -> Any:
-        """Return the browse result of a node."""
+        """Browse result of a node."""
         references = [
             ua.ReferenceDescription(NodeId=child, BrowseName=ua.QualifiedName(name, _OURS))
             for name, child in self.below.get(node, [])
@@ -92,11 +92,11 @@ class Space:
         return ua.BrowseResult(References=references)
 
     def shows(self, node: Any) -> str | None:
-        """Return the name of the value of a variable; None for other nodes."""
+        """Name of the value of a variable; None for other nodes."""
         return self.variables.get(node)
 
     def constant(self, node: Any) -> Any:
-        """Return the value of a unit node; other nodes have no constant value."""
+        """Value of a unit node; other nodes have no constant value."""
         if node not in self.units:
             return ua.DataValue(StatusCode=ua.StatusCode(ua.StatusCodes.BadAttributeIdInvalid))
         unit = self.units[node]
@@ -104,7 +104,7 @@ class Space:
 
 
 def robot_space(feedback: OPCUARobotics) -> Space:
-    """Return the address space of a robot with the axes of a rig file.
+    """Address space of a robot with the axes of a rig file.
 
     If the rig file states the angle unit, the server omits it.
     """
@@ -258,7 +258,7 @@ class RobotServer:
         return self._channel.packed(MESSAGE, response, number)
 
     def _served(self, request: Any, now_ns: int) -> Any:
-        """Return the response to a request."""
+        """Response to a request."""
         response = getattr(ua, type(request).__name__.removesuffix("Request") + "Response")()
         asked: Any = getattr(request, "Parameters", None)
         match request:
@@ -301,7 +301,7 @@ class RobotServer:
         return self.EPOCH + timedelta(microseconds=(now_ns - self._start_ns) / 1e3)
 
     def _values(self, now_ns: int) -> dict[str, Any]:
-        """Return the values of the robot by variable name."""
+        """Values of the robot by variable name."""
         values = self._read(now_ns)
         condition = UNDISTURBED | dict(zip(condition_columns(self._feedback), values[6:], strict=True))
         in_rad = self._feedback.units == "rad"

@@ -56,7 +56,7 @@ class Together:
         self._open: dict[int, AxisValue] = {}
 
     def take(self, values: Iterable[AxisValue]) -> Iterator[ArmPosition]:
-        """Yield the positions completed by these values, immediately or by a later value."""
+        """Positions completed by these values, immediately or by a later value."""
         ordered = sorted(values, key=lambda value: value.clock_s)
         if any(math.isnan(value.clock_s) for value in ordered):
             # it is unknown which values belong together
@@ -70,7 +70,7 @@ class Together:
                 yield from self.end()
 
     def end(self) -> Iterator[ArmPosition]:
-        """Yield the unfinished position at the end of the data."""
+        """Unfinished position at the end of the data."""
         if not self._open:
             return
         stamps_s = [value.clock_s for value in self._open.values()]
@@ -106,15 +106,15 @@ class RobotValues:
         self._apart_reported = False
 
     def request(self) -> Any:
-        """Return a request for all values."""
+        """A request for all values."""
         return read_request(self._nodes.all)
 
     def stand_still(self, note: Any) -> bool:
-        """Return whether a subscription message shows stalled stamps: no new data arrives after the first position."""
+        """True if a subscription message shows stalled stamps: no new data arrives after the first position."""
         return bool(self._notes) and self._positions < 2 and not note.NotificationData
 
     def published(self, note: Any, message: Message) -> Iterator[Item]:
-        """Yield the items of a subscription message."""
+        """Items of a subscription message."""
         at_ns = message.last_byte_ns
         if not note.NotificationData:
             yield from self._samples(self._together.end(), NO_TIME, message)
@@ -132,7 +132,7 @@ class RobotValues:
         yield from self._samples(self._together.take(values), NO_TIME, message)
 
     def polled(self, results: Sequence[Any], asked_ns: int, message: Message) -> Iterator[Item]:
-        """Yield the items of an answer to `request`.
+        """Items of an answer to `request`.
 
         They have no stamp, because the stamps of the server may be old.
         """

@@ -35,7 +35,7 @@ Field = tuple[int, int, int | bytes]
 
 
 def fields(data: bytes) -> list[Field] | None:
-    """Return the fields of a message in order, or None for an invalid message."""
+    """Fields of a message in order, or None for an invalid message."""
     message: list[Field] = []
     at = 0
     while at < len(data):
@@ -58,7 +58,7 @@ def fields(data: bytes) -> list[Field] | None:
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    """Return the value and the end position. If the varint is truncated or overlong, the end is beyond the data."""
+    """Value and the end position. If the varint is truncated or overlong, the end is beyond the data."""
     value = 0
     for index, byte in enumerate(data[at : at + _LONGEST_VARINT]):
         value |= (byte & 0x7F) << 7 * index
@@ -68,19 +68,19 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
 
 
 def number_in(message: Sequence[Field], number: int) -> int:
-    """Return the last value of an integer field, 0 if the field is missing."""
+    """Last value of an integer field, 0 if the field is missing."""
     values = [value for key, wire_type, value in message if key == number and wire_type == VARINT]
     return int(values[-1]) if values else 0
 
 
 def message_in(message: Sequence[Field], number: int) -> list[Field] | None:
-    """Return a nested message, empty if missing, or None if invalid."""
+    """A nested message, empty if missing, or None if invalid."""
     parts = [value for key, wire_type, value in message if key == number and wire_type == BYTES]
     return fields(b"".join(part for part in parts if isinstance(part, bytes)))
 
 
 def doubles_in(message: Sequence[Field], number: int) -> tuple[float, ...]:
-    """Return the values of a repeated double, packed or not."""
+    """Values of a repeated double, packed or not."""
     values = [packed for key, wire_type, packed in message if key == number and wire_type in (FIXED64, BYTES)]
     data = b"".join(packed for packed in values if isinstance(packed, bytes))
     return struct.unpack(f"<{len(data) // 8}d", data[: len(data) // 8 * 8])
@@ -119,13 +119,13 @@ _STATE_OF_RAPID = {1: ProgramState.STOPPED, 2: ProgramState.RUNNING}
 
 
 def host(feedback: ABBEGM) -> Host:
-    """Return the host side of the protocol, which reads the joint angles in degrees."""
+    """Host side of the protocol, which reads the joint angles in degrees."""
     check = "check that the RAPID program is streaming (EGMStreamStart), and that the controller sends to this address"
     return Streamed(Positions(_decode, check, Order()), feedback.timeout_s)
 
 
 def device(feedback: ABBEGM, read: Read) -> Device:
-    """Return the emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
+    """Emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return _EGMController(read, RATE_HZ)
 
 
@@ -147,7 +147,7 @@ def _decode(data: bytes) -> Position | UnusableDatagram:
 
 
 def _pose_in(cartesian: Sequence[Field]) -> tuple[float, ...]:
-    """Return the columns of the pose: position in mm and quaternion; nan if a number is missing."""
+    """Columns of the pose: position in mm and quaternion; nan if a number is missing."""
     parts = [message_in(cartesian, number) or [] for number in (1, 2)]
     numbers = [values[-1] for part, count in zip(parts, (3, 4), strict=True) for values in _doubles_of(part, count)]
     if len(numbers) != 7 or not any(numbers[3:]):
@@ -156,12 +156,12 @@ def _pose_in(cartesian: Sequence[Field]) -> tuple[float, ...]:
 
 
 def _doubles_of(message: Sequence[Field], count: int) -> list[tuple[float, ...]]:
-    """Return the values of the fields 1 … count, without those that are missing."""
+    """Values of the fields 1 … count, without those that are missing."""
     return [values for number in range(1, count + 1) if (values := doubles_in(message, number))]
 
 
 def _state_in(message: Sequence[Field], number: int, meanings: Mapping[int, float]) -> float:
-    """Return the meaning of a state field, nan if it is missing or undefined."""
+    """Meaning of a state field, nan if it is missing or undefined."""
     return float(meanings.get(number_in(message_in(message, number) or [], 1), math.nan))
 
 

@@ -65,17 +65,17 @@ ASK_VERSION = _CAPABILITY.pack(_ASK_CAPABILITY, _ASKED_AS, 1, 0, 0, 0, 0)
 
 
 def start_packet(version: int) -> bytes:
-    """Return the packet that starts the status stream for a version."""
+    """Packet that starts the status stream for a version."""
     return _REQUEST.pack(0 if version < 3 else 200, version)
 
 
 def host(feedback: FANUCStreamMotion) -> Host:
-    """Return the host side of the protocol, which reads the joint angles in degrees."""
+    """Host side of the protocol, which reads the joint angles in degrees."""
     return Streamed(_StreamMotionClient(feedback), feedback.timeout_s)
 
 
 def device(feedback: FANUCStreamMotion, read: Read) -> Device:
-    """Return the emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
+    """Emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return _StreamMotionController(feedback.version or _ASKED_AS, read)
 
 
@@ -100,7 +100,7 @@ def _decode(currents: bool, data: bytes) -> Position | UnusableDatagram:
 
 
 def _nine(values: Sequence[float]) -> list[float]:
-    """Return the numbers of the nine axes in a status."""
+    """Numbers of the nine axes in a status."""
     return [*values, *[0.0] * (9 - len(values))]
 
 
@@ -122,7 +122,7 @@ class _StreamMotionClient:
         """True if the last request was for the version."""
 
     def start(self) -> bytes:
-        """Return the packet to send while the controller is silent."""
+        """Packet to send while the controller is silent."""
         if self._version is not None:
             return start_packet(self._version)
         self._asked = self._answered or not self._asked

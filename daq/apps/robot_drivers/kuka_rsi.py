@@ -36,12 +36,12 @@ _IPOC_WRAP = 2**63
 
 
 def host(feedback: KUKARSI) -> Host:
-    """Return the host side of the protocol, which reads the joint angles in degrees."""
+    """Host side of the protocol, which reads the joint angles in degrees."""
     return Streamed(_RSIDialect(feedback), feedback.timeout_s)
 
 
 def device(feedback: KUKARSI, read: Read) -> Device:
-    """Return the emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
+    """Emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return _RSIController(feedback, read)
 
 

@@ -34,12 +34,12 @@ _CLOCK_FORMAT = {"t_s": ".3f", "t_ms": ".0f", "t_us": ".0f"}
 
 
 def host(feedback: LineFeed) -> Host:
-    """Return the host side of the protocol, which reads the joint angles in degrees."""
+    """Host side of the protocol, which reads the joint angles in degrees."""
     return Streamed(_LineFeedDialect(feedback), feedback.timeout_s)
 
 
 def device(feedback: LineFeed, read: Read) -> Device:
-    """Return the emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
+    """Emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return _ControllerProgram(feedback, read)
 
 

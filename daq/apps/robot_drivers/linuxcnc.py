@@ -31,12 +31,12 @@ _OVERRUN = b"overrun"
 
 
 def host(feedback: LinuxCNC) -> Host:
-    """Return the host side of the protocol, which reads the joint angles in degrees."""
+    """Host side of the protocol, which reads the joint angles in degrees."""
     return Streamed(_Samples(feedback), feedback.timeout_s)
 
 
 def device(feedback: LinuxCNC, read: Read) -> Device:
-    """Return the emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
+    """Emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return _Sampler(feedback, read)
 
 

@@ -21,7 +21,7 @@ _DEG_PER_UNIT = {"deg": 1.0, "rad": math.degrees(1)}
 
 
 def host(feedback: ModbusJoints) -> Host:
-    """Return the host side of the protocol, which reads the joint angles in degrees."""
+    """Host side of the protocol, which reads the joint angles in degrees."""
 
     def reading(registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
         at_ns = message.last_byte_ns
@@ -40,10 +40,10 @@ def host(feedback: ModbusJoints) -> Host:
 
 
 def device(feedback: ModbusJoints, read: Read) -> Device:
-    """Return the emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
+    """Emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
 
     def read_registers(now_ns: int) -> list[int] | None:
-        """Return all registers, or None if an angle does not fit."""
+        """All registers, or None if an angle does not fit."""
         registers = [0] * feedback.count
         for joint, angle_deg in zip(feedback.joints, read(now_ns), strict=True):
             raw = (angle_deg / _DEG_PER_UNIT[feedback.units] - joint.offset) / joint.scale

@@ -73,13 +73,13 @@ _MESSAGE: TypeAdapter[_Published | _Status] = TypeAdapter(Annotated[_Published |
 
 
 def host(feedback: ROS2JointStates) -> Host:
-    """Return the host side of the protocol, which reads the joint angles in degrees."""
+    """Host side of the protocol, which reads the joint angles in degrees."""
     address = feedback.port.removeprefix("tcp://")
     return WebSocketHost(Streamed(_JointStates(feedback), feedback.timeout_s), address, feedback.timeout_s)
 
 
 def device(feedback: ROS2JointStates, read: Read) -> Device:
-    """Return the emulated server and driver, the device side of the protocol. `read` gives joint angles in
+    """Emulated server and driver, the device side of the protocol. `read` gives joint angles in
     degrees.
     """
     return WebSocketDevice(_Bridge(feedback, read))

@@ -106,12 +106,12 @@ _SHOWN_SAFETY = {state: code for code, state in reversed(_SAFETY.items())}
 
 
 def packet(kind: bytes, payload: bytes = b"") -> bytes:
-    """Return a packet with a header."""
+    """A packet with a header."""
     return _HEADER.pack(_HEADER.size + len(payload), kind[0]) + payload
 
 
 def packets() -> Sized:
-    """Return a framer for packets of both sides, including the header."""
+    """A framer for packets of both sides, including the header."""
     return Sized(_HEADER.size, _length)
 
 
@@ -132,7 +132,7 @@ class Recipe:
         return struct.Struct(">B" + "".join(_FORMATS[kind][1] for kind in self.types.values()))
 
     def without(self, lacking: Collection[str]) -> Recipe:
-        """Return the recipe without the missing fields. Those that have an earlier name are replaced by it."""
+        """Recipe without the missing fields. Those that have an earlier name are replaced by it."""
         named = [(OLDER.get(name) if name in lacking else name, kind) for name, kind in self.types.items()]
         return Recipe({name: kind for name, kind in named if name})
 
@@ -147,7 +147,7 @@ class Recipe:
 
 
 def condition_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
-    """Return the columns of the condition, nan for missing fields and unknown codes."""
+    """Columns of the condition, nan for missing fields and unknown codes."""
     (program,) = fields.get("runtime_state", (_UNKNOWN,))
     (safety,) = fields.get(_SAFETY_FIELD) or fields.get(OLDER[_SAFETY_FIELD], (_UNKNOWN,))
     (limited,), (slider,) = fields.get("speed_scaling", (math.nan,)), fields.get("target_speed_fraction", (math.nan,))
@@ -161,13 +161,13 @@ def condition_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
 
 
 def currents_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
-    """Return the columns of the currents, nan if the field is missing."""
+    """Columns of the currents, nan if the field is missing."""
     (name,) = CURRENT_TYPES
     return tuple(map(plausible, fields.get(name, (math.nan,) * 6)))
 
 
 def pose_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
-    """Return the columns of the flange pose, nan if a field is missing."""
+    """Columns of the flange pose, nan if a field is missing."""
     tool, offset = (fields.get(name) for name in POSE_TYPES)
     if tool is None or offset is None:
         return (math.nan,) * len(POSE)
@@ -175,7 +175,7 @@ def pose_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
 
 
 def fields_of(shown: Mapping[str, float]) -> dict[str, Numbers]:
-    """Return the fields for a condition and currents."""
+    """Fields for a condition and currents."""
     fields: dict[str, Numbers] = {}
     if PROGRAM in shown:
         safety = _SHOWN_SAFETY[SafetyState(int(shown[SAFETY]))]
@@ -207,12 +207,12 @@ _MAX_CLOCK_S = 1e9
 
 
 def host(feedback: URRTDE) -> Host:
-    """Return the host side of the protocol, which reads the joint angles in degrees."""
+    """Host side of the protocol, which reads the joint angles in degrees."""
     return GatheredStream(_RTDEClient(feedback), feedback.timeout_s)
 
 
 def device(feedback: URRTDE, read: Read) -> Device:
-    """Return the emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
+    """Emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return _RTDEController(feedback, read)
 
 
@@ -230,7 +230,7 @@ def _signal_field(place: RTDESignal) -> str:
 
 
 def _signal(place: RTDESignal, raw: int) -> float:
-    """Return the signal contained in a field value."""
+    """Signal contained in a field value."""
     if place.int_register is not None:
         return float(raw)
     return float(sum((raw >> output & 1) << bit for bit, output in enumerate(place.outputs)))
@@ -407,7 +407,7 @@ class _RTDEController(SteadyDevice):
         return b""
 
     def _set_up(self, payload: bytes) -> bytes:
-        """Return the answer to a recipe: the number, 0 for none, and the field types."""
+        """Answer to a recipe: the number, 0 for none, and the field types."""
         # SDU's ur_rtde ends the list with a comma, which real controllers accept.
         names = payload[8:].decode("ascii", "replace").removesuffix(",").split(",")
         (rate_hz,) = struct.unpack(">d", payload[:8]) if len(payload) >= 8 else (math.nan,)
