@@ -63,7 +63,9 @@ def test_why_a_circle_is_refused_does_not_depend_on_words(
     every: CircleCandidates, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said = RigError.__init__
-    monkeypatch.setattr(RigError, "__init__", lambda error, where, what, remedy: said(error, "a", "b", "c"))
+    monkeypatch.setattr(
+        RigError, "__init__", lambda error, where, what, remedy, code="": said(error, "a", "b", "c", code)
+    )
     assert circle_candidates(RIG, CIRCLE, 3).refused == every.refused
 
 
