@@ -151,6 +151,7 @@ def _serve(work: Callable[[Any], Any], line: Connection[Any, Any]) -> None:
         # Later workers inherit the end of the parent, so the death of the parent does not close the connection.
         while parent.sentinel not in wait([line, parent.sentinel]):
             item = line.recv()
+            answer: tuple[bool, Any]
             try:
                 answer = (False, attempt(work, item))
             except Exception as bug:  # noqa: BLE001 - the parent raises it
