@@ -75,10 +75,10 @@ def test_the_commands_of_the_page_record_with_the_new_driver(grown: tuple[Page, 
     assert page.interface in done.stdout
     (first,) = tree.glob("*/runs/*_first")
     samples = sum(pq.read_metadata(chunk).num_rows for chunk in first.glob(f"{page.stream}-*.parquet"))
-    assert samples > page.least_hz, "in three seconds"
+    assert samples > page.least_hz
     faults = [row for chunk in first.glob("faults-*.parquet") for row in pq.read_table(chunk).to_pylist()]
     said_of_drivers = [fault for fault in faults if fault["stream"] in (page.stream, "g2")]
-    assert [fault for fault in said_of_drivers if fault["kind"] != "stalled"] == [], "the computer may stand still"
+    assert [fault for fault in said_of_drivers if fault["kind"] != "stalled"] == []
 
 
 @pytest.mark.timeout(300)

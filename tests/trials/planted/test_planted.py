@@ -75,7 +75,7 @@ def _drawn(u: float, bias: float = 0.0, noise: str = "measured", count: int = 60
     [
         (_drawn(1.0), ""),
         (_drawn(1 / 3), "% within 2 u"),
-        (_drawn(3.0), "u 3.0 times the rms error"),
+        (_drawn(3.0), "u 3.0 times"),
         (_drawn(1.2, bias=0.6), "bias +0.5"),
         (_drawn(1.0, bias=0.6, noise="assumed"), ""),
         ([Point("yaw", "band_deg", TABLE, np.nan, np.nan, "")], ""),
@@ -96,9 +96,7 @@ def test_a_case_becomes_points(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (shift.error, shift.u) == (-1.0, 1.0)
     scores = scores_of([shift, rms, band])
     assert [score.missing for score in scores] == [0, 1, 1]
-    assert "without a value, a u or a planted truth in every cell: yaw rms_deg (cells: 1), yaw band_deg" in report(
-        scores, True
-    )
+    assert "yaw rms_deg (cells: 1), yaw band_deg" in report(scores, True)
 
     def refuse(*_: object) -> Outcome:
         raise FileError("run", "is refused", "do not")
@@ -156,5 +154,5 @@ def test_a_circle_table_is_the_circle_of_the_rig_lap_after_lap() -> None:
 def test_runs_that_are_repeated_become_a_mean_with_its_uncertainty() -> None:
     points = [point for seed in range(FIRST, FIRST + 2) for point in points_of(Job("repeated", "white", seed, 2, 720))]
     there = [point for point in points if np.isfinite(point.error)]
-    assert there, "not every case is refused"
+    assert there
     assert np.mean([abs(point.error) <= 2 * point.u for point in there]) > 0.8
