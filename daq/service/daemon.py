@@ -350,7 +350,7 @@ def _label(request: dict[str, Any]) -> RunLabel:
         pattern = detail["type"] == "string_pattern_mismatch"
         problem = f"{named} {_short(detail['input'])} is not valid" + ("" if pattern else f": {detail['msg']}")
         raise UseError(
-            "recording", problem, NAME_RULE if pattern else "see rig record start --help", code="request.unknown_test"
+            "recording", problem, NAME_RULE if pattern else "see rig record start --help", code="request.value"
         ) from None
     if label.test in CIRCLES and label.direction is None:
         raise UseError(

@@ -214,7 +214,7 @@ def _relabelled(
     try:
         return manifest.updated(**words, relabelled=[*history, *changes])
     except ValidationError as error:
-        raise UseError(str(run), first_error(error), PLACEMENT_RULE, code="request.unknown_test") from None
+        raise UseError(str(run), first_error(error), PLACEMENT_RULE, code="request.placement") from None
 
 
 def _test_and_direction(

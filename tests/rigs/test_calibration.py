@@ -45,6 +45,7 @@ from rigs.load import SHIPPED, calibrated_beside, load, parse
 from rigs.schema.effect import healthy, phases, scaled, size_of
 from tests.support.diagnosis_cells import RIG, table_of
 from tests.support.handmade_calibration import NAMED, SMALL, calibrated_model, written
+from tests.support.refusals import refused
 
 
 @pytest.fixture(autouse=True)
@@ -168,7 +169,7 @@ def test_wrong_content_is_one_line(case: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"null"])
 def test_what_is_no_json_is_one_line(content: bytes, tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="is not a calibration: ") as told:
+    with refused("calibration.damaged") as told:
         load(_named_as(tmp_path, content))
     assert len(told.value.lines()) == 1
 
@@ -176,7 +177,7 @@ def test_what_is_no_json_is_one_line(content: bytes, tmp_path: Path) -> None:
 def test_a_changed_file_is_refused(tmp_path: Path) -> None:
     rig_file, beside = written(tmp_path)
     beside.write_text(beside.read_text().replace("-0.4", "-0.5", 1))
-    with pytest.raises(FileError, match="was changed or replaced: the SHA-256 differs") as told:
+    with refused("calibration.changed") as told:
         load(rig_file)
     assert told.value.where == str(beside) and len(told.value.lines()) == 1
 
@@ -184,9 +185,9 @@ def test_a_changed_file_is_refused(tmp_path: Path) -> None:
 def test_a_missing_file_is_refused_in_one_line(tmp_path: Path) -> None:
     rig_file, beside = written(tmp_path)
     beside.unlink()
-    with pytest.raises(FileError, match="cannot be read: No such file") as told:
+    with refused("calibration.missing") as told:
         load(rig_file)
-    assert told.value.where == str(beside) and "remove the key calibration" in told.value.remedy
+    assert told.value.where == str(beside)
 
 
 def test_what_is_no_regular_file_or_too_large_is_refused(tmp_path: Path) -> None:
@@ -198,7 +199,7 @@ def test_what_is_no_regular_file_or_too_large_is_refused(tmp_path: Path) -> None
     beside.rmdir()
     with beside.open("wb") as file:
         file.truncate(100_000_001)
-    with pytest.raises(FileError, match="is larger than") as told:
+    with refused("file.too_large") as told:
         load(rig_file)
     assert told.value.where == str(beside)
 
@@ -216,11 +217,11 @@ def test_a_copy_without_the_calibration_is_refused_where_the_model_is_needed(tmp
     rig_file, beside = written(tmp_path / "here")
     (tmp_path / "there").mkdir()
     copy = Path(shutil.copy(rig_file, tmp_path / "there"))
-    with pytest.raises(FileError, match="is referenced by the rig file in the same directory, but cannot be read"):
+    with refused("calibration.missing"):
         load(copy)
     rig = parse(rig_file.read_text(), "cell.yaml")
     assert calibrated_beside(rig, tmp_path / "there") is rig
-    with pytest.raises(FileError, match="which is missing in the directory of this rig file") as told:
+    with refused("calibration.missing") as told:
         model_of(rig)
     assert "--rig" in told.value.remedy and len(told.value.lines()) == 1
     assert model_of(rig, ()).effects == (), "who names the effects needs no calibration"

@@ -6,12 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
 import yaml
 
 from daq.service.addresses import drop_in, resolved
-from rigs.errors import CellError
 from rigs.load import SHIPPED, parse
+from tests.support.refusals import refused
 
 RESOLV_CONF = "# made by hand\nnameserver 127.0.0.53\nnameserver fe80::1%eth0\nsearch plant\noptions edns0\n"
 NAMES = {"robot.plant": ["192.168.7.7", "fd00::7"], "localhost": ["127.0.0.1"]}
@@ -50,7 +49,7 @@ def test_for_a_controller_that_speaks_first_private_networks_are_allowed() -> No
 
 
 def test_a_name_that_nobody_knows_is_one_line() -> None:
-    with pytest.raises(CellError, match=r"cannot be resolved here.*; write the IP address into the rig file"):
+    with refused("address.unresolved"):
         resolved("no-such-host.invalid")
 
 

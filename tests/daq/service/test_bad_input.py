@@ -22,6 +22,7 @@ from daq.store import judge, read_run
 from rigs.errors import RigError
 from tests.support.bench import BIN, OFF, Bench, rig_text
 from tests.support.child_processes import until
+from tests.support.refusals import refused
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,7 @@ def test_zeros_of_a_view_are_noted_in_the_run_and_leave_its_rows(bench: Bench) -
     bench.start().all_reading()
     with Client(bench.socket) as client:
         label = {"name": "lap", "test": "yaw", "direction": "cw"}
-        with pytest.raises(RigError, match="view_zero_mm"):
+        with refused("request.value"):
             client.ask("record_start", **label, view_zero_mm=[1e9, "x"])
         run = Path(client.ask("record_start", **label, view_zero_mm=[0.1, -0.1])["run"])
         client.ask("record_stop")

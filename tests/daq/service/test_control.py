@@ -16,6 +16,7 @@ from daq.service.control import ControlServer, reply
 from daq.service.trust import InstanceLock
 from daq.store import RunWriter, load_manifest, new_manifest
 from rigs.errors import CellError
+from tests.support.refusals import refused
 
 
 def test_what_is_no_socket_is_left_where_it_is(tmp_path: Path) -> None:
@@ -23,7 +24,7 @@ def test_what_is_no_socket_is_left_where_it_is(tmp_path: Path) -> None:
     file.write_text("precious")
     folder.mkdir()
     for path in (file, folder):
-        with pytest.raises(CellError, match="is not a socket; choose a different --socket"):
+        with refused("daemon.socket"):
             ControlServer(path, lambda _: {}).start()
     assert file.read_text() == "precious"
 
@@ -64,10 +65,10 @@ def test_a_daemon_that_hangs_is_told_from_none(tmp_path: Path, monkeypatch: pyte
         hanging.bind(str(path))
         hanging.listen(0)
         with Client(path) as client:
-            with pytest.raises(CellError, match="has not answered"):
+            with refused("daemon.no_answer"):
                 client.ask("status")
             assert find_socket("hanging") == path
-            with pytest.raises(CellError, match="too many clients are waiting"), Client(path):
+            with refused("daemon.busy"), Client(path):
                 pass
 
 

@@ -14,8 +14,8 @@ from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample, SampleB
 from daq.service.answers import LONGEST_ANSWER, read_answer
 from daq.service.client import Client
 from daq.service.daemon import MOST, recent_samples
-from rigs.errors import CellError
 from tests.support.bench import Bench
+from tests.support.refusals import refused
 
 
 def delivered(count: int, *values: float) -> StreamBuffer:
@@ -85,7 +85,7 @@ def test_no_answer_is_longer_than_a_client_takes() -> None:
     "request_", [{"after": 3}, {"after": {"g1": -1}}, {"after": {"g1": "x"}}, {"rig": "maybe"}, {"more": 1}]
 )
 def test_a_wrong_request_is_refused_in_one_line(request_: dict[str, Any]) -> None:
-    with pytest.raises(CellError, match="invalid samples request"):
+    with refused("daemon.bad_request"):
         recent_samples({"command": "samples", **request_}, {}, "")
 
 

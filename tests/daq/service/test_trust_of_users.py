@@ -10,7 +10,7 @@ import pytest
 
 from daq.service import trust
 from daq.service.trust import InstanceLock, may_use, tcp_user
-from rigs.errors import CellError
+from tests.support.refusals import refused
 
 TABLE = """\
   sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid  timeout inode
@@ -70,7 +70,7 @@ def test_a_user_may_use_what_the_socket_allows(tmp_path: Path, monkeypatch: pyte
 )
 def test_one_gauge_is_read_by_one_daemon_however_its_port_is_written(port: str, same: str) -> None:
     first = InstanceLock.take_gauge("g1", port)
-    with pytest.raises(CellError, match="g1: a different rigd reads the gauge at"):
+    with refused("gauge.in_use"):
         InstanceLock.take_gauge("g1", same)
     InstanceLock.take_gauge("g1", f"{port}0").release()
     first.release()
@@ -81,6 +81,6 @@ def test_a_serial_port_is_one_under_all_its_names(tmp_path: Path) -> None:
     (tmp_path / "tty").write_bytes(b"")
     (tmp_path / "by-id").symlink_to(tmp_path / "tty")
     first = InstanceLock.take_gauge("g1", str(tmp_path / "tty"))
-    with pytest.raises(CellError, match="a different rigd reads"):
+    with refused("gauge.in_use"):
         InstanceLock.take_gauge("g1", str(tmp_path / "by-id"))
     first.release()

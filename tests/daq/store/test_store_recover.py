@@ -15,6 +15,7 @@ from daq.store import RunWriter, load_manifest, read_run, recover, verify
 from daq.store.ledger import Ledger
 from daq.store.stream_writer import StreamWriter
 from rigs.errors import CellError, FileError
+from tests.support.refusals import refused
 from tests.support.store_cases import assert_holds, crash, finished, record, samples, sync
 
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
@@ -52,7 +53,7 @@ def test_a_test_of_a_package_that_is_not_here_needs_the_package(tmp_path: Path) 
     text = manifest.read_text().replace('"yaw"', '"height"')
     manifest.write_text(text)
     for use in (load_manifest, recover):
-        with pytest.raises(FileError, match=r"uses the test 'height', which is in neither .*; install the package"):
+        with refused("run.unknown_test"):
             use(manifest.parent)
     assert manifest.read_text() == text
 
@@ -196,7 +197,7 @@ def test_a_manifest_that_the_disk_does_not_give_now_is_left_alone(
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "open", refuse)
-        with pytest.raises(CellError, match="Input/output error"):
+        with refused("run.not_recovered"):
             recover(path)
     assert load_manifest(path) == before and verify(path) == []
 
@@ -204,7 +205,7 @@ def test_a_manifest_that_the_disk_does_not_give_now_is_left_alone(
 def test_lost_manifest_without_a_chunk_says_so(tmp_path: Path) -> None:
     path = crash(record(tmp_path, batches=0))
     (path / "manifest.json").unlink()
-    with pytest.raises(FileError, match="all chunks with a description of the run are missing"):
+    with refused("run.not_recovered"):
         recover(path)
 
 
@@ -334,7 +335,7 @@ def test_failed_fsync_condemns_the_writer(tmp_path: Path, monkeypatch: pytest.Mo
     with pytest.raises(CellError, match=f"{writer.path}: cannot be written: Input/output error"):
         writer.sync()
     monkeypatch.undo()
-    with pytest.raises(CellError, match="Input/output error"):
+    with refused("run.not_writable"):
         writer.sync()
     writer.close("failed", "the disk is broken", {})
     assert verify(writer.path) == []
@@ -344,7 +345,7 @@ def test_failed_fsync_condemns_the_writer(tmp_path: Path, monkeypatch: pytest.Mo
 def test_a_run_that_could_not_be_closed_is_not_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     writer = record(tmp_path)
     monkeypatch.setattr("daq.store.stream_writer.to_parquet", refuse)
-    with pytest.raises(CellError, match="No space left"):
+    with refused("run.not_writable"):
         writer.close("complete", "told to stop", {"g1": {"samples": 12}})
     monkeypatch.undo()
     assert load_manifest(writer.path).exit_status == "failed"
@@ -359,7 +360,7 @@ def test_chunk_that_could_not_be_closed_is_closed_at_the_end(tmp_path: Path, mon
     writer = record(tmp_path, batches=1, chunk_rows=8)
     writer.append("g1", samples(4, 1, 4))
     monkeypatch.setattr("daq.store.stream_writer.to_parquet", refuse)
-    with pytest.raises(CellError, match="No space left"):
+    with refused("run.not_writable"):
         sync(writer)
     monkeypatch.undo()
     writer.close("failed", "the disk was full", {})
@@ -369,7 +370,7 @@ def test_chunk_that_could_not_be_closed_is_closed_at_the_end(tmp_path: Path, mon
 
 def test_start_on_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "pwrite", lambda *arguments: refuse(arguments))
-    with pytest.raises(CellError, match="No space left"):
+    with refused("run.not_writable"):
         record(tmp_path)
     assert list(tmp_path.iterdir()) == []
 

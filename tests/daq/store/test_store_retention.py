@@ -18,6 +18,7 @@ from daq.store.marks import MARKS, Export, RunMarks, load_marks
 from daq.store.retention import RunInfo, decide, delete, look
 from rigs.errors import CellError, FileError
 from rigs.schema.declared_tests import Retention
+from tests.support.refusals import refused
 from tests.support.store_cases import finished, record
 
 DAY_S = 86400.0
@@ -64,7 +65,7 @@ def test_damaged_marks_are_told_and_the_run_stays(run: Path) -> None:
 
 
 def test_what_cannot_be_marked_is_told(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(FileError, match="no such file or directory"):
+    with refused("run.missing"):
         mark_kept(tmp_path / "nothing", True)
     writer = record(tmp_path / "open")
     with pytest.raises(FileError, match="being recorded"):
@@ -74,7 +75,7 @@ def test_what_cannot_be_marked_is_told(run: Path, tmp_path: Path, monkeypatch: p
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(durable, "replace", refuse)
-    with pytest.raises(CellError, match="cannot be marked: Permission denied; run the command as the owner"):
+    with refused("run.not_writable"):
         mark_kept(run, True)
     output = tmp_path / "raw.mcap"
     done = CliRunner().invoke(app, ["export", str(run), "--to", "mcap", "-o", str(output)])

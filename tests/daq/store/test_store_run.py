@@ -19,6 +19,7 @@ from daq.store import Manifest, RunWriter, durable, load_manifest, new_manifest,
 from daq.store.ledger import sha256
 from rigs.errors import FileError
 from tests.support.nightly import examples
+from tests.support.refusals import refused
 from tests.support.store_cases import (
     RIG_TEXT,
     assert_holds,
@@ -146,11 +147,11 @@ def test_crashed_run_names_the_cure(tmp_path: Path) -> None:
 
 def test_missing_run_and_manifest(tmp_path: Path) -> None:
     for act in (read_run, recover):
-        with pytest.raises(FileError, match="no such file or directory"):
+        with refused("run.missing"):
             act(tmp_path / "none")
-    with pytest.raises(FileError, match="File name too long"):
+    with refused("run.unreadable"):
         read_run(tmp_path / ("x" * 300))
-    with pytest.raises(FileError, match="contains no run"):
+    with refused("run.missing"):
         read_run(tmp_path)
     assert "contains no run" in verify(tmp_path)[0]
 
@@ -184,14 +185,14 @@ def test_changed_row_count(run: Path) -> None:
 def test_wrong_columns(run: Path) -> None:
     edit_manifest(run, {"streams": {"g1": ["g1_um"], "robot": ["q1_deg", "q2_deg"]}})
     assert len(verify(run)) == 3
-    with pytest.raises(FileError, match="g1_mm, which differ from the manifest"):
+    with refused("run.damaged"):
         read_run(run)
 
 
 def test_chunk_that_is_no_parquet(run: Path) -> None:
     (run / "g1-0002.parquet").write_bytes(b"PAR1")
     edit_chunk(run, "g1-0002.parquet", {"sha256": sha256(b"PAR1")})
-    with pytest.raises(FileError, match="not a Parquet file"):
+    with refused("run.damaged"):
         read_run(run)
 
 
@@ -201,7 +202,7 @@ def test_text_that_is_none_is_damage(run: Path) -> None:
     old = file.read_bytes()
     file.write_bytes(old.replace("–".encode(), b"\xff\x80\x93"))
     edit_chunk(run, file.name, {"sha256": sha256(file.read_bytes())})
-    with pytest.raises(FileError, match="not a Parquet file"):
+    with refused("run.damaged"):
         read_run(run)
     assert any("faults-0001.parquet" in line for line in verify(run))
 
@@ -224,7 +225,7 @@ def test_left_over_files_and_rig_text(run: Path) -> None:
 
 def test_chunk_files_stay_inside_the_run(run: Path) -> None:
     edit_chunk(run, "g1-0002.parquet", {"file": "../moved/g1-0002.parquet"})
-    with pytest.raises(FileError, match="does not belong to a stream"):
+    with refused("run.damaged"):
         read_run(run)
 
 
@@ -300,13 +301,13 @@ def test_reading_leaves_no_thread_behind(whole: Path) -> None:
 
 def test_a_directory_that_holds_runs_is_told_from_a_run_without_manifest(tmp_path: Path) -> None:
     path = finished(tmp_path / "runs")
-    with pytest.raises(FileError, match="is not a run but a directory of runs; give a run"):
+    with refused("run.is_directory_of_runs"):
         read_run(path.parent)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(FileError, match="contains no run; give the directory of a run"):
+    with refused("run.missing"):
         read_run(tmp_path / "empty")
     (path / "manifest.json").unlink()
-    with pytest.raises(FileError, match=r"has no manifest\.json; run `rig recover"):
+    with refused("run.no_manifest"):
         read_run(path)
 
 
@@ -317,8 +318,8 @@ def test_a_run_that_is_named_without_its_time_is_suggested(tmp_path: Path) -> No
         with pytest.raises(FileError, match=f"no such file or directory; did you mean {run}"):
             what(tmp_path / "trial-acw")
     (tmp_path / "20261125T020526Z_trial-acw").mkdir()  # either may be meant
-    with pytest.raises(FileError, match="no such file or directory; check the path"):
+    with refused("run.missing"):
         read_run(tmp_path / "trial-acw")
     (tmp_path / "trial").touch()
-    with pytest.raises(FileError, match="is a file, not the directory of a run"):
+    with refused("run.is_file"):
         read_run(tmp_path / "trial")
