@@ -141,11 +141,11 @@ class InstanceLock:
             if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
                 problem = "is writable for other users, who could replace the socket of rigd"
                 remedy = "give --socket in a private directory, or chmod go-w this directory"
-                raise CellError(str(path.parent), problem, remedy, code="daemon.second")
+                raise CellError(str(path.parent), problem, remedy, code="daemon.untrusted")
             fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o600)
         except OSError as error:
             problem = "is a symbolic link" if path.is_symlink() else error.strerror or str(error)
-            raise CellError(str(path), problem, "choose a different --socket", code="daemon.second") from None
+            raise CellError(str(path), problem, "choose a different --socket", code="daemon.socket") from None
         lock = cls(fd)
         try:
             lock._hold(rig, path)

@@ -262,6 +262,6 @@ def test_a_lock_is_in_a_directory_that_nobody_else_writes(tmp_path: Path, mode: 
     place = tmp_path / "shared"
     place.mkdir()
     place.chmod(mode)
-    with refused("daemon.second"):
+    with refused("daemon.untrusted"):
         lock(place / "cell.lock")
     assert not list(place.iterdir())
