@@ -17,7 +17,7 @@ from analysis.apps.commission.next_touch import candidates_of, hidden_causes, ne
 from analysis.apps.commission.what_moved import moved_of, what_moved
 from analysis.apps.report.movement_words import movement_sentence
 from analysis.apps.report.summary_words import summarise
-from analysis.apps.report.texts import texts_of
+from analysis.apps.report.texts import keys_of, texts_of
 from analysis.cli import app
 from analysis.movement.between import without_moved
 from analysis.movement.changes import find_step
@@ -157,7 +157,9 @@ def test_a_diagnosis_of_both_runs_begins_with_the_movement(tmp_path: Path) -> No
     drawn = case("base")
     _write_runs(tmp_path, drawn, {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(8)})
     summary = summarise(diagnose([tmp_path / "before", tmp_path / "after"]))
-    assert summary.badge.startswith("MOVED")
+    assert keys_of(summary.badge) == ("badge_moved",)
+    assert keys_of(summary.headline)[0].startswith("moved_") and "moved_base_or_plate" in keys_of(summary.headline)
+    assert "check_act_base_or_plate" in keys_of(summary.next)
 
 
 def test_the_command_says_what_moved(tmp_path: Path) -> None:

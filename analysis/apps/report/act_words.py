@@ -13,7 +13,7 @@ from functools import partial
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import measured_u, micrometres, percent, with_uncertainty
 from analysis.apps.report.movement_words import act_after
-from analysis.apps.report.texts import Texts, texts_of
+from analysis.apps.report.texts import Sentence, Texts, joined, keys_of, texts_of
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.acts import FOUND, Act
 from analysis.diagnosis.judge.result import Diagnosis
@@ -35,8 +35,6 @@ class ActWords:
 
     diagnosis: Diagnosis
     texts: Texts = field(default_factory=partial(texts_of, "en"))
-    is_judged_elsewhere: bool = False
-    """Whether the model was validated on runs at a different place before these runs joined the runs used."""
 
     @property
     def next(self) -> str:
@@ -59,8 +57,9 @@ class ActWords:
         is_otherwise = act.kind == "load" and any(earlier.kind == "check" for earlier in before)
         condition = self.texts("act_otherwise") if is_otherwise else ""  # before the command that it restricts
         instead = self.texts("act_instead") if is_instead and not corrected else ""
-        sentence = " ".join(filter(None, [condition, self.what(act), self.removes(act), instead]))
-        return f"{sentence.removesuffix('.')} ({against})." if against else sentence
+        sentence = joined([condition, self.what(act), self.removes(act), instead])
+        keys = (*keys_of(sentence), *keys_of(against))
+        return Sentence(f"{sentence.removesuffix('.')} ({against}).", keys) if against else sentence
 
     def what(self, act: Act) -> str:
         """Return the instruction of an act as a sentence."""
@@ -104,7 +103,7 @@ class ActWords:
         effects = [self.diagnosis.effects[k].effect for k in indices if k is not None]
         avoidable = ", ".join(self.noun(effect) for effect in effects if effect.part == "reversal")
         sentence = self.texts(f"act_none_{act.why}{'_within' * bool(indices)}", parts=self.parts(act))
-        return f"{sentence} {self.texts('act_none_sound_avoidable', parts=avoidable)}" if avoidable else sentence
+        return joined([sentence, self.texts("act_none_sound_avoidable", parts=avoidable)]) if avoidable else sentence
 
     def removes(self, act: Act) -> str:
         """Return the error expected after an act, ± its standard uncertainty, and where this error was estimated.
@@ -137,7 +136,7 @@ class ActWords:
         if act.with_before_um is not None:
             after = micrometres(act.with_before_um, measured_u(self.diagnosis, act.with_before_u_um))
             sentences.append(self.texts("act_with_before", after=after))
-        return " ".join(sentences)
+        return joined(sentences)
 
     def against(self, act: Act) -> str:
         """Return the arguments against an act as short phrases; empty if none apply."""
@@ -149,15 +148,15 @@ class ActWords:
         for remark in act.against:
             if act.kind == "measure" and act.test is None and remark.why == "no_place":
                 continue  # the instruction already mentions it
-            if remark.why == "not_judged_elsewhere" and self.is_judged_elsewhere:
-                continue
+            if remark.why == "not_judged_elsewhere":
+                continue  # the error after the act states it once
             if remark.why == "doubt" and remark.doubt:
                 phrases.append(texts(f"doubt_{remark.doubt}"))
             else:
                 names = texts("or").join(nouns.get(name, name) for name in remark.names)
                 count = "" if remark.runs is None else remark.runs
                 phrases.append(texts(f"against_{remark.why}", names=names, count=count))
-        return "; ".join(phrases)
+        return joined(phrases, "; ")
 
     def noun(self, effect: Effect) -> str:
         """Return the noun phrase for an effect within a sentence."""
@@ -189,7 +188,7 @@ class ActWords:
         share = percent(sum(self.diagnosis.budget[k].share for k in act.parts))
         if test.test == JOINED:
             return texts("act_joined", parts=self.parts(act), share=share)
-        minutes = texts("minutes", count=f"{act.cost.minutes:.0f}") if act.cost.minutes else texts("zero_minutes")
+        minutes = texts("minutes", count=max(1, round(act.cost.minutes))) if act.cost.minutes else texts("zero_minutes")
         which = "act_rivals" if act.why == "rivals" else "act_group"
         return texts(which, test=test.test, minutes=minutes, parts=self.parts(act), share=share)
 

@@ -23,7 +23,7 @@ from analysis.apps.report.diagnosis_words import (
     sure,
 )
 from analysis.apps.report.movement_words import movement_sentence
-from analysis.apps.report.texts import Texts, texts_of
+from analysis.apps.report.texts import Sentence, Texts, capital, joined, keys_of, texts_of
 from analysis.diagnosis.evidence.contradiction import Contradiction
 from analysis.diagnosis.fit.refine import size_limits
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
@@ -152,7 +152,7 @@ class AnswerWords:
     def headline(self) -> str:
         """The answer in a few sentences: the preconditions, then the findings."""
         limits = self.contradictions if self.diagnosis.condition == "out_of_range" else self.preconditions
-        return " ".join(filter(None, (*limits, self.findings)))
+        return joined((*limits, self.findings))
 
     @property
     def findings(self) -> str:
@@ -166,10 +166,10 @@ class AnswerWords:
         wrong = [*large, *faults] if first else [*faults, *large]
         sure_too = [self._measured(part) for part in sure_parts(diagnosis)]
         measured = [self.texts("finding_sure", parts=self._listed(sure_too))] if sure_too else []
-        sentence = " ".join(f"{clause[:1].upper()}{clause[1:]}." for clause in [*wrong, *open_too, *measured])
+        sentence = joined(Sentence(f"{capital(clause)}.", keys_of(clause)) for clause in [*wrong, *open_too, *measured])
         condition = self._condition()
         parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
-        return " ".join(filter(None, (self.visits, *parts)))
+        return joined((self.visits, *parts))
 
     @property
     def preconditions(self) -> list[str]:
@@ -240,7 +240,7 @@ class AnswerWords:
         if self.diagnosis.condition == "out_of_range":
             left_um = self._bounded(self.diagnosis.train.after_um, self.diagnosis.train.left_u_um)
             which, values = "calibrated_out_of_range", {"left": f"{left_um} µm"}
-        return f"{now} {self.texts(which, **values)}"
+        return joined([now, self.texts(which, **values)])
 
     def gap_cells(self, gap: Gap) -> dict[str, str]:
         """Return the errors of a gap in µm by the text key of the column; an error much smaller than its u as "< u"."""
@@ -335,7 +335,7 @@ class AnswerWords:
         # Effects already in the rig file, since "nothing found" then means nothing further.
         nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
         already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
-        return " ".join(filter(None, [self.condition_sentence, self.unexplained_too, self.follows, already_held]))
+        return joined([self.condition_sentence, self.unexplained_too, self.follows, already_held])
 
     @property
     def usual_or_faults(self) -> str:
@@ -344,7 +344,7 @@ class AnswerWords:
         open_ones = [named for named in diagnosis.effects if fault_rivals(named)]
         if diagnosis.condition != "undecided" or diagnosis.runs_to_decide is not None:
             return ""
-        return " ".join(map(self._usual_or_fault, open_ones[:_MOST_NAMED]))
+        return joined(map(self._usual_or_fault, open_ones[:_MOST_NAMED]))
 
     @property
     def condition_sentence(self) -> str:
@@ -376,7 +376,7 @@ class AnswerWords:
             which = "nothing_else"
         unusual = [", ".join([self.short_name(part), self.times_usual(part)]) for part in unusual_groups(diagnosis)]
         larger = self.texts("finding_unusual_group", parts=self._listed(unusual)) if unusual else ""
-        return f"{self.texts(f'finding_{which}', **values)} {larger}".rstrip()
+        return joined([self.texts(f"finding_{which}", **values), larger])
 
     @property
     def unexplained_too(self) -> str:
@@ -465,7 +465,7 @@ class AnswerWords:
         if part.index is not None:
             odds = self.diagnosis.effects[part.index].probability
             details = [self.size_of(part), self.times_usual(part), self._probability(odds)]
-        return ", ".join(filter(None, [self.short_name(part), *details]))
+        return joined([self.short_name(part), *details], ", ")
 
     def _probability(self, odds: float) -> str:
         """Return the probability of a cause; empty if it is certain."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from analysis.apps.report.texts import Texts, texts_of
+from analysis.apps.report.texts import Texts, joined, texts_of
 from analysis.diagnosis.evidence.movements import Movement
 from analysis.movement.cause_odds import CauseOdds, short_name
 from analysis.movement.causes import Cause
@@ -68,7 +68,7 @@ def _shift(shift_mm: Vector, u_mm: float, turn_deg: Vector | None, u_turn_deg: f
 
 def act_after(movements: Sequence[Movement], texts: Texts) -> str:
     """Return the recommended action after movements found among the runs of a diagnosis."""
-    return " ".join(dict.fromkeys(act_of(moved, moved.name, texts, moved.alike) for moved in movements))
+    return joined(dict.fromkeys(act_of(moved, moved.name, texts, moved.alike) for moved in movements))
 
 
 def act_of(moved: Cause | Movement, name: str, texts: Texts, alike: str | None) -> str:

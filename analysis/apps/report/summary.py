@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from analysis.apps.report.diagnosis_words import error_size
-from analysis.apps.report.texts import Texts
+from analysis.apps.report.texts import Sentence, Texts, joined, keys_of
 from analysis.correction.deviation import Deviation
 
 Tone = Literal["pass", "watch", "fail", "unjudged"]
@@ -57,7 +57,7 @@ class ErrorChange:
     def with_remarks(self, texts: Texts, *, is_measured: bool) -> ErrorChange:
         """Return the errors with remarks on unmeasured noise and on errors stated as a bound."""
         remarks = ["noise_assumed"] * (not is_measured) + ["error_bounded"] * ("<" in self.words)
-        return replace(self, basis=" ".join([self.basis, *map(texts, remarks)]))
+        return replace(self, basis=joined([self.basis, *map(texts, remarks)]))
 
 
 @dataclass(frozen=True)
@@ -79,6 +79,20 @@ class Summary:
     next: str
     command: str = ""
     tone: Tone = "unjudged"
+    action: str = ""
+    """The next step in a few words, which ends the first sentence of the headline."""
+
+
+def with_action(sentence: str, action: str) -> str:
+    """Return a sentence that ends with the next step in a few words."""
+    keys = (*keys_of(sentence), *keys_of(action))
+    return Sentence(f"{sentence.removesuffix('.')}; {action}.", keys) if action else sentence
+
+
+def with_next(summary: Summary, step: str, command: str, action: str) -> Summary:
+    """Return a summary with a different next step; empty texts if nothing is left to do."""
+    headline = summary.headline.replace(f"; {summary.action}.", f"; {action}." if action else ".", 1)
+    return replace(summary, headline=headline, next=step, command=command, action=action)
 
 
 _CHANGES_ARM = ("repair", "remaster", "enter", "check")
@@ -96,13 +110,13 @@ def with_corrections_removed(summary: Summary, kind: str, way: str, texts: Texts
 
 
 WITHOUT_FAULT = ("uncalibrated", "nothing_unusual", "unusual_group", "no_certain_fault")
-"""Badges to which the limits of the accuracy are added, because they alone would look like a pass."""
+"""Conditions in which the limits of the accuracy alone decide the colour of the badge."""
 
 
 def with_driven_error(summary: Summary, before: Deviation, after: Deviation, texts: Texts) -> Summary:
     """Return a summary with the measured error before and after a correction.
 
-    The limits of the badge applied to the uncorrected robot.
+    The limits behind the colour of the badge applied to the uncorrected robot.
     """
     error = ErrorChange(
         now_label=texts("error_before_label"),
@@ -111,8 +125,6 @@ def with_driven_error(summary: Summary, before: Deviation, after: Deviation, tex
         after=error_size(after.um, after.u_um),
         basis=texts("basis_driven"),
     ).with_remarks(texts, is_measured=before.u_um > 0)
-    if summary.standing not in WITHOUT_FAULT:
-        return replace(summary, error=error)
     tones: dict[str, Tone] = {"unusual_group": "watch", "no_certain_fault": "unjudged"}
-    tone = tones.get(summary.standing, "pass")
-    return replace(summary, error=error, badge=texts(f"badge_{summary.standing}"), tone=tone)
+    tone = tones.get(summary.standing, "pass") if summary.standing in WITHOUT_FAULT else summary.tone
+    return replace(summary, error=error, tone=tone)

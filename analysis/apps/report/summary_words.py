@@ -18,13 +18,37 @@ from analysis.apps.report.answer_words import (
     part_of,
     unusual_groups,
 )
-from analysis.apps.report.diagnosis_words import error_size, has_measured_noise, measured_u, micrometres, size, sure
-from analysis.apps.report.summary import WITHOUT_FAULT, BarSegment, ErrorChange, Summary, Tone, with_driven_error
-from analysis.apps.report.texts import Texts, texts_of
+from analysis.apps.report.diagnosis_words import (
+    error_size,
+    has_measured_noise,
+    measured_u,
+    micrometres,
+    percent,
+    size,
+    sure,
+)
+from analysis.apps.report.summary import (
+    WITHOUT_FAULT,
+    BarSegment,
+    ErrorChange,
+    Summary,
+    Tone,
+    with_action,
+    with_driven_error,
+)
+from analysis.apps.report.texts import Sentence, Texts, capital, joined, keys_of, texts_of
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.acts import IMITATED, Act, Doubt
-from analysis.diagnosis.judge.result import CERTAIN_ODDS, LARGE_SHARE, BudgetPart, Diagnosis, Named, likely_rivals
+from analysis.diagnosis.judge.result import (
+    CERTAIN_ODDS,
+    LARGE_SHARE,
+    BudgetPart,
+    Diagnosis,
+    Named,
+    is_sure,
+    likely_rivals,
+)
 
 _MOST_CAUSES = 3
 """Maximum number of bar segments with their own names. Chosen: as many names as fit on a phone."""
@@ -59,22 +83,37 @@ def summarise(
     words = _SummaryWords(diagnosis, texts or texts_of("en"), judged_elsewhere)
     open_acts = without_idle_mounts(diagnosis.acts) if acts is None else acts
     act = open_acts[0] if open_acts else None
+    causes = words.leading()
+    action = words.action(act) if act else ""
+    first, *others = words.first_sentences(causes)
     summary = Summary(
-        badge=words.badge,
-        standing=words.badge_keys[0],
-        tone=words.tone,
-        headline=" ".join(words.first_sentences),
-        unknowns=tuple(words.unknowns(act)),
+        badge=words.texts(f"badge_{words.heading(causes, act)}"),
+        standing=words.standing,
+        tone=words.tone(causes),
+        headline=joined([with_action(first, action), *others]),
+        unknowns=tuple(words.unknowns(act, first)),
         error=words.error,
         causes=tuple(words.causes),
         next=words.step(act) if act else "",
         command=command(act) if act else "",
+        action=action,
     )
     return with_driven_error(summary, *driven, words.texts) if driven else summary
 
 
 def _tenths_percent(share: float) -> str:
     return f"{100 * share:.1f} %"
+
+
+@dataclass(frozen=True)
+class _Cause:
+    """A leading cause of the error. is_single: an effect or the likely member of a group, not many small errors."""
+
+    share: float
+    words: str
+    is_certain: bool
+    is_fault: bool = False
+    is_single: bool = True
 
 
 @dataclass(frozen=True)
@@ -91,146 +130,158 @@ class _SummaryWords:
         return AnswerWords(self.diagnosis, self.texts, self.judged_elsewhere)
 
     @property
-    def badge(self) -> str:
-        """The condition of the arm in a word or two, after a contradicted constant or a movement."""
-        return ", ".join(self.texts(f"badge_{key}") for key in self.badge_keys)
-
-    @property
-    def badge_keys(self) -> list[str]:
-        """The parts of the badge."""
+    def standing(self) -> str:
+        """The condition of the arm, or a contradicted constant or a movement, which come first."""
         diagnosis = self.diagnosis
-        keys = ["contradicted"] * bool(diagnosis.contradictions) + ["moved"] * bool(diagnosis.movements)
-        if not keys or (not diagnosis.contradictions and diagnosis.condition not in HARMLESS):
-            # Plain scatter hides every other error, so that nothing is shown to be usual.
-            is_hidden = diagnosis.unexplained is not None and diagnosis.unexplained.scatter_um is not None
-            is_larger = any(part.share > LEAST_SHARE for part in unusual_groups(diagnosis))
-            condition = "no_certain_fault" if is_certain_except_small(diagnosis) else diagnosis.condition
-            keys.append("undecided" if is_hidden else "unusual_group" if is_larger else condition)
-        # Without a fault the badge alone would look like a pass, and with a fault like a fail.
-        is_shown = keys[0] in WITHOUT_FAULT and diagnosis.accuracy.standing in ("watch", "fail")
-        if is_shown or self._is_within_limits:
-            keys.append(f"limits_{diagnosis.accuracy.standing}{'_uncorrected' * has_model(diagnosis)}")
-        return keys
+        if diagnosis.contradictions or diagnosis.movements:
+            return "contradicted" if diagnosis.contradictions else "moved"
+        # Plain scatter hides every other error, so that nothing is shown to be usual.
+        if diagnosis.unexplained is not None and diagnosis.unexplained.scatter_um is not None:
+            return "undecided"
+        if any(part.share > LEAST_SHARE for part in unusual_groups(diagnosis)):
+            return "unusual_group"
+        return "no_certain_fault" if is_certain_except_small(diagnosis) else diagnosis.condition
+
+    def heading(self, causes: Sequence[_Cause], act: Act | None) -> str:
+        """Key of the first words: whether the cause of the error is known, or the reason why it is not."""
+        if self.standing not in (*WITHOUT_FAULT, "named", "ambiguous"):
+            return self.standing
+        if any(cause.is_certain for cause in causes):
+            return "cause_found"
+        if is_complete(self.diagnosis):
+            return "explained"
+        if any(cause.is_single for cause in causes):
+            return "cause_open"
+        is_sound = self.standing in HARMLESS and act is not None and act.why == "sound"
+        return "sound" if is_sound and self.diagnosis.accuracy.standing in (None, "pass") else self.standing
 
     @property
     def _is_within_limits(self) -> bool:
-        """Whether faults are the main finding although the error is within the limits."""
-        diagnosis = self.diagnosis
-        is_main = not (diagnosis.contradictions or diagnosis.movements)
-        return is_main and diagnosis.condition in ("named", "ambiguous") and diagnosis.accuracy.standing == "pass"
+        """Whether the error is within the limits, so that no step is necessary for the accuracy."""
+        return self.diagnosis.accuracy.standing == "pass" and self.standing in (*WITHOUT_FAULT, "named", "ambiguous")
 
-    @property
-    def tone(self) -> Tone:
+    def tone(self, causes: Sequence[_Cause]) -> Tone:
         """The colour of the badge: that of the accuracy if no fault was found."""
-        first, *others = self.badge_keys
-        if first in WITHOUT_FAULT and any("fail" in key for key in others):
+        standing = self.diagnosis.accuracy.standing
+        if self.standing in WITHOUT_FAULT and standing == "fail":
             return "fail"
-        if first in HARMLESS and not others:
+        if self.standing in HARMLESS and (standing == "pass" or (standing is None and not causes)):
             return "pass"
-        return "unjudged" if first in ("undecided", "no_certain_fault", "not_testable_here") else "watch"
+        return "unjudged" if self.standing in ("undecided", "no_certain_fault", "not_testable_here") else "watch"
 
-    @property
-    def first_sentences(self) -> list[str]:
+    def first_sentences(self, causes: Sequence[_Cause]) -> list[str]:
         """Sentences that limit the conclusions, then the cause, small undecided parts and the unexplained error.
 
         The cause is omitted if the readings contradict a stated constant, because the constant must be checked first.
         """
-        remark = self.texts("fault_within_limits") if self._is_within_limits else ""
+        if self.diagnosis.contradictions:
+            return self.answer.preconditions
+        is_shown = self._is_within_limits and self.diagnosis.standing
+        remark = self.texts("fault_within_limits") if is_shown else ""
         undecided = self.answer.usual_or_faults if is_certain_except_small(self.diagnosis) else ""
-        causes = [self._cause, *filter(None, [remark, undecided, self.answer.unexplained_too])]
-        return [*self.answer.preconditions, *([] if self.diagnosis.contradictions else causes)]
+        cause = [self._cause(causes), *filter(None, [remark, undecided, self.answer.unexplained_too])]
+        before = self.answer.preconditions
+        # A scatter that only repeats can separate from errors does not come before a certain cause.
+        is_found = any(known.is_certain for known in causes) and before == self.answer.unrepeated
+        return [*cause, *before] if is_found else [*before, *cause]
 
-    @property
-    def _cause(self) -> str:
-        """Headline of the cause, with a capital letter."""
-        headline = self._lower_case_cause()
-        return f"{headline[:1].upper()}{headline[1:]}"
+    def _cause(self, causes: Sequence[_Cause]) -> str:
+        """The largest cause with size, class and share, and the largest fault if it is a different cause.
 
-    def _lower_case_cause(self) -> str:
-        """Return the largest cause with size and certainty, and the largest fault if it is a different cause.
-
-        If no cause is certain, return the condition.
+        The condition if no cause can be named.
         """
+        return capital(self._cause_sentence(causes))
+
+    def _cause_sentence(self, causes: Sequence[_Cause]) -> str:
         names_open = any(named.doubt == "commanded" for named in self.diagnosis.effects)
-        if self.diagnosis.condition in ("out_of_range", "outside_library") or names_open:
-            return self.answer.condition_sentence
-        leading = self._leading()
-        is_minor = any(is_fault for _, is_fault in leading) or is_certain_except_small(self.diagnosis)
+        is_unknown = self.diagnosis.condition in ("out_of_range", "outside_library") or names_open
+        if is_unknown or not causes or (self.standing == "undecided" and self.diagnosis.condition != "undecided"):
+            return self.answer.usual_or_faults or self.answer.condition_sentence
+        is_minor = causes[0].is_fault or is_certain_except_small(self.diagnosis)
         if (undecided := self.answer.usual_or_faults) and not is_minor:
             return undecided
-        if leading:
-            (first, is_fault), *others = leading
-            if not is_fault and (faults := [phrase for phrase, of_fault in others if of_fault]):
-                others = others[1:]
-                first = self.texts("also_a_fault", first=first, fault=faults[0])
-            ending = f", {self.texts('and_more', count=len(others))}" if others else ""
-            return f"{first}{ending}."
-        return self.answer.condition_sentence
+        first, *others = causes
+        words = first.words
+        if not first.is_fault and (faults := [cause for cause in others if cause.is_fault]):
+            others = others[1:]
+            words = self.texts("also_a_fault", first=words, fault=faults[0].words)
+        more = self.texts("and_more", count=len(others)) if others else ""
+        return Sentence(f"{joined([words, more], ', ')}.", keys_of(words))
 
-    def _leading(self) -> list[tuple[str, bool]]:
-        """Return faults and other large parts of the error as phrases, largest first, each with a flag for a fault."""
-        faults = [(part_of(self.diagnosis, named), named) for named in self.diagnosis.standing]
-        phrases = [(part.share if part else 0.0, self._effect(named, part), True) for part, named in faults]
-        phrases += [(part.share, self._part(part), False) for part in large_parts(self.diagnosis)]
-        imitated = [part for part in self.diagnosis.budget if part.share > LARGE_SHARE and self._may_be_imitated(part)]
-        phrases += [(part.share, self._cause_name(part), False) for part in imitated]
-        return [(phrase, is_fault) for _, phrase, is_fault in sorted(phrases, key=lambda entry: -entry[0])]
+    def leading(self) -> list[_Cause]:
+        """Faults and other large parts of the error, the largest first."""
+        diagnosis, causes = self.diagnosis, []
+        for named in diagnosis.standing:
+            part = part_of(diagnosis, named)
+            is_certain = named.probability >= CERTAIN_ODDS and not likely_rivals(named)
+            share = part.share if part else 0.0
+            causes.append(_Cause(share, self._effect(named, part, is_fault=True), is_certain, is_fault=True))
+        for part in large_parts(diagnosis):
+            is_single = part.index is not None or bool(part.members and part.members[0].odds >= _LIKELY)
+            is_certain = is_single and is_sure(diagnosis, part)
+            causes.append(_Cause(part.share, self._part(part), is_certain, is_single=is_single))
+        for part in diagnosis.budget:
+            if part.share > LARGE_SHARE and self._may_be_imitated(part):
+                causes.append(_Cause(part.share, joined([self._cause_name(part), self._share(part)], ", "), False))
+        return sorted(causes, key=lambda cause: -cause.share)
+
+    def _share(self, part: BudgetPart) -> str:
+        return self.texts("share_of_error", share=percent(min(part.share, 1.0)))
 
     def _part(self, part: BudgetPart) -> str:
         if part.index is not None:
             return self._effect(self.diagnosis.effects[part.index], part)
-        name = self.answer.short_name(part)
-        if not part.members:
+        usual = self.texts("size_usual") if part.rank == "usual" else ""
+        name = joined([self.answer.short_name(part), usual, self._share(part)], ", ")
+        if not part.members or part.members[0].odds < _LIKELY:
             return name
         member = part.members[0]
-        if member.odds < _LIKELY:
-            return self.texts("no_single_member", part=name)
         return self.texts("probable_member", part=name, member=self.answer.noun(member.effect), odds=sure(member.odds))
 
-    def _effect(self, named: Named, part: BudgetPart | None) -> str:
-        """Return an effect with size and certainty, a remark if the size is usual, and the likely rivals.
+    def _effect(self, named: Named, part: BudgetPart | None, *, is_fault: bool = False) -> str:
+        """Return an effect with size, class and share of the error, and the likely rivals.
 
         If the effect is not likely by itself, return only the causes with their odds.
         """
+        share = self._share(part) if part else ""
         if named.probability < _LIKELY and likely_rivals(named):
             causes = self.answer.likeliest_first(named)[: _MOST_RIVALS + 1]
             odds = [f"{self.answer.noun(cause.effect)} ({sure(cause.probability)})" for cause in causes]
-            return self.texts("one_of", causes=self.texts("or").join(odds))
-        is_certain = named.probability >= CERTAIN_ODDS
-        certainty = self.texts("certain") if is_certain else self.texts("likely", odds=sure(named.probability))
-        certainty = "" if is_certain and named.twins else certainty  # of the group, not of its first member
-        usual = self.texts(f"size_{part.rank}") if part and part.rank in ("usual", "difference") else ""
-        first = ", ".join(filter(None, [self.answer.noun(named.effect), size(named), certainty, usual]))
+            return joined([self.texts("one_of", causes=self.texts("or").join(odds)), share], ", ")
+        odds = "" if named.probability >= CERTAIN_ODDS else self.texts("likely", odds=sure(named.probability))
+        rank = "fault" if is_fault else part.rank if part and part.rank in ("usual", "difference") else ""
+        kind = self.texts(f"size_{rank}") if rank else ""
+        first = joined([self.answer.noun(named.effect), size(named), odds, kind, share], ", ")
         others_too = (*named.twins, *(rival.effect for rival in likely_rivals(named)))
         rivals = list(dict.fromkeys(map(self.answer.noun, others_too)))
         unnamed = [self.texts("and_more", count=len(rivals) - _MOST_RIVALS)] if len(rivals) > _MOST_RIVALS else []
         others = ", ".join([self.texts("or").join(rivals[:_MOST_RIVALS]), *unnamed])
         return self.texts("otherwise", first=first, others=others) if rivals else first
 
-    def unknowns(self, act: Act | None) -> list[str]:
+    def unknowns(self, act: Act | None, first: str) -> list[str]:
         """Return the limits of the evidence as sentences, except those in the headline."""
         diagnosis, texts = self.diagnosis, self.texts
-        sentences = [self._cause] if diagnosis.contradictions else []
+        sentences = [self._cause(self.leading())] if diagnosis.contradictions else []
         sentences.append(self.answer.visits)
         is_open = diagnosis.condition in _UNDECIDED and not self.answer.usual_or_faults
-        if is_open and (sentence := self.answer.condition_sentence) != self._cause:
+        if is_open and (sentence := self.answer.condition_sentence) not in (*sentences, first):
             sentences.append(sentence)
         sentences.append(self.answer.follows)
-        if act and (against := ActWords(diagnosis, texts).against(self._beyond_basis(act))):
+        if act and (against := ActWords(diagnosis, texts).against(act)):
             sentences.append(texts("uncertain", against=against))
         return list(filter(None, sentences))
-
-    def _beyond_basis(self, act: Act) -> Act:
-        """Return an act without the objection that the tile of the error already states."""
-        return replace(
-            act, against=tuple(objection for objection in act.against if objection.why != "not_judged_elsewhere")
-        )
 
     def step(self, act: Act) -> str:
         """Return the next step, marked as unnecessary if it only improves an arm within its limits."""
         step = step_of(act, self.diagnosis, self.texts)
-        is_optional = self._is_within_limits and act.kind in ("load", "approach", *_REPAIRS)
-        return self.texts("optional_step", step=step) if is_optional else step
+        return self.texts("optional_step", step=step) if self._is_optional(act) else step
+
+    def action(self, act: Act) -> str:
+        """Return the next step in a few words, for the end of the first sentence."""
+        return self.texts("do_nothing_necessary") if self._is_optional(act) else action_of(act, self.texts)
+
+    def _is_optional(self, act: Act) -> bool:
+        return self._is_within_limits and act.kind in ("load", "approach", *_REPAIRS)
 
     @property
     def error(self) -> ErrorChange:
@@ -248,7 +299,7 @@ class _SummaryWords:
         before_um, after_um = accuracy.before_there_um, accuracy.calibrated_um
         gap = judged_gap(diagnosis)
         label = "error_left_by_model" if has_model(diagnosis) else "error_now_label"
-        change = ErrorChange(texts(label), "", texts("error_after_label"), "", "", self.answer.judged)
+        change = ErrorChange(texts(label), "", self._after_label, "", "", self.answer.judged)
         if place == "used" and self.judged_elsewhere:
             before_um, after_um = self.judged_elsewhere
             after = error_size(after_um, 0.0)
@@ -264,8 +315,17 @@ class _SummaryWords:
             return replace(change, now=now, after=after, basis=texts("basis_out_of_range"))
         crossed = diagnosis.remains if place == "used" else None
         basis = texts("basis_crossed", um=micrometres(crossed.um)) if crossed else texts(f"basis_{place}")
-        basis = " ".join(filter(None, [basis, self._each_by_itself]))
+        if not self._after_label:
+            return replace(change, now=now, basis=basis)
+        basis = joined([basis, self._each_by_itself])
         return replace(change, now=now, after=self._error(after_um, gap.left_u_um), basis=basis)
+
+    @property
+    def _after_label(self) -> str:
+        """The acts after which the second error is reached; empty if no act reduces the error."""
+        kinds = {act.kind for act in self.diagnosis.acts if act.kind == "check" or (act.removes_um or 0.0) > 0}
+        ways = ["correction"] * ("load" in kinds) + ["repair"] * bool(kinds - {"load"})
+        return self.texts(f"error_after_{'_'.join(ways)}") if ways else ""
 
     def _error(self, um: float, u_um: float) -> str:
         return error_size(um, measured_u(self.diagnosis, u_um))
@@ -316,3 +376,9 @@ def step_of(act: Act, diagnosis: Diagnosis, texts: Texts) -> str:
     if act.kind == "load":
         return texts(f"do_load{load_variant(diagnosis.rig)}")
     return texts("do_convert") if act.kind == "convert" else ActWords(diagnosis, texts).what(act)
+
+
+def action_of(act: Act, texts: Texts) -> str:
+    """Return an act in a few words, as the end of a sentence."""
+    reason = f"do_now_{act.why}"
+    return texts(reason if reason in texts.words else f"do_now_{act.kind}")

@@ -6,7 +6,7 @@ composed by the analysis, such as doubts and remedies, stay English.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -131,6 +131,38 @@ Language = Literal["en", "de", "ko"]
 LANGUAGES: tuple[Language, ...] = get_args(Language)
 
 
+class Sentence(str):
+    """A text of the catalogue that knows its key, the keys of the texts inserted into it, and the values."""
+
+    __slots__ = ("keys", "values")
+    keys: tuple[str, ...]
+    values: Mapping[str, object]
+
+    def __new__(cls, text: str, keys: tuple[str, ...] = (), values: Mapping[str, object] | None = None) -> Sentence:
+        sentence = super().__new__(cls, text)
+        sentence.keys, sentence.values = keys, values or {}
+        return sentence
+
+    def __getnewargs__(self) -> tuple[str, tuple[str, ...]]:  # type: ignore[override]
+        return str(self), self.keys
+
+
+def keys_of(text: object) -> tuple[str, ...]:
+    """Return the keys of the texts from which a text was made."""
+    return text.keys if isinstance(text, Sentence) else ()
+
+
+def capital(text: str) -> Sentence:
+    """Return a text with a capital first letter, and its keys."""
+    return Sentence(f"{text[:1].upper()}{text[1:]}", keys_of(text))
+
+
+def joined(texts: Iterable[str], by: str = " ") -> Sentence:
+    """Join the texts that are not empty, and keep their keys."""
+    shown = [text for text in texts if text]
+    return Sentence(by.join(shown), tuple(key for text in shown for key in keys_of(text)))
+
+
 @dataclass(frozen=True)
 class Texts:
     """Texts by key, labels of figures by name, a sentence for each kind of effect, and nouns for effects.
@@ -144,9 +176,10 @@ class Texts:
     effects: dict[str, str]
     nouns: dict[str, str]
 
-    def __call__(self, key: str, **values: object) -> str:
+    def __call__(self, key: str, **values: object) -> Sentence:
         """Return a text with values inserted."""
-        return self.words[key].format(**values)
+        keys = (key, *(inner for value in values.values() for inner in keys_of(value)))
+        return Sentence(self.words[key].format(**values), keys, values)
 
     def counted(self, key: str, count: int, **values: object) -> str:
         """Return the text for a count, in the singular if the language has one for 1."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from analysis.apps.session.child_processes import Child
-from analysis.apps.session.session_state import ELSEWHERE, Answer, PartOfError, SessionAct
+from analysis.apps.session.session_state import Answer, PartOfError, SessionAct
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.acts import acts_with
 from analysis.robot.geometry.circle import frame_of
@@ -47,7 +47,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     from analysis.apps.report.answer_words import AnswerWords, part_of  # noqa: PLC0415
     from analysis.apps.report.diagnosis_report import write  # noqa: PLC0415
     from analysis.apps.report.diagnosis_words import measured_u  # noqa: PLC0415
-    from analysis.apps.report.summary_words import step_of, summarise  # noqa: PLC0415
+    from analysis.apps.report.summary_words import action_of, step_of, summarise  # noqa: PLC0415
     from analysis.cli.several import with_recorded_controller  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
@@ -57,9 +57,8 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     written = write(diagnosis, text, directory, in_session=True)
     model = next((path for path in written if path.suffix == ".yaml"), None)
     named = acts_with(diagnosis.acts, as_argument(model or directory))
-    has_judged = any(run.run.manifest.placement == ELSEWHERE for run in runs)
     words = AnswerWords(diagnosis)
-    acts = ActWords(replace(diagnosis, acts=named), is_judged_elsewhere=has_judged)
+    acts = ActWords(replace(diagnosis, acts=named))
     faults = [part_of(diagnosis, entry) for entry in diagnosis.standing]
     parts = [
         PartOfError(
@@ -89,6 +88,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
                 words=acts.sentence(act),
                 corrected=acts.sentence(act, corrected=True),
                 step=step_of(act, acts.diagnosis, acts.texts),
+                action=action_of(act, acts.texts),
                 command=command(act),
             )
             for act in named

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from analysis.apps.report.summary import Summary, with_corrections_removed, with_driven_error
+from analysis.apps.report.summary import Summary, with_corrections_removed, with_driven_error, with_next
 from analysis.apps.report.texts import texts_of
 from analysis.correction.deviation import Count, Deviation, Expected, NotNegative, Side, Work
 from analysis.diagnosis.judge.acts import is_done
@@ -134,6 +134,8 @@ class SessionAct(Part):
     corrected: str = ""
     step: str = ""
     """The imperative alone, as in the summary."""
+    action: str = ""
+    """The imperative in a few words."""
     command: str = ""
 
 
@@ -326,8 +328,8 @@ class Session(Part):
         elif self.judged and self.judged.summary:
             summary = replace(summary, error=self.judged.summary.error)
         if not acts:
-            return replace(summary, next="", command="")
-        summary = replace(summary, next=acts[0].step, command=acts[0].command)
+            return with_next(summary, "", "", "")
+        summary = with_next(summary, acts[0].step, acts[0].command, acts[0].action)
         way = self.correction.way if self.correction and self.is_corrected else "none"
         return with_corrections_removed(summary, acts[0].kind, way, texts_of("en"))
 

@@ -17,6 +17,7 @@ from typer.testing import CliRunner, Result
 from analysis.apps.report.act_words import ActWords
 from analysis.apps.report.cli_diagnose import say_correct, with_commands_here
 from analysis.apps.report.diagnosis_report import write
+from analysis.apps.report.texts import texts_of
 from analysis.cli import app
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.runs.loading import Measured
@@ -129,10 +130,9 @@ def test_the_extended_rig_simulates_and_nothing_more_is_missing(
     done = _rig("diagnose", *cell.runs, cell.runs[0], "--rig", extended)
     assert done.exit_code == 0, (done.output, done.exception)
     plain = " ".join(done.stdout.split())
-    badge, _, words = plain.partition(": ")
-    assert badge.startswith("NO FAULT FOUND")
-    assert words.startswith("The model is complete: the remaining error is scatter between runs.")
-    assert "A calibration reduces" not in plain and done.stderr == ""
+    texts = texts_of("en")
+    first = f"{texts('badge_explained')}: {texts('finding_model_complete')}".removesuffix(".")
+    assert plain.startswith(f"{first}; ") and done.stderr == ""
     assert f"{len(cell.runs)} runs" in done.stdout
 
 

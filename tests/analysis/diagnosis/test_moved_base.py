@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from analysis import diagnose
 from analysis.apps.report.movement_words import act_after, movement_sentence
 from analysis.apps.report.summary_words import summarise
-from analysis.apps.report.texts import texts_of
+from analysis.apps.report.texts import keys_of, texts_of
 from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.movement.between import without_moved
@@ -64,7 +64,8 @@ def test_a_diagnosis_after_a_moved_base_begins_with_it(monkeypatch: pytest.Monke
     found = diagnose([_run("before", 40), _run("after", 20, base_mm=(0.5, -1.1, 0.3))])
     assert searched == ["door", "door from after"]
     summary = summarise(found)
-    assert summary.badge == "MOVED" and summary.headline.startswith("The base or the instrument moved by")
+    assert keys_of(summary.badge) == ("badge_moved",)
+    assert keys_of(summary.headline)[0] == "moved_between"
     assert [act.why for act in found.acts] == ["moved"] and any("separate placement" in doubt for doubt in found.doubts)
 
 

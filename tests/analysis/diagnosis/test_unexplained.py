@@ -10,6 +10,7 @@ import pytest
 from analysis.apps.report.act_words import ActWords
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.summary_words import summarise
+from analysis.apps.report.texts import keys_of
 from analysis.diagnosis.judge.misses import share_left_out
 from analysis.diagnosis.judge.remains import Followed, Unexplained
 from analysis.diagnosis.judge.result import Diagnosis
@@ -55,13 +56,14 @@ def test_deviations_beyond_usual_scatter_may_be_an_unknown_error_unless_targets_
     assert unusual.unexplained.unrepeated_um == pytest.approx(np.sqrt(3) * 45, rel=0.3)
     assert unusual.condition == "undecided" and not unusual.standing
     summary = summarise(unusual)
-    assert summary.badge == "UNDECIDED" and summary.headline.startswith("The calibrated model misses the readings by")
+    assert keys_of(summary.badge) == ("badge_undecided",) and keys_of(summary.headline)[0] == "finding_unrepeated"
     assert unusual.acts[0].why == "revisit"
 
 
 def test_repeated_circles_that_differ_are_reported_first() -> None:
     differ = diagnosis("undecided", unexplained=Unexplained(0.0, visits_um=43.0))
-    assert "Repeated circles differ by 43 µm rms" in AnswerWords(differ).findings
+    findings = AnswerWords(differ).findings
+    assert keys_of(findings)[0] == "finding_repeats_differ" and "43 µm" in findings
 
 
 @pytest.mark.parametrize(("signs", "sticks"), [((1.0, -0.6), True), ((1.0, 1.0), False)])
@@ -82,16 +84,16 @@ def test_gauges_that_differ_from_repeat_to_repeat_are_reported_first(signs: tupl
     if sticks:
         # 14 µm rms in the difference, less the part that the repeats have in common.
         assert found.unexplained.gauges_um and 5 < found.unexplained.gauges_um < 15
-        assert "difference of the two gauges changes" in AnswerWords(found).headline.split(". ")[0]
-        assert found.acts[0].why == "gauges_differ" and "grease the balls" in ActWords(found).next
+        assert keys_of(AnswerWords(found).headline)[0] == "finding_gauges_differ"
+        assert found.acts[0].why == "gauges_differ" and keys_of(ActWords(found).next)[0] == "act_gauges_differ"
 
 
 def test_a_material_error_without_a_cause_is_stated_beside_the_causes() -> None:
     named = diagnosis("named")
     material = replace(named, remainder=replace(named.remainder, um=97.0, at_new_places=True, is_material=True))
-    told = "At places that were not used to fit the model, an error of 97 µm rms is unexplained."
-    assert told in summarise(material).headline and told in AnswerWords(material).findings
-    assert "unexplained" not in summarise(named).headline
+    for text in (summarise(material).headline, AnswerWords(material).findings):
+        assert "finding_unexplained_there" in keys_of(text) and "97 µm" in text
+    assert not any("unexplained" in key for key in keys_of(summarise(named).headline))
 
 
 def test_a_wandering_zero_scatters_where_a_table_states_no_times() -> None:

@@ -221,7 +221,7 @@ def _acts(report: Report, texts: Texts) -> list[str]:
     if report.found is None:
         return []
     after = report.after
-    words = ActWords(report.found, texts, is_judged_elsewhere=bool(after and after.joined))
+    words = ActWords(report.found, texts)
     return [words.sentence(act, corrected=bool(after and after.driven)) for act in _open_acts(report.found, after)]
 
 
