@@ -61,9 +61,10 @@ def moved(
 
     RUN… are reference runs of touches, poses or circles. A few new
     readings of the same sockets or targets are enough."""
-    from analysis.apps.commission.movement_report import as_screen, write_page
+    from analysis.apps.commission.movement_report import answer_of, write_page
+    from analysis.apps.report.blocks import say_answer
     from analysis.apps.report.html_page import check_page_file
-    from analysis.cli.plain_console import PlainConsole
+    from analysis.apps.report.texts import texts_of
 
     if output:
         check_page_file(output)
@@ -81,7 +82,7 @@ def moved(
     if as_json:
         say_json(found.to_dict())
     else:
-        PlainConsole().print(as_screen(found, lang))
+        say_answer(answer_of(found, texts_of(lang)))
     if output:
         write_page(found, output, title, lang)
         say_written([output])

@@ -1,4 +1,4 @@
-"""Result of a movement check as sentences, on the screen, and as a page."""
+"""The answer of a movement check: sentences and blocks for screen and page."""
 
 from __future__ import annotations
 
@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from rich.console import Group, RenderableType
-from rich.text import Text
 
 from analysis.apps.commission.next_touch import Lever, ReferencePosture
 from analysis.apps.commission.what_moved import MovementResult
+from analysis.apps.report.blocks import Block, Sentence, Table
 from analysis.apps.report.diagnosis_words import sure
-from analysis.apps.report.html_page import environment, write_html
+from analysis.apps.report.html_page import answer_page, write_html
 from analysis.apps.report.movement_words import act_after, act_of, movement_sentence, name_of, size_of
-from analysis.apps.report.texts import Language, Texts, texts_of
-from analysis.cli.plain_console import bare_table, right
+from analysis.apps.report.texts import Language, Texts, capital, joined, texts_of
 from analysis.movement.cause_odds import MOST_ODDS, odds_of, short_name
 from analysis.movement.causes import NOTHING
 from analysis.movement.inference import FEWEST_TO_CLEAR
@@ -28,59 +26,37 @@ _MOST_CAUSES = 8
 """Number of causes listed; the JSON contains all."""
 
 
-def columns(texts: Texts) -> tuple[str, ...]:
-    """Return the headings of the table of causes."""
-    return tuple(texts(f"check_column_{name}") for name in ("cause", "probability", "size", "point"))
-
-
-def rows_of(moved: MovementResult, texts: Texts) -> list[tuple[str, str, str, str]]:
-    """Return a row for each cause, likeliest first."""
-    return [
+def answer_of(moved: MovementResult, texts: Texts) -> list[Block]:
+    """The movement, the act, a row for each cause with the likeliest first, the remarks, and the readings."""
+    is_unmoved = moved.named is not None and moved.named.what == "nothing"
+    rows = tuple(
         (
             name_of(cause.cause, texts, of_tracker=moved.of_tracker), sure(cause.posterior),
             size_of(cause, texts, of_tracker=moved.of_tracker) or "–",
             "–" if cause.point_mm is None else _at(cause.point_mm),
         )
         for cause in moved.causes[:_MOST_CAUSES]
-    ]  # fmt: skip
+    )  # fmt: skip
+    columns = tuple(texts(f"check_column_{name}") for name in ("cause", "probability", "size", "point"))
+    at, scatter = ", ".join(f"{value:z.0f}" for value in moved.centre_mm), f"{moved.scatter_mm:.3f}"
+    footer = texts("check_footer", new=moved.readings, old=moved.reference_readings, scatter=scatter, at=at)
+    return [
+        Sentence(headline(moved, texts), "pass" if is_unmoved else "watch"),
+        Sentence(what_to_do(moved, texts)),
+        *([Table(columns, rows, frozenset({1}), key="causes")] if rows else []),
+        *(Sentence(line, "doubt") for line in remarks(moved, texts)),
+        Sentence(f"{texts('check_note')} {footer}", "note"),
+    ]
 
 
 def _at(point: Vector) -> str:
     return ", ".join(f"{value:+z.2f}" for value in point) + " mm"
 
 
-def as_screen(moved: MovementResult, language: Language = "en") -> RenderableType:
-    """Return the answer, the recommended action, the causes and the remarks."""
-    texts = texts_of(language)
-    colour = "bold green" if moved.named and moved.named.what == "nothing" else "bold yellow"
-    parts: list[RenderableType] = [Text(headline(moved, texts), style=colour), Text(what_to_do(moved, texts))]
-    if moved.causes:
-        cause, probability, *others = columns(texts)
-        table = bare_table(cause, right(probability), *others)
-        for row in rows_of(moved, texts):
-            table.add_row(*row)
-        parts += [Text(), table]
-    parts += [Text(line, style="yellow") for line in remarks(moved, texts)]
-    return Group(*parts, Text(footer(moved, texts), style="dim"))
-
-
-def footer(moved: MovementResult, texts: Texts) -> str:
-    """Return the numbers of readings, their scatter, and the middle of the work area."""
-    at = ", ".join(f"{value:z.0f}" for value in moved.centre_mm)
-    scatter = f"{moved.scatter_mm:.3f}"
-    return texts("check_footer", new=moved.readings, old=moved.reference_readings, scatter=scatter, at=at)
-
-
 def write_page(moved: MovementResult, path: Path, name: str, language: Language = "en") -> None:
     """Write the page. name: of the rig. Raises FileError if it cannot be written."""
     texts = texts_of(language)
-    html = environment().get_template("moved.html").render(
-        title=texts("check_title", name=name), headline=headline(moved, texts), act=what_to_do(moved, texts),
-        columns=columns(texts), rows=rows_of(moved, texts), remarks=remarks(moved, texts),
-        footer=footer(moved, texts), note=texts("check_note"), lang=language,
-        standing="pass" if moved.named and moved.named.what == "nothing" else "watch",
-    )  # fmt: skip
-    write_html(html, path)
+    write_html(answer_page(texts("check_title", name=name), answer_of(moved, texts), language, boxed=2), path)
 
 
 def odds(probability: float, texts: Texts = _ENGLISH) -> str:
@@ -115,14 +91,10 @@ def _movement(moved: MovementResult, texts: Texts) -> str:
         return texts("check_unmoved", readings=readings, scatter=f"{moved.scatter_mm:.2f}", odds=certain)
     if named.what == "other":
         return texts("check_other", odds=certain)
-    thing = _capitalised(name_of(named.cause, texts, of_tracker=of_tracker))
+    thing = capital(name_of(named.cause, texts, of_tracker=of_tracker))
     size = size_of(named, texts, of_tracker=of_tracker)
     key = "check_pair" if named.together else "check_by_size"
     return texts(key, thing=thing, size=size, odds=certain)
-
-
-def _capitalised(words: str) -> str:
-    return words[:1].upper() + words[1:]
 
 
 def _listed(words: Sequence[str], texts: Texts) -> str:
@@ -137,11 +109,11 @@ def what_to_do(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
         acts = [act_of(cause, short_name(cause), texts, moved.alike(cause)) for cause in causes]
         if earlier := moved.reference_movements:
             acts.append(texts("check_act_earlier", run=earlier[-1].to, act=act_after(earlier, texts)))
-        return " ".join(dict.fromkeys(acts))
+        return joined(dict.fromkeys(acts))
     if moved.next_posture is not None:
         return next_words(moved.next_posture, texts)
     if moved.hidden:
-        return " ".join([texts("check_inseparable"), *(hidden_words(lever, texts) for lever in moved.hidden)])
+        return joined([texts("check_inseparable"), *(hidden_words(lever, texts) for lever in moved.hidden)])
     return texts("check_act_more")
 
 
@@ -157,7 +129,7 @@ def hidden_words(lever: Lever, texts: Texts = _ENGLISH) -> str:
     is_zero = lever.cause.what == "zero"
     typical = f"{np.degrees(lever.cause.scale[0]):.2f}°" if is_zero else texts("check_typical_size")
     return texts(
-        "check_hidden", thing=_capitalised(name_of(lever.cause, texts)), typical=typical, moves=f"{lever.moves_mm:.2f}",
+        "check_hidden", thing=capital(name_of(lever.cause, texts)), typical=typical, moves=f"{lever.moves_mm:.2f}",
         scatter=f"{lever.scatter_mm:.2f}",
         remedy=texts("check_mount_ball" if is_zero else "check_add_postures", axis=lever.cause.axis),
     )  # fmt: skip

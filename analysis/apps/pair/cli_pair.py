@@ -112,9 +112,10 @@ def fit_two_arms(
     from analysis.apps.pair.fit_pair import fit_pair, pair_of
     from analysis.apps.pair.pair_table import read_pair_table
     from analysis.apps.pair.result import result_of
+    from analysis.apps.report.blocks import say_answer
     from analysis.apps.report.diagnosis_report import refuse_existing_rig
-    from analysis.apps.report.html_page import check_page_file, is_page
-    from analysis.cli.plain_console import PlainConsole
+    from analysis.apps.report.html_page import check_page_file, is_page, write_html
+    from analysis.apps.report.texts import texts_of
 
     (first, first_text), (second, second_text) = _two_rigs(first_file, second_file)
     page = output if output and is_page(output) else None
@@ -131,10 +132,10 @@ def fit_two_arms(
     if as_json:
         say_json(result.to_dict())
     else:
-        PlainConsole().print(pair_report.as_screen(result, lang))
+        say_answer(pair_report.answer_of(result, texts_of(lang)))
     written = []
     if page:
-        pair_report.write_page(result, page, lang)
+        write_html(pair_report.page_of(result, lang), page)
         written = [page]
     elif directory:
         written = pair_report.write(fit, result, (first_text, second_text), table, directory, lang)
@@ -155,9 +156,9 @@ def _plan(
     *,
     as_json: bool,
 ) -> None:
-    from analysis.apps.pair.pair_report import as_plan
+    from analysis.apps.pair.pair_report import plan_answer
     from analysis.apps.pair.plan_touches import plan_touches
-    from analysis.cli.plain_console import PlainConsole
+    from analysis.apps.report.blocks import say_answer
     from analysis.runs.written_files import holding, refuse_existing, write_all_new
 
     if seed is not None and output is None:
@@ -175,7 +176,7 @@ def _plan(
     if as_json:
         say_json(planned.to_dict())
     else:
-        PlainConsole().print(as_plan(planned))
+        say_answer(plan_answer(planned))
     if output:
         content = planned.csv() if seed is None else _simulated(first, second, planned, seed)
         write_all_new(output.parent, {output.name: holding(content.encode())})

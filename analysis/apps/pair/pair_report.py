@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
-
-from rich.console import Group, RenderableType
-from rich.text import Text
 
 from analysis.apps.pair.calibrations import calibrations, placed_texts
 from analysis.apps.pair.fit_pair import FittedPair
 from analysis.apps.pair.plan_touches import PlannedTouches
 from analysis.apps.pair.result import PairResult
+from analysis.apps.report.blocks import Block, Heading, Sentence, Table, Tone
 from analysis.apps.report.diagnosis_report import extended_files
-from analysis.apps.report.html_page import environment, write_html
+from analysis.apps.report.html_page import answer_page
 from analysis.apps.report.texts import Language, Texts, texts_of
-from analysis.cli.plain_console import bare_table, right
 from analysis.runs.written_files import holding, write_all_new
 from rigs.schema.part import Vector
 
@@ -24,41 +20,29 @@ _CERTAIN = 2.0
 """Multiple of u above which a correction is listed; the JSON has all."""
 
 
-def as_screen(result: PairResult, language: Language = "en") -> RenderableType:
-    """Return the first sentence, the transform of the bases, certain corrections, and what is not testable."""
-    texts = texts_of(language)
+def answer_of(result: PairResult, texts: Texts) -> list[Block]:
+    """The first sentence, the transform of the bases, certain corrections, and what is not testable."""
     first, second = result.names
-    base_headings = texts("pair_base", first=first, second=second), texts("pair_value"), "± u", ""
-    style = "bold green" if _is_better(result) else "bold yellow"
-    parts: list[RenderableType] = [Text(headline(result, texts), style=style), Text()]
-    parts.append(_screen_table(base_headings, base_rows(result, texts)))
-    if rows := constant_rows(result):
-        headings = tuple(texts(f"pair_{name}") for name in ("arm", "constant", "correction"))
-        parts += [Text(), _screen_table((*headings, "± u", ""), rows)]
-    hidden = [Text(f"  {line}") for line in not_testable_lines(result)]
-    parts += [Text(), Text(f"{texts('pair_not_testable')}:", style="dim"), *hidden]
-    parts += [Text(texts("pair_doubt", line=line), style="yellow") for line in result.doubts]
-    return Group(*parts, Text(footer(result, texts), style="dim"))
-
-
-def _is_better(result: PairResult) -> bool:
-    return result.left_mm < result.before_mm
-
-
-def headline(result: PairResult, texts: Texts) -> str:
-    """Return the change of the gap between ball and socket."""
-    first, second = result.names
-    key = "pair_calibrated" if _is_better(result) else "pair_not_calibrated"
-    return texts(key, first=first, second=second, left=f"{result.left_mm:.3f}", before=f"{result.before_mm:.2f}")
-
-
-def footer(result: PairResult, texts: Texts) -> str:
-    """Return the number of touches and the errors that remain."""
-    (first, second), (of_first, of_second) = result.names, result.unexplained_mm
-    return texts(
-        "pair_footer", count=result.touches, scatter=f"{result.scatter_mm:.3f}", first=first, second=second,
+    tone: Tone = "pass" if result.left_mm < result.before_mm else "watch"
+    key = "pair_calibrated" if tone == "pass" else "pair_not_calibrated"
+    left, before = f"{result.left_mm:.3f}", f"{result.before_mm:.2f}"
+    head = texts(key, first=first, second=second, left=left, before=before)
+    (of_first, of_second), scatter = result.unexplained_mm, f"{result.scatter_mm:.3f}"
+    footer = texts(
+        "pair_footer", count=result.touches, scatter=scatter, first=first, second=second,
         unexplained_first=f"{of_first:.3f}", unexplained_second=f"{of_second:.3f}",
     )  # fmt: skip
+    base = (texts("pair_base", first=first, second=second), texts("pair_value"), "± u", "")
+    corrections = (*(texts(f"pair_{name}") for name in ("arm", "constant", "correction")), "± u", "")
+    hidden = tuple((one.arm or "–", one.name, one.reason) for one in result.not_testable)
+    parts: list[Block] = [Sentence(head, tone), Heading(texts("pair_frame_heading"))]
+    parts.append(Table(base, tuple(base_rows(result, texts)), frozenset({1, 2})))
+    if rows := constant_rows(result):
+        parts += [Heading(texts("pair_corrections")), Table(corrections, tuple(rows), frozenset({2, 3}))]
+    heads = tuple(texts(f"pair_{name}") for name in ("arm", "constant", "reason"))
+    parts += [Heading(texts("pair_not_testable")), Table(heads, hidden)]
+    parts += [Sentence(texts("pair_doubt", line=line), "doubt") for line in result.doubts]
+    return [*parts, Sentence(f"{texts('pair_note')} {footer}", "note")]
 
 
 def base_rows(result: PairResult, texts: Texts) -> list[tuple[str, ...]]:
@@ -90,42 +74,14 @@ def constant_rows(result: PairResult) -> list[tuple[str, ...]]:
     return rows
 
 
-def _screen_table(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> RenderableType:
-    """Return a table whose numbers, the columns before the unit, are aligned right."""
-    numbers = len(headings) - 3, len(headings) - 2
-    table = bare_table(*(right(heading) if k in numbers else heading for k, heading in enumerate(headings)))
-    for row in rows:
-        table.add_row(*row)
-    return table
-
-
-def write_page(result: PairResult, path: Path, language: Language = "en") -> None:
-    """Write the page. Raises FileError if it cannot be written."""
-    write_html(page_of(result, language), path)
-
-
 def page_of(result: PairResult, language: Language = "en") -> str:
-    """Return the page as HTML."""
-    texts = texts_of(language)
-    first, second = result.names
-    return environment().get_template("pair.html").render(
-        t=texts, lang=language, title=texts("pair_title", first=first, second=second),
-        headline=headline(result, texts), standing="pass" if _is_better(result) else "watch",
-        base=texts("pair_base", first=first, second=second), base_rows=base_rows(result, texts),
-        constants=constant_rows(result), hidden=result.not_testable, doubts=result.doubts,
-        footer=footer(result, texts),
-    )  # fmt: skip
+    """The page as HTML."""
+    texts, (first, second) = texts_of(language), result.names
+    return answer_page(texts("pair_title", first=first, second=second), answer_of(result, texts), language)
 
 
-def not_testable_lines(result: PairResult) -> Iterator[str]:
-    """Yield a line for each quantity that the touches do not determine."""
-    for hidden in result.not_testable:
-        whose = f"{hidden.arm}: " if hidden.arm else ""
-        yield f"{whose}{hidden.name} – {hidden.reason}"
-
-
-def as_plan(planned: PlannedTouches) -> RenderableType:
-    """Return the expected uncertainties of planned touches."""
+def plan_answer(planned: PlannedTouches) -> list[Block]:
+    """The expected uncertainties of planned touches."""
     result = planned.expected
     shown = sum(constant.is_shown for constant in result.constants)
     count = len(planned.table.q)
@@ -133,8 +89,8 @@ def as_plan(planned: PlannedTouches) -> RenderableType:
         f"{count} touches show {shown} of {len(result.constants)} constants of both arms, and the frame of "
         f"{result.names[1]} at the work to {_triple(result.base.u_work_mm)} mm in x, y, z."
     )
-    lines = [Text(f"  {line}") for line in not_testable_lines(result)]
-    return Group(Text(first, style="bold"), Text("not testable:", style="dim"), *lines)
+    rows = tuple((one.arm or "–", one.name, one.reason) for one in result.not_testable)
+    return [Sentence(first, "strong"), Heading("not testable"), Table(("arm", "constant", "reason"), rows)]
 
 
 def write(

@@ -84,8 +84,8 @@ def compare(
         return
     import analysis
     from analysis.apps.plant import comparison_report
+    from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
-    from analysis.cli.plain_console import PlainConsole
 
     with progress_of() as progress:
         measured = [analysis.load_run(path) for path in runs]
@@ -100,7 +100,7 @@ def compare(
     if as_json:
         say_json(compared.to_dict())
     else:
-        PlainConsole().print(comparison_report.as_tables(compared))
+        say_answer(comparison_report.answer_of(compared))
 
 
 def _is_arm(path: Path) -> bool:
@@ -112,9 +112,9 @@ def _is_arm(path: Path) -> bool:
 
 def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bool) -> None:
     from analysis.apps.plant.before_after import differences
-    from analysis.apps.plant.history_screen import as_differences
+    from analysis.apps.plant.history_screen import differences_answer
+    from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
-    from analysis.cli.plain_console import PlainConsole
     from analysis.cli.several import distinct
 
     with progress_of():
@@ -122,7 +122,7 @@ def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bo
     if as_json:
         say_json({"differences": [change.to_dict() for change in changes]})
     else:
-        PlainConsole().print(as_differences(changes))
+        say_answer(differences_answer(changes))
 
 
 def _arms(first: Path, second: Path, as_json: bool) -> None:

@@ -85,9 +85,9 @@ def fleet(
     if as_json:
         say_json(screen.as_object(plant))
     else:
-        from analysis.cli.plain_console import PlainConsole
+        from analysis.apps.report.blocks import say_answer
 
-        PlainConsole().print(screen.as_screen(plant))
+        say_answer(screen.answer_of(plant))
 
 
 def _write(plant: Fleet, output: Path | None, parquet: Path | None, workers: Workers, progress: Progress) -> None:

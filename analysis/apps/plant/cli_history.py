@@ -90,9 +90,9 @@ def history(
         for line in text.getvalue().decode().splitlines():
             say(line)
     else:
-        from analysis.cli.plain_console import PlainConsole
+        from analysis.apps.report.blocks import say_answer
 
-        PlainConsole().print(screen.as_screen(history_found))
+        say_answer(screen.answer_of(history_found))
 
 
 def _collected(data: Path, robot: str, workers: Workers) -> Collected:

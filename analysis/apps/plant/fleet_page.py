@@ -11,17 +11,15 @@ from urllib.parse import quote
 
 from analysis.apps.plant.catalogue import Damaged, Key
 from analysis.apps.plant.collect import Workers
-from analysis.apps.plant.fleet_screen import WORDS, doubts_of, names_of, origin, reading, simulated_share, summary
+from analysis.apps.plant.fleet_screen import answer_of
 from analysis.apps.plant.gather import Fleet, Progress, collected_in
 from analysis.apps.plant.history import history_of
 from analysis.apps.plant.history_file import made_by
-from analysis.apps.plant.robot_state import Attention, FleetRobot
-from analysis.apps.report.html_page import environment, write_html
+from analysis.apps.plant.robot_state import FleetRobot
+from analysis.apps.report.html_page import answer_page, write_html
 from analysis.runs.batch.each import each
 from analysis.runs.batch.outcomes import FailedItem
 
-_STANDINGS: dict[Attention, str] = {"beyond": "fail", "watch": "watch", "unreadable": "watch", "changed": "watch"}
-"""Report colour and sign for the state of a robot; all other states pass."""
 _HEAD_BYTES = 2000
 """Range at the start of a page that contains the digest of the inputs."""
 
@@ -54,19 +52,8 @@ def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) 
             failed.append(f"{outcome.item.path}: {outcome.error.what}")
         progress("drawing the pages of robots", done, len(fresh))
     links = {page.key: quote(f"{folder.name}/{page.path.name}") for page in pages if page.path.exists()}
-    named = zip(fleet.robots, names_of(fleet), strict=True)
-    template = environment().get_template("fleet.html")
-    html = template.render(
-        title=fleet.directory.resolve().name or str(fleet.directory),
-        origin=origin(fleet),
-        simulated_share=simulated_share,
-        summary=summary(fleet),
-        doubts=doubts_of(fleet) + failed,
-        rows=[(state, name, links.get((state.folder, state.robot))) for state, name in named],
-        words=WORDS,
-        standings=_STANDINGS,
-        reading=reading(fleet),
-    )
+    title = f"{fleet.directory.resolve().name or fleet.directory}: robots"
+    html = answer_page(title, answer_of(fleet, links, failed))
     write_html(html, path)
     return failed
 

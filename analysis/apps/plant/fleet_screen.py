@@ -6,16 +6,12 @@ The Parquet file has a row per figure.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from datetime import UTC
 from pathlib import Path
 from typing import Any
-
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
 
 from analysis.apps.plant.catalogue import Key
 from analysis.apps.plant.collect import Collected
@@ -23,7 +19,7 @@ from analysis.apps.plant.gather import Fleet, collected_in
 from analysis.apps.plant.history_words import simulated_runs, without_figures
 from analysis.apps.plant.records import RunRecord
 from analysis.apps.plant.robot_state import ORDER, Attention, FleetRobot
-from analysis.cli.plain_console import fold_long_words
+from analysis.apps.report.blocks import Block, Cell, Sentence, Table, Tone
 from analysis.runs.tabular import for_json
 from daq.store import durable
 from daq.store.chunk import storable
@@ -38,31 +34,36 @@ WORDS: dict[Attention, str] = {
     "within": "within limits",
     "unlimited": "no limits",
 }
-_STYLES: dict[Attention, str] = {"beyond": "bold red", "watch": "yellow", "unreadable": "yellow", "changed": "yellow"}
+_TONES: dict[Attention, Tone] = {"beyond": "fail", "watch": "watch", "unreadable": "watch", "changed": "watch"}
+_ORDER = (
+    "Robots that need attention come first: beyond a limit, not proven to be within a limit, no figures, a figure "
+    "increased by more than the scatter between runs, then the others. A robot is identified by the name of its rig "
+    "file and the directory of its runs."
+)
 
 
-def as_screen(fleet: Fleet) -> RenderableType:
-    """Return a sentence, a line for each robot, and the omissions."""
-    doubts = (Text(line, style="yellow") for line in doubts_of(fleet))
-    simulated = [Text(line, style="yellow") for line in filter(None, [origin(fleet)])]
-    summed_up = Text(summary(fleet), style="bold")
-    table = Table(header_style="bold", box=None, padding=(0, 1))
-    table.add_column("robot")
-    table.add_column("state")
-    table.add_column("figure closest to its limit")
-    table.add_column("what changed")
-    table.add_column("last run", no_wrap=True)
-    table.add_column("runs", justify="right", no_wrap=True)
+def answer_of(fleet: Fleet, links: Mapping[Key, str] | None = None, failed: Sequence[str] = ()) -> list[Block]:
+    """A sentence, a row for each robot, and the omissions.
+
+    links: addresses of the pages of robots. failed: pages that could not be written.
+    """
+    rows = []
     for state, name in zip(fleet.robots, names_of(fleet), strict=True):
-        standing = Text(WORDS[state.attention], style=_STYLES.get(state.attention, ""))
-        share = [Text(simulated_share(state), style="yellow")] if state.simulated else []
-        robot = Text("\n").join([Text(name), *share])
+        tone = _TONES.get(state.attention, "plain" if state.attention == "unlimited" else "pass")
         # Figure closest to its limit, the tests, and doubts, one per line
-        lines = [Text(state.worst)] if state.worst else []
-        lines += [Text(", ".join(state.tests), style="dim")] if state.tests else []
-        lines += [Text(plain(", ".join(state.doubts)), style="yellow")] if state.doubts else []
-        table.add_row(robot, standing, Text("\n").join(lines), state.trend, state.last[:10], str(state.runs))
-    return Group(*simulated, summed_up, fold_long_words(table), *doubts, Text(reading(fleet), style="dim"))
+        below = (", ".join(state.tests), plain(", ".join(state.doubts)))
+        shares = tuple(filter(None, [simulated_share(state)]))
+        robot = Cell(name, shares, link=(links or {}).get((state.folder, state.robot), ""))
+        worst = Cell(state.worst, tuple(filter(None, below)))
+        standing = Cell(WORDS[state.attention], tone=tone)
+        rows.append((robot, standing, worst, state.trend, state.last[:10], f"{state.runs}"))
+    heads = ("robot", "state", "figure closest to its limit", "what changed", "last run", "runs")
+    return [
+        Sentence(summary(fleet), "strong"),
+        *(Sentence(line, "doubt") for line in (origin(fleet), *doubts_of(fleet), *failed) if line),
+        Table(heads, tuple(rows), frozenset({5}), key="stack"),
+        Sentence(f"{_ORDER} {reading(fleet)}", "note"),
+    ]
 
 
 def origin(fleet: Fleet) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib as mpl
@@ -14,10 +13,12 @@ from markupsafe import Markup
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
 from analysis.apps.plant.history import History, Series, judge
-from analysis.apps.plant.history_words import against_limit, doubts, is_short, origin, remarks, sentences, too_few
-from analysis.apps.plant.records import RunRecord
-from analysis.apps.report.html_page import environment, write_html
+from analysis.apps.plant.history_screen import answer_of
+from analysis.apps.plant.history_words import against_limit
+from analysis.apps.report.blocks import Figure, Sentence
+from analysis.apps.report.html_page import answer_page, write_html
 from analysis.apps.report.still_chart import Sheet
+from rigs.text import counted
 
 _MOST = 60
 """Maximum number of pictures on a page, exceeded limits and changes first: about 20 kB each."""
@@ -37,54 +38,19 @@ def write_page(history: History, path: Path, *, made_of: str = "", overview: str
     cannot be written.
     """
     shown = sorted(history.series, key=lambda series: (not _is_beyond(series), not series.trend.changes))
-    rows = [_Row.of(series) for series in history.series]
     # A single run, or simultaneous runs, have no time axis.
     drawn = [series for series in shown if len({run.when for run in series.runs}) > 1]
     moved = [check.when.timestamp() / _DAY_S for check in history.collected.checks if check.has_moved]
-    template = environment().get_template("history.html")
-    html = template.render(
-        robot=history.robot,
-        made_of=made_of,
-        overview=overview,
-        origin=origin(history),
-        sentences=sentences(history) or [too_few(history)],
-        rows=rows,
-        is_young=all(is_short(series) for series in history.series),
-        is_one=not any(row.first for row in rows),
-        remarks=remarks(history),
-        doubts=doubts(history),
-        left_out=max(0, len(drawn) - _MOST),
-        has_moved=bool(moved),
-        pictures=[(series, against_limit(series), _picture(series, moved)) for series in drawn[:_MOST]],
-    )
-    write_html(html, path)
+    figures = [Figure(_caption(series), _picture(series, moved)) for series in drawn[:_MOST]]
+    answer = answer_of(history, figures, max(0, len(drawn) - _MOST), dated=True)
+    boxed = sum(isinstance(block, Sentence) and block.tone == "strong" for block in answer)
+    title = f"{history.robot}: history"
+    write_html(answer_page(title, answer, boxed=boxed, made_of=made_of, overview=overview), path)
 
 
-@dataclass(frozen=True)
-class _Row:
-    """A row of the table: a figure with the first and the newest run as text; first is empty for a single run."""
-
-    title: str
-    label: str
-    count: int
-    first: str
-    first_when: str
-    last: str
-    last_when: str
-    limit: str
-
-    @classmethod
-    def of(cls, series: Series) -> _Row:
-        first, *later = zip(series.runs, series.quantities, strict=True)
-        run, newest = later[-1] if later else first
-        begin = (str(first[1]), _moment(first[0])) if later else ("", "")
-        limit = against_limit(series).partition(" since")[0]
-        return cls(series.title, series.label, len(series.runs), *begin, str(newest), _moment(run), limit)
-
-
-def _moment(run: RunRecord) -> str:
-    """Return the start of a run to the minute."""
-    return f"{run.when:%Y-%m-%d %H:%M}"
+def _caption(series: Series) -> str:
+    limit = f"; limit: {against_limit(series)}" if against_limit(series) else ""
+    return f"{series.title}: {series.label}, {counted(len(series.runs), 'run')}{limit}"
 
 
 def _is_beyond(series: Series) -> bool:

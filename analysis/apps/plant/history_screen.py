@@ -1,21 +1,19 @@
-"""History on a terminal, as JSON and as a table."""
+"""The answer of a history as blocks, as JSON and as a table of points."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
 
 from analysis.apps.plant.before_after import Difference, headlines
 from analysis.apps.plant.collect import MarkedCheck
 from analysis.apps.plant.history import History, Series, judge, label_of
 from analysis.apps.plant.history_words import against_limit, dates, doubts, origin, remarks, sentences, too_few
-from analysis.cli.plain_console import fold_long_words
+from analysis.apps.report.blocks import Block, Cell, Figure, Heading, Sentence, Table
 from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.tabular import for_json, table_of_rows
@@ -25,76 +23,80 @@ _WIDTH = 20
 """Number of characters of a sparkline; each is the median of an equal share of the runs."""
 
 
-def as_screen(history: History) -> RenderableType:
-    """Return the sentences, a line for each figure, and remarks."""
-    head = [Text(line, style="yellow") for line in filter(None, [origin(history)])]
-    head += [Text(sentence, style="bold") for sentence in sentences(history) or [too_few(history)]]
-    lines = [Text(line, style="dim") for line in remarks(history)]
+def answer_of(
+    history: History, figures: Sequence[Figure] = (), left_out: int = 0, *, dated: bool = False
+) -> list[Block]:
+    """The sentences, a row for each figure, the pictures on a page, and remarks.
+
+    left_out: number of figures whose picture is left out. dated: add the times of runs to their figures.
+    """
+    lines = [*doubts(history), *[f"{left_out} further figures without a change are not shown."] * (left_out > 0)]
     days = [run.when.date() for series in history.series for run in series.runs]
     span = sorted({str(min(days)), str(max(days))}) if days else []
     title = " · ".join([history.robot, *filter(None, [" to ".join(span)])])
-    doubtful = [Text(line, style="yellow") for line in doubts(history)]
-    return Group(*head, fold_long_words(_table(history.series, title)), *lines, *doubtful)
+    return [
+        *(Sentence(sentence, "strong") for sentence in sentences(history) or [too_few(history)]),
+        *(Sentence(line, "doubt") for line in (origin(history), *lines) if line),
+        Heading(title),
+        _table(history.series, dated=dated),
+        *figures,
+        *([Sentence(_LEGEND, "note")] if figures else []),
+        *(Sentence(line, "note") for line in (*remarks(history), _U)),
+    ]
 
 
-def _table(all_series: Sequence[Series], title: str) -> Table:
-    """Return a table with a line per figure: the value for single runs, otherwise first, last and a sparkline."""
-    table = Table(title=title, title_style="dim", header_style="bold", box=None, padding=(0, 1))
-    table.add_column("")
-    table.add_column("")
+_LEGEND = (
+    "Dots: runs, with bars of 2 u. Crosses: outliers. Orange: a change. Dashed line: fail limit; dotted line: watch "
+    "limit. Vertical line: day on which something moved."
+)
+_U = "u is the standard uncertainty of a figure within a run. It does not include the scatter between runs."
+
+
+def _table(all_series: Sequence[Series], *, dated: bool) -> Table:
+    """A row per figure: the value for single runs, otherwise first, last and a sparkline."""
     is_one = all(len(series.runs) == 1 for series in all_series)
-    for heading in ("value ± u",) if is_one else ("runs", "first", "last", "spread"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    if not is_one:
-        table.add_column("course", no_wrap=True)
-        table.add_column("")
     is_limited = any(series.limit for series in all_series)
-    if is_limited:
-        table.add_column("limit")
-    title_before = ""
+    columns = ["test", "figure", *(("value ± u",) if is_one else ("runs", "first", "last", "spread", "course", ""))]
+    rows, title_before = [], ""
     for series in all_series:
         quantities, spread = series.quantities, series.trend.spread
-        cells = [str(quantities[0])]
+        begin, end = (Cell("", (f"{run.when:%Y-%m-%d %H:%M}",) * dated) for run in (series.runs[0], series.runs[-1]))
+        cells = [replace(begin, text=str(quantities[0]))]
         if not is_one:
             by = Quantity(0.0, spread if spread > 0 else quantities[-1].u, quantities[-1].unit)
-            first, last = (by.rounded(quantity.value) for quantity in (quantities[0], quantities[-1]))
             rounded = by.rounded_size(spread) if np.isfinite(spread) else "–"
             ways = "".join("↑" if change.after > change.before else "↓" for change in series.trend.changes)
-            cells = [str(len(quantities)), first, f"{last} {series.unit}", rounded, sparkline(series.values), ways]
+            first, last = by.rounded(quantities[0].value), str(quantities[-1])
+            ends = replace(begin, text=first), replace(end, text=last)
+            cells = [Cell(f"{len(quantities)}"), *ends, *map(Cell, (rounded, sparkline(series.values), ways))]
         if is_limited:
-            cells.append(against_limit(series).partition(" since")[0])
-        name = "" if series.title == title_before else series.title
-        table.add_row(name, series.label, *cells, style="bold" if series.trend.changes else "")
+            cells.append(Cell(against_limit(series).partition(" since")[0]))
+        rows.append(("" if series.title == title_before else series.title, series.label, *cells))
         title_before = series.title
-    return table
+    ranks = tuple("unusual" if series.trend.changes else "" for series in all_series)
+    heads = (*columns, *["limit"] * is_limited)
+    return Table(heads, tuple(rows), frozenset({2} if is_one else {2, 3, 4, 5}), ranks)
 
 
-def as_differences(compared: Sequence[Difference]) -> RenderableType:
-    """Return the comparison around a repair: a sentence per changed figure, and a line per compared figure."""
-    found_first = [Text(sentence, style="bold") for sentence in headlines(compared)]
-    table = Table(header_style="bold", box=None, padding=(0, 1))
-    table.add_column("")
-    table.add_column("")
-    for heading in ("before", "after", "difference", "u"):
-        table.add_column(heading, justify="right")
-    table.add_column("")
-    table.add_column("explained", justify="right")
-    table.add_column("more than that")
-    title = ""
+def differences_answer(compared: Sequence[Difference]) -> list[Block]:
+    """The comparison around a repair: a sentence per changed figure, and a row per compared figure."""
+    rows, title = [], ""
     for difference in compared:
         by = difference.difference
         is_known = bool(np.isfinite(by.u))
         verdict = ("yes" if difference.is_larger else "no") if is_known else "unknown: repeat the runs"
         cells = [by.rounded(value) for value in (difference.before, difference.after, by.value)]
         cells += [by.rounded_u, by.sign, by.rounded(difference.explained)] if is_known else ["", by.sign, ""]
-        cells.append(verdict)
         name = "" if difference.title == title else difference.title
-        table.add_row(name, label_of(difference.figure), *cells, style="bold" if difference.is_larger else "")
+        rows.append((name, label_of(difference.figure), *cells, verdict))
         title = difference.title
     before = max(difference.runs_before for difference in compared)
     counts = f"runs: {before} before, {max(difference.runs_after for difference in compared)} after"
     u = f"u: standard uncertainty by the spread between runs; explained: largest difference by that spread; {counts}"
-    return Group(*found_first, fold_long_words(table), Text(u, style="dim"))
+    heads = ("", "", "before", "after", "difference", "u", "", "explained", "more than that")
+    ranks = tuple("unusual" if difference.is_larger else "" for difference in compared)
+    table = Table(heads, tuple(rows), frozenset({2, 3, 4, 5, 7}), ranks)
+    return [*(Sentence(sentence, "strong") for sentence in headlines(compared)), table, Sentence(u, "note")]
 
 
 def sparkline(values: Array) -> str:

@@ -13,7 +13,7 @@ from functools import partial
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import measured_u, micrometres, percent, with_uncertainty
 from analysis.apps.report.movement_words import act_after
-from analysis.apps.report.texts import Sentence, Texts, joined, keys_of, texts_of
+from analysis.apps.report.texts import Phrase, Texts, joined, keys_of, texts_of
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.acts import FOUND, Act
 from analysis.diagnosis.judge.result import Diagnosis
@@ -59,7 +59,7 @@ class ActWords:
         instead = self.texts("act_instead") if is_instead and not corrected else ""
         sentence = joined([condition, self.what(act), self.removes(act), instead])
         keys = (*keys_of(sentence), *keys_of(against))
-        return Sentence(f"{sentence.removesuffix('.')} ({against}).", keys) if against else sentence
+        return Phrase(f"{sentence.removesuffix('.')} ({against}).", keys) if against else sentence
 
     def what(self, act: Act) -> str:
         """Return the instruction of an act as a sentence."""

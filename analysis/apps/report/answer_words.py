@@ -23,7 +23,7 @@ from analysis.apps.report.diagnosis_words import (
     sure,
 )
 from analysis.apps.report.movement_words import movement_sentence
-from analysis.apps.report.texts import Sentence, Texts, capital, joined, keys_of, texts_of
+from analysis.apps.report.texts import Phrase, Texts, capital, joined, keys_of, texts_of
 from analysis.diagnosis.evidence.contradiction import Contradiction
 from analysis.diagnosis.fit.refine import size_limits
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
@@ -166,7 +166,7 @@ class AnswerWords:
         wrong = [*large, *faults] if first else [*faults, *large]
         sure_too = [self._measured(part) for part in sure_parts(diagnosis)]
         measured = [self.texts("finding_sure", parts=self._listed(sure_too))] if sure_too else []
-        sentence = joined(Sentence(f"{capital(clause)}.", keys_of(clause)) for clause in [*wrong, *open_too, *measured])
+        sentence = joined(Phrase(f"{capital(clause)}.", keys_of(clause)) for clause in [*wrong, *open_too, *measured])
         condition = self._condition()
         parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
         return joined((self.visits, *parts))
@@ -310,7 +310,7 @@ class AnswerWords:
 
     @property
     def passport_changes(self) -> str:
-        """Sentence that names what left the factory state or changed since the last visit; empty if nothing did."""
+        """Phrase that names what left the factory state or changed since the last visit; empty if nothing did."""
         passport = self.diagnosis.passport
         if not (passport and passport.changed):
             return ""

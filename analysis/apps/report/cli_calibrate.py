@@ -46,11 +46,11 @@ def calibrate(
 ) -> None:
     """Calibrate the model of a robot, validate it on data not used for the fit, and write a rig file."""
     import analysis
+    from analysis.apps.report.blocks import say_answer
     from analysis.apps.report.cli_diagnose import say_correct, split_by_role, with_commands_here
+    from analysis.apps.report.diagnosis_answer import answer_of
     from analysis.apps.report.diagnosis_report import refuse_existing_rig, write_model
-    from analysis.apps.report.diagnosis_screen import as_screen
     from analysis.cli.console import progress_of
-    from analysis.cli.plain_console import PlainConsole
     from analysis.cli.several import end_with, load_runs, with_controller, with_recorded_controller, with_tables, worst
     from rigs.load import load
 
@@ -68,7 +68,7 @@ def calibrate(
     if as_json:
         say_json(diagnosis.to_dict())
     else:
-        PlainConsole().print(as_screen(with_commands_here(diagnosis, output, to="calibrated.yaml")))
+        say_answer(answer_of(with_commands_here(diagnosis, output, to="calibrated.yaml")))
     say_written(write_model(diagnosis, text, output) if output else ())
     if output:
         say_correct(diagnosis, output)

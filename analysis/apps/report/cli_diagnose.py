@@ -110,13 +110,13 @@ def diagnose(
         diagnosis = analysis.diagnose(
             measured, rig=rig, hold_out=judges, unseen=elsewhere, tolerance_um=tolerance_um, progress=progress
         )
-    from analysis.apps.report.diagnosis_screen import as_screen
-    from analysis.cli.plain_console import PlainConsole
+    from analysis.apps.report.blocks import say_answer
+    from analysis.apps.report.diagnosis_answer import answer_of
 
     if as_json:
         say_json(diagnosis.to_dict())
     else:
-        PlainConsole().print(as_screen(with_commands_here(diagnosis, output)))
+        say_answer(answer_of(with_commands_here(diagnosis, output)))
     if output:
         _write(diagnosis, (measured, judges, elsewhere), text, output, errors)
     end_with(worst(errors))

@@ -19,7 +19,11 @@ from rigs.errors import CellError, FileError, UseError
 from rigs.text import plain_lines
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from jinja2 import Environment
+
+    from analysis.apps.report.blocks import Block
 
 
 def is_page(file: Path) -> bool:
@@ -50,6 +54,17 @@ def environment() -> Environment:
         loader=PackageLoader("analysis"), autoescape=True, undefined=StrictUndefined, finalize=plain,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
+
+
+def answer_page(
+    title: str, blocks: Sequence[Block], lang: str = "en", *, boxed: int = 1, made_of: str = "", overview: str = ""
+) -> str:
+    """Return an answer as a page, its first blocks in a box.
+
+    made_of: digest of the inputs, written into the page. overview: address of a linked page.
+    """
+    template = environment().get_template("answer.html")
+    return template.render(title=title, blocks=blocks, lang=lang, boxed=boxed, made_of=made_of, overview=overview)
 
 
 def write_html(html: str, file: Path) -> None:

@@ -5,18 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from rich.table import Column, Table
-
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import error_size, has_measured_noise, plain
 from analysis.apps.report.texts import Texts, texts_of
-from analysis.cli.plain_console import bare_table, right
 from analysis.diagnosis.judge.comparison import Disagreement
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.judge.staircase import ModelResidual, Staircase
-
-_BAR = 16
-"""Length of the longest bar on the screen, in characters."""
 
 
 @dataclass(frozen=True)
@@ -80,12 +74,13 @@ def residual_words(residue: ModelResidual) -> str:
     return error_size(residue.um, residue.u_um)
 
 
-def stairs_table(stairs: Stairs) -> Table:
-    """Return the staircase as a table with a bar for the residual on the runs used."""
-    texts = texts_of("en")
-    places = (right(texts(f"runs_{place}")) for place in stairs.places)
-    table = bare_table("remaining µm rms", *places, Column("", no_wrap=True))
-    for step in stairs.steps:
-        width = max(1, round(_BAR * step.left[0].um / stairs.largest_um))
-        table.add_row(step.name, *map(residual_words, step.left), "█" * width)
-    return table
+def step_sentences(diagnosis: Diagnosis, texts: Texts) -> list[str]:
+    """Return a sentence for each step, for screen readers and the slider of the page."""
+    stairs = stairs_of(diagnosis, texts)
+    steps = stairs.steps if stairs else ()
+    return [
+        texts("step_now", number=number, count=len(steps) - 1, part=step.part)
+        if step.part
+        else texts("step_start", count=len(steps) - 1, name=step.name)
+        for number, step in enumerate(steps)
+    ]

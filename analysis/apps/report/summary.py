@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from analysis.apps.report.diagnosis_words import error_size
-from analysis.apps.report.texts import Sentence, Texts, joined, keys_of
+from analysis.apps.report.texts import Phrase, Texts, joined, keys_of
 from analysis.correction.deviation import Deviation
 
 Tone = Literal["pass", "watch", "fail", "unjudged"]
@@ -86,7 +86,7 @@ class Summary:
 def with_action(sentence: str, action: str) -> str:
     """Return a sentence that ends with the next step in a few words."""
     keys = (*keys_of(sentence), *keys_of(action))
-    return Sentence(f"{sentence.removesuffix('.')}; {action}.", keys) if action else sentence
+    return Phrase(f"{sentence.removesuffix('.')}; {action}.", keys) if action else sentence
 
 
 def with_next(summary: Summary, step: str, command: str, action: str) -> Summary:

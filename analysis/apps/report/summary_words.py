@@ -36,7 +36,7 @@ from analysis.apps.report.summary import (
     with_action,
     with_driven_error,
 )
-from analysis.apps.report.texts import Sentence, Texts, capital, joined, keys_of, texts_of
+from analysis.apps.report.texts import Phrase, Texts, capital, joined, keys_of, texts_of
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.acts import IMITATED, Act, Doubt
@@ -206,7 +206,7 @@ class _SummaryWords:
             others = others[1:]
             words = self.texts("also_a_fault", first=words, fault=faults[0].words)
         more = self.texts("and_more", count=len(others)) if others else ""
-        return Sentence(f"{joined([words, more], ', ')}.", keys_of(words))
+        return Phrase(f"{joined([words, more], ', ')}.", keys_of(words))
 
     def leading(self) -> list[_Cause]:
         """Faults and other large parts of the error, the largest first."""

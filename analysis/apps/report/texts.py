@@ -131,14 +131,14 @@ Language = Literal["en", "de", "ko"]
 LANGUAGES: tuple[Language, ...] = get_args(Language)
 
 
-class Sentence(str):
+class Phrase(str):
     """A text of the catalogue that knows its key, the keys of the texts inserted into it, and the values."""
 
     __slots__ = ("keys", "values")
     keys: tuple[str, ...]
     values: Mapping[str, object]
 
-    def __new__(cls, text: str, keys: tuple[str, ...] = (), values: Mapping[str, object] | None = None) -> Sentence:
+    def __new__(cls, text: str, keys: tuple[str, ...] = (), values: Mapping[str, object] | None = None) -> Phrase:
         sentence = super().__new__(cls, text)
         sentence.keys, sentence.values = keys, values or {}
         return sentence
@@ -149,18 +149,18 @@ class Sentence(str):
 
 def keys_of(text: object) -> tuple[str, ...]:
     """Return the keys of the texts from which a text was made."""
-    return text.keys if isinstance(text, Sentence) else ()
+    return text.keys if isinstance(text, Phrase) else ()
 
 
-def capital(text: str) -> Sentence:
+def capital(text: str) -> Phrase:
     """Return a text with a capital first letter, and its keys."""
-    return Sentence(f"{text[:1].upper()}{text[1:]}", keys_of(text))
+    return Phrase(f"{text[:1].upper()}{text[1:]}", keys_of(text))
 
 
-def joined(texts: Iterable[str], by: str = " ") -> Sentence:
+def joined(texts: Iterable[str], by: str = " ") -> Phrase:
     """Join the texts that are not empty, and keep their keys."""
     shown = [text for text in texts if text]
-    return Sentence(by.join(shown), tuple(key for text in shown for key in keys_of(text)))
+    return Phrase(by.join(shown), tuple(key for text in shown for key in keys_of(text)))
 
 
 @dataclass(frozen=True)
@@ -176,10 +176,10 @@ class Texts:
     effects: dict[str, str]
     nouns: dict[str, str]
 
-    def __call__(self, key: str, **values: object) -> Sentence:
+    def __call__(self, key: str, **values: object) -> Phrase:
         """Return a text with values inserted."""
         keys = (key, *(inner for value in values.values() for inner in keys_of(value)))
-        return Sentence(self.words[key].format(**values), keys, values)
+        return Phrase(self.words[key].format(**values), keys, values)
 
     def counted(self, key: str, count: int, **values: object) -> str:
         """Return the text for a count, in the singular if the language has one for 1."""

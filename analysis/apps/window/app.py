@@ -25,7 +25,7 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Redire
 from starlette.routing import Route
 
 from analysis.apps.commission.cell_reference import references_of
-from analysis.apps.commission.movement_report import columns, headline, remarks, rows_of, what_to_do
+from analysis.apps.commission.movement_report import answer_of
 from analysis.apps.plant.history import label_of
 from analysis.apps.report.html_page import environment
 from analysis.apps.report.texts import LANGUAGES, Language
@@ -251,8 +251,7 @@ class _Pages:
             return self._page(request, "moved.html", check=None, references=touched)
         result, next_posture = check.result, check.result.next_posture
         return self._page(
-            request, "moved.html", check=check, headline=headline(result, texts), act=what_to_do(result, texts),
-            rows=rows_of(result, texts), columns=columns(texts), remarks=remarks(result, texts),
+            request, "moved.html", check=check, answer=answer_of(result, texts),
             targets=[] if next_posture is None else np.degrees(next_posture.angles).round(2).tolist(),
         )  # fmt: skip
 

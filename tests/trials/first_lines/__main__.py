@@ -9,10 +9,11 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
-from rich.console import Console, Group
+from rich.console import Console
 
 from analysis import diagnose
-from analysis.apps.report.diagnosis_screen import summary_on_screen
+from analysis.apps.report.blocks import on_screen
+from analysis.apps.report.diagnosis_answer import summary_blocks
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import LANGUAGES, texts_of
 from tests.trials.first_lines.cases import drawn
@@ -31,7 +32,7 @@ def main() -> None:
         case, cell = cases[k]
         found = diagnose(cell.runs, rig=cell.rig, unseen=cell.unseen, tolerance_um=cell.tolerance_um)
         console.rule(str(number))
-        console.print(Group(*summary_on_screen(summarise(found, texts), texts)))
+        console.print(on_screen(summary_blocks(summarise(found, texts), texts)))
         if given.key:
             console.print(f"\n[dim]{case.name}: {case.truth}. Right: {case.tomorrow}.")
 

@@ -25,14 +25,14 @@ from typing import Any
 from markupsafe import Markup
 
 from analysis.api import Result
-from analysis.apps.report.act_words import ActWords, without_idle_mounts
+from analysis.apps.report.act_words import without_idle_mounts
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.chart import Picture
-from analysis.apps.report.diagnosis_words import held_out_rows, micrometres, remains_lines, remains_rows
+from analysis.apps.report.diagnosis_answer import Sections, sections_of
+from analysis.apps.report.diagnosis_words import micrometres
 from analysis.apps.report.html_page import environment, is_pdf, write_html, write_pdf
 from analysis.apps.report.live_chart import colours, live
 from analysis.apps.report.model_charts import diagnosis_charts
-from analysis.apps.report.page.findings import budget_rows, diagnosis_words, findings_of, step_table
 from analysis.apps.report.page.page_content import (
     BeforeAfter,
     Report,
@@ -42,12 +42,12 @@ from analysis.apps.report.page.page_content import (
     rule,
     verdict_sentence,
 )
-from analysis.apps.report.page.sections import sections_of
+from analysis.apps.report.page.sections import sections_of as tests_of
+from analysis.apps.report.stairs import step_sentences
 from analysis.apps.report.still_chart import still
 from analysis.apps.report.summary import Summary, with_corrections_removed
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import Language, Texts, texts_of
-from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.judge.acts import Act, is_done
 from analysis.diagnosis.judge.result import Diagnosis
 from rigs.distribution import version
@@ -172,7 +172,7 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
     """Return the page as HTML; all text is plain and escaped."""
     pages = environment()
     pages.filters["um"] = micrometres
-    sections, runs = sections_of(report, texts), runs_of(report.results)
+    sections, runs = tests_of(report, texts), runs_of(report.results)
     gaps = diagnosis_charts(report.found, texts) if report.found else []
     pictures = [picture for section in sections for picture in section.pictures] + list(gaps)
     verdict = judge(report.results, report.rig.limits, report.found)
@@ -189,25 +189,16 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         named=figure_title,
         answer=AnswerWords(report.found, texts, judged) if report.found else None,
         summary=_summary(report.found, report.after, texts) if report.found else None,
-        acts=_acts(report, texts),
-        is_sound=bool(report.found and report.found.next_act and report.found.next_act.why == "sound"),
-        cut_off=f"{FAULT:g}",
-        budget=budget_rows(report.found, texts) if report.found else None,
-        remains=remains_rows(report.found.remains, texts) if report.found and report.found.remains else [],
-        remains_lines=remains_lines(report.found.remains, texts) if report.found and report.found.remains else [],
-        steps=step_table(report.found, texts) if report.found else None,
+        parts=_parts(report, texts),
+        steps=step_sentences(report.found, texts) if report.found else [],
         example_limits=example_limits(verdict) if verdict.overall == "unjudged" else "",
         has_data_sheet=report.rig.limits.data_sheet_rp_mm is not None,
         rule=rule(texts),
-        findings=findings_of(report.found, texts) if report.found else [],
         sections=sections,
         gaps=gaps,
         still=_still_uri,
         runs=runs,
         instruments=instruments_of(report.rig),
-        diagnosis_words=diagnosis_words(report.found) if report.found else "",
-        rows_held_out=held_out_rows(report.found, texts) if report.found else "",
-        about_scatter=texts("about_scatter") if report.found and report.found.train.of_places else "",
         simulated_only=all(result.measured.is_simulated for result in report.results),
         version=version(),
         written=dt.datetime.now(dt.UTC),
@@ -216,13 +207,12 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
     )
 
 
-def _acts(report: Report, texts: Texts) -> list[str]:
-    """Return the recommended acts in order; the correction is omitted if already made."""
+def _parts(report: Report, texts: Texts) -> Sections:
+    """Return the sections of the diagnosis; the correction is no act if it is already made."""
     if report.found is None:
-        return []
-    after = report.after
-    words = ActWords(report.found, texts)
-    return [words.sentence(act, corrected=bool(after and after.driven)) for act in _open_acts(report.found, after)]
+        return {}
+    acts = _open_acts(report.found, report.after)
+    return sections_of(report.found, texts, acts, corrected=bool(report.after and report.after.driven))
 
 
 def _open_acts(diagnosis: Diagnosis, after: BeforeAfter | None) -> list[Act]:

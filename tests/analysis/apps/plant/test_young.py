@@ -11,9 +11,10 @@ import pytest
 
 from analysis.apps.plant.history import history_of
 from analysis.apps.plant.history_page import write_page
-from analysis.apps.plant.history_screen import as_object, as_screen
+from analysis.apps.plant.history_screen import answer_of, as_object
 from analysis.apps.plant.history_words import origin, sentences, simulated_runs
 from analysis.apps.plant.records import RunRecord
+from analysis.apps.report.blocks import on_screen
 from analysis.cli.plain_console import PlainConsole
 from analysis.procedures.shared.quantity import Quantity
 from rigs.schema.limits import CircleLimits, Limit, Limits
@@ -63,7 +64,7 @@ def test_one_run_beyond_its_limit_is_no_story_over_time() -> None:
     ]
     console = PlainConsole(width=100)
     with console.capture() as shown:
-        console.print(as_screen(history))
+        console.print(on_screen(answer_of(history)))
     assert "value ± u" in shown.get() and "since" not in shown.get()
 
 
@@ -102,6 +103,6 @@ def test_simulated_runs_are_called_so(tmp_path: Path, simulated: int, runs: int,
     assert (origin(history), as_object(history)["origin"]) == (said, said)
     console = PlainConsole(width=100)
     with console.capture() as shown:
-        console.print(as_screen(history))
+        console.print(on_screen(answer_of(history)))
     html = page_of(runs_at(range(runs), simulated=simulated), tmp_path / "page.html")
     assert (said in shown.get()) and (said in html) and ("simulated" in html) == bool(said)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import io
 import re
 from dataclasses import replace
 from typing import get_args
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from analysis.apps.report.act_words import ActWords
 from analysis.apps.report.answer_words import AnswerWords
-from analysis.apps.report.diagnosis_screen import StackedBar, as_screen, summary_on_screen
 from analysis.apps.report.diagnosis_words import error_size
 from analysis.apps.report.summary import Summary, with_driven_error
 from analysis.apps.report.summary_words import step_of, summarise
@@ -38,13 +35,6 @@ MOVED = Movement("a", "b", "base", 0.999, translation_mm=np.array([0.4, 0.0, 0.0
 
 MANY = BudgetPart("constants", 80.0, 2.0, 0.8, times_usual=1.0, rank="usual")
 USUAL = diagnosis("uncalibrated", effects=(replace(PLAY, doubt="usual"),), acts=(LOAD,))
-
-
-def shown(found: Diagnosis, width: int = 80) -> str:
-    console = Console(width=width, file=io.StringIO())
-    with console.capture() as text:
-        console.print(as_screen(found))
-    return text.get()
 
 
 def fields(summary: Summary) -> list[str]:
@@ -282,27 +272,6 @@ def test_with_commanded_angles_alone_a_large_cause_is_not_confirmed() -> None:
     summary = summarise(found)
     assert keys_of(summary.headline)[0] == "finding_only_commanded"
     assert EN("not_confirmed") in summary.causes[0].name
-
-
-@pytest.mark.parametrize("width", [20, 30, 40, 80, 200])
-def test_a_terminal_of_any_width_shows_every_letter(width: int) -> None:
-    summary = summarise(diagnosis("undecided", effects=(replace(PLAY, doubt="usual"),), acts=(LOAD,)))
-    console = Console(width=width, file=io.StringIO())
-    with console.capture() as capture:
-        for part in summary_on_screen(summary, EN):
-            console.print(part)
-    lines = capture.get().splitlines()
-    assert max(map(len, lines)) <= width
-    letters = "".join("".join(lines).split())
-    for text in fields(summary):
-        assert "".join(text.split()) in letters, text
-
-
-def test_the_bar_has_a_segment_for_each_share() -> None:
-    console = Console(width=20, file=io.StringIO())
-    with console.capture() as capture:
-        console.print(StackedBar(summarise(diagnosis("named")).causes))
-    assert capture.get() == "█" * 18 + "▓" + "▒" + "\n"
 
 
 def test_a_cause_that_may_be_imitated_is_marked() -> None:

@@ -14,7 +14,8 @@ import pytest
 from rich.console import Console
 
 from analysis.apps.report.answer_words import AnswerWords
-from analysis.apps.report.diagnosis_screen import as_screen
+from analysis.apps.report.blocks import on_screen
+from analysis.apps.report.diagnosis_answer import answer_of
 from analysis.diagnosis import diagnose as verdicts
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs
@@ -170,7 +171,7 @@ def test_more_waves_of_a_joint_than_gears_have_name_no_gear(monkeypatch: pytest.
     assert "also fitted by 2 waves of gear error of axis 1" in found.remainder.words
     screen = Console(width=120, file=io.StringIO())
     with screen.capture() as shown:
-        screen.print(as_screen(found))
+        screen.print(on_screen(answer_of(found)))
     assert "more waves were found on this axis than one gear can cause" in " ".join(shown.get().split())
     waves_in_the_budget = [part for part in found.budget if part.doubt == "series"]
     assert len(waves_in_the_budget) == 2 and {part.rank for part in waves_in_the_budget} == {"undecided"}

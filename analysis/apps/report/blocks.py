@@ -1,0 +1,181 @@
+"""An answer as a list of blocks and its renderers: terminal (`on_screen`), page (`blocks.html`), JSON (`as_object`).
+
+A command builds its list once. Decisions are made before; a block only holds their words and figures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+from typing import Any, Literal
+
+from markupsafe import Markup
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.padding import Padding
+from rich.segment import Segment
+from rich.text import Text
+
+from analysis.apps.report.texts import keys_of
+from analysis.cli.plain_console import PlainConsole, bare_table, right
+
+Tone = Literal["pass", "watch", "fail", "unjudged", "plain", "doubt", "note", "strong"]
+"""Colour of a text: green, yellow, red, or grey for an open question; of a doubt, of a note, or of the lead."""
+_STYLES: dict[Tone, str] = {
+    "pass": "bold green", "watch": "bold yellow", "fail": "bold red", "unjudged": "bold yellow", "plain": "",
+    "doubt": "yellow", "note": "dim", "strong": "bold",
+}  # fmt: skip
+_BAR = 16
+"""Length of the longest bar in a table on a terminal."""
+_STACKED = 40
+"""Width of a stacked bar in columns on a wide terminal: half of the usual 80."""
+FILLS = "█▓▒░"
+"""Fill characters of the segments, distinguishable on a terminal that shows no colours."""
+
+
+@dataclass(frozen=True)
+class Heading:
+    """Heading of the following blocks, up to the next heading of the same or a higher level."""
+
+    text: str
+    level: int = 2
+
+
+@dataclass(frozen=True)
+class Sentence:
+    """One or more sentences; `lead` is the badge before them."""
+
+    text: str
+    tone: Tone = "plain"
+    lead: str = ""
+
+    @property
+    def words(self) -> str:
+        """The text after its badge."""
+        return f"{self.lead}: {self.text}" if self.lead else self.text
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command line to type."""
+
+    words: str
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Stacked bar: name, share (0 to 1) and percent as text of each segment."""
+
+    parts: tuple[tuple[str, float, str], ...]
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Yield the bar as a single line, and a line for each segment."""
+        width, begin = min(_STACKED, options.max_width), 0.0
+        for fill, (_, share, _) in zip(FILLS, self.parts, strict=False):
+            yield Segment(fill * (round(width * (begin + share)) - round(width * begin)))
+            begin += share
+        yield Segment.line()
+        for fill, (name, _, percent) in zip(FILLS, self.parts, strict=False):
+            yield from console.render(Text(f"{fill} {name} {percent}"), options)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell with further lines below and a bar, from 0 to 1 of the longest in its column."""
+
+    text: str
+    below: tuple[str, ...] = ()
+    bar: float | None = None
+    tone: Tone = "plain"
+    link: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table. numbers: columns aligned right."""
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str | Cell, ...], ...]
+    numbers: frozenset[int] = frozenset()
+    ranks: tuple[str, ...] = ()
+    """Class of each row on the page; unusual rows are bold."""
+    key: str = ""
+    """Class of the table on the page."""
+
+    def cells(self) -> list[list[Cell]]:
+        """Return the rows as cells."""
+        return [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in self.rows]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture (SVG without scripts), shown on a page only."""
+
+    caption: str
+    svg: Markup
+
+
+Block = Heading | Sentence | Command | Segments | Table | Figure
+
+
+def on_screen(blocks: Sequence[Block]) -> RenderableType:
+    """Return blocks for a terminal of any width; what follows a heading is indented."""
+    shown: list[RenderableType] = []
+    level = 0
+    for block in blocks:
+        if isinstance(block, Heading):
+            level = block.level
+            shown.append(Text(f"\n{block.text}" if level < 3 else block.text, style="bold"))
+        elif not isinstance(block, Figure):
+            shown.append(Padding(_shown(block), (0, 0, 0, 2)) if level else _shown(block))
+    return Group(*shown)
+
+
+def say_answer(blocks: Sequence[Block]) -> None:
+    """Print an answer on the terminal."""
+    PlainConsole().print(on_screen(blocks))
+
+
+def _shown(block: Sentence | Command | Segments | Table) -> RenderableType:
+    match block:
+        case Sentence():
+            return Text(block.words, style=_STYLES[block.tone])
+        case Command():
+            return Text(block.words, style="bold")
+        case Table():
+            heads = (right(name) if k in block.numbers else name for k, name in enumerate(block.columns))
+            table = bare_table(*heads)
+            for row, rank in zip_longest(block.cells(), block.ranks[: len(block.rows)], fillvalue=""):
+                table.add_row(*map(_cell, row), style="bold" if rank == "unusual" else "")
+            return table
+    return block
+
+
+def _cell(cell: Cell) -> Text:
+    bar = f" {'█' * max(1, round(_BAR * cell.bar))}" if cell.bar is not None else ""
+    text = Text(f"{cell.text}{bar}", style=_STYLES[cell.tone])
+    for line in cell.below:
+        text.append(f"\n  {line}", style="dim")
+    return text
+
+
+def as_object(blocks: Sequence[Block]) -> list[dict[str, Any]]:
+    """Return blocks as plain values for JSON, texts with the keys of the catalogue."""
+    found: list[dict[str, Any]] = []
+    for block in blocks:
+        plain: dict[str, Any] = {"kind": type(block).__name__.lower()}
+        match block:
+            case Heading() | Sentence():
+                plain |= {"text": str(block.text), "keys": list(keys_of(block.text))}
+                plain |= {"tone": block.tone, "lead": str(block.lead)} if isinstance(block, Sentence) else {}
+            case Command():
+                plain |= {"words": block.words}
+            case Figure():
+                plain |= {"text": block.caption}
+            case Segments():
+                plain |= {"parts": [{"name": str(name), "share": share} for name, share, _ in block.parts]}
+            case Table():
+                rows = [[[str(cell.text), *map(str, cell.below)] for cell in row] for row in block.cells()]
+                plain |= {"columns": list(map(str, block.columns)), "rows": rows}
+        found.append(plain)
+    return found

@@ -1,0 +1,281 @@
+"""The answer of a diagnosis as blocks by section, in the order of a reader's questions, for terminal, page and JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+from analysis.apps.report.act_words import ActWords, without_idle_mounts
+from analysis.apps.report.answer_words import AnswerWords, shown_parts
+from analysis.apps.report.blocks import Block, Cell, Command, Heading, Segments, Sentence, Table
+from analysis.apps.report.diagnosis_words import (
+    closed,
+    error_size,
+    held_out_rows,
+    micrometres,
+    other_parameters,
+    percent,
+    remains_lines,
+    remains_rows,
+    runs_of,
+    size,
+    stretch,
+    sure,
+    with_uncertainty,
+)
+from analysis.apps.report.stairs import Stairs, residual_words, stairs_of
+from analysis.apps.report.summary import Summary
+from analysis.apps.report.summary_words import summarise
+from analysis.apps.report.texts import Texts, joined, texts_of
+from analysis.diagnosis.fit.candidates import LARGEST_FAULT
+from analysis.diagnosis.fit.selection_state import FAULT
+from analysis.diagnosis.judge.acts import Act, Doubt
+from analysis.diagnosis.judge.residuals import ResidualPlace
+from analysis.diagnosis.judge.result import Diagnosis, Named
+from rigs.effect_names import name_in_words, names_in_words, parameter_in_words
+from rigs.schema.vocabulary import CIRCLES
+from rigs.text import counted
+
+_MOST_PLACES = 6
+_MOST_GROUPS = 6
+_MOST_NAMES = 40
+"""Largest number of undetectable effects listed by name; further ones are only counted."""
+_SAME_DEG = 15.0
+"""Distance below which places on the circle count as the same reversal, seen in two runs."""
+_TENTHS = 1000
+"""Tenths of a percent in 100 %."""
+Sections = dict[str, list[Block]]
+"""Blocks of an answer by section, each after its heading; sections without contents are missing."""
+
+
+def summary_blocks(summary: Summary, texts: Texts) -> list[Block]:
+    """The first line, what is unknown, and the three tiles: error, causes, next step."""
+    error = summary.error
+    parts = tuple((cause.name, cause.share, cause.percent) for cause in summary.causes)
+    return [
+        Sentence(summary.headline, summary.tone, summary.badge),
+        *(Sentence(unknown, "doubt") for unknown in summary.unknowns),
+        Heading(error.title, 3),
+        Sentence(error.words, "strong"),
+        Sentence(f"{error.basis} {error.standing}".rstrip()),
+        Heading(texts("main_causes"), 3),
+        Segments(parts) if parts else Sentence("–"),
+        Heading(texts("do_next"), 3),
+        Sentence(summary.next or "–"),
+        *([Command(summary.command)] if summary.command else []),
+    ]
+
+
+def sections_of(
+    diagnosis: Diagnosis, texts: Texts, acts: Sequence[Act] | None = None, *, corrected: bool = False
+) -> Sections:
+    """The sections after the summary. acts: the open acts, by default all; corrected: the robot drives corrected."""
+    words = AnswerWords(diagnosis, texts)
+    sentences = ActWords(diagnosis, texts)
+    open_acts = without_idle_mounts(diagnosis.acts) if acts is None else acts
+    steps = [Sentence(f"{k}. {sentences.sentence(act, corrected=corrected)}") for k, act in enumerate(open_acts, 1)]
+    stairs = stairs_of(diagnosis, texts)
+    is_sound = bool(diagnosis.next_act and diagnosis.next_act.why == "sound")
+    sections: dict[str, tuple[str, Iterable[Block]]] = {
+        "details": ("details", [Sentence(words.findings), Sentence(words.accuracy)]),
+        "passport": ("passport", _passport(words)),
+        "budget": ("budget", _budget(words)),
+        "faults": ("fitted" if diagnosis.given else "faults", _faults(words)),
+        "acts": ("then_sound" if is_sound else "then", steps),
+        "steps": ("steps", [stairs_table(stairs, texts)] if stairs else []),
+        "gaps": ("diagnosis", _gaps(words)),
+        "unexplained": ("unexplained", _unexplained(words) if diagnosis.is_testable else []),
+        "inseparable": ("inseparable", _inseparable(diagnosis)),
+        "undetectable": ("undetectable", _undetectable(diagnosis)),
+        "where": ("where_heading", places_blocks(diagnosis.where)),
+        "doubts": ("doubts_heading", [Sentence(doubt, "doubt") for doubt in diagnosis.doubts]),
+    }
+    return {key: [Heading(texts(name)), *blocks] for key, (name, given) in sections.items() if (blocks := list(given))}
+
+
+def answer_of(diagnosis: Diagnosis, texts: Texts | None = None) -> list[Block]:
+    """The complete answer."""
+    texts = texts or texts_of("en")
+    runs = counted(len(diagnosis.runs), "run")
+    noise = "from repeats" if diagnosis.repeated else "from residuals" if diagnosis.shows_noise else "assumed"
+    footer = f"{diagnosis.rig.name} · {runs} · noise {noise} · {diagnosis.seconds:.1f} s"
+    sections = sections_of(diagnosis, texts).values()
+    first = summary_blocks(summarise(diagnosis, texts), texts)
+    return [*first, *sum(sections, list[Block]()), Sentence(footer, "note")]
+
+
+def _budget(words: AnswerWords) -> list[Block]:
+    """A row for each part of the error, and a row for all small parts. The shown shares add up to 100 %."""
+    diagnosis, texts = words.diagnosis, words.texts
+    if not diagnosis.budget:
+        return []
+    large, small = shown_parts(diagnosis)
+    shares = [part.share for part in large] + ([sum(part.share for part in small)] if small else [])
+    shown = [Cell(f"{tenths / 10:.1f} %", bar=max(0.0, share / max(shares)))
+             for share, tenths in zip(shares, _tenths(shares), strict=True)]  # fmt: skip
+    rows: list[tuple[str | Cell, ...]] = []
+    for part, share in zip(large, shown, strict=False):
+        doubt = [texts(f"doubt_{part.doubt}")] if part.doubt and part.doubt != "usual" else []
+        below = [words.size_of(part), *doubt, *words.describe_parts_alone(part.shown_together)]
+        rank = Cell(words.rank_of(part), tuple(filter(None, [words.times_usual(part)])))
+        name = Cell(words.part_name(part), tuple(filter(None, below)))
+        rows.append((name, share, error_size(part.um, part.u_um), rank))
+    if small:
+        rows.append((texts.counted("smaller_parts", len(small)), shown[-1], "", ""))
+    columns = tuple(texts(name) for name in ("part", "share", "rms_and_u", "rank"))
+    ranks = (*(part.rank or "other" for part in large), "other")
+    about = texts("about_budget", whole=micrometres(diagnosis.train.before_um), cut_off=f"{FAULT:g}")
+    return [Table(columns, tuple(rows), frozenset({2}), ranks, "budget"), Sentence(about, "note")]
+
+
+def _tenths(shares: Sequence[float]) -> list[int]:
+    """Round shares, which add up to 1, to tenths of a percent that add up to 1000.
+
+    The shares with the largest rounding losses are rounded up.
+    """
+    exact = [_TENTHS * share for share in shares]
+    whole = [math.floor(tenths) for tenths in exact]
+    lost = _TENTHS - sum(whole)
+    for k in sorted(range(len(exact)), key=lambda k: whole[k] - exact[k])[:lost]:
+        whole[k] += 1
+    return whole
+
+
+def _passport(words: AnswerWords) -> list[Block]:
+    """The distances of the real arm, and what left the factory state."""
+    texts, rows = words.texts, tuple(words.passport)
+    about = joined([texts("about_passport"), words.passport_changes])
+    return [Sentence(about), Table(("", "µm"), rows, frozenset({1}))] if rows else []
+
+
+def _faults(words: AnswerWords) -> list[Block]:
+    """A row for each fault, with its parameters, its places on the circle and its rivals, and what is not confirmed."""
+    diagnosis, texts = words.diagnosis, words.texts
+    # Fitted effects that are doubted for a reason other than their usual size
+    by_reason: dict[Doubt, list[str]] = {}
+    for named in diagnosis.effects:
+        if named.doubt is not None and named.doubt != "usual":
+            name = words.noun(named.effect)
+            by_reason.setdefault(named.doubt, []).append(f"{name} ({micrometres(named.contribution_um)})")
+    doubted = [
+        Sentence(texts("unconfirmed", why=texts(f"doubt_{why}"), names="; ".join(names)), "note")
+        for why, names in by_reason.items()
+    ]
+    faults = sorted(diagnosis.written or diagnosis.standing, key=lambda named: -named.contribution_um)
+    if not faults:
+        return list(doubted)
+    keys = ("check_column_cause", "fault_size", "rms_um", "check_column_probability", "fault_rest")
+    rows = tuple(_fault(words, named) for named in faults)
+    likeliest = [Sentence(texts("likeliest_first"), "note")] if diagnosis.condition == "ambiguous" else []
+    return [
+        Table(tuple(map(texts, keys)), rows, frozenset({1, 2, 3, 4}), ("unusual",) * len(rows)),
+        *likeliest,
+        *doubted,
+    ]
+
+
+def _fault(words: AnswerWords, named: Named) -> tuple[str | Cell, ...]:
+    diagnosis, texts = words.diagnosis, words.texts
+    below = [f"{parameter_in_words(field)} {with_uncertainty(named.effect, field, named.sd)}"
+             for field in other_parameters(named)]  # fmt: skip
+    below += [_where(diagnosis, named, texts)]
+    twins = texts("and").join(map(words.noun, named.twins))
+    below += [texts("twins", others=twins)] if twins else []
+    below += [
+        texts("or_rival", cause=words.noun(rival.effect), size=size(rival), odds=sure(rival.probability))
+        for rival in named.rivals
+    ]
+    odds = "" if diagnosis.given else sure(named.probability)
+    name = Cell(words.noun(named.effect), tuple(filter(None, below)))
+    return name, size(named), f"{named.contribution_um:.1f}", odds, error_size(named.alone_um, 0.0)
+
+
+def _where(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
+    """Return the places on the circle at which the faulty joint reverses and the readings disagree with the model."""
+    axis = getattr(named.effect, "axis", None)
+    places = [place for place in diagnosis.where if axis is not None and place.joint == axis and place.test in CIRCLES]
+    middles: list[float] = []
+    for place in sorted(places, key=lambda place: -place.sigma):
+        middle = (place.from_deg + ((place.to_deg - place.from_deg) % 360.0) / 2) % 360.0
+        if all(abs((middle - known_deg + 180.0) % 360.0 - 180.0) > _SAME_DEG for known_deg in middles):
+            middles.append(middle)
+    listed = texts("and").join(f"{middle:.0f}°" for middle in sorted(middles))
+    return texts("where", places=listed) if listed else ""
+
+
+def stairs_table(stairs: Stairs, texts: Texts) -> Table:
+    """A row for each step of the staircase, with a bar for the residual on the runs used."""
+    rows = tuple(
+        (step.name, Cell(residual_words(step.left[0]), bar=step.left[0].um / stairs.largest_um),
+         *map(residual_words, step.left[1:]))
+        for step in stairs.steps
+    )  # fmt: skip
+    columns = (texts("step_left"), *(texts(f"runs_{place}") for place in stairs.places))
+    return Table(columns, rows, frozenset(range(2, len(columns))), key="steps")
+
+
+def _gaps(words: AnswerWords) -> list[Block]:
+    diagnosis, texts = words.diagnosis, words.texts
+    has_share = bool(diagnosis.standing)
+    columns = (texts("gap_rms"), *map(texts, words.gap_cells(diagnosis.train)), *[texts("explained")] * has_share)
+    rows = []
+    for place, gap in (("used", diagnosis.train), ("held_out", diagnosis.held_out), ("unseen", diagnosis.unseen)):
+        if gap is not None:
+            name = Cell(texts(f"runs_{place}"), () if gap.keeps_setup else (texts("separate_setup"),))
+            share = closed(gap)
+            explained = f"{100 * share:.1f} %" if math.isfinite(share) else ""
+            rows.append((name, *words.gap_cells(gap).values(), *[explained] * has_share))
+    notes = [
+        texts("about_diagnosis"),
+        held_out_rows(diagnosis, texts),
+        "" if diagnosis.shows_noise else texts("noise_assumed"),
+        texts("about_scatter") if diagnosis.train.of_places else "",
+    ]
+    table = Table(columns, tuple(rows), frozenset(range(1, len(columns))))
+    return [table, *(Sentence(note, "note") for note in notes if note)]
+
+
+def _unexplained(words: AnswerWords) -> list[Block]:
+    """The unexplained error, and the quantities on which it depends."""
+    diagnosis, texts, remainder = words.diagnosis, words.texts, words.diagnosis.remainder
+    share = texts("share_of_error", share=percent(remainder.share))
+    blocks: list[Block] = [Sentence(f"{remainder.um:.1f} µm rms, {share}: {remainder.words}")]
+    blocks += [Sentence(f"{runs_of(band)}, {band.part}: {band.words}", "note") for band in diagnosis.left]
+    if diagnosis.remains is None:
+        return blocks
+    rows = tuple(remains_rows(diagnosis.remains, texts))
+    table = Table((texts("remains_against"), texts("remains_share")), rows)
+    return [*blocks, *map(Sentence, remains_lines(diagnosis.remains, texts)), table]
+
+
+def _inseparable(diagnosis: Diagnosis) -> Iterable[Block]:
+    yield from (Sentence(" or ".join(map(name_in_words, group))) for group in diagnosis.groups[:_MOST_GROUPS])
+    if (others := len(diagnosis.groups) - _MOST_GROUPS) > 0:
+        yield Sentence(f"and {others} more groups (--json lists all)", "note")
+
+
+def _undetectable(diagnosis: Diagnosis) -> Iterable[Block]:
+    names = diagnosis.not_testable
+    if not names:
+        return
+    unnamed = len(names) - _MOST_NAMES
+    listed = names_in_words(names[:_MOST_NAMES]) + (f"; and {unnamed} more" if unnamed > 0 else "")
+    larger = f"even if {LARGEST_FAULT:g} times larger than in a healthy arm"
+    yield Sentence(f"Not visible in these tests, {larger}: {listed}", "note")
+
+
+def places_blocks(where: Sequence[ResidualPlace]) -> list[Block]:
+    """A table of the worst places, each with the axis that reverses there."""
+    if not where:
+        return [Sentence("They agree everywhere within the noise.")]
+    worst = sorted(where, key=lambda place: -place.sigma)[:_MOST_PLACES]
+    rows = tuple(
+        (runs_of(place), place.part, stretch(place), f"{place.joint or ''}", place.why, f"{place.rms_um:.1f}",
+         f"{place.sigma:.0f}")
+        for place in worst
+    )  # fmt: skip
+    columns = ("test", "part", "where", "axis", "difference", "µm rms", "sigma")
+    notes = [f"and {len(where) - _MOST_PLACES} more (--json lists all)"] * (len(where) > _MOST_PLACES)
+    if any(place.test in CIRCLES for place in where):
+        notes.append("distance: mean of both gauges; angle: difference of the gauges; axis: this axis reverses there")
+    return [Table(columns, rows, frozenset({3, 5, 6})), *(Sentence(note, "note") for note in notes)]

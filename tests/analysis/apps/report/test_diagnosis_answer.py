@@ -1,0 +1,182 @@
+"""The answer of a diagnosis as blocks: every section, the same for terminal, page and JSON."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import re
+from dataclasses import replace
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from analysis.apps.report.blocks import Block, Cell, Heading, Segments, Sentence, Table, as_object, on_screen
+from analysis.apps.report.diagnosis_answer import answer_of, sections_of, summary_blocks
+from analysis.apps.report.diagnosis_words import micrometres
+from analysis.apps.report.html_page import environment
+from analysis.apps.report.summary_words import summarise
+from analysis.apps.report.texts import LANGUAGES, Language, keys_of, texts_of
+from analysis.diagnosis.judge.residuals import ResidualBand
+from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis, Gap
+from rigs.effects import JointOffset, TransmissionError
+from tests.support.handmade_diagnosis import LOAD, PLACES, PLAY, SMALL, ZERO, diagnosis
+
+EN = texts_of("en")
+CONDITIONS: tuple[Condition, ...] = get_args(Condition)
+ALWAYS = ["details", "gaps", "inseparable", "undetectable", "where", "doubts"]
+
+
+def printed(blocks: Any, width: int = 80) -> str:
+    console = Console(width=width, file=io.StringIO())
+    with console.capture() as text:
+        console.print(on_screen(blocks))
+    return text.get()
+
+
+def table_of(found: Diagnosis, section: str, language: Language = "en") -> Table:
+    return next(block for block in sections_of(found, texts_of(language))[section] if isinstance(block, Table))
+
+
+def texts_in(block: Block) -> list[str]:
+    """Every text of a block."""
+    match block:
+        case Heading():
+            return [block.text]
+        case Segments():
+            return [name for name, _, _ in block.parts]
+        case Table():
+            return [text for row in block.cells() for cell in row for text in (cell.text, *cell.below)]
+    return [block.words]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_every_condition_has_its_sections_in_order(condition: Condition, language: Language) -> None:
+    sections = sections_of(diagnosis(condition), texts_of(language))
+    assert [name for name in sections if name in ALWAYS] == ALWAYS
+    testable = condition != "not_testable_here"
+    assert ("budget" in sections) == ("unexplained" in sections) == testable
+    assert ("faults" in sections) == (condition in ("named", "ambiguous", "outside_library", "out_of_range"))
+    assert all(isinstance(blocks[0], Heading) and len(blocks) > 1 for blocks in sections.values())
+    text = printed(sum(sections.values(), list[Block]()))
+    assert not re.search(r"\b(nan|None|inf)\b", text) and not {"{", "}"} & set(text)
+
+
+@pytest.mark.parametrize("width", [20, 30, 40, 80, 200])
+def test_a_terminal_of_any_width_shows_every_letter(width: int) -> None:
+    found = diagnosis("undecided", effects=(replace(PLAY, doubt="usual"),), acts=(LOAD,))
+    summary = summarise(found)
+    text = printed(summary_blocks(summary, EN), width)
+    assert max(map(len, text.splitlines())) <= width
+    letters = "".join(text.split())
+    for shown in (summary.badge, summary.headline, *summary.unknowns, summary.next, summary.error.basis):
+        assert "".join(shown.split()) in letters, shown
+
+
+def test_the_answer_stays_short_when_there_is_much() -> None:
+    names = tuple(f"transmission_error {axis} order {order}" for axis in range(1, 7) for order in range(1, 40))
+    many = diagnosis(where=PLACES * 10, not_testable=names, groups=(("a 1", "b 2"),) * 30)
+    console = Console(width=80, file=io.StringIO())
+    with console.capture() as text:
+        console.print(on_screen(answer_of(many)))
+    lines = text.get().splitlines()
+    assert len(lines) < 100 and max(map(len, lines)) <= 80
+
+
+def test_the_bar_has_a_segment_for_each_share() -> None:
+    console = Console(width=20, file=io.StringIO())
+    with console.capture() as capture:
+        console.print(Segments((("a", 0.9, "90 %"), ("b", 0.07, "7 %"), ("c", 0.03, "3 %"))))
+    bar, *names = capture.get().splitlines()
+    assert bar == "█" * 18 + "▓" + "▒" and [name.split()[1] for name in names] == ["a", "b", "c"]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_shown_shares_add_up_to_100_percent(language: Language) -> None:
+    thirds = tuple(BudgetPart("curve", 10.0, 1.0, 1 / 3, axis=k, rank="usual") for k in (1, 2, 3))
+    for found in (diagnosis(), diagnosis(effects=(PLAY, SMALL)), diagnosis(budget=thirds)):
+        shares = [row[1] for row in table_of(found, "budget", language).cells()]
+        assert sum(float(share.text.removesuffix(" %")) for share in shares) == pytest.approx(100.0, abs=1e-9)
+        assert max(share.bar or 0.0 for share in shares) == 1
+
+
+def test_small_parts_share_a_row_unless_they_are_unusual() -> None:
+    parts = (
+        BudgetPart("scatter", 10.0, 0.0, 0.9989),
+        BudgetPart("gravity", 0.2, 0.01, 0.0006, times_usual=12.0, rank="unusual"),
+        BudgetPart("warming", 0.1, 0.2, 0.0004, times_usual=0.01, rank="undecided"),
+        BudgetPart("gauges", 0.1, 0.2, 0.0001, rank="undecided"),
+    )
+    table = table_of(diagnosis(budget=parts), "budget")
+    names = [keys_of(row[0].text)[0] for row in table.cells()]
+    assert names == ["part_scatter", "part_gravity", "smaller_parts"]
+    assert table.ranks == ("other", "unusual", "other") and table.cells()[1][3].below == ("12.0 × usual",)
+
+
+def test_parts_that_cancel_a_part_are_below_it() -> None:
+    large, *_ = diagnosis().budget
+    curve_of_2 = BudgetPart("curve", 3.96, 0.26, -0.1, axis=2)
+    both = replace(large, together=(replace(large, um=7.2, u_um=0.2), curve_of_2))
+    below = table_of(diagnosis(budget=(both,)), "budget").cells()[0][0].below
+    assert any("7.2 ± 0.2" in line for line in below) and any("4.0 ± 0.3" in line for line in below)
+    doubted = replace(both, together=(both.together[0], replace(curve_of_2, u_um=2.0)))
+    assert len(table_of(diagnosis(budget=(doubted,)), "budget").cells()[0][0].below) == len(below) - 2
+    assert both.to_dict()["cancelled"] == ("curve 2",) and len(both.to_dict()["together"]) == 2
+
+
+def test_a_fault_has_size_contribution_probability_rest_parameters_and_place() -> None:
+    ((name, *cells),) = table_of(diagnosis("named"), "faults").cells()
+    assert [cell.text for cell in cells] == ["0.0521 ± 0.0011 °", "5.8", "> 99.9 %", "2.0"]
+    assert any("0.310 ± 0.042" in line for line in name.below) and any("237°" in line for line in name.below)
+
+
+def test_rivals_and_twins_are_below_the_fault() -> None:
+    ((name, *_),) = table_of(diagnosis("ambiguous"), "faults").cells()
+    assert "0.587 ± 0.023 mm" in name.below[-1] and "(36 %)" in name.below[-1]
+    twin = replace(PLAY, twins=(JointOffset(axis=2, offset_deg=0.1),))
+    ((name, *_),) = table_of(diagnosis("named", effects=(twin,)), "faults").cells()
+    assert keys_of(name.below[-1])[0] == "twins"
+
+
+def test_the_fault_with_the_largest_contribution_comes_first() -> None:
+    rows = table_of(diagnosis("named", effects=(ZERO, PLAY, SMALL)), "faults").cells()
+    assert [row[2].text for row in rows] == ["5.8", "5.1"]
+
+
+def test_an_unconfirmed_effect_has_its_reason_and_no_act() -> None:
+    wave = replace(SMALL, effect=TransmissionError(axis=1, order=60, amplitude_deg=0.01), doubt="held_out")
+    sections = sections_of(diagnosis("named", effects=(PLAY, SMALL, wave)), EN)
+    last = sections["faults"][-1]
+    assert isinstance(last, Sentence) and {"unconfirmed", "doubt_held_out"} <= set(keys_of(last.text))
+    assert len(sections["acts"]) == 2
+
+
+def test_residuals_against_possible_influences_have_a_row_each() -> None:
+    nothing = Gap((), math.nan, math.inf, math.nan, math.nan)
+    odd = replace(PLAY, sd={"width_deg": math.inf}, gap_without_um=float(np.float64("nan")))
+    left = (ResidualBand("yaw", None, "angle", None, math.nan, "?"),)
+    found = diagnosis(train=nothing, effects=(odd,), left=left)
+    assert "nan" not in printed(answer_of(found))
+    assert micrometres(math.nan) == "–"
+
+
+def test_terminal_page_and_json_show_the_same_texts() -> None:
+    found = diagnosis("named", doubts=("a <i>doubt</i>",))
+    blocks = answer_of(found)
+    plain = json.loads(json.dumps(as_object(blocks)))
+    page = environment().from_string('{% from "blocks.html" import show %}{{ show(blocks) }}').render(blocks=blocks)
+    screen = "".join(printed(blocks, 300).split())
+    assert "<i>doubt" not in page and [block["kind"] for block in plain] == [
+        type(block).__name__.lower() for block in blocks
+    ]
+    for text in (text for block in blocks for text in texts_in(block)):
+        assert "".join(text.split()) in screen
+        assert environment().from_string("{{ text }}").render(text=text) in page
+    assert plain[0]["keys"] == list(keys_of(summarise(found).headline))
+
+
+def test_a_cell_may_be_a_text() -> None:
+    assert Table(("a",), (("b",),)).cells() == [[Cell("b")]]
