@@ -22,7 +22,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from analysis.apps.report.answer_words import AnswerWords, large_parts, sure_parts
+from analysis.apps.report.answer_words import large_parts, sure_parts
+from analysis.apps.report.summary_words import summarise
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.evidence.observation import ObservedRun, by_socket, observe_run
 from analysis.diagnosis.evidence.setups import FittedRuns
@@ -221,7 +222,7 @@ def _scored(cell: Cell, kind: str, way: str, seed: int) -> Scored:
     seconds = time.process_time() - begin
     act = found.acts[0]
     return Scored(
-        kind, way, seed, AnswerWords(found).headline, act, cell.error_um(None, []), _after(found, act, cell),
+        kind, way, seed, summarise(found).headline, act, cell.error_um(None, []), _after(found, act, cell),
         _is_named(found, cell.hidden), seconds, found.condition, cell.makes_um,
         tuple(_served(found, names) for names in cell.hidden),
         tuple(name for name in map(_name, found.standing) if not any(name in names for names in cell.hidden)),

@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any
 
 from analysis.apps.report.diagnosis_words import (
-    LEAST_ODDS,
     error_size,
     measured_u,
     micrometres,
@@ -23,13 +22,12 @@ from analysis.apps.report.diagnosis_words import (
     sure,
 )
 from analysis.apps.report.movement_words import movement_sentence
-from analysis.apps.report.texts import Phrase, Texts, capital, joined, keys_of, texts_of
+from analysis.apps.report.texts import Texts, joined, texts_of
 from analysis.diagnosis.evidence.contradiction import Contradiction
 from analysis.diagnosis.fit.refine import size_limits
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.acts import IMITATED
 from analysis.diagnosis.judge.result import (
-    CERTAIN_ODDS,
     LARGE_SHARE,
     BudgetPart,
     Diagnosis,
@@ -51,13 +49,7 @@ HARMLESS = ("uncalibrated", "nothing_unusual")
 """Conditions without a fault."""
 SMALL_SHARE = 0.001
 """Share of the error below which ordinary parts are counted together."""
-_WIDELY = 2.0
-"""Multiple of the usual size above which the text mentions a certain, harmless effect. Chosen: 5 % of healthy arms
-reach it.
-"""
 _MOST_NAMED = 3
-_ALMOST_ALL = 0.95
-"""Share of the error from which the text calls a part almost all of it. Chosen."""
 
 
 def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
@@ -87,20 +79,6 @@ def is_certain_except_small(diagnosis: Diagnosis) -> bool:
     open_share = sum(share_of(diagnosis, named) for named in diagnosis.effects if is_undecided([named]))
     certain = [part for part in large_parts(diagnosis) if is_sure(diagnosis, part)]
     return 0 < open_share <= LEAST_SHARE and bool(certain)
-
-
-def sure_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
-    """Return certain single effects that are larger than on most arms, but neither faults nor large parts."""
-    large = large_parts(diagnosis)
-    return [
-        part
-        for part in diagnosis.budget
-        if part.index is not None
-        and part not in large
-        and not diagnosis.effects[part.index].is_confirmed
-        and is_sure(diagnosis, part)
-        and (part.times_usual or 0.0) >= _WIDELY
-    ]
 
 
 def unusual_groups(diagnosis: Diagnosis) -> list[BudgetPart]:
@@ -145,31 +123,6 @@ class AnswerWords:
 
     diagnosis: Diagnosis
     texts: Texts = field(default_factory=partial(texts_of, "en"))
-    judged_elsewhere: tuple[float, float] | None = None
-    """Error in µm before and with the model, on runs at a different place before they joined the runs used."""
-
-    @property
-    def headline(self) -> str:
-        """The answer in a few sentences: the preconditions, then the findings."""
-        limits = self.contradictions if self.diagnosis.condition == "out_of_range" else self.preconditions
-        return joined((*limits, self.findings))
-
-    @property
-    def findings(self) -> str:
-        """Large parts of the error before small ones, certain causes before open ones, then what the runs limit."""
-        diagnosis = self.diagnosis
-        if diagnosis.condition == "out_of_range":
-            return self._out_of_range()
-        (faults, open_too), large = self._faults(), [self._large_part(part) for part in large_parts(self.diagnosis)]
-        share = sum(part.share for named in diagnosis.standing if (part := part_of(diagnosis, named)))
-        first = any(part.share > share for part in large_parts(diagnosis))
-        wrong = [*large, *faults] if first else [*faults, *large]
-        sure_too = [self._measured(part) for part in sure_parts(diagnosis)]
-        measured = [self.texts("finding_sure", parts=self._listed(sure_too))] if sure_too else []
-        sentence = joined(Phrase(f"{capital(clause)}.", keys_of(clause)) for clause in [*wrong, *open_too, *measured])
-        condition = self._condition()
-        parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
-        return joined((self.visits, *parts))
 
     @property
     def preconditions(self) -> list[str]:
@@ -223,24 +176,11 @@ class AnswerWords:
 
     @property
     def accuracy(self) -> str:
-        """The present error, and the error after calibration on unseen runs or, if there are none, on the runs used."""
-        accuracy, gap = self.diagnosis.accuracy, judged_gap(self.diagnosis)
-        model = "error_corrected" if has_model(self.diagnosis) else "error_now"
+        """The present error of the readings used, rms and maximum."""
+        accuracy = self.diagnosis.accuracy
         now_um = self._bounded(accuracy.now_um, self.diagnosis.train.u_um)
-        now = self.texts(model, now=f"{now_um} µm", largest=micrometres(accuracy.now_largest_um))
-        left_um = self._bounded(accuracy.calibrated_um, gap.left_u_um)
-        values = {"left": f"{left_um} µm", "before": f"{self._bounded(accuracy.before_there_um, gap.u_um)} µm"}
-        if is_complete(self.diagnosis) and accuracy.place == "used":
-            return now
-        place: str = accuracy.place
-        if place == "used" and self.judged_elsewhere:
-            before_um, after_um = map(micrometres, self.judged_elsewhere)
-            place, values = "unseen", {"left": after_um, "before": before_um}
-        which = f"calibrated_{place}" if self.diagnosis.is_testable else "calibrated_unknown"
-        if self.diagnosis.condition == "out_of_range":
-            left_um = self._bounded(self.diagnosis.train.after_um, self.diagnosis.train.left_u_um)
-            which, values = "calibrated_out_of_range", {"left": f"{left_um} µm"}
-        return joined([now, self.texts(which, **values)])
+        model = "error_corrected" if has_model(self.diagnosis) else "error_now"
+        return self.texts(model, now=f"{now_um} µm", largest=micrometres(accuracy.now_largest_um))
 
     def gap_cells(self, gap: Gap) -> dict[str, str]:
         """Return the errors of a gap in µm by the text key of the column; an error much smaller than its u as "< u"."""
@@ -326,16 +266,11 @@ class AnswerWords:
         joint = self.texts.axis(self.diagnosis.rig.robot, axis) if axis else ""
         return words.format(**fields_of(effect) | {"joint": joint})
 
-    def _condition(self) -> str:
-        """Return a sentence on the limits of these runs or of the search; empty if the faults are the full answer."""
-        if self.diagnosis.condition in ("named", "ambiguous"):
-            return self.unexplained_too
-        if usual_or_fault := self.usual_or_faults:
-            return usual_or_fault
-        # Effects already in the rig file, since "nothing found" then means nothing further.
+    @property
+    def already_held(self) -> str:
+        """A sentence on the effects of the rig file, since "nothing found" then means nothing further."""
         nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
-        already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
-        return joined([self.condition_sentence, self.unexplained_too, self.follows, already_held])
+        return self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
 
     @property
     def usual_or_faults(self) -> str:
@@ -432,52 +367,9 @@ class AnswerWords:
             faults=faults,
         )
 
-    def _faults(self) -> tuple[list[str], list[str]]:
-        """Return the sentences for certain faults, and separately those for open faults if certain ones exist."""
-        certain = [named for named in self.diagnosis.standing if named.probability >= CERTAIN_ODDS]
-        open_ones = [named for named in self.diagnosis.standing if named not in certain]
-        which = "finding_open" if certain else "finding_ambiguous"
-        alternatives = [", ".join([self.with_rivals(named), *self._share(named)]) for named in open_ones]
-        ambiguous = [self.texts(which, faults=self._listed(alternatives))] if open_ones else []
-        if not certain:
-            return ambiguous, []
-        faults = [", ".join([self.with_twins(named), size(named), *self._share(named)]) for named in certain]
-        which = "finding_fault" if len(certain) == 1 else "finding_faults"
-        sentence = self.texts(which, faults=self._listed(faults), count=len(certain))
-        return [sentence], ambiguous
-
-    def _large_part(self, part: BudgetPart) -> str:
-        share = percent(min(part.share, 1.0))
-        if part.index is not None and likely_rivals(named := self.diagnosis.effects[part.index]):
-            return self.texts("large_part", share=share, part=self._with_cancelled(part, self.with_rivals(named)))
-        likely = [member for member in part.members if member.odds >= LEAST_ODDS]
-        if not likely:
-            which = "large_part_almost" if part.index is not None and part.share >= _ALMOST_ALL else "large_part"
-            return self.texts(which, share=share, part=self._with_cancelled(part, self._measured(part)))
-        sizes = {id(part.cause): f"{size(part.cause)}, "} if part.cause else {}
-        members = self.texts("or").join(
-            f"{self.noun(member.effect)} ({sizes.get(id(member), '')}{sure(member.odds)})" for member in likely
-        )
-        return self.texts("large_group", share=share, part=self.part_name(part), members=members)
-
-    def _measured(self, part: BudgetPart) -> str:
-        details = []
-        if part.index is not None:
-            odds = self.diagnosis.effects[part.index].probability
-            details = [self.size_of(part), self.times_usual(part), self._probability(odds)]
-        return joined([self.short_name(part), *details], ", ")
-
-    def _probability(self, odds: float) -> str:
-        """Return the probability of a cause; empty if it is certain."""
-        return self.texts("likely", odds=sure(odds)) if odds < CERTAIN_ODDS else ""
-
     def _listed(self, phrases: Sequence[str]) -> str:
         ending = [self.texts("and_more", count=len(phrases) - _MOST_NAMED)] if len(phrases) > _MOST_NAMED else []
         return "; ".join([*phrases[:_MOST_NAMED], *ending])
-
-    def with_twins(self, named: Named) -> str:
-        """Return a fault and the effects that change the readings in the same way, joined by "or"."""
-        return self.texts("or").join(map(self.noun, (named.effect, *named.twins)))
 
     def with_rivals(self, named: Named) -> str:
         """Return an effect and the rivals that cannot be dismissed, likeliest first, joined by "or"."""
@@ -486,13 +378,6 @@ class AnswerWords:
     def likeliest_first(self, named: Named) -> list[Named | Rival]:
         """Return an effect and the rivals that cannot be dismissed, the likeliest first."""
         return sorted([named, *likely_rivals(named)], key=lambda cause: -cause.probability)
-
-    def _share(self, named: Named) -> list[str]:
-        part = part_of(self.diagnosis, named)
-        if part is None:
-            return []
-        share = self.texts("share_of_error", share=percent(min(max(part.share, 0.0), 1.0)))
-        return [self._with_cancelled(part, share)]
 
 
 def share_of(diagnosis: Diagnosis, named: Named) -> float:

@@ -77,7 +77,7 @@ def sections_of(
     stairs = stairs_of(diagnosis, texts)
     is_sound = bool(diagnosis.next_act and diagnosis.next_act.why == "sound")
     sections: dict[str, tuple[str, Iterable[Block]]] = {
-        "details": ("details", [Sentence(words.findings), Sentence(words.accuracy)]),
+        "details": ("details", [Sentence(line) for line in _details(words, corrected=corrected) if line]),
         "passport": ("passport", _passport(words)),
         "budget": ("budget", _budget(words)),
         "faults": ("fitted" if diagnosis.given else "faults", _faults(words)),
@@ -102,6 +102,13 @@ def answer_of(diagnosis: Diagnosis, texts: Texts | None = None) -> list[Block]:
     sections = sections_of(diagnosis, texts).values()
     first = summary_blocks(summarise(diagnosis, texts), texts)
     return [*first, *sum(sections, list[Block]()), Sentence(footer, "note")]
+
+
+def _details(words: AnswerWords, *, corrected: bool) -> list[str]:
+    """The condition of the arm unless the faults state it, the effects of the rig file, and the present accuracy."""
+    is_named = words.diagnosis.condition in ("named", "ambiguous")
+    condition = "" if is_named else words.usual_or_faults or words.condition_sentence
+    return [condition, words.already_held, "" if corrected else words.accuracy]
 
 
 def _budget(words: AnswerWords) -> list[Block]:

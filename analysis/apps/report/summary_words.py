@@ -78,7 +78,7 @@ def summarise(
     """Return the summary of a diagnosis.
 
     acts: the open acts, by default those of the diagnosis. driven: error measured before and after a correction.
-    judged_elsewhere: see `AnswerWords`.
+    judged_elsewhere: error in µm before and with the model, on runs at a different place before they joined these.
     """
     words = _SummaryWords(diagnosis, texts or texts_of("en"), judged_elsewhere)
     open_acts = without_idle_mounts(diagnosis.acts) if acts is None else acts
@@ -127,7 +127,7 @@ class _SummaryWords:
     @property
     def answer(self) -> AnswerWords:
         """The sentences of the diagnosis."""
-        return AnswerWords(self.diagnosis, self.texts, self.judged_elsewhere)
+        return AnswerWords(self.diagnosis, self.texts)
 
     @property
     def standing(self) -> str:
@@ -194,7 +194,8 @@ class _SummaryWords:
 
     def _cause_sentence(self, causes: Sequence[_Cause]) -> str:
         names_open = any(named.doubt == "commanded" for named in self.diagnosis.effects)
-        is_unknown = self.diagnosis.condition in ("out_of_range", "outside_library") or names_open
+        condition = self.diagnosis.condition
+        is_unknown = condition in ("out_of_range", "outside_library") or (condition == "undecided" and names_open)
         if is_unknown or not causes or (self.standing == "undecided" and self.diagnosis.condition != "undecided"):
             return self.answer.usual_or_faults or self.answer.condition_sentence
         is_minor = causes[0].is_fault or is_certain_except_small(self.diagnosis)

@@ -165,7 +165,7 @@ def joined(texts: Iterable[str], by: str = " ") -> Phrase:
 
 @dataclass(frozen=True)
 class Texts:
-    """Texts by key, labels of figures by name, a sentence for each kind of effect, and nouns for effects.
+    """Texts by key, labels of figures by name, and nouns for effects.
 
     nouns contains only the effects whose standard name this language replaces.
     """
@@ -173,7 +173,6 @@ class Texts:
     language: Language
     words: dict[str, str]
     labels: dict[str, str]
-    effects: dict[str, str]
     nouns: dict[str, str]
 
     def __call__(self, key: str, **values: object) -> Phrase:
@@ -210,4 +209,4 @@ def texts_of(language: Language) -> Texts:
     """Return the texts of a language."""
     file = resources.files("analysis") / "templates" / f"texts.{language}.yaml"
     read = yaml.safe_load(file.read_text(encoding="utf-8"))
-    return Texts(language, read["words"], read["labels"], read["effects"], read["nouns"])
+    return Texts(language, read["words"], read["labels"], read["nouns"])

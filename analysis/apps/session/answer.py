@@ -57,7 +57,8 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     written = write(diagnosis, text, directory, in_session=True)
     model = next((path for path in written if path.suffix == ".yaml"), None)
     named = acts_with(diagnosis.acts, as_argument(model or directory))
-    words = AnswerWords(diagnosis)
+    words, summary = AnswerWords(diagnosis), summarise(replace(diagnosis, acts=named))
+    error = summary.error
     acts = ActWords(replace(diagnosis, acts=named))
     faults = [part_of(diagnosis, entry) for entry in diagnosis.standing]
     parts = [
@@ -76,8 +77,8 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         judges=len(judges),
         condition=diagnosis.condition,
         standing=diagnosis.accuracy.standing,
-        headline=words.headline,
-        accuracy=f"{words.accuracy} {words.judged}",
+        headline=f"{summary.badge}: {summary.headline}",
+        accuracy=f"{words.accuracy} {error.title}: {error.words}. {error.basis} {error.standing}",
         next_step=acts.next,
         parts=tuple(parts),
         remedies=tuple(acts.sentence(act) for act in named[1:]),
@@ -104,7 +105,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         seconds=round(diagnosis.seconds, 1),
         found=directory.name,
         model=model.name if model else "",
-        summary=summarise(acts.diagnosis),
+        summary=summary,
     )
     return answer, diagnosis
 

@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 
 from analysis.apps.report.act_words import ActWords
-from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_report import write, write_model
+from analysis.apps.report.summary_words import summarise
+from analysis.apps.report.texts import keys_of
 from analysis.diagnosis.fit import out_of_range
 from analysis.diagnosis.judge.result import Diagnosis
 from rigs.effects import LinkGeometry
@@ -108,10 +109,10 @@ def test_circles_show_it_too() -> None:
 
 def test_the_first_sentence_names_it_and_the_limit_and_the_act_says_what_to_check() -> None:
     found = diagnosis("out_of_range")
-    headline = AnswerWords(found).headline
-    assert headline.startswith("One parameter is out of range: the zero of axis 5 (beta) or length a of axis 5 (beta)")
-    assert "9.8132 ± 0.0041 °" in headline and "at most 5 °" in headline
-    assert ActWords(found).next.startswith("Check the rig file, the variant of the arm and the mastering")
+    headline = summarise(found).headline
+    assert keys_of(headline)[0] == "finding_out_of_range"
+    assert "9.8132 ± 0.0041 °" in headline and "5 °" in headline
+    assert keys_of(ActWords(found).next)[0] == "act_check"
 
 
 def test_no_model_of_it_is_written(tmp_path: Path) -> None:

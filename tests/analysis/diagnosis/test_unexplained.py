@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from analysis.apps.report.act_words import ActWords
-from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import keys_of
 from analysis.diagnosis.judge.misses import share_left_out
@@ -41,7 +40,8 @@ def test_plain_noise_is_scatter_and_not_an_unknown_cause(seed: int) -> None:
     assert found.condition == "nothing_unusual" and found.unexplained is not None
     assert found.unexplained.scatter_um == pytest.approx(250, rel=0.2)
     size_mm = np.sqrt(3) * found.unexplained.scatter_um / 1e3  # the distance of a place, like the error beside it
-    assert AnswerWords(found).headline.startswith(f"The measured places scatter by {size_mm:.2f} mm rms")
+    headline = summarise(found).headline
+    assert keys_of(headline)[0] == "finding_scatter" and f"{size_mm:.2f} mm" in headline
     assert size_mm == pytest.approx(found.accuracy.now_um / 1e3, rel=0.1)
     assert found.acts[0].why == "revisit"
     assert not any(part.kind == "unexplained" for part in found.budget)
@@ -62,8 +62,8 @@ def test_deviations_beyond_usual_scatter_may_be_an_unknown_error_unless_targets_
 
 def test_repeated_circles_that_differ_are_reported_first() -> None:
     differ = diagnosis("undecided", unexplained=Unexplained(0.0, visits_um=43.0))
-    findings = AnswerWords(differ).findings
-    assert keys_of(findings)[0] == "finding_repeats_differ" and "43 µm" in findings
+    (first, *_) = summarise(differ).unknowns
+    assert keys_of(first)[0] == "finding_repeats_differ" and "43 µm" in first
 
 
 @pytest.mark.parametrize(("signs", "sticks"), [((1.0, -0.6), True), ((1.0, 1.0), False)])
@@ -84,15 +84,15 @@ def test_gauges_that_differ_from_repeat_to_repeat_are_reported_first(signs: tupl
     if sticks:
         # 14 µm rms in the difference, less the part that the repeats have in common.
         assert found.unexplained.gauges_um and 5 < found.unexplained.gauges_um < 15
-        assert keys_of(AnswerWords(found).headline)[0] == "finding_gauges_differ"
+        assert keys_of(summarise(found).unknowns[0])[0] == "finding_gauges_differ"
         assert found.acts[0].why == "gauges_differ" and keys_of(ActWords(found).next)[0] == "act_gauges_differ"
 
 
 def test_a_material_error_without_a_cause_is_stated_beside_the_causes() -> None:
     named = diagnosis("named")
     material = replace(named, remainder=replace(named.remainder, um=97.0, at_new_places=True, is_material=True))
-    for text in (summarise(material).headline, AnswerWords(material).findings):
-        assert "finding_unexplained_there" in keys_of(text) and "97 µm" in text
+    headline = summarise(material).headline
+    assert "finding_unexplained_there" in keys_of(headline) and "97 µm" in headline
     assert not any("unexplained" in key for key in keys_of(summarise(named).headline))
 
 
@@ -123,10 +123,9 @@ def test_visits_that_differ_come_first() -> None:
     found = _visited_twice(np.random.default_rng(6).normal(0, 0.03, 60), q)
     assert found.unexplained is not None and found.unexplained.visits_um is not None
     assert found.unexplained.visits_um > 100
-    words = AnswerWords(found)
-    assert words.visits and words.headline.startswith(words.visits)
+    assert keys_of(summarise(found).unknowns[0])[0] == "finding_repeats_differ_places"
     assert found.acts[0].why == "visits_differ"
-    assert "twice in a row" in ActWords(found).next
+    assert keys_of(ActWords(found).next)[0] == "act_repeats_differ_places"
 
 
 def test_an_error_that_a_model_misses_at_other_places_is_unexplained() -> None:
@@ -149,10 +148,8 @@ def test_the_share_of_noise_is_about_zero_and_that_of_a_cause_its_size() -> None
 
 def test_the_joint_is_named_in_the_first_sentences() -> None:
     unexplained = Unexplained(110.0, (Followed("angle", 2, 0.64), Followed("time", None, 0.05)))
-    words = AnswerWords(diagnosis("outside_library", unexplained=unexplained)).headline
-    assert "This error follows the angle of axis 2 (W), which explains 64 % of it" in words
+    (*_, follows) = summarise(diagnosis("outside_library", unexplained=unexplained)).unknowns
+    assert keys_of(follows)[:2] == ("finding_follows", "follows_angle") and "axis 2" in follows and "64 %" in follows
     nothing = Unexplained(110.0, (Followed("angle", 2, 0.1),))
-    assert (
-        "This error does not depend on the angle"
-        in AnswerWords(diagnosis("outside_library", unexplained=nothing)).headline
-    )
+    (*_, follows) = summarise(diagnosis("outside_library", unexplained=nothing)).unknowns
+    assert keys_of(follows) == ("finding_follows_none",)

@@ -26,7 +26,6 @@ from markupsafe import Markup
 
 from analysis.api import Result
 from analysis.apps.report.act_words import without_idle_mounts
-from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.chart import Picture
 from analysis.apps.report.diagnosis_answer import Sections, sections_of
 from analysis.apps.report.diagnosis_words import micrometres
@@ -176,7 +175,6 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
     gaps = diagnosis_charts(report.found, texts) if report.found else []
     pictures = [picture for section in sections for picture in section.pictures] + list(gaps)
     verdict = judge(report.results, report.rig.limits, report.found)
-    judged = report.after.judged if report.after and report.after.joined else None
     days = sorted(run.started[:10] for run in runs)
     span = days[0] if days[0] == days[-1] else f"{days[0]} – {days[-1]}"
     return pages.get_template("report.html").render(
@@ -187,7 +185,6 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         verdict=verdict,
         sentence_of=lambda verdict: verdict_sentence(verdict, texts),
         named=figure_title,
-        answer=AnswerWords(report.found, texts, judged) if report.found else None,
         summary=_summary(report.found, report.after, texts) if report.found else None,
         parts=_parts(report, texts),
         steps=step_sentences(report.found, texts) if report.found else [],

@@ -10,9 +10,10 @@ import pytest
 from analysis.apps.report.act_words import ActWords, acts_in_words
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import micrometres
+from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import LANGUAGES, Language, keys_of, texts_of
 from analysis.diagnosis.judge.acts import Act, Against, Cost, Doubt, JudgedOn, NamingTest, Objection, is_done
-from analysis.diagnosis.judge.result import Accuracy, BudgetPart, Condition, GroupMember
+from analysis.diagnosis.judge.result import BudgetPart, Condition, GroupMember
 from rigs.effects import VOCABULARY
 from rigs.schema.effect import PartKind
 from tests.support.handmade_diagnosis import PLAY, REPAIR, SMALL, ZERO, diagnosis
@@ -32,21 +33,17 @@ def test_every_condition_has_sentences_in_every_language(condition: Condition, l
     found = diagnosis(condition)
     words = AnswerWords(found, texts_of(language))
     acts = acts_in_words(found, texts_of(language))
-    for sentence in (words.headline, words.accuracy, words.judged, *acts, words.texts(f"badge_{condition}")):
+    condition_sentences = [words.condition_sentence] * (condition not in ("named", "ambiguous"))
+    for sentence in (*condition_sentences, words.accuracy, words.judged, *acts, words.texts(f"badge_{condition}")):
         assert len(sentence) > 2 and not {"{", "}"} & set(sentence) and "None" not in sentence
     for doubt in get_args(Doubt):
         assert words.texts(f"doubt_{doubt}")
 
 
-def test_a_fault_is_stated_with_size_share_and_the_error_after_the_repair() -> None:
-    words = AnswerWords(diagnosis("named"))
-    assert keys_of(words.headline)[0] == "finding_fault"
-    assert "0.0521 ± 0.0011 °" in words.headline and "90 %" in words.headline
-    act = ActWords(words.diagnosis).next
+def test_an_act_states_the_error_after_it_and_the_place() -> None:
+    act = ActWords(diagnosis("named")).next
     assert keys_of(act)[:1] == ("act_repair",) and {"act_changes", "place_held_out"} <= set(keys_of(act))
     assert "6.1 µm" in act and "2.0 ± 0.2 µm" in act
-    many = AnswerWords(diagnosis("named", effects=(PLAY,) * 5)).headline
-    assert keys_of(many)[0] == "finding_faults" and many.startswith("5") and "2" in many.split(";")[-1]
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -70,57 +67,18 @@ def test_a_model_is_complete_only_if_runs_repeat_and_no_place_differs() -> None:
         ({"where": (), "runs": ("a",)}, "model_sufficient"),
         ({"where": (), "repeated": False}, "model_sufficient"),
     ):
-        assert keys_of(AnswerWords(replace(found, **change)).headline)[0] == f"finding_{key}"
+        assert keys_of(AnswerWords(replace(found, **change)).condition_sentence)[0] == f"finding_{key}"
 
 
-@pytest.mark.parametrize(
-    ("changes", "key"),
-    [
-        ({"condition": "undecided", "effects": (USUAL,)}, "large_part"),
-        ({"condition": "nothing_unusual", "effects": (USUAL,)}, "large_part"),
-        ({"condition": "uncalibrated", "effects": (replace(ZERO, doubt="usual"),)}, "large_part"),
-        ({"condition": "nothing_unusual", "budget": (GRAVITY,)}, "large_part"),
-        ({"condition": "undecided", "effects": (replace(USUAL, u_um=3.0),)}, "finding_undecided"),
-        ({"condition": "outside_library", "effects": (replace(PLAY, doubt="series"),)}, "finding_outside_library"),
-    ],
-)
-def test_the_largest_part_comes_first_if_it_is_certain(changes: dict[str, Any], key: str) -> None:
-    assert key in keys_of(AnswerWords(diagnosis(**changes)).headline)[:2]
-
-
-@pytest.mark.parametrize("language", LANGUAGES)
-def test_the_cause_comes_before_its_share(language: Language) -> None:
-    words = AnswerWords(diagnosis("nothing_unusual", effects=(USUAL,)), texts_of(language))
-    noun = words.noun(PLAY.effect)
-    assert words.headline.lower().startswith(noun.lower()) and words.headline.index("90 %") > len(noun)
-
-
-def test_the_accuracy_states_the_place_of_its_figures() -> None:
+def test_the_accuracy_states_the_present_error_and_its_verdict() -> None:
     words = AnswerWords(diagnosis())
-    assert keys_of(words.accuracy)[:2] == ("error_now", "calibrated_held_out")
-    assert all(um in words.accuracy for um in ("6.1 µm", "21 µm", "6.3 µm", "1.9 µm"))
+    assert keys_of(words.accuracy) == ("error_now",) and "6.1 µm" in words.accuracy and "21 µm" in words.accuracy
     used = replace(words.diagnosis.accuracy, place="used")
-    assert "calibrated_used" in keys_of(AnswerWords(diagnosis(accuracy=used)).accuracy)
-    few = diagnosis("not_testable_here", accuracy=used)  # four poses have fewer numbers than there are unknowns
-    assert "calibrated_unknown" in keys_of(AnswerWords(few).accuracy)
-    plain = few.to_dict()
+    plain = diagnosis("not_testable_here", accuracy=used).to_dict()  # four poses have fewer numbers than unknowns
     assert plain["accuracy"]["calibrated_um"] is None and plain["gap"]["train"]["calibrated"] is None
     judged = replace(words.diagnosis.accuracy, standing="fail", limit="rig_file")
-    assert keys_of(AnswerWords(diagnosis(accuracy=judged)).judged) == (
-        "accuracy_standing", "standing_fail", "limit_rig_file",
-    )  # fmt: skip
-
-
-def test_runs_of_another_place_that_joined_state_the_error_there() -> None:
-    used = replace(diagnosis("named"), accuracy=Accuracy(None, None, 6.12, 21.4, 1.9, 6.3, "used"))
-    accuracy = AnswerWords(used, judged_elsewhere=(93.0, 1.7)).accuracy
-    assert "calibrated_unseen" in keys_of(accuracy) and "93 µm" in accuracy and "1.7 µm" in accuracy
-
-
-def test_certain_faults_come_before_a_fault_with_rivals() -> None:
-    keys = keys_of(AnswerWords(diagnosis("named", effects=(PLAY, PLAY, ZERO))).headline)
-    assert keys.index("finding_faults") < keys.index("finding_open")
-    assert keys_of(AnswerWords(diagnosis("ambiguous", effects=(ZERO,))).headline)[0] == "finding_ambiguous"
+    keys = keys_of(AnswerWords(diagnosis(accuracy=judged)).judged)
+    assert keys == ("accuracy_standing", "standing_fail", "limit_rig_file")
 
 
 def test_a_group_above_a_third_names_its_likeliest_members_and_the_test_that_identifies_one() -> None:
@@ -129,13 +87,11 @@ def test_a_group_above_a_third_names_its_likeliest_members_and_the_test_that_ide
     test = NamingTest("roll on the circle", "the tool's other tilt", 6.0, 0.998)
     act = Act("measure", "group", (0,), cost=Cost(4.8), test=test)
     found = diagnosis("named", effects=(), budget=(part,), acts=(act,))
-    words = AnswerWords(found)
-    assert keys_of(words.headline)[0] == "large_group" and "(62 %)" in words.headline
-    assert words.noun(ZERO.effect) in words.headline and words.noun(PLAY.effect) not in words.headline
-    sure = replace(part, members=(replace(members[0], odds=0.9999, u_um=2.0), members[1]))
-    assert "(0.1032 ± 0.0052 °, > 99.9 %)" in AnswerWords(replace(found, budget=(sure,))).headline
+    words, headline = AnswerWords(found), summarise(found).headline
+    assert "probable_member" in keys_of(headline) and "(62 %)" in headline
+    assert words.noun(ZERO.effect) in headline and words.noun(PLAY.effect) not in headline
     none = replace(part, members=(replace(members[1], odds=0.004),))
-    assert keys_of(AnswerWords(replace(found, budget=(none,))).headline)[0] == "large_part"
+    assert "probable_member" not in keys_of(summarise(replace(found, budget=(none,))).headline)
     assert keys_of(ActWords(found).next)[0] == "act_group" and "77 %" in ActWords(found).next
 
 

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis.apps.report.act_words import ActWords
-from analysis.apps.report.answer_words import AnswerWords
+from analysis.apps.report.summary_words import summarise
 from analysis.cli import app
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.robot.kinematics.arm import arm_of, forward
@@ -55,7 +55,7 @@ def test_an_arm_whose_joints_were_read_early_is_not_called_sound() -> None:
     found = _ahead(Q - np.radians([0.03, 0.05, 0.04, 0.03, 0.05, 0.03]) * np.sign(CAME))
     assert set(_reported(found)) >= {1, 2, 3}
     assert found.condition == "not_testable_here" and found.budget == ()
-    assert found.effects == () and AnswerWords(found).headline.startswith("These runs cannot show")
+    assert found.effects == () and summarise(found).standing == "not_testable_here"
 
 
 def test_joints_that_had_a_share_of_their_move_to_go_are_reported() -> None:
