@@ -33,7 +33,7 @@ def test_every_condition_has_sentences_in_every_language(condition: Condition, l
     found = diagnosis(condition)
     words = AnswerWords(found, texts_of(language))
     acts = acts_in_words(found, texts_of(language))
-    condition_sentences = [words.condition_sentence] * (condition not in ("named", "ambiguous"))
+    condition_sentences = [] if condition in ("named", "ambiguous") else [words.condition_sentence]
     for sentence in (*condition_sentences, words.accuracy, words.judged, *acts, words.texts(f"badge_{condition}")):
         assert len(sentence) > 2 and not {"{", "}"} & set(sentence) and "None" not in sentence
     for doubt in get_args(Doubt):
