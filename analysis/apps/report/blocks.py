@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import zip_longest
 from typing import Any, Literal
 
 from markupsafe import Markup
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.padding import Padding
 from rich.segment import Segment
+from rich.table import Table as RichTable
 from rich.text import Text
 
 from analysis.apps.report.texts import keys_of
@@ -143,12 +143,41 @@ def _shown(block: Sentence | Command | Segments | Table) -> RenderableType:
         case Command():
             return Text(block.words, style="bold")
         case Table():
-            heads = (right(name) if k in block.numbers else name for k, name in enumerate(block.columns))
-            table = bare_table(*heads)
-            for row, rank in zip_longest(block.cells(), block.ranks[: len(block.rows)], fillvalue=""):
-                table.add_row(*map(_cell, row), style="bold" if rank == "unusual" else "")
-            return table
+            return _Abreast(block)
     return block
+
+
+@dataclass(frozen=True)
+class _Abreast:
+    """A table, split into several below each other if its columns of numbers do not fit on the terminal."""
+
+    table: Table
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        boundless, columns = console.options.update(max_width=10_000), range(1, len(self.table.columns))
+        while True:
+            shown = _columns(self.table, columns)
+            while console.measure(shown, options=boundless).maximum > options.max_width and self._splits(columns):
+                columns = columns[:-1]
+                shown = _columns(self.table, columns)
+            yield shown
+            columns = range(columns.stop, len(self.table.columns))
+            if not columns:
+                return
+
+    def _splits(self, columns: range) -> bool:
+        """Whether a table of these columns may be split: several, and all of numbers."""
+        return len(columns) > 1 and self.table.numbers >= set(range(1, len(self.table.columns)))
+
+
+def _columns(table: Table, columns: range) -> RichTable:
+    """Return the first column of a table with some of the others."""
+    chosen = (0, *columns)
+    heads = (right(table.columns[k]) if k in table.numbers else table.columns[k] for k in chosen)
+    shown = bare_table(*heads)
+    for row, rank in zip(table.cells(), table.ranks or [""] * len(table.rows), strict=True):
+        shown.add_row(*(_cell(row[k]) for k in chosen), style="bold" if rank == "unusual" else "")
+    return shown
 
 
 def _cell(cell: Cell) -> Text:

@@ -72,10 +72,10 @@ def analyse(
 
         say_json(as_object(results, truths))
     else:
-        from analysis.apps.report.run_report import as_tables
-        from analysis.cli.plain_console import PlainConsole
+        from analysis.apps.report.blocks import say_answer
+        from analysis.apps.report.run_answer import answer_of
 
-        PlainConsole().print(as_tables(results, truths, each=each))
+        say_answer(answer_of(results, truths, each=each))
     end_with(worst(errors))
 
 

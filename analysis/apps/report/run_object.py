@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.report.texts import in_order, whole_label
 from analysis.procedures.circle import CircleResult
 from analysis.procedures.pooled import ONE_RUN, BetweenRuns, Pairs, Pooled, pairs_of, pooled
 from analysis.procedures.results import Result, by_test
@@ -85,15 +84,6 @@ def eccentricities_in_words(group: Sequence[Result]) -> list[str]:
         f"the two estimates of the ball's place, by angle and by distance, differ by {1000 * away:.0f} µm: take "
         "this as the uncertainty of the place"
     ]
-
-
-def pairs_in_words(both: Pairs | None) -> list[str]:
-    """Return a heading and a line for each figure that compares acw and cw, if such a pair exists."""
-    if both is None or both.lag is None:
-        return []
-    figures = [f"  {whole_label(name)}: {figure_in_words(name, both.figures[name])}" for name in in_order(both.figures)]
-    count = f" ({len(both.runs)} pairs)" if len(both.runs) > 1 else ""
-    return [f"acw against cw{count}:", *figures]
 
 
 def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:

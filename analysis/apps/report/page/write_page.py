@@ -26,6 +26,7 @@ from markupsafe import Markup
 
 from analysis.api import Result
 from analysis.apps.report.act_words import without_idle_mounts
+from analysis.apps.report.blocks import Cell, Table
 from analysis.apps.report.chart import Picture
 from analysis.apps.report.diagnosis_answer import Sections, sections_of
 from analysis.apps.report.diagnosis_words import micrometres
@@ -52,7 +53,6 @@ from analysis.diagnosis.judge.result import Diagnosis
 from rigs.distribution import version
 from rigs.errors import UseError
 from rigs.rig import Rig
-from rigs.schema.probe import Certificate
 
 _LONGEST = 200
 """Maximum length of a field, in characters: enough for a name, but not for an accidentally pasted page."""
@@ -94,66 +94,35 @@ def fields_of(heading: Heading, results: Sequence[Result], texts: Texts) -> list
     return [(texts(name), value) for name, value in fields if value]
 
 
-@dataclass(frozen=True)
-class RunTrace:
-    """Traceability of a run: path, time, operator, program, and files with SHA-256."""
-
-    name: str
-    title: str
-    path: str
-    started: str
-    operator: str
-    host: str
-    software: str
-    source: str
-    rig_sha256: str
-    files: tuple[tuple[str, str], ...]
-
-
-@dataclass(frozen=True)
-class CertifiedInstrument:
-    """A gauge, the ball or the link, with the certificate."""
-
-    name: str
-    kind: str
-    certificate: str
-    calibrated: str
-    due: str
+def trace_table(results: Sequence[Result], texts: Texts) -> Table:
+    """The runs in order: path, time, operator, program, and files with SHA-256."""
+    rows = []
+    for result in results:
+        manifest = result.measured.run.manifest
+        by = f"{texts('by')} {manifest.operator}" if manifest.operator else ""
+        software = ", ".join(f"{name} {version}" for name, version in manifest.software.items())
+        source = manifest.table.file if manifest.table else ""
+        who = (", ".join(filter(None, (by, manifest.host))), software, source)
+        files = [f"{texts('rig_file')} {manifest.rig_sha256}"]
+        files += [f"{chunk.file} {chunk.sha256}" for chunk in manifest.chunks]
+        started = Cell(manifest.started[:19].replace("T", " "), tuple(filter(None, who)))
+        rows.append((Cell(result.title, (result.name,)), started, Cell(str(result.measured.path), tuple(files))))
+    return Table(tuple(map(texts, ("run", "when_and_who", "files"))), tuple(rows), key="stack")
 
 
-def runs_of(results: Sequence[Result]) -> list[RunTrace]:
-    """Return the runs of a report in order."""
-    return [
-        RunTrace(
-            name=result.name,
-            title=result.title,
-            path=str(result.measured.path),
-            started=manifest.started,
-            operator=manifest.operator,
-            host=manifest.host,
-            software=", ".join(f"{name} {version}" for name, version in manifest.software.items()),
-            source=manifest.table.file if manifest.table else "",
-            rig_sha256=manifest.rig_sha256,
-            files=tuple((chunk.file, chunk.sha256) for chunk in manifest.chunks),
-        )
-        for result in results
-        for manifest in [result.measured.run.manifest]
-    ]
-
-
-def instruments_of(rig: Rig) -> list[CertifiedInstrument]:
-    """Return gauges, ball and link of a rig."""
-    parts = [_instrument(name, gauge.interface, gauge.certificate, gauge.calibrated) for name, gauge in rig.gauges]
+def instruments_table(rig: Rig, texts: Texts) -> Table:
+    """Gauges, ball and link of a rig with their certificates."""
+    parts = [(name, gauge.interface, gauge.certificate, gauge.calibrated) for name, gauge in rig.gauges]
     others = (("ball", rig.ball), ("link", rig.link))
-    return parts + [_instrument(name, "", part, None) for name, part in others if part is not None]
-
-
-def _instrument(
-    name: str, kind: str, certificate: Certificate | None, calibrated: dt.date | None
-) -> CertifiedInstrument:
-    if certificate is None:
-        return CertifiedInstrument(name, kind, "", str(calibrated or ""), "")
-    return CertifiedInstrument(name, kind, certificate.number, str(certificate.date), str(certificate.due or ""))
+    parts += [(name, "", part, None) for name, part in others if part is not None]
+    rows = tuple(
+        (name, kind, texts("certificate_missing"), str(calibrated or "–"), "–")
+        if one is None
+        else (name, kind, one.number, str(one.date), str(one.due or "–"))
+        for name, kind, one, calibrated in parts
+    )
+    heads = ("instrument", "kind", "certificate", "calibrated", "due")
+    return Table(tuple(map(texts, heads)), rows, key="narrow stack")
 
 
 def write_page(report: Report, file: Path, language: Language = "en", heading: Heading = NO_HEADING) -> Path:
@@ -171,15 +140,15 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
     """Return the page as HTML; all text is plain and escaped."""
     pages = environment()
     pages.filters["um"] = micrometres
-    sections, runs = tests_of(report, texts), runs_of(report.results)
+    sections = tests_of(report, texts)
     gaps = diagnosis_charts(report.found, texts) if report.found else []
     pictures = [picture for section in sections for picture in section.pictures] + list(gaps)
     verdict = judge(report.results, report.rig.limits, report.found)
-    days = sorted(run.started[:10] for run in runs)
+    days = sorted(result.measured.run.manifest.started[:10] for result in report.results)
     span = days[0] if days[0] == days[-1] else f"{days[0]} – {days[-1]}"
     return pages.get_template("report.html").render(
         t=texts,
-        measured_on=texts.counted("measured_on", len(runs), days=span),
+        measured_on=texts.counted("measured_on", len(days), days=span),
         heading=fields_of(heading, report.results, texts),
         report=report,
         verdict=verdict,
@@ -194,8 +163,8 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         sections=sections,
         gaps=gaps,
         still=_still_uri,
-        runs=runs,
-        instruments=instruments_of(report.rig),
+        trace=[trace_table(report.results, texts)],
+        instruments=[instruments_table(report.rig, texts)],
         simulated_only=all(result.measured.is_simulated for result in report.results),
         version=version(),
         written=dt.datetime.now(dt.UTC),

@@ -13,11 +13,12 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from analysis import evaluate, evaluate_runs, load_run
+from analysis.apps.report.blocks import Sentence, Table, on_screen
+from analysis.apps.report.run_answer import answer_of
 from analysis.apps.report.run_object import as_object, compare
-from analysis.apps.report.run_report import as_tables
 from analysis.cli import app
 from analysis.procedures import circle
-from analysis.procedures.pooled import pooled
+from analysis.procedures.pooled import ONE_RUN, pooled
 from analysis.procedures.results import Result, by_test
 from analysis.robot.kinematics.arm import arm_of, forward
 from rigs.errors import FileError
@@ -40,11 +41,11 @@ def laps(tmp_path_factory: pytest.TempPathFactory) -> list[Result]:
 def test_as_many_runs_abreast_as_the_screen_holds_whole(laps: list[Result], width: int, abreast: int) -> None:
     console = Console(width=width, file=io.StringIO())
     with console.capture() as shown:
-        console.print(as_tables(laps, each=True))
-    for result in laps:
-        assert all(str(figure) in shown.get() for figure in result.figures.values())
-    heads = [line for line in shown.get().splitlines() if "┃" in line]
-    assert max(line.count("yaw acw") + line.count("yaw cw") for line in heads) == abreast
+        console.print(on_screen([block for block in answer_of(laps, each=True) if isinstance(block, Table)][1:]))
+    assert max(map(len, shown.get().splitlines())) <= width
+    for name in ("band_deg", "amplitude_deg"):
+        assert all(str(result.figures[name]) in shown.get() for result in laps)
+    assert max(line.count("± ") for line in shown.get().splitlines()) == abreast
 
 
 def test_runs_of_other_poses_have_no_common_mean(tmp_path: Path) -> None:
@@ -70,9 +71,8 @@ def test_runs_of_other_poses_have_no_common_mean(tmp_path: Path) -> None:
 
 
 def test_every_repeat_is_paired_and_runs_of_a_direction_become_a_mean(laps: list[Result]) -> None:
-    words = [str(part) for part in as_tables(laps).renderables]  # type: ignore[attr-defined]
-    assert any(line.startswith("acw against cw (2 pairs):") for line in words)
-    assert "mean of 2 yaw acw runs and 2 yaw cw runs ± standard uncertainty of the mean" in " ".join(words)
+    table = next(block for block in answer_of(laps) if isinstance(block, Table))
+    assert len(table.columns) == 4 and all("2" in column for column in table.columns[1:])
     answer = as_object(laps)
     (both,) = answer["acw_against_cw"]
     assert [Path(run).name for run in both["runs"]] == ["yaw-acw-001", "yaw-cw-001", "yaw-acw-002", "yaw-cw-002"]
@@ -105,8 +105,8 @@ def test_a_kind_with_gauges_of_which_a_rig_file_has_no_part_is_of_one_place(
 
 
 def test_one_run_says_what_is_not_in_its_uncertainty(laps: list[Result]) -> None:
-    words = [str(part) for part in as_tables(laps[:1]).renderables]  # type: ignore[attr-defined]
-    assert any(line.startswith("single run: u does not include the scatter") for line in words)
+    notes = [block.text for block in answer_of(laps[:1]) if isinstance(block, Sentence)]
+    assert any(note.startswith(ONE_RUN) for note in notes)
     answer = as_object(laps[:1])
     assert answer["between_runs"] == []
     assert any(line.startswith("single run: u ") for line in answer["remarks"])

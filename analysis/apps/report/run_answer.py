@@ -1,0 +1,121 @@
+"""The answer of analysed runs as blocks: a table of figures for each test, and remarks on uncertainties.
+
+The page shows the same tables (`analysis.apps.report.page.sections`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from analysis.apps.report.blocks import Block, Cell, Heading, Sentence, Table
+from analysis.apps.report.run_object import (
+    TruthComparison,
+    all_agree,
+    eccentricities_in_words,
+    figure_in_words,
+    lag_in_words,
+    similar_once,
+    verdict,
+    warmth_in_words,
+    what_u_is,
+)
+from analysis.apps.report.texts import LEADING, Texts, in_order, joined, texts_of
+from analysis.procedures.pooled import figure_columns, pairs_of, pooled
+from analysis.procedures.results import Result, by_test
+from analysis.procedures.shared.quantity import Quantity
+
+_UNPLACED_DEG = 15.0
+"""Standard uncertainty beyond which a place on the circle is not shown: ± 2 u would cover a sixth of the circle."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """Figures by name under a title, and a line below some of them: sd between runs, or the truth."""
+
+    title: str
+    figures: Mapping[str, Quantity]
+    below: Mapping[str, str]
+
+
+def columns_of(group: Sequence[Result], texts: Texts) -> list[Column]:
+    """The columns of a test: the mean of repeated runs, each other run, and the comparison of both directions."""
+    columns, notes = [], {"mean": "mean_of_runs", "pairs": "pairs"}
+    for column in figure_columns(group):
+        title = texts("acw_against_cw") if column.kind == "pairs" else column.direction
+        note = column.run if column.kind == "run" else texts(notes[column.kind], count=column.count)
+        below = {name: f"{texts('sd')} {sd}" for name, sd in column.sd.items()}
+        columns.append(Column(joined([title, note], ", "), column.figures, below))
+    return columns
+
+
+def figure_table(columns: Sequence[Column], texts: Texts, *more: tuple[str, ...]) -> Table:
+    """A row for each figure, leading figures in bold, and further rows."""
+    rows: list[tuple[str | Cell, ...]] = []
+    names = in_order(name for column in columns for name in column.figures)
+    for name in names:
+        cells = []
+        for column in columns:
+            figure = column.figures.get(name)
+            text = _figure(name, figure, texts) if figure else ""
+            line = column.below.get(name, "") if figure and text == str(figure) else ""
+            cells.append(Cell(text, (line,) if line else ()))
+        rows.append((texts.label(name), *cells))
+    ranks = (*("unusual" if name in LEADING else "" for name in names), *[""] * len(more))
+    titles = (texts("value_and_u"), *(column.title for column in columns))
+    return Table(titles, (*rows, *more), frozenset(range(1, len(titles))), ranks, "stack")
+
+
+def _figure(name: str, figure: Quantity, texts: Texts) -> str:
+    """Return a figure rounded to two digits of u, or a remark if it is a place with too large an uncertainty."""
+    if name.endswith("_at_deg") and not figure.u < _UNPLACED_DEG:
+        return texts("no_place")
+    return figure_in_words(name, figure)
+
+
+def answer_of(
+    results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = (), *, each: bool = False
+) -> list[Block]:
+    """A table for each test and the doubts. each: add a table with a column for each run, as truths always do."""
+    texts, blocks = texts_of("en"), list[Block]()
+    truth_of = {id(result): truth for result, truth in zip(results, truths, strict=False)}
+    doubts = [(result, doubt) for result in results for doubt in result.doubts]
+    for group in by_test(results):
+        repeated = [means for means in pooled(group) if means.figures]
+        blocks.append(Heading(f"{group[0].measured.rig.name} · {texts.test(group[0].test)}"))
+        if not truths:
+            blocks.append(figure_table(columns_of(group, texts), texts))
+        if truths or (each and repeated):
+            blocks.append(_runs_table(group, truth_of, texts))
+        hint = "; --each shows the single runs" if repeated and not each else ""
+        remarks = [what_u_is(group, repeated) + hint, *lag_in_words(pairs_of(group), group)]
+        remarks += [*eccentricities_in_words(group), *warmth_in_words(group)]
+        blocks += [Sentence(remark, "note") for remark in remarks]
+        doubts += [(result, why) for means in pooled(group) for result, why in means.left_out]
+    if truths:
+        blocks.append(Sentence(verdict(truths), "pass" if all_agree(truths) else "fail"))
+    return [*blocks, *(Sentence(line, "doubt") for line in doubt_lines(doubts, with_title=True))]
+
+
+def _runs_table(group: Sequence[Result], truth_of: Mapping[int, dict[str, TruthComparison]], texts: Texts) -> Table:
+    columns = []
+    for result in group:
+        truths = {
+            name: f"truth {result.figures[name].rounded(comparison.truth)} ({comparison.deviation_u:+z.1f}u)"
+            for name, comparison in truth_of.get(id(result), {}).items()
+            if name in result.figures
+        }
+        columns.append(Column(f"{result.title}, {result.name}", result.figures, truths))
+    more = [("samples", *(f"{result.found.samples}" for result in group))]
+    if any(result.measured.u_lag_s for result in group):  # uncertainty of the time of the gauges relative to the robot
+        more.append(("time, gauges to robot", *(f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group)))
+    return figure_table(columns, texts, *more)
+
+
+def doubt_lines(doubts: Sequence[tuple[Result, str]], *, with_title: bool = False) -> list[str]:
+    """Return each doubt with the runs that it concerns; doubts that differ only in figures appear once."""
+    runs_of_doubt: dict[str, list[str]] = {}
+    for result, doubt in doubts:
+        name = f"{result.title}, {result.name}" if with_title else result.name
+        runs_of_doubt.setdefault(doubt, []).append(name)
+    return [f"{names}: {doubt}" for doubt, names in similar_once(runs_of_doubt)]
