@@ -48,7 +48,7 @@ def calibrate(
     import analysis
     from analysis.apps.report.blocks import say_answer
     from analysis.apps.report.cli_diagnose import say_correct, split_by_role, with_commands_here
-    from analysis.apps.report.diagnosis_answer import answer_of
+    from analysis.apps.report.diagnosis_answer import answer_of, plain_object
     from analysis.apps.report.diagnosis_report import refuse_existing_rig, write_model
     from analysis.cli.console import progress_of
     from analysis.cli.several import end_with, load_runs, with_controller, with_recorded_controller, with_tables, worst
@@ -66,7 +66,7 @@ def calibrate(
     with progress_of() as progress:
         diagnosis = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, unseen=elsewhere, progress=progress)
     if as_json:
-        say_json(diagnosis.to_dict())
+        say_json(plain_object(diagnosis))
     else:
         say_answer(answer_of(with_commands_here(diagnosis, output, to="calibrated.yaml")))
     say_written(write_model(diagnosis, text, output) if output else ())

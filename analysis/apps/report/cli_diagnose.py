@@ -111,10 +111,10 @@ def diagnose(
             measured, rig=rig, hold_out=judges, unseen=elsewhere, tolerance_um=tolerance_um, progress=progress
         )
     from analysis.apps.report.blocks import say_answer
-    from analysis.apps.report.diagnosis_answer import answer_of
+    from analysis.apps.report.diagnosis_answer import answer_of, plain_object
 
     if as_json:
-        say_json(diagnosis.to_dict())
+        say_json(plain_object(diagnosis))
     else:
         say_answer(answer_of(with_commands_here(diagnosis, output)))
     if output:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from analysis.apps.report.act_words import ActWords, without_idle_mounts
 from analysis.apps.report.answer_words import AnswerWords, shown_parts
-from analysis.apps.report.blocks import Block, Cell, Command, Heading, Segments, Sentence, Table
+from analysis.apps.report.blocks import Block, Cell, Command, Heading, Segments, Sentence, Table, as_object
 from analysis.apps.report.diagnosis_words import (
     closed,
     error_size,
@@ -102,6 +103,11 @@ def answer_of(diagnosis: Diagnosis, texts: Texts | None = None) -> list[Block]:
     sections = sections_of(diagnosis, texts).values()
     first = summary_blocks(summarise(diagnosis, texts), texts)
     return [*first, *sum(sections, list[Block]()), Sentence(footer, "note")]
+
+
+def plain_object(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The values of a diagnosis with its answer as blocks, for JSON."""
+    return diagnosis.to_dict() | {"blocks": as_object(answer_of(diagnosis))}
 
 
 def _details(words: AnswerWords, *, corrected: bool) -> list[str]:

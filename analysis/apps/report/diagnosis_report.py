@@ -118,13 +118,14 @@ def write(diagnosis: Diagnosis, text: str, directory: Path, *, in_session: bool 
     text: the initial rig file. The written rig file adds the faults (of rivals the likeliest) and refers to the
     calibrated model next to it, unless the runs are inconclusive. in_session: see `picture`. Raises FileError.
     """
+    from analysis.apps.report.diagnosis_answer import plain_object  # noqa: PLC0415 - slow to import
     from analysis.apps.report.diagnosis_picture import picture  # noqa: PLC0415 - slow to import, needed here only
     from analysis.runs.written_files import holding, write_all_new  # noqa: PLC0415 - slow to import
 
     rig_file = directory / f"{diagnosis.rig.name}.yaml"
     pictured = replace(diagnosis, acts=acts_with(diagnosis.acts, as_argument(rig_file)))
     files = {
-        "diagnosis.json": holding((json.dumps(diagnosis.to_dict(), indent=2) + "\n").encode()),
+        "diagnosis.json": holding((json.dumps(plain_object(diagnosis), indent=2) + "\n").encode()),
         "diagnosis.png": lambda file: picture(pictured, in_session=in_session).savefig(file, format="png", dpi=130),
     }
     if diagnosis.is_modelled:

@@ -40,7 +40,8 @@ WIDTH = 160
 """Of a line of a golden file."""
 LONG = 24
 """A longer row of numbers is kept as its digest."""
-_TIMES = ("seconds",)
+_LEFT_OUT = ("seconds", "blocks")
+"""Keys that differ from run to run, and words, which the catalogue of texts holds."""
 _WORST = 10
 """Places of disagreement that are kept, the worst first."""
 
@@ -96,7 +97,7 @@ def normal(value: Any, directory: Path) -> Any:
     """JSON without paths and times, figures to six digits, long rows of numbers as their digest."""
     if isinstance(value, dict):
         value = value | ({"where": value["where"][:_WORST]} if isinstance(value.get("where"), list) else {})
-        return {key: normal(one, directory) for key, one in value.items() if key not in _TIMES}
+        return {key: normal(one, directory) for key, one in value.items() if key not in _LEFT_OUT}
     if isinstance(value, list):
         if len(value) > LONG and all(isinstance(one, int | float) for one in value):
             return digest(np.array(value, dtype=float))

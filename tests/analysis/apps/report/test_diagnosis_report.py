@@ -153,7 +153,7 @@ def test_circles_of_two_places_are_told_apart_by_their_titles() -> None:
 def test_the_files_of_a_named_effect(tmp_path: Path) -> None:
     found, directory = diagnosis("named"), tmp_path / "new" / "found"
     answer, sheet, extended = write(found, TEXT, directory)
-    assert json.loads(answer.read_text()) == found.to_dict() and sheet.name == "diagnosis.png"
+    assert json.loads(answer.read_text()).items() >= found.to_dict().items() and sheet.name == "diagnosis.png"
     assert extended.read_text().startswith(TEXT)
     (effect,) = load(extended)[0].effects
     assert (effect.effect, effect.width_deg, effect.transit) == ("backlash", 0.05213, 0.31)  # type: ignore[union-attr]
