@@ -22,7 +22,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from analysis.apps.report.answer_words import large_parts, sure_parts
+from analysis.apps.report.answer_words import large_parts
 from analysis.apps.report.summary_words import summarise
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.evidence.observation import ObservedRun, by_socket, observe_run
@@ -283,7 +283,7 @@ def _is_named(found: Diagnosis, hidden: Sequence[frozenset[str]]) -> bool | None
     if not hidden:
         return None
     said = {name_of(one.effect) for one in found.standing}
-    for part in (*large_parts(found), *sure_parts(found)):
+    for part in large_parts(found):
         if part.index is not None:
             one = found.effects[part.index]
             said |= {name_of(one.effect), *(name_of(rival.effect) for rival in one.rivals)}

@@ -57,7 +57,8 @@ def _table(all_series: Sequence[Series], *, dated: bool) -> Table:
     is_one = all(len(series.runs) == 1 for series in all_series)
     is_limited = any(series.limit for series in all_series)
     columns = ["test", "figure", *(("value ± u",) if is_one else ("runs", "first", "last", "spread", "course", ""))]
-    rows, title_before = [], ""
+    rows: list[tuple[str | Cell, ...]] = []
+    title_before = ""
     for series in all_series:
         quantities, spread = series.quantities, series.trend.spread
         begin, end = (Cell("", (f"{run.when:%Y-%m-%d %H:%M}",) * dated) for run in (series.runs[0], series.runs[-1]))

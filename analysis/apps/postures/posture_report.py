@@ -46,7 +46,7 @@ def as_screen(postures: Postures, labels: Sequence[str], language: Language = "e
 
 def limits(postures: Postures, texts: Texts) -> list[str]:
     """Return sentences on what is not known about the errors; they are printed first."""
-    lines = [texts("postures_verdict", why=postures.verdict)] if postures.verdict else []
+    lines: list[str] = [texts("postures_verdict", why=postures.verdict)] if postures.verdict else []
     if postures.knowledge != "calibrated":
         lines.append(texts(f"postures_{postures.knowledge}"))
     if postures.outside:

@@ -218,7 +218,7 @@ def _where(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
 
 def stairs_table(stairs: Stairs, texts: Texts) -> Table:
     """A row for each step of the staircase, with a bar for the residual on the runs used."""
-    rows = tuple(
+    rows: tuple[tuple[str | Cell, ...], ...] = tuple(
         (step.name, Cell(residual_words(step.left[0]), bar=step.left[0].um / stairs.largest_um),
          *map(residual_words, step.left[1:]))
         for step in stairs.steps
@@ -231,7 +231,7 @@ def _gaps(words: AnswerWords) -> list[Block]:
     diagnosis, texts = words.diagnosis, words.texts
     has_share = bool(diagnosis.standing)
     columns = (texts("gap_rms"), *map(texts, words.gap_cells(diagnosis.train)), *[texts("explained")] * has_share)
-    rows = []
+    rows: list[tuple[str | Cell, ...]] = []
     for place, gap in (("used", diagnosis.train), ("held_out", diagnosis.held_out), ("unseen", diagnosis.unseen)):
         if gap is not None:
             name = Cell(texts(f"runs_{place}"), () if gap.keeps_setup else (texts("separate_setup"),))

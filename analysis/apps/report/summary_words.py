@@ -247,8 +247,8 @@ class _SummaryWords:
         share = self._share(part) if part else ""
         if named.probability < _LIKELY and likely_rivals(named):
             causes = self.answer.likeliest_first(named)[: _MOST_RIVALS + 1]
-            odds = [f"{self.answer.noun(cause.effect)} ({sure(cause.probability)})" for cause in causes]
-            return joined([self.texts("one_of", causes=self.texts("or").join(odds)), share], ", ")
+            likely = [f"{self.answer.noun(cause.effect)} ({sure(cause.probability)})" for cause in causes]
+            return joined([self.texts("one_of", causes=self.texts("or").join(likely)), share], ", ")
         odds = "" if named.probability >= CERTAIN_ODDS else self.texts("likely", odds=sure(named.probability))
         rank = "fault" if is_fault else part.rank if part and part.rank in ("usual", "difference") else ""
         kind = self.texts(f"size_{rank}") if rank else ""

@@ -53,6 +53,7 @@ from analysis.diagnosis.judge.result import Diagnosis
 from rigs.distribution import version
 from rigs.errors import UseError
 from rigs.rig import Rig
+from rigs.schema.probe import Certificate
 
 _LONGEST = 200
 """Maximum length of a field, in characters: enough for a name, but not for an accidentally pasted page."""
@@ -112,7 +113,9 @@ def trace_table(results: Sequence[Result], texts: Texts) -> Table:
 
 def instruments_table(rig: Rig, texts: Texts) -> Table:
     """Gauges, ball and link of a rig with their certificates."""
-    parts = [(name, gauge.interface, gauge.certificate, gauge.calibrated) for name, gauge in rig.gauges]
+    parts: list[tuple[str, str, Certificate | None, dt.date | None]] = [
+        (name, gauge.interface, gauge.certificate, gauge.calibrated) for name, gauge in rig.gauges
+    ]
     others = (("ball", rig.ball), ("link", rig.link))
     parts += [(name, "", part, None) for name, part in others if part is not None]
     rows = tuple(

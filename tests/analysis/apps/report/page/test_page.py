@@ -80,7 +80,6 @@ def test_the_page_says_the_hidden_play_before_anything_else(page: str) -> None:
     first = text[text.index("Verdict") :][:1500]
     size = r"0\.00(79|80)\d* ± 0\.000[01]\d* °"
     assert re.search(rf"Verdict: . {EN('badge_cause_found')} Play of axis 1 \(base\), {size}, ", first)
-    assert re.search(rf"Condition: .*?Play of axis 1 \(base\), {size}.*? \(\d+ %\)", text)
     headings = (
         "Error now → after",
         "Main causes",
@@ -178,7 +177,6 @@ def test_condition_and_accuracy_have_a_badge_each(report: Report, condition: Con
     assert f"{badge} · PASS" in text.partition("Verdict")[0]  # in the title
     assert text.index("Do next") < text.index("Error budget") if condition != "not_testable_here" else True
     assert (f"✓ {badge}" in text) == (condition in ("uncalibrated", "nothing_unusual"))
-    assert "tolerance" not in text and "healthy" not in text and "that matter" not in text
 
 
 def test_a_report_is_about_one_robot(runs: list[Path]) -> None:
