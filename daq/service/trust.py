@@ -16,22 +16,17 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import grp
 import hashlib
 import os
-import pwd
 import socket
 import stat
 import struct
-import sys
 from pathlib import Path
 
 from rigs.errors import CellError
 
 _CREDENTIALS = struct.Struct("3i")
 """Process, user and group of a peer: struct ucred of unix(7)."""
-_UID = 7
-"""Column of the user in /proc/net/tcp (proc(5))."""
 _REMEDY = "remove the directory, or set XDG_RUNTIME_DIR to a private directory"
 
 
@@ -88,38 +83,6 @@ def peer_user(connection: socket.socket) -> int:
     size = _CREDENTIALS.size
     _, user, _ = _CREDENTIALS.unpack(connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size))
     return int(user)
-
-
-def tcp_user(client: tuple[str, int], port: int, table: Path = Path("/proc/net/tcp")) -> int | None:
-    """User id of a local TCP client connected to a port, or None if the client is remote or invisible.
-
-    IPv4 addresses within IPv6 addresses are supported.
-    """
-    try:
-        packed = socket.inet_aton(client[0].removeprefix("::ffff:"))
-    except OSError:
-        return None
-    address = f"{int.from_bytes(packed, sys.byteorder):08X}:{client[1]:04X}"
-    with contextlib.suppress(OSError):
-        for line in table.read_text("ascii", "replace").splitlines()[1:]:
-            columns = line.split()
-            if len(columns) > _UID and columns[1] == address and columns[2].endswith(f":{port:04X}"):
-                return int(columns[_UID])
-    return None
-
-
-def may_use(user: int, path: Path) -> bool:
-    """True if a user may connect to a daemon's socket: root, the owner, or a member of the group."""
-    try:
-        status = path.stat()
-    except OSError:
-        return user in (0, os.geteuid())
-    if user in (0, status.st_uid):
-        return True
-    with contextlib.suppress(KeyError):
-        person = pwd.getpwuid(user)
-        return person.pw_gid == status.st_gid or person.pw_name in grp.getgrgid(status.st_gid).gr_mem
-    return False
 
 
 _LONGEST_ID = 20

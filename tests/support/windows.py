@@ -21,7 +21,7 @@ from analysis.apps.window.app import Window, app_of
 from analysis.apps.window.control_posts import WindowControls
 from analysis.apps.window.guard import Gate
 from analysis.apps.window.made import OutputStore
-from analysis.apps.window.serve import listening, server_of
+from analysis.apps.window.serve import WindowServer, listening
 from analysis.apps.window.shelf import Shelf
 from analysis.apps.window.watcher import Watcher
 from rigs.errors import CellError
@@ -94,7 +94,7 @@ class Served:
 
     def post(self, path: str, body: str | bytes = "", **headers: str) -> Answer:
         """Send a form as a page of the window does."""
-        return self.ask(path, "POST", body, **{"Origin": self.address, **headers})
+        return self.ask(path, "POST", body, **headers)
 
     def until(self, path: str, is_so: Callable[[Answer], object]) -> Answer:
         """Repeat a request until the answer fulfils a condition, like a page that is being prepared."""
@@ -129,9 +129,11 @@ def served(
     place = SessionDirectory(session) if session else None
     watcher = Watcher(find, place, source=source, begin=place.command("cell.yaml") if place else "")
     controls = WindowControls(watcher, place, "", folder / "runs") if control else None
-    window = Window(watcher, Shelf(folder / "runs"), place, OutputStore(folder / "made"), Gate.of([], token), controls)
+    window = Window(
+        watcher, Shelf(folder / "runs"), place, OutputStore(folder / "made"), Gate(("Cell.Plant",), token), controls
+    )
     sock = listening("127.0.0.1", port)
-    server = server_of(app_of(window), watcher.board.end)
+    server = WindowServer(app_of(window), watcher.board.end)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [sock]}, daemon=True)
     thread.start()
     try:

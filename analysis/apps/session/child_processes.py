@@ -123,6 +123,12 @@ class Child:
         """True if the program is still running."""
         return self._process.poll() is None
 
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for the end of the program. Return False if it still runs after this time."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout_s)
+        return not self.runs
+
     @property
     def exit_code(self) -> int | None:
         """Exit code of the program; None while it is running."""

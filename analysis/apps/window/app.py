@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import logging
 import mimetypes
 import time
@@ -13,7 +14,7 @@ from functools import cache, partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import parse_qsl, quote
 
 import numpy as np
 import yaml
@@ -21,7 +22,14 @@ from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import FileResponse, HTMLResponse, JSONResponse, RedirectResponse, Response
+from starlette.responses import (
+    FileResponse,
+    HTMLResponse,
+    JSONResponse,
+    RedirectResponse,
+    Response,
+    StreamingResponse,
+)
 from starlette.routing import Route
 
 from analysis.apps.commission.cell_reference import references_of
@@ -32,14 +40,16 @@ from analysis.apps.report.texts import LANGUAGES, Language
 from analysis.apps.report.texts import texts_of as report_texts
 from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window.control_posts import WindowControls
-from analysis.apps.window.guard import COOKIE, Gate, Guard, form_of
-from analysis.apps.window.made import WRITERS, OutputRequest, OutputStore
-from analysis.apps.window.shelf import MOST_SHOWN, NOT_IN_DIRECTORY, Shelf, ShelfRun, metrics_of
-from analysis.apps.window.watcher import MOST_VIEWERS, Follow, Watcher
+from analysis.apps.window.guard import COOKIE, Gate, is_equal
+from analysis.apps.window.made import OutputStore
+from analysis.apps.window.shelf import MOST_SHOWN, UNKNOWN_RUN, Shelf, ShelfRun, metrics_of
+from analysis.apps.window.watcher import Watcher
+from analysis.apps.window.window_touches import touchable
 from analysis.procedures.shared.quantity import Quantity
-from daq.service.trust import tcp_user
+from analysis.runs.loading import load_measured
+from analysis.runs.written_files import write_csv, write_parquet, write_xlsx
 from rigs.distribution import version
-from rigs.errors import CellError, RigError
+from rigs.errors import RigError
 from rigs.schema.vocabulary import makers
 
 NAMES: dict[Language, str] = {"en": "English", "de": "Deutsch", "ko": "한국어"}
@@ -64,7 +74,13 @@ def language_of(chosen: str, accepted: str) -> Language:
 
 log = logging.getLogger("uvicorn.error")
 LANGUAGE = "rig_window_lang"
-_STATIC = {"window.css": "text/css", "window.js": "text/javascript", "icon.svg": "image/svg+xml"}
+_STATIC = {
+    "window.css": "window/window.css",
+    "window.js": "window/window.js",
+    "icon.svg": "window/icon.svg",
+    "report.css": "report.css",
+}
+_WRITERS = {"csv": write_csv, "parquet": write_parquet, "xlsx": write_xlsx}
 _A_YEAR_S = 31_536_000
 _MOST_RUNS = 60
 """Maximum number of runs in an address: addresses are limited to 8 kB."""
@@ -73,8 +89,6 @@ _MOST_ROBOTS = 3
 _PAGE = "page.html"
 _SCRAPE_S, _POLL_S = 8.0, 0.2
 """Time that a metrics request waits for evaluations, and the polling interval. Prometheus has a limit of 10 s."""
-_WRONG_TOKEN_S = 1.0
-"""Delay after a wrong token, applied to a single request at a time. It prevents guessing a token of 16 letters."""
 _SCRIPTED = "sandbox allow-scripts allow-downloads; frame-ancestors 'none'"
 """Policy for pages of `rig report`: the scripts of the page are allowed by hash, isolated from the window."""
 _PLAIN = (
@@ -86,21 +100,20 @@ _PLAIN = (
 
 @dataclass(frozen=True)
 class Window:
-    """Data sources of a window.
-
-    shelf: the runs. place: the session directory. controls: None if the window is read-only.
-    """
+    """Data sources of a window."""
 
     watcher: Watcher
     shelf: Shelf
+    """The runs."""
     place: SessionDirectory | None
     made: OutputStore
     gate: Gate
     controls: WindowControls | None
+    """None if the window is read-only."""
 
 
-def app_of(window: Window) -> Guard:
-    """Return the web application, wrapped in the access control."""
+def app_of(window: Window) -> Starlette:
+    """Make the web application with its access control."""
     pages = _Pages(window)
     routes = [
         Route("/", pages.live),
@@ -127,7 +140,7 @@ def app_of(window: Window) -> Guard:
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         watching = asyncio.create_task(window.watcher.run())
-        watching.add_done_callback(_say_why)
+        watching.add_done_callback(_log_failure)
         try:
             yield
         finally:
@@ -137,12 +150,8 @@ def app_of(window: Window) -> Guard:
             window.made.close()
 
     handlers: dict[Any, Any] = {HTTPException: pages.refused, RigError: pages.failed}
-    return Guard(Starlette(routes=routes, lifespan=lifespan, exception_handlers=handlers), window.gate)
-
-
-NOT_ALLOWED = CellError(
-    "rig window", "the socket does not allow this user to control rigd", "join the group rig, or use --token"
-)
+    middleware = window.gate.middleware()
+    return Starlette(routes=routes, lifespan=lifespan, exception_handlers=handlers, middleware=middleware)
 
 
 class _Pages:
@@ -152,19 +161,13 @@ class _Pages:
         self._templates.filters["written"] = _written
         self._templates.filters["address"] = lambda name: quote(name, safe="")
         self._asset = version()
-        self._wrong_token = asyncio.Lock()
-
-    # ------------------------------------------------------------------------------------------------------------------
-    # Live page and session.
 
     async def live(self, request: Request) -> Response:
         return self._page(request, "live.html", session=self._window.place is not None)
 
-    async def events(self, request: Request) -> Response | Follow:
-        board = self._window.watcher.board
-        if board.viewers >= MOST_VIEWERS:
-            return JSONResponse({"why": "too many pages are open"}, 503, {"retry-after": "10"})
-        return Follow(board)
+    async def events(self, request: Request) -> Response:
+        news = self._window.watcher.board.follow()
+        return StreamingResponse(news, media_type="text/event-stream", headers={"x-accel-buffering": "no"})
 
     async def session(self, request: Request) -> Response:
         session_lines: list[str] = []
@@ -189,9 +192,6 @@ class _Pages:
             raise HTTPException(404)
         return FileResponse(file, media_type="text/html", headers={"content-security-policy": _SCRIPTED})
 
-    # ------------------------------------------------------------------------------------------------------------------
-    # Runs.
-
     def runs(self, request: Request) -> Response:
         words = request.query_params.get("q", "")[:200]
         shown, count = self._window.shelf.runs(words)
@@ -207,24 +207,24 @@ class _Pages:
         pictures, why = self._pictures([shown]) if _is_whole(shown) else ([], "")
         waits = self._evaluates([shown]) or pictures is None
         return self._page(
-            request, "run.html", run=shown, pictures=pictures or [], why=why, waits=waits, kinds=list(WRITERS)
+            request, "run.html", run=shown, pictures=pictures or [], why=why, waits=waits, kinds=list(_WRITERS)
         )
 
     def table(self, request: Request) -> Response:
+        """A run as a file. It is not marked as exported: a download may be lost, and rigd may delete exported runs."""
         kind = request.path_params["kind"]
-        if kind not in WRITERS:
+        if kind not in _WRITERS:
             raise HTTPException(404)
         shown = self._window.shelf.run(request.path_params["name"])
-        arguments = (str(shown.path.resolve()), f"{{out}}/table.{kind}")
-        made = self._window.made.get(OutputRequest("analysis.apps.window.made", arguments, (shown.path,)))
-        if made is None:
-            return self._wait(request)
-        return FileResponse(made / f"table.{kind}", filename=f"{shown.name}.{kind}")
+        file = io.BytesIO()
+        _WRITERS[kind](load_measured(shown.path).to_table(), file)
+        attachment = f"attachment; filename*=utf-8''{quote(f'{shown.name}.{kind}', safe='')}"
+        return Response(file.getvalue(), headers={"content-disposition": attachment})
 
     def report(self, request: Request) -> Response:
         shown = self._chosen(request)
         diagnosis = "--diagnosis" if request.query_params.get("diagnosis") else "--no-diagnosis"
-        words = ("report", *_paths(shown), "-o", f"{{out}}/{_PAGE}", "--lang", self._language(request), diagnosis)
+        words = ("report", *_paths(shown), "--lang", self._language(request), diagnosis)
         return self._made_page(request, words, shown)
 
     def compare(self, request: Request) -> Response:
@@ -246,9 +246,7 @@ class _Pages:
         controls, texts = self._window.controls, report_texts(self._language(request))
         check = controls.moved.check if controls else None
         if check is None:
-            references = references_of([self._window.shelf.directory])
-            touched = [reference for reference in references if reference.can_be_touched]
-            return self._page(request, "moved.html", check=None, references=touched)
+            return self._page(request, "moved.html", check=None, references=touchable(self._window.shelf.directory))
         result, next_posture = check.result, check.result.next_posture
         return self._page(
             request, "moved.html", check=check, answer=answer_of(result, texts),
@@ -260,18 +258,18 @@ class _Pages:
         if len(shown) < 2:
             raise HTTPException(400, "choose_moved")
         *before, after = _paths(shown)
-        words = ("moved", *before, "--new", after, "-o", f"{{out}}/{_PAGE}", "--lang", self._language(request))
+        words = ("moved", *before, "--new", after, "--lang", self._language(request))
         return self._made_page(request, words, shown)
 
     def history(self, request: Request) -> Response:
         robot = request.path_params["robot"]
         if robot not in self._window.shelf.robots():
             raise HTTPException(404)
-        return self._served(request, self._history_of(robot))
+        return self._redirect(request, self._history(robot))
 
     def fleet(self, request: Request) -> Response:
         shown, _ = self._window.shelf.runs()
-        words = ("fleet", str(self._window.shelf.directory.resolve()), "-o", f"{{out}}/{_PAGE}", "--jobs", "1")
+        words = ("fleet", str(self._window.shelf.directory.resolve()), "--jobs", "1")
         return self._made_page(request, words, shown[:_MOST_RUNS])
 
     def metrics(self, request: Request) -> Response:
@@ -292,61 +290,44 @@ class _Pages:
         kind = mimetypes.types_map[file.suffix]
         return FileResponse(file, media_type=kind, headers={"content-security-policy": policy})
 
-    # ------------------------------------------------------------------------------------------------------------------
-    # Users, languages and actions.
-
     async def login(self, request: Request) -> Response:
         gate = self._window.gate
         if gate.token is None:
             return RedirectResponse("/", 303)
         if request.method == "GET":
             return self._page(request, "login.html", wrong=False)
-        form = await _form(request)
-        if not gate.is_token(form.get("token", "")):
-            async with self._wrong_token:
-                await asyncio.sleep(_WRONG_TOKEN_S)
+        if not is_equal((await _form(request)).get("token", ""), gate.token):
             return self._page(request, "login.html", 403, wrong=True)
         answer = RedirectResponse("/", 303)
-        secure = request.headers.get("x-forwarded-proto") == "https"
-        answer.set_cookie(COOKIE, gate.pass_, httponly=True, samesite="strict", secure=secure)
+        is_encrypted = request.url.scheme == "https"
+        answer.set_cookie(COOKIE, gate.secret, httponly=True, samesite="strict", secure=is_encrypted)
         return answer
 
     async def language(self, request: Request) -> Response:
         form = await _form(request)
-        back = form.get("back", "/")
-        answer = RedirectResponse(back if back.startswith("/") and not back.startswith(("//", "/\\")) else "/", 303)
+        answer = RedirectResponse("/" + form.get("back", "").lstrip("/\\"), 303)  # never to another site
         if form.get("to") in LANGUAGES:
             answer.set_cookie(LANGUAGE, form["to"], max_age=_A_YEAR_S, httponly=True, samesite="strict")
         return answer
 
     async def control(self, request: Request) -> Response:
         controls, form = self._window.controls, await _form(request)
-        if controls is None or not self._window.gate.is_own_form(form):
+        if controls is None or not self._window.gate.is_own(form.get("secret", "")):
             raise HTTPException(403)
-        if self._window.gate.token is None:
-            # A local user needs no token if the socket of the daemon is accessible by user or group.
-            client, server = request.client, request.scope.get("server")
-            user = tcp_user((client.host, client.port), server[1]) if client and server else None
-            if user is None or not controls.is_allowed(user):
-                return JSONResponse({"ok": False, "said": str(NOT_ALLOWED)}, 403)
         try:
             answer = await run_in_threadpool(controls.do, request.path_params["what"], form)
         except RigError as error:
-            return JSONResponse({"ok": False, "said": str(error)}, 409)
+            return JSONResponse({"ok": False, "said": str(error), "code": error.code}, 409)
         if answer is None:
             raise HTTPException(404)
         return JSONResponse({"ok": True, "said": answer})
 
-    async def static(self, request: Request) -> Response:
+    def static(self, request: Request) -> Response:
         name = request.path_params["file"]
-        if name == "report.css":
-            place, kind = resources.files("analysis") / "templates", "text/css"
-        elif name in _STATIC:
-            place, kind = resources.files("analysis") / "templates" / "window", _STATIC[name]
-        else:
+        if name not in _STATIC:
             raise HTTPException(404)
-        text = (place / name).read_text(encoding="utf-8")
-        return Response(text, media_type=kind, headers={"cache-control": "no-cache"})
+        text = (resources.files("analysis") / "templates" / _STATIC[name]).read_text(encoding="utf-8")
+        return Response(text, media_type=mimetypes.guess_type(name)[0], headers={"cache-control": "no-cache"})
 
     async def refused(self, request: Request, error: HTTPException) -> Response:
         texts = words_of(self._language(request))
@@ -354,10 +335,8 @@ class _Pages:
         return self._page(request, "message.html", error.status_code, message=texts.get(key, error.detail))
 
     async def failed(self, request: Request, error: RigError) -> Response:
-        status = 404 if NOT_IN_DIRECTORY in error.what else 409
+        status = 404 if error.code == UNKNOWN_RUN else 409
         return self._page(request, "message.html", status, message=str(error))
-
-    # ------------------------------------------------------------------------------------------------------------------
 
     def _page(self, request: Request, template: str, status: int = 200, **values: Any) -> Response:
         language = self._language(request)
@@ -371,7 +350,7 @@ class _Pages:
             control=window.controls is not None,
             secret=window.gate.secret if window.controls is not None else "",
             asset=self._asset,
-            let_in=window.gate.is_let_in(request.headers),
+            let_in=window.gate.is_open_to(request),
             script_texts={key.removeprefix("js_"): text for key, text in texts.items() if key.startswith("js_")},
             **values,
         )
@@ -391,42 +370,37 @@ class _Pages:
         """Start the evaluation of runs not yet evaluated, as in `rig history`. Return whether it is in progress."""
         new = {str(run.about["rig"]) for run in shown if run.record is None and _is_whole(run)}
         try:
-            made = [self._window.made.get(self._history_of(robot)) for robot in sorted(new)[:_MOST_ROBOTS]]
+            made = [self._history(robot) for robot in sorted(new)[:_MOST_ROBOTS]]
         except RigError:  # the next attempt reports the details
             return False
         return None in made
 
-    def _history_of(self, robot: str) -> OutputRequest:
-        runs = tuple(run.path for run in self._window.shelf.runs()[0] if run.about["rig"] == robot)
-        directory = str(self._window.shelf.directory.resolve())
-        words = ("history", robot, "--runs", directory, "-o", f"{{out}}/{_PAGE}", "--jobs", "1")
-        return OutputRequest("analysis.cli", words, runs)
+    def _history(self, robot: str) -> Path | None:
+        shelf = self._window.shelf
+        runs = [run.path for run in shelf.runs()[0] if run.about["rig"] == robot]
+        words = ("history", robot, "--runs", str(shelf.directory.resolve()), "-o", f"{{out}}/{_PAGE}", "--jobs", "1")
+        return self._window.made.get(words, runs)
 
     def _pictures(self, shown: Sequence[ShelfRun]) -> tuple[list[str] | None, str]:
         """Return the addresses of the pictures, None while they are drawn, and the reason for missing pictures."""
         words = ("analyse", *_paths(shown), "--json", "--plot", "{out}")
         try:
-            made = self._window.made.get(OutputRequest("analysis.cli", words, tuple(run.path for run in shown)))
+            made = self._window.made.get(words, [run.path for run in shown])
         except RigError as error:
             return [], error.what
-        return (
-            (None, "")
-            if made is None
-            else ([f"/made/{made.name}/{picture.name}" for picture in sorted(made.glob("*.png"))], "")
-        )
+        if made is None:
+            return None, ""
+        return [f"/made/{made.name}/{picture.name}" for picture in sorted(made.glob("*.png"))], ""
 
     def _made_page(self, request: Request, words: tuple[str, ...], shown: Sequence[ShelfRun]) -> Response:
-        return self._served(request, OutputRequest("analysis.cli", words, tuple(run.path for run in shown)))
+        made = self._window.made.get((*words, "-o", f"{{out}}/{_PAGE}"), [run.path for run in shown])
+        return self._redirect(request, made, "?scripts=1" if words[0] == "report" else "")
 
-    def _served(self, request: Request, making: OutputRequest) -> Response:
-        made = self._window.made.get(making)
+    def _redirect(self, request: Request, made: Path | None, query: str = "") -> Response:
+        """Lead to a made page, or to a page that waits for it."""
         if made is None:
-            return self._wait(request)
-        scripts = "?scripts=1" if making.arguments[0] == "report" else ""
-        return RedirectResponse(f"/made/{made.name}/{_PAGE}{scripts}", 303)
-
-    def _wait(self, request: Request) -> Response:
-        return self._page(request, "wait.html", 202)
+            return self._page(request, "wait.html", 202)
+        return RedirectResponse(f"/made/{made.name}/{_PAGE}{query}", 303)
 
 
 def _label(language: Language, name: str) -> str:
@@ -440,18 +414,14 @@ def _written(value: Quantity) -> str:
     return str(value) if value.u > 0 else f"{value.rounded(value.value)} {value.sign}".rstrip()
 
 
-def _say_why(watching: asyncio.Task[None]) -> None:
+def _log_failure(watching: asyncio.Task[None]) -> None:
     """Log the reason for the end of the watch task. The pages report the missing updates."""
     if not watching.cancelled() and (error := watching.exception()) is not None:
         log.error("the cell is no longer monitored", exc_info=error)
 
 
 async def _form(request: Request) -> dict[str, str]:
-    """Return the fields of a form. Raises HTTPException if invalid."""
-    try:
-        return await form_of(request)
-    except (ValueError, TimeoutError):
-        raise HTTPException(400) from None
+    return dict(parse_qsl((await request.body()).decode("utf-8", "replace"), keep_blank_values=True))
 
 
 def _is_whole(shown: ShelfRun) -> bool:

@@ -76,6 +76,8 @@ def window(
         if error.name not in ("starlette", "uvicorn"):
             raise
         problem = f"needs the Python package {error.name}, which is not installed"
-        raise CellError("rig window", problem, to_install("starlette", "uvicorn")) from None
+        raise CellError(
+            "rig window", problem, to_install("starlette", "uvicorn"), code="window.not_installed"
+        ) from None
     asked = WindowOptions(rig_file, port, listen, token, tuple(name or ()), control, foxglove, runs, session)
     run_window(asked, say)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,8 +11,7 @@ from analysis.apps.session.child_processes import Child
 from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window.watcher import Watcher
 from analysis.apps.window.window_touches import WindowCheck
-from daq.service.trust import may_use
-from rigs.errors import CellError, RigError, UseError
+from rigs.errors import CellError, UseError
 from rigs.schema.vocabulary import MakerName, makers
 from rigs.text import plain
 
@@ -35,13 +33,6 @@ class WindowControls:
         self._session: Child | None = None
         self._lock = threading.Lock()
 
-    def is_allowed(self, user: int) -> bool:
-        """Return whether a local user may control the daemon, according to the permissions of the socket."""
-        try:
-            return may_use(user, self._watcher.socket())
-        except RigError:  # if the daemon is not running, processes started here run as the current user
-            return user in (0, os.geteuid())
-
     def do(self, action: str, form: Mapping[str, str]) -> str | None:
         """Execute the action of a form. Return a message; None for an unknown action. Raises RigError."""
         watcher = self._watcher
@@ -49,7 +40,7 @@ class WindowControls:
             case "start":
                 label, wrong = label_of(" ".join(form.get(key, "") for key in ("name", "test", "direction")))
                 if label is None:
-                    raise UseError("label", wrong, "give another")
+                    raise UseError("label", wrong, "give another", code="window.label")
                 watcher.board.post("label", label.fields())
                 return watcher.start(label.name, label.test, label.direction)
             case "stop":
@@ -91,12 +82,13 @@ class WindowControls:
     def _go_on(self, maker: MakerName | None, *, entered: bool) -> str:
         """Start or resume the session, as in `rig session`. maker: maker of the controller, for a new session."""
         if self._place is None or self._log is None:
-            raise CellError("rig window", "was started without a cell", "start rig window CELL --control")
+            raise CellError(
+                "rig window", "was started without a cell", "start rig window CELL --control", code="window.no_cell"
+            )
         with self._lock:
             if self._session is not None and self._session.runs:
-                raise CellError(
-                    str(self._place.directory), "this session is already running", "see the messages of the session"
-                )
+                problem, remedy = "this session is already running", "see the messages of the session"
+                raise CellError(str(self._place.directory), problem, remedy, code="session.running")
             kept = self._place.read()
             words = ["session", self._rig_file, "-o", str(self._place.directory)]
             chosen = kept.maker if kept else maker

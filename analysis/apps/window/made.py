@@ -1,7 +1,7 @@
-"""Pages, pictures and tables generated for a browser by commands in separate processes, executed in sequence.
+"""Pages and pictures made for a browser by `rig` commands in separate processes, one after the other.
 
 A long diagnosis therefore delays neither the live page nor the recorder, and a page shows exactly the output of the
-command. Writing a table does not mark the run as exported, because a browser download may be lost.
+command.
 """
 
 from __future__ import annotations
@@ -9,22 +9,16 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-import sys
 import threading
-from collections import OrderedDict
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 from analysis.apps.session.child_processes import Child
-from analysis.runs.loading import load_measured
-from analysis.runs.written_files import Writer, write_csv, write_new, write_parquet, write_xlsx
-from daq import clock
 from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST
-from rigs.errors import CellError, FileError, RigError
-from rigs.text import plain
+from rigs.errors import CellError, FileError
 
 MOST_WAITING = 8
 _MOST_KEPT = 40
@@ -34,117 +28,75 @@ _LONGEST_S = 1800.0
 _NICE = 10
 
 
-@dataclass(frozen=True)
-class OutputRequest:
-    """Output of the `main` function of a module, run as a program. `{out}` in the arguments is the output directory.
-
-    runs: input runs; a change of any run invalidates the result.
-    """
-
-    module: str
-    arguments: tuple[str, ...]
-    runs: tuple[Path, ...] = ()
-
-    @property
-    def key(self) -> str:
-        """Key of the cache, consisting of letters and digits."""
-        parts = [self.module, *self.arguments]
-        for run in self.runs:
-            for name in (MANIFEST, LEDGER):
-                with suppress(OSError):
-                    status = (run / name).stat()
-                    parts.append(f"{run / name} {status.st_mtime_ns} {status.st_size}")
-        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
-
-
 class OutputStore:
-    """Queued, running and finished results in a temporary directory of this process."""
+    """Results of commands in a temporary directory of this process, as futures of a queue with one worker."""
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory
         self._lock = threading.Lock()
-        self._waiting: OrderedDict[str, OutputRequest] = OrderedDict()
-        self._done: OrderedDict[str, str] = OrderedDict()
-        """Finished keys with the error message, empty after success."""
-        self._current: tuple[str, Child, float] | None = None
+        self._worker = ThreadPoolExecutor(1, "rig window made")
+        self._made: dict[str, Future[Path]] = {}
+        self._child: Child | None = None
 
-    def get(self, making: OutputRequest) -> Path | None:
-        """Return the directory of a result; None until it is ready.
+    def get(self, words: Sequence[str], runs: Iterable[Path]) -> Path | None:
+        """Return the directory with the output of a command; None until it is ready.
 
-        Raises FileError once after a failure, and CellError if the queue is full.
+        words: command and arguments, in which `{out}` is the directory. runs: input; a change makes a new result.
+        Raises the error of the command once, and CellError if the queue is full.
         """
-        key = making.key
+        key = _key(words, runs)
         with self._lock:
-            self._advance()
-            if key in self._done:
-                self._done.move_to_end(key)
-                why = self._done[key]
-                if not why:
-                    return self._directory / key
-                del self._done[key]
-                raise FileError(making.arguments[0], why, "check the runs, or retry")
-            if key not in self._waiting and (self._current is None or self._current[0] != key):
-                if len(self._waiting) >= MOST_WAITING:
-                    raise CellError("rig window", "other pages are being created", "retry in a minute")
-                self._waiting[key] = making
-                self._advance()
-            return None
+            made = self._made.pop(key, None)
+            if made is None:
+                if sum(not other.done() for other in self._made.values()) > MOST_WAITING:
+                    problem = "other pages are being created"
+                    raise CellError("rig window", problem, "retry in a minute", code="window.busy")
+                made = self._worker.submit(self._run, key, words)
+            elif made.done() and made.exception() is not None:
+                return made.result()
+            self._made[key] = made  # at the end: the oldest results are removed first
+            while len(self._made) > _MOST_KEPT:
+                oldest = next(iter(self._made))
+                self._made.pop(oldest).cancel()
+                shutil.rmtree(self._directory / oldest, ignore_errors=True)
+        return made.result() if made.done() else None
 
     def file(self, key: str, name: str) -> Path | None:
-        """Return the path of a generated file; None if it is missing."""
-        with self._lock:
-            if self._done.get(key) != "":
-                return None
-            place = self._directory / key
-            files = {path.relative_to(place).as_posix(): path for path in place.rglob("*") if path.is_file()}
+        """Return the path of a made file; None if there is no such file."""
+        made = self._made.get(key)
+        if made is None or not made.done() or made.exception() is not None:
+            return None
+        files = {path.relative_to(made.result()).as_posix(): path for path in made.result().rglob("*")}
         return files.get(name)
 
     def close(self) -> None:
-        """Stop the running process."""
-        with self._lock:
-            self._waiting.clear()
-            if self._current is not None:
-                self._current[1].stop()
-                self._current = None
+        """Stop the running command and drop the waiting ones."""
+        self._worker.shutdown(wait=False, cancel_futures=True)
+        if self._child is not None:
+            self._child.stop()
 
-    def _advance(self) -> None:
-        """Collect a finished process and start the next."""
-        if self._current is not None:
-            key, child, began_s = self._current
-            if child.runs and clock.now_s() - began_s < _LONGEST_S:
-                return
-            took_too_long = child.runs
-            child.stop()
-            self._current = None
-            # Show the results of valid runs, even if other runs were refused.
-            is_made = any((self._directory / key).iterdir())
-            lines = child.log.read_text("utf-8", "replace").splitlines()
+    def _run(self, key: str, words: Sequence[str]) -> Path:
+        out, log = self._directory / key, self._directory / f"{key}.log"
+        shutil.rmtree(out, ignore_errors=True)
+        log.unlink(missing_ok=True)
+        out.mkdir(parents=True)
+        arguments = [word.replace("{out}", str(out)) for word in words]
+        child = self._child = Child.start("analysis.cli", "rig", arguments, log, nice=_NICE)
+        is_late = not child.wait(_LONGEST_S)
+        child.stop()
+        if is_late or not any(out.iterdir()):  # a result of the valid runs counts, even if other runs were refused
+            lines = log.read_text("utf-8", "replace").splitlines()
             error = next((line.removeprefix("error: ") for line in lines if line.startswith("error: ")), "")
-            problem = "" if is_made else error or child.ended().what
-            self._done[key] = f"took more than {_LONGEST_S / 60:.0f} min" if took_too_long else problem
-            while len(self._done) > _MOST_KEPT:
-                old, _ = self._done.popitem(last=False)
-                shutil.rmtree(self._directory / old, ignore_errors=True)
-        if self._waiting:
-            key, making = self._waiting.popitem(last=False)
-            out = self._directory / key
-            shutil.rmtree(out, ignore_errors=True)
-            out.mkdir(parents=True)
-            arguments = [argument.replace("{out}", str(out)) for argument in making.arguments]
-            log = self._directory / f"{key}.log"
-            self._current = key, Child.start(making.module, "rig", arguments, log, nice=_NICE), clock.now_s()
+            problem = f"took more than {_LONGEST_S / 60:.0f} min" if is_late else error or child.ended().what
+            raise FileError(words[0], problem, "check the runs, or retry", code="window.not_made")
+        return out
 
 
-WRITERS = {"csv": write_csv, "parquet": write_parquet, "xlsx": write_xlsx}
-
-
-def main() -> None:
-    """Write the table of a run (first argument) to a file (second), in the format of its suffix."""
-    run, file = (Path(argument) for argument in sys.argv[1:3])
-    try:
-        table = load_measured(run).to_table()
-        write: Writer = partial(WRITERS[file.suffix[1:]], table)
-        write_new(file, write)
-    except RigError as error:
-        print(plain(str(error)), file=sys.stderr)
-        sys.exit(error.exit_code)
+def _key(words: Sequence[str], runs: Iterable[Path]) -> str:
+    """Hash a command and the state of its runs."""
+    parts = list(words)
+    for file in (run / name for run in runs for name in (MANIFEST, LEDGER)):
+        with suppress(OSError):
+            status = file.stat()
+            parts.append(f"{file} {status.st_mtime_ns} {status.st_size}")
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]

@@ -17,7 +17,7 @@ from analysis.apps.plant.records import RunRecord
 from analysis.apps.report.texts import LEADING, in_order
 from analysis.cli.listings import run_row
 from analysis.procedures.shared.quantity import Quantity
-from daq.service.exposition import Labels, Metric, render
+from daq.service.exposition import Metric, render
 from daq.store import survey
 from daq.store.manifest import is_run
 from daq.store.retention import RunInfo, look
@@ -25,18 +25,20 @@ from rigs.errors import FileError, RigError
 from rigs.load import parse
 from rigs.schema.limits import Limit, Limits, Standing
 
-NOT_IN_DIRECTORY = "is not a run in this directory"
+UNKNOWN_RUN = "window.unknown_run"
+"""Code of the error for a run that is not in the directory."""
 MOST_SHOWN = 300
 _WORST: tuple[Standing, ...] = ("fail", "watch", "pass")
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of a run. limit, standing: None if the rig file has no limit for the figure."""
+    """A figure of a run."""
 
     name: str
     value: Quantity
     limit: Limit | None
+    """None if the rig file has no limit for the figure; then there is no standing."""
     standing: Standing | None
 
 
@@ -103,7 +105,7 @@ class Shelf:
                 return _shelf_run(look(path), self._records().get(name))
         except (OSError, ValueError):
             pass
-        raise FileError(name, NOT_IN_DIRECTORY, "choose a run from the list")
+        raise FileError(name, "is not a run in this directory", "choose a run from the list", code=UNKNOWN_RUN)
 
     def robots(self) -> list[str]:
         """Return the names of all rigs with runs in the directory."""
@@ -137,46 +139,41 @@ def limits_of(rig_text: str) -> Limits:
         return Limits()
 
 
-_STANDINGS: tuple[Standing, ...] = ("pass", "watch", "fail")
-
-
 def metrics_of(runs: Iterable[ShelfRun], *, daemon_is_up: bool) -> str:
-    """Return metrics: the daemon state, and the main and limited figures of the newest run per rig, test and direction.
+    """Format the daemon state, and the main and limited figures of the newest run per rig, test and direction.
 
-    runs: runs in order from the newest to the oldest.
+    runs: from the newest to the oldest.
     """
-    newest: dict[tuple[str, ...], ShelfRun] = {}
+    newest: set[tuple[str, ...]] = set()
+    shown: list[tuple[dict[str, str], Figure]] = []
     for run in runs:
-        if run.figures and run.record is not None:
-            newest.setdefault((run.record.rig, run.record.test, run.record.direction), run)
-    shown = []
-    for run in newest.values():
-        for figure in run.figures:
-            if figure.limit or figure in run.leading:
-                record = run.record
-                assert record is not None  # noqa: S101 - of runs with figures
-                labels = {"rig": record.rig, "test": record.test, "direction": record.direction, "figure": figure.name}
-                shown.append((labels, figure))
-    values = tuple((labels, figure.value.value) for labels, figure in shown)
-    u = tuple((labels, figure.value.u) for labels, figure in shown)
-    limits = tuple(
-        ({**labels, "bound": name}, bound)
+        record = run.record
+        if record is None or not run.figures or (key := (record.rig, record.test, record.direction)) in newest:
+            continue
+        newest.add(key)
+        labels = dict(zip(("rig", "test", "direction"), key, strict=True))
+        shown += [({**labels, "figure": one.name}, one) for one in run.figures if one.limit or one.name in LEADING]
+    bounds = [
+        ({**labels, "bound": bound}, float(getattr(figure.limit, bound)))
         for labels, figure in shown
-        if figure.limit
-        for name, bound in (("watch", figure.limit.watch), ("fail", figure.limit.fail))
-        if bound is not None
-    )
-    standings = tuple(
+        for bound in ("watch", "fail")
+        if getattr(figure.limit, bound, None) is not None
+    ]
+    standings = [
         ({**labels, "standing": name}, float(figure.standing == name))
         for labels, figure in shown
+        for name in reversed(_WORST)
         if figure.standing
-        for name in _STANDINGS
+    ]
+    values = [(labels, figure.value.value) for labels, figure in shown]
+    uncertainties = [(labels, figure.value.u) for labels, figure in shown]
+    return render(
+        Metric(name, "gauge", help_text, tuple(samples))
+        for name, help_text, samples in (
+            ("rig_up", "1 if rigd answers, otherwise 0.", [({}, float(daemon_is_up))]),
+            ("rig_figure", "Result of the newest run of each test, in the unit of its name.", values),
+            ("rig_figure_uncertainty", "Its standard uncertainty.", uncertainties),
+            ("rig_figure_limit", "Limits of the rig file: lower bounds of watch and of fail.", bounds),
+            ("rig_figure_standing", "1 for the current state of the result relative to its limits.", standings),
+        )
     )
-    metrics: tuple[tuple[str, str, tuple[tuple[Labels, float], ...]], ...] = (
-        ("rig_up", "1 if rigd answers, otherwise 0.", (({}, float(daemon_is_up)),)),
-        ("rig_figure", "Result of the newest run of each test, in the unit of its name.", values),
-        ("rig_figure_uncertainty", "Its standard uncertainty.", u),
-        ("rig_figure_limit", "Limits of the rig file: lower bounds of watch and of fail.", limits),
-        ("rig_figure_standing", "1 for the current state of the result relative to its limits.", standings),
-    )
-    return render([Metric(name, "gauge", help_text, samples) for name, help_text, samples in metrics])

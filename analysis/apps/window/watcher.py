@@ -11,11 +11,9 @@ import asyncio
 import json
 import time
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
-from contextlib import aclosing, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
-
-from starlette.types import Receive, Scope, Send
 
 from analysis.apps.live.daemon_source import DaemonSource
 from analysis.apps.live.view import LiveView, Update
@@ -27,9 +25,6 @@ from daq.service.client import Client
 from rigs.errors import RigError
 from rigs.text import plain_values
 
-MOST_VIEWERS = 50
-"""Maximum number of simultaneous pages. Chosen: five times the viewers of a busy cell."""
-
 
 class Board:
     """The latest message of each kind."""
@@ -37,7 +32,6 @@ class Board:
     def __init__(self) -> None:
         self._news: dict[str, tuple[int, bytes]] = {}
         self._changed = asyncio.Event()
-        self.viewers = 0
         self._ended = False
 
     def post(self, kind: str, values: Mapping[str, Any]) -> None:
@@ -57,6 +51,7 @@ class Board:
 
     async def follow(self) -> AsyncGenerator[bytes, None]:
         """Yield the current messages, followed by changes at the speed of the reader."""
+        yield b"retry: 1000\n\n"
         seen: dict[str, int] = {}
         while not self._ended:
             changed = self._changed
@@ -68,41 +63,6 @@ class Board:
                 await changed.wait()
 
 
-class Follow:
-    """Response that streams a board to a browser."""
-
-    def __init__(self, board: Board, headers: Mapping[str, str] | None = None) -> None:
-        self._board, self._headers = board, dict(headers or {})
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send the stream. The server disconnects readers that do not accept data (`analysis.apps.window.serve`)."""
-        headers = {"content-type": "text/event-stream", "cache-control": "no-store", "x-accel-buffering": "no"}
-        head = [(name.encode(), value.encode()) for name, value in {**headers, **self._headers}.items()]
-        self._board.viewers += 1
-        gone = asyncio.create_task(_gone(receive))
-        sends = asyncio.create_task(self._send(send, head))
-        try:
-            await asyncio.wait((gone, sends), return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            self._board.viewers -= 1
-            for task in (gone, sends):
-                task.cancel()
-            with suppress(asyncio.CancelledError, OSError):
-                await sends
-
-    async def _send(self, send: Send, head: list[tuple[bytes, bytes]]) -> None:
-        await send({"type": "http.response.start", "status": 200, "headers": head})
-        await send({"type": "http.response.body", "body": b"retry: 1000\n\n", "more_body": True})
-        async with aclosing(self._board.follow()) as news:
-            async for data in news:
-                await send({"type": "http.response.body", "body": data, "more_body": True})
-
-
-async def _gone(receive: Receive) -> None:
-    while (await receive())["type"] != "http.disconnect":
-        pass
-
-
 _TICK_S = 0.1
 _SLOW_TICKS = 5
 """Interval in ticks for curves, trace and links: twice a second."""
@@ -111,14 +71,9 @@ _SLOW_TICKS = 5
 class UpdateSource(Protocol):
     """Source of updates, used between `begun` and `end`."""
 
-    def begun(self) -> object:
-        """Start."""
-
-    def updates(self) -> Sequence[Update]:
-        """Return the updates since the last call."""
-
-    def end(self) -> None:
-        """Stop."""
+    def begun(self) -> object: ...
+    def updates(self) -> Sequence[Update]: ...
+    def end(self) -> None: ...
 
 
 class Watcher:
@@ -132,11 +87,9 @@ class Watcher:
         source: UpdateSource | None = None,
         begin: str = "",
     ) -> None:
-        """Create a watcher.
+        """Watch the daemon at the socket that `find` returns, or another source of updates.
 
-        find: returns the socket of the daemon, or raises CellError if it is not running. place: directory of the
-        session. shows: called with each view. source: source of updates in place of the daemon. begin: command that
-        starts a session.
+        place: directory of the session, which the command `begin` starts. shows: called with each view.
         """
         self.board = Board()
         self.view = LiveView()
@@ -189,10 +142,6 @@ class Watcher:
             self.board.post("session", {"next": {"key": "damaged", "why": str(error)}})
             return
         self.board.post("session", summary(session) if session else {"next": {"key": "none", "command": self._begin}})
-
-    def socket(self) -> Path:
-        """Return the socket of the daemon. Raises CellError if the daemon is not running."""
-        return self._find()
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
         """Send a user request to rigd. Raises RigError."""

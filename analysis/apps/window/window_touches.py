@@ -25,6 +25,11 @@ _MOST_DEG = 1e4
 """Largest angle that is plausible, in degrees."""
 
 
+def touchable(runs: Path) -> list[CellReference]:
+    """References in a directory of runs that can be touched again."""
+    return [reference for reference in references_of([runs]) if reference.can_be_touched]
+
+
 class WindowCheck:
     """The check in progress. Requests of several browsers are handled one after the other."""
 
@@ -33,10 +38,6 @@ class WindowCheck:
         self._watcher, self._runs = watcher, runs
         self._lock = threading.Lock()
         self.check: GuidedCheck | None = None
-
-    def references(self) -> list[CellReference]:
-        """Return the references that can be touched."""
-        return [reference for reference in references_of([self._runs]) if reference.can_be_touched]
 
     def do(self, action: str, form: Mapping[str, str]) -> str | None:
         """Execute `begin`, `touch`, `undo`, `save` or `cancel`. Return a message; None for an unknown action.
@@ -62,9 +63,11 @@ class WindowCheck:
         return ""
 
     def _begin(self, name: str) -> str:
-        chosen = next((reference for reference in self.references() if reference.runs[0].name == name), None)
+        chosen = next((reference for reference in touchable(self._runs) if reference.runs[0].name == name), None)
         if chosen is None:
-            raise UseError("reference", f"{name!r} is not a known reference", "choose one of the list")
+            raise UseError(
+                "reference", f"{name!r} is not a known reference", "choose one of the list", code="moved.reference"
+            )
         self.check = GuidedCheck.of_runs([load_measured(chosen.runs[0])])
         return ""
 
@@ -77,7 +80,7 @@ class WindowCheck:
 
     def _require_check(self) -> GuidedCheck:
         if self.check is None:
-            raise UseError("movement check", "has not started", "choose a reference first")
+            raise UseError("movement check", "has not started", "choose a reference first", code="moved.not_started")
         return self.check
 
     def _joints(self, typed: str) -> Array:
@@ -92,7 +95,9 @@ class WindowCheck:
             q = np.empty(0)
         if q.shape != (axes,) or not np.isfinite(q).all() or np.abs(q).max() > _MOST_DEG:
             problem = f"{typed[:80]!r} are not {axes} angles in degrees"
-            raise UseError("joint angles", problem, "separate them by spaces, as 10.5 -90 120 0 45 0")
+            raise UseError(
+                "joint angles", problem, "separate them by spaces, as 10.5 -90 120 0 45 0", code="moved.angles"
+            )
         return np.asarray(np.radians(q))
 
     def _resting_joints(self, axes: int) -> Array:
@@ -103,13 +108,15 @@ class WindowCheck:
         robot = self._watcher.ask("samples", after={})["streams"].get("robot")
         rows = robot["rows"] if robot else []
         if not rows:
-            raise CellError("robot", "reports no joint angles", "type the angles that the controller shows")
+            raise CellError(
+                "robot", "reports no joint angles", "type the angles that the controller shows", code="robot.no_joints"
+            )
         places = [1 + robot["columns"].index(name) for name in joint_columns(axes)]
         newest_ns = rows[-1][0]
         recent = [[row[place] for place in places] for row in rows if newest_ns - row[0] <= 1e9 * _REST_S]
         if any(angle is None for angles in recent for angle in angles):
-            raise FileError("robot", "did not report all joint angles", "repeat the touch")
+            raise FileError("robot", "did not report all joint angles", "repeat the touch", code="robot.no_joints")
         q_deg = np.array(recent, dtype=float)
         if np.ptp(q_deg, axis=0).max() > FLICKER_DEG:
-            raise CellError("robot", "is moving", "let it come to rest, then take the touch")
+            raise CellError("robot", "is moving", "let it come to rest, then take the touch", code="robot.moving")
         return np.asarray(np.radians(q_deg.mean(axis=0)))

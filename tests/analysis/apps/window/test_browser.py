@@ -233,6 +233,5 @@ def test_ten_browsers_follow_one_client(runs: Path) -> None:
         while min(data.count(b"event: now") for data in heard) < 10:
             assert time.monotonic() < end_s
             heard = [data + sock.recv(1 << 20) for data, sock in zip(heard, socks, strict=True)]
-        assert one.window.watcher.board.viewers == 10
         for sock in socks:
             sock.close()

@@ -10,20 +10,17 @@ from contextlib import suppress
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 from mcap.reader import make_reader
 from pytransform3d.urdf import UrdfTransformManager
-from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
-from websockets.typing import Origin, Subprotocol
+from websockets.typing import Subprotocol
 
 from analysis.apps.interchange.mcap_export import write_mcap
-from analysis.apps.window.foxglove import Foxglove, refused
-from analysis.apps.window.guard import Gate
+from analysis.apps.window.foxglove import Foxglove
 from analysis.robot.kinematics.arm import arm_of, forward
 from daq.store import read_run
 from rigs.errors import CellError
@@ -32,8 +29,6 @@ from tests.support.recorded_lap import recorded
 from tests.support.simulated_laps import lap_run, watched_lap
 from tests.support.windows import PATIENCE_S
 
-GATE = Gate.of([], None)
-TOKEN = "0123456789abcdef"  # noqa: S105 - of this test
 _MESSAGE = struct.Struct("<BIQ")
 """A message of the protocol: its kind, the subscription, its time in ns (github.com/foxglove/ws-protocol)."""
 
@@ -50,7 +45,7 @@ def tool_by(urdf: str, joints: list[dict[str, float]]) -> np.ndarray:
 def test_a_client_of_the_protocol_sees_gauges_and_moves_the_arm(tmp_path: Path) -> None:
     rig, _ = load("ur10e")
     view = watched_lap(lap_run(tmp_path))
-    one, known = Foxglove(0, rig, GATE), {}
+    one, known = Foxglove(0, rig), {}
     try:
         with connect(f"ws://127.0.0.1:{one.port}", subprotocols=[Subprotocol("foxglove.sdk.v1")]) as client:
             names: dict[int, str] = {}
@@ -110,51 +105,12 @@ def test_an_mcap_reader_moves_the_arm(tmp_path: Path) -> None:
         assert tool_by(attached.data.decode(), joints) == pytest.approx(forward(arm, q)[0, :3, 3], abs=1e-6)
 
 
-def test_a_port_that_is_taken_and_a_library_that_is_missing_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    one = Foxglove(0, None, GATE)
-    with pytest.raises(CellError, match="choose a different port"):
-        Foxglove(one.port, None, GATE)
+def test_a_taken_port_and_a_missing_library_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = Foxglove(0, None)
+    with pytest.raises(CellError) as taken:
+        Foxglove(one.port, None)
     one.close()
     monkeypatch.setitem(sys.modules, "foxglove", None)
-    with pytest.raises(CellError, match="foxglove-sdk"):
-        Foxglove(0, None, GATE)
-
-
-@pytest.mark.parametrize(
-    ("path", "headers", "token", "status"),
-    [
-        ("/", {}, None, ""),
-        ("/", {"origin": "https://app.foxglove.dev"}, None, ""),
-        ("/", {"origin": "http://localhost:8080"}, None, ""),
-        ("/", {"origin": "https://evil.example"}, None, "403 Forbidden"),
-        ("/", {"origin": "null"}, None, "403 Forbidden"),
-        ("/", {"host": "evil.example:8765"}, None, "421 Misdirected Request"),
-        ("/", {}, TOKEN, "401 Unauthorized"),
-        ("/?token=wrong", {}, TOKEN, "401 Unauthorized"),
-        (f"/?token={TOKEN}", {}, TOKEN, ""),
-        ("/", {"authorization": f"Bearer {TOKEN}"}, TOKEN, ""),
-        (f"/?token={TOKEN}", {"origin": "https://evil.example"}, TOKEN, "403 Forbidden"),
-        ("/", {"host": "[::1"}, None, "400 Bad Request"),
-    ],
-)
-def test_the_door_lets_in_whom_the_gate_lets_in(
-    path: str, headers: dict[str, str], token: str | None, status: str
-) -> None:
-    lines = [f"GET {path} HTTP/1.1", *(f"{name}: {value}" for name, value in ({"host": "127.0.0.1"} | headers).items())]
-    assert refused(("\r\n".join(lines) + "\r\n\r\n").encode(), Gate.of([], token)) == status
-
-
-def test_a_page_of_another_site_is_not_connected() -> None:
-    one = Foxglove(0, None, GATE)
-    try:
-        known: dict[str, Any] = {"subprotocols": [Subprotocol("foxglove.sdk.v1")]}
-        address = f"ws://127.0.0.1:{one.port}"
-        with (
-            pytest.raises(InvalidStatus, match="403"),
-            connect(address, origin=Origin("https://evil.example"), **known),
-        ):
-            pass
-        with connect(address, origin=Origin("https://app.foxglove.dev"), **known) as client:
-            assert json.loads(client.recv(timeout=PATIENCE_S))["op"] == "serverInfo"
-    finally:
-        one.close()
+    with pytest.raises(CellError) as missing:
+        Foxglove(0, None)
+    assert (taken.value.code, missing.value.code) == ("window.port", "window.not_installed")

@@ -80,7 +80,7 @@ def test_runs_are_listed_filtered_evaluated_and_compared(one: Served) -> None:
     assert "&lt;b&gt;bold" in page.text and "<b>bold" not in page.text and "link" not in page.text.split("<tbody>")[1]
     assert "damaged" in page.text and "pass" in page.text
     assert "good" in one.ask("/runs?q=yaw+good").text.split("<tbody>")[1]
-    assert "Nothing matches the filter." in one.ask("/runs?q=roll").text
+    assert "<tbody>" not in one.ask("/runs?q=roll").text
     told = one.ask("/metrics").text
     assert "rig_up 0" in told
     figure = 'rig="ur10e",test="yaw",direction="acw",figure="band_deg"'
@@ -88,8 +88,7 @@ def test_runs_are_listed_filtered_evaluated_and_compared(one: Served) -> None:
     assert f'rig_figure_standing{{{figure},standing="pass"}} 1' in told
     page = one.until("/compare?run=good&run=%3Cb%3Ebold", lambda answer: "<img" in answer.text)
     assert "+0.0" in page.text and "<b>bold" not in page.text
-    assert "exactly two" in one.ask("/compare?run=good").text
-    assert one.ask("/report").status == 400
+    assert one.ask("/compare?run=good").status == one.ask("/report").status == 400
     assert one.ask("/report?run=nothing").status == 404
     refused = one.until("/report?run=torn", lambda answer: answer.status != 202)
     assert refused.status == 409 and "torn" in refused.text
@@ -131,7 +130,7 @@ def test_hostile_names_lead_nowhere_and_are_text(one: Served, name: str) -> None
         assert "49" not in body.split("<h1>")[-1]
 
 
-def test_the_session_is_shown_and_a_damaged_one_is_said(tmp_path: Path) -> None:
+def test_session_is_shown_and_a_damaged_file_reported(tmp_path: Path) -> None:
     step = ProgramStep(program="p01-yaw-acw", stage="yaw", test="yaw", direction="acw", seconds=60)
     session = Session.model_validate(
         {
@@ -153,7 +152,7 @@ def test_the_session_is_shown_and_a_damaged_one_is_said(tmp_path: Path) -> None:
         "program": "p01-yaw-acw",
         "number": 2,
         "of": 2,
-        "stage": "the ball at the centre",
+        "stage": session.stages[0].words,
     }
     assert [one["state"] for one in shown["steps"]] == ["driven", "open"] and shown["parts"][0]["fault"]
     place = SessionDirectory(tmp_path)
@@ -181,7 +180,7 @@ def _heard(window: Served, kind: str, is_so: Callable[[Any], object] = bool) -> 
             data += received.decode()
 
 
-def test_frames_hold_what_the_view_shows(tmp_path: Path) -> None:
+def test_frames_contain_the_values_of_the_view(tmp_path: Path) -> None:
     view = watched_lap(lap_run(tmp_path))
     now = frames.now(view, (0.0, 0.0), 1)
     assert now["gauges"]["g1"]["mm"] == view.readings["g1"].mm and now["lap"]["place"] in ("lap", "lead_out")
@@ -197,12 +196,18 @@ def test_frames_hold_what_the_view_shows(tmp_path: Path) -> None:
     assert less["zero_mm"] == [1.0, 0.0] and less["angle_deg"] != now["angle_deg"]
 
 
-def test_what_is_not_known_is_null_and_never_nan() -> None:
+def test_unknown_values_are_null_and_never_nan() -> None:
     readings = {"g1": GaugeReading(math.nan, 0.0), "g2": GaugeReading(np.inf, 1.0)}
     board, view = Board(), LiveView().after(Update(readings=readings))
     board.post("now", frames.now(view, (0.0, 0.0), 1))
     board.post("trace", frames.trace(view))
-    news = asyncio.run(anext(board.follow()))
+
+    async def second() -> bytes:
+        stream = board.follow()
+        await anext(stream)
+        return await anext(stream)
+
+    news = asyncio.run(second())
     assert b"event: now" in news and b"event: trace" in news and b'"mm":null' in news
     assert b"NaN" not in news and b"Infinity" not in news
 
@@ -231,7 +236,7 @@ def test_each_language_has_each_text() -> None:
     assert language_of("ko", "de") == "ko"
 
 
-def test_control_starts_only_what_a_label_says(one: Served) -> None:
+def test_recording_needs_a_valid_label(one: Served) -> None:
     secret = one.window.gate.secret
     for form in (
         "name=a&test=pose",
@@ -241,19 +246,18 @@ def test_control_starts_only_what_a_label_says(one: Served) -> None:
         "test=yaw&direction=acw",
     ):
         answer = one.post("/control/start", f"secret={secret}&{form}")
-        assert answer.status == 409 and not json.loads(answer.text)["ok"], form
-    assert "no daemon is visible to this user" in json.loads(one.post("/control/stop", f"secret={secret}").text)["said"]
+        assert (answer.status, json.loads(answer.text)["code"]) == (409, "window.label"), form
+    assert one.post("/control/stop", f"secret={secret}").status == 409
     assert one.post("/control/explode", f"secret={secret}").status == 404
     assert one.post("/control/zero", f"secret={secret}").status == 200
 
 
-def test_what_waits_is_bounded(one: Served, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("analysis.apps.window.made.MOST_WAITING", 0)
-    answer = one.ask("/report?run=good&diagnosis=1")
-    assert answer.status == 409 and "retry" in answer.text
+def test_a_full_queue_asks_to_retry(one: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("analysis.apps.window.made.MOST_WAITING", -1)
+    assert one.ask("/report?run=good&diagnosis=1").status == 409
 
 
-def test_the_dashboard_shows_metrics_that_there_are(one: Served) -> None:
+def test_dashboard_queries_existing_metrics(one: Served) -> None:
     dashboard = json.loads((ROOT / "docs" / "grafana-dashboard.json").read_text(encoding="utf-8"))
     one.until("/runs", lambda answer: "error band" in answer.text)
     sources = "".join((ROOT / name).read_text(encoding="utf-8") for name in METRICS)
@@ -262,7 +266,7 @@ def test_the_dashboard_shows_metrics_that_there_are(one: Served) -> None:
     assert len(queries) > 8 and all(f'"{name}"' in sources for name in named), named
 
 
-def test_a_session_is_gone_on_with_by_its_own_command_whose_words_are_shown(tmp_path: Path) -> None:
+def test_session_continues_by_its_own_command_and_shows_its_lines(tmp_path: Path) -> None:
     place = SessionDirectory(tmp_path / "session")
     controls = WindowControls(Watcher(no_daemon, place), place, str(tmp_path / "none.yaml"))
     try:
@@ -275,5 +279,6 @@ def test_a_session_is_gone_on_with_by_its_own_command_whose_words_are_shown(tmp_
         assert "none.yaml" in controls.session_lines()[-1]
     finally:
         controls.close()
-    with pytest.raises(CellError, match="without a cell"):
+    with pytest.raises(CellError) as refused:
         WindowControls(Watcher(no_daemon, None), None, "").do("session", {})
+    assert refused.value.code == "window.no_cell"
