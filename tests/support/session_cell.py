@@ -13,13 +13,13 @@ import numpy as np
 import yaml
 
 import analysis
-from analysis.apps.session.answer import Infers
-from analysis.apps.session.daemon_cell import ProgramRun
-from analysis.apps.session.guide import Guide, GuideState
+from analysis.apps.session.answer import Inference
+from analysis.apps.session.cell import ProgramRun, RealCell
 from analysis.apps.session.run_session import Conductor
-from analysis.apps.session.session_plan import BY_ITSELF, FIXED, SessionProgram, planned
+from analysis.apps.session.session_plan import BY_ITSELF, FIXED, SessionOptions, SessionProgram, planned
 from analysis.apps.session.session_state import (
     Answer,
+    Emulated,
     PartOfError,
     ProgramStep,
     Session,
@@ -28,6 +28,7 @@ from analysis.apps.session.session_state import (
     digest_of,
 )
 from rigs.calibration import CalibratedModel, packed_factor
+from rigs.errors import RigError
 from rigs.load import load, parse
 from rigs.schema.vocabulary import Direction
 from rigs.yaml_text import data_of
@@ -108,11 +109,13 @@ def _of_few_terms(model: CalibratedModel) -> CalibratedModel:
 class InstantDiagnosis:
     """A diagnosis that finishes immediately. kept: represents the diagnosis itself."""
 
-    answer: Answer
+    answer: Answer | RigError
     is_done: bool = True
     kept: Any = None
 
     def result(self) -> Answer:
+        if isinstance(self.answer, RigError):
+            raise self.answer
         return self.answer
 
     def diagnosis(self) -> Any:
@@ -126,7 +129,7 @@ class Oracle:
     answers: list[Answer] = field(default_factory=lambda: [NAMED])
     asked: list[tuple[int, int]] = field(default_factory=list)
 
-    def __call__(self, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Infers:
+    def __call__(self, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Inference:
         self.asked.append((len(used), len(judges)))
         directory.mkdir(parents=True)
         for name, content in _model_files().items():
@@ -135,14 +138,14 @@ class Oracle:
         model = next(name for name in _model_files() if name.endswith(".yaml"))
         changed = {"runs": len(used), "judges": len(judges), "found": directory.name, "model": model}
         kept = tuple(run.name for run in (*used, *judges))
-        return InstantDiagnosis(answer.model_copy(update=changed), kept=kept)
+        return InstantDiagnosis(answer.model_copy(update=changed), kept=kept)  # type: ignore[return-value]  # like one
 
 
-class Simulated:
+class Simulated(RealCell):
     """Simulates a run of the rig file of each step. whys: failure reasons by the number of the drive."""
 
     def __init__(self, directory: Path, whys: Mapping[int, str] | None = None) -> None:
-        self.directory, self.whys = directory, dict(whys or {})
+        self.directory, self.whys, self.oracle = directory, dict(whys or {}), Oracle()
         self.driven: list[str] = []
         self.stages: list[str] = []
         self.entered: list[Path] = []
@@ -155,8 +158,11 @@ class Simulated:
         self.stages.append(stage.name)
         self._programs = programs
 
-    def drive(self, step: ProgramStep, wait: Callable[[], None]) -> ProgramRun:
-        wait()
+    def infer(self, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Inference:
+        return self.oracle(used, judges, rig_file, directory)
+
+    def drive(self, step: ProgramStep, look: Callable[[], None]) -> ProgramRun:
+        look()
         number = len(self.driven)
         program = self._programs[self.instead.get(number, step.program)]
         self.driven.append(program.name)
@@ -258,5 +264,10 @@ def gone_on(
         session = held.read()
         assert session is not None
         rig, text = load(session.rig_file)
-        guide = Guide(rig, BY_ITSELF, directory)
-        return Conductor(held, GuideState(session), driver, screen or Screen(), guide, text, oracle).run()
+        driver.oracle = oracle
+        return Conductor(rig, text, held, session, driver, screen or Screen(), asked_for(session)).run()
+
+
+def asked_for(session: Session) -> SessionOptions:
+    """Return the options of a session of an emulated cell without an operator."""
+    return SessionOptions(session.rig_file, session.aim, session.minutes, session.maker, Emulated(), "ada", 1.0)

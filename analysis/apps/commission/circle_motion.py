@@ -349,7 +349,7 @@ def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
         whole = len(motion.t_s) // count * count
         if whole < 2 * count:
             problem = f"has {len(motion.t_s)} rows of motion, too few for a circle"
-            raise FileError(motion.where, problem, "record the full circle at a lower speed")
+            raise FileError(motion.where, problem, "record the full circle at a lower speed", code="circle.few_rows")
         t_s = np.median(motion.t_s[:whole].reshape(-1, count), axis=1)
         q = np.median(motion.q[:whole].reshape(-1, count, 6), axis=1)
         first = sum(len(earlier) for earlier in times)
@@ -379,7 +379,8 @@ def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: st
     for _ in range(_TRIMS):
         if on.sum() < _FEWEST:
             problem = f"the robot was on the circle for {_BIN_S * on.sum():.2g} s only, too short for a fit"
-            raise FileError(where, problem, "drive the circle more slowly, or record the feedback at a higher rate")
+            remedy = "drive the circle more slowly, or record the feedback at a higher rate"
+            raise FileError(where, problem, remedy, code="circle.few_rows")
         circle = nearest_circle(bins.places[on]) or circle
         largest = deviations(circle, bins.places).largest
         on &= largest < _outlier_from_mm(largest[on])

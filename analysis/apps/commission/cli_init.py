@@ -106,6 +106,7 @@ def init(
     from analysis.cli.check import check
 
     keys = keys_of(key or ())
+    answered = {"baseline_mm": baseline_mm, "arm": arm, "build": build, "tool": tool, "tolerance_mm": tolerance_mm}
     options = Options(
         path=rig_file,
         name=name or re.sub(r"[^a-z0-9_-]+", "-", rig_file.stem.lower()).strip("-_")[:63] or "cell",
@@ -114,11 +115,7 @@ def init(
         ports=tuple(port or ()),
         places=places_of(g1, g2, keys),
         keys=keys,
-        baseline_mm=baseline_mm,
-        arm=arm,
-        build=build,
-        tool=tool,
-        tolerance_mm=tolerance_mm,
+        given={key: value for key, value in answered.items() if value is not None},
         circle_here=circle_here,
         radius_mm=radius_mm,
         listen_s=listen_s,
@@ -150,7 +147,7 @@ def _put_controller(rig_file: Path, calibration: str) -> None:
 def _say_devices(options: Options) -> None:
     """Print the ports, the gauges and the robot as JSON."""
     from analysis.apps.commission.gauge_questions import ports_of, reports_of
-    from analysis.apps.commission.robot_questions import robot_at
+    from analysis.apps.commission.questionnaire import robot_at
     from daq.apps.commission.port_search import ports_here
 
     robots = [robot_at(options.robot, options.keys["feedback"]).to_dict()] if options.robot else []
@@ -162,7 +159,7 @@ def _say_devices(options: Options) -> None:
 def _make(options: Options) -> None:
     """Ask the questions and write the rig file. Exit if the user stops."""
     from analysis.apps.commission.init_answers import kept_in
-    from analysis.apps.commission.init_dialogue import make_rig_file
+    from analysis.apps.commission.questionnaire import make_rig_file
     from analysis.cli.dialogue import DialogueEnded, at_terminal
 
     try:

@@ -216,9 +216,11 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     for motion in motions:
         if not np.isfinite(motion.q).all():
             row = int(np.argmin(np.isfinite(motion.q).all(axis=1))) + 1
-            raise FileError(motion.where, f"row {row} has a joint angle that is not a number", "remove such rows")
+            problem = f"row {row} has a joint angle that is not a number"
+            raise FileError(motion.where, problem, "remove such rows", code="circle.not_finite")
         if len(motion.t_s) < 2 or np.ptp(motion.q, axis=0).max() < STILL_RUN_RAD:
-            raise FileError(motion.where, "the robot stood still", "move the tool about the ball during the recording")
+            remedy = "move the tool about the ball during the recording"
+            raise FileError(motion.where, "the robot stood still", remedy, code="circle.stood_still")
     bins = binned(motions, arm)
     where = _where(motions)
     points, run = even_path(bins.places[bins.path], bins.run[bins.path])
@@ -244,7 +246,7 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     if tolerance is _SHORT:
         u = f"u of the centre is {result.u_centre_mm.max():.2g} mm from noise only"
         problem = f"{result.used} are too short for a circle ({u}), and the robot stopped at only {stood} points"
-        raise FileError(where, problem, _LONGER)
+        raise FileError(where, problem, _LONGER, code="circle.short_arc")
     return result
 
 
@@ -294,7 +296,7 @@ def _result(
     largest = max(float(driven.u_centre_mm.max()), driven.u_radius_mm)
     if 2 * largest > _GAUGE_MM:
         problem = f"{used} leave centre and radius of the circle uncertain by {largest:.3g} mm (u)"
-        raise FileError(where, problem, _LONGER)
+        raise FileError(where, problem, _LONGER, code="circle.uncertain")
     return driven
 
 
@@ -320,15 +322,14 @@ def _short_arc(points: Array, stood: int, where: str) -> FoundCircle:
         raise _line(points, stood, where)
     problem = f"the motion does not contain a circle, and the robot rested at only {stood} points; three are needed"
     remedy = "record only the circle, or jog to three or more points of the circle and rest at each for a second"
-    raise FileError(where, problem, remedy)
+    raise FileError(where, problem, remedy, code="circle.none")
 
 
 def _line(points: Array, stood: int, where: str) -> FileError:
     stands = f"and stopped at {stood} points" if stood else "and did not stop"
     problem = f"the robot moved along a line of {_length(points):.0f} mm {stands}, too few for a circle"
-    return FileError(
-        where, problem, "drive an arc, preferably a full lap, or jog to three or more points around the circle"
-    )
+    remedy = "drive an arc, preferably a full lap, or jog to three or more points around the circle"
+    return FileError(where, problem, remedy, code="circle.line")
 
 
 def _length(points: Array) -> float:
@@ -362,9 +363,9 @@ def _check_one_circle(
         if jumps[row, axis]:
             jump = f"{rig.robot.axis_words(int(axis) + 1)} jumps by {np.degrees(steps[row, axis]):.1f}°"
             problem = f"{jump} at {motion.t_s[row + 1]:.3f} s, and a second circle starts there"
-            raise FileError(motion.where, problem, "check the feedback, and repeat the recording")
+            raise FileError(motion.where, problem, "check the feedback, and repeat the recording", code="circle.jump")
     problem = f"contains two circles ({_placed(first)}, and {_placed(second.circle)})"
-    raise FileError(where, problem, "give separate runs of the same circle")
+    raise FileError(where, problem, "give separate runs of the same circle", code="circle.two")
 
 
 def _placed(circle: CircleFrame) -> str:

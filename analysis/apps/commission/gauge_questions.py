@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from analysis.apps.commission.init_answers import Answers, Options, checked, has_keys, key_error, with_keys, written
+from analysis.apps.commission.init_answers import Answers, Changes, Options, checked, key_error, read_number, with_keys
 from analysis.cli.dialogue import Dialogue
 from daq.apps.commission.attempts import FoundGauge, PortReport, named_attempts
 from daq.apps.commission.port_search import SearchOptions, ports_here, search
@@ -19,6 +19,7 @@ from rigs.errors import CellError, FileError
 from rigs.schema.gauges import Gauge
 from rigs.schema.part import Part
 from rigs.schema.probe import Counts
+from rigs.yaml_text import read_yaml
 
 _NAMES = ("g1", "g2")
 _NEAREST_MM, _FURTHEST_MM = 10.0, 10_000.0
@@ -34,22 +35,15 @@ Ports of the gauges: numbers, as 1,2, or all"""
 _SIDES = {"g1": "+", "g2": "-"}
 
 
-def ask_gauges(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
-    """Find the gauges, identify g1 and g2, and print the result."""
-    gauges = answers.gauges
-    if (
-        gauges is None
-        or options.places
-        or not all(has_keys(Gauge, gauge, options.keys[name]) for name, gauge in zip(_NAMES, gauges, strict=False))
-    ):
-        chosen = _chosen(_find_gauges(options, dialogue), options, dialogue)
-        gauges = tuple(_completed(gauge, name, options, dialogue) for name, gauge in zip(_NAMES, chosen, strict=False))
-    for name, gauge in zip(_NAMES, gauges, strict=False):
-        dialogue.say(described(name, gauge))
-    return answers.model_copy(update={"gauges": gauges})
+def ask_gauges(_: Answers, options: Options, dialogue: Dialogue) -> Changes:
+    """Find the gauges and identify g1 and g2."""
+    chosen = _chosen(_find_gauges(options, dialogue), options, dialogue)
+    return {
+        "gauges": tuple(_completed(gauge, name, options, dialogue) for name, gauge in zip(_NAMES, chosen, strict=False))
+    }
 
 
-def described(name: str, gauge: Gauge) -> str:
+def describe_gauge(name: str, gauge: Gauge) -> str:
     """Describe in a line which gauge has this name in the rig file."""
     place = f"{gauge.port}#{gauge.channel}" if gauge.shares else gauge.port
     which = f"{name} is {place} ({gauge.interface}), on the {_SIDES[name]} side"
@@ -58,12 +52,12 @@ def described(name: str, gauge: Gauge) -> str:
     return f"{which}. Push {name} in. If the number goes up, restart with --key {name}.counts=towards"
 
 
-def ask_baseline(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
+def ask_baseline(answers: Answers, _: Options, dialogue: Dialogue) -> Changes:
     """Ask for the distance between two gauges."""
-    baseline_mm = options.baseline_mm or answers.baseline_mm
-    if baseline_mm is None and len(answers.gauges or ()) > 1:
-        baseline_mm = dialogue.ask("Distance between the two gauges, in mm", "--baseline-mm", _length_mm, "50")
-    return answers.model_copy(update={"baseline_mm": baseline_mm}) if baseline_mm is not None else answers
+    if len(answers.gauges or ()) < 2:
+        return {}
+    question = "Distance between the two gauges, in mm"
+    return {"baseline_mm": dialogue.ask(question, "--baseline-mm", _length_mm, "50")}
 
 
 def reports_of(ports: Sequence[str], options: Options, doing: Callable[[str], None]) -> list[PortReport]:
@@ -99,9 +93,8 @@ def _selected(ports: Sequence[str], typed: str) -> list[str]:
         return list(ports)
     numbers = typed.replace(",", " ").split()
     if not numbers or not all(number.isdecimal() and 1 <= int(number) <= len(ports) for number in numbers):
-        raise FileError(
-            repr(typed), f"is not a list of numbers from 1 to {len(ports)}", "type numbers such as 1,2, or all"
-        )
+        problem = f"is not a list of numbers from 1 to {len(ports)}"
+        raise FileError(repr(typed), problem, "type numbers such as 1,2, or all", code="answer.choice")
     return [ports[place] for place in dict.fromkeys(int(number) - 1 for number in numbers)]
 
 
@@ -136,7 +129,7 @@ def _find_gauges(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
         problem = "one answers" if gauges else "none answers" if reports else "a serial port was not found"
         remedy = "connect and switch on the gauge, or name the port: --port PORT"
         if not dialogue.terminal:
-            raise CellError("gauges", problem, remedy)
+            raise CellError("gauges", problem, remedy, code="gauge.not_found")
         dialogue.say(f"gauges: {problem}; {remedy}")
         prompt = "Enter repeats the search" + ("; type 1 to continue with this gauge only: " if gauges else ": ")
         if dialogue.line(prompt) == "1" and gauges:
@@ -151,12 +144,8 @@ def _chosen(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) 
     if not dialogue.terminal and len(gauges) == 1:
         return list(gauges)
     if not dialogue.terminal:
-        where = ", ".join(by_place)
-        raise FileError(
-            "gauges",
-            f"{len(gauges)} gauges answer ({where}), and their roles are unknown",
-            "name the gauges: --g1 PORT --g2 PORT",
-        )
+        problem = f"{len(gauges)} gauges answer ({', '.join(by_place)}), and their roles are unknown"
+        raise FileError("gauges", problem, "name the gauges: --g1 PORT --g2 PORT", code="gauge.ambiguous")
     with PortWatch(gauges) as watch:
         remaining = {str(number): gauge for number, gauge in enumerate(gauges, 1)}
         first = _pushed("g1", remaining, watch, dialogue)
@@ -172,9 +161,10 @@ def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
     if len(matching) == 1:
         return matching[0]
     if not matching:
-        raise CellError(place, "a gauge does not answer there", f"give a port with a gauge: {', '.join(by_place)}")
-    channels = ", ".join(gauge.place for gauge in matching)
-    raise FileError(place, f"has {len(matching)} gauges", f"add the channel: {channels}")
+        remedy = f"give a port with a gauge: {', '.join(by_place)}"
+        raise CellError(place, "a gauge does not answer there", remedy, code="gauge.not_found")
+    remedy = f"add the channel: {', '.join(gauge.place for gauge in matching)}"
+    raise FileError(place, f"has {len(matching)} gauges", remedy, code="gauge.ambiguous")
 
 
 def _pushed(name: str, remaining: dict[str, FoundGauge], watch: PortWatch, dialogue: Dialogue) -> FoundGauge:
@@ -224,19 +214,15 @@ def _completed(answering: FoundGauge, name: str, options: Options, dialogue: Dia
 
 
 def _key(name: str, key: str, gauge: Part, typed: str) -> Any:
-    value = written(typed, f"{name}.{key}")
+    value = read_yaml(typed, f"{name}.{key}")[1]
     checked(type(gauge), {**gauge.model_dump(mode="json", exclude_unset=True), key: value}, name)
     return value
 
 
 def _length_mm(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 < value <= _FURTHEST_MM:  # also rejects NaN
-        raise FileError(repr(text), "is not a distance in mm", f"type a number from {_NEAREST_MM:g} in mm, such as 50")
-    return check_baseline_mm(value, repr(text))
+    remedy = f"type a number from {_NEAREST_MM:g} in mm, such as 50"
+    smallest = math.ulp(0.0)  # a distance is positive
+    return check_baseline_mm(read_number(text, smallest, _FURTHEST_MM, "a distance in mm", remedy), repr(text))
 
 
 def check_baseline_mm(value: float, where: str) -> float:
@@ -247,7 +233,6 @@ def check_baseline_mm(value: float, where: str) -> float:
             f"is too small for two gauges with bodies of {_BODY_MM:g} mm, and at {value:g} mm an angle of 1 mrad would "
             f"change their difference by only {turned_mm:.2g} mm"
         )
-        raise FileError(
-            where, problem, f"give the distance between the gauge axes in mm (not cm), at least {_NEAREST_MM:g}"
-        )
+        remedy = f"give the distance between the gauge axes in mm (not cm), at least {_NEAREST_MM:g}"
+        raise FileError(where, problem, remedy, code="gauge.baseline")
     return value

@@ -5,7 +5,6 @@ The check does not depend on a daemon or a screen: `rig moved --live` and `rig w
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -15,18 +14,17 @@ from pathlib import Path
 import numpy as np
 
 from analysis.apps.commission.movement_report import headline, what_to_do
-from analysis.apps.commission.record_touches import TONE, SampleSource, joint_samples
-from analysis.apps.commission.touched_ball import Standstill, is_same_posture
+from analysis.apps.commission.record_touches import TONE, SampleSource, guided_joints, write_touches
+from analysis.apps.commission.touched_ball import is_same_posture
 from analysis.apps.commission.what_moved import MovementResult, moved_of, study_runs
 from analysis.diagnosis.evidence.observation import ObservedRun, by_socket, observe, socket_of, with_placement
 from analysis.movement.inference import MOST_MM, Reference, compare
 from analysis.movement.linearise import tool_places
 from analysis.robot.kinematics.arm import Array
-from analysis.runs.csv_tables import columns_of
 from analysis.runs.loading import Measured
 from analysis.runs.tables import TouchTable
 from daq import clock
-from daq.store import MovementCheck, mark_moved, table_run, write_table_run
+from daq.store import MovementCheck, mark_moved
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -58,7 +56,8 @@ class GuidedCheck:
         placements = {run.run.manifest.placement for run in touched}
         if len(placements) != 1:
             problem = f"has touches of {len(placements)} placements, but a guided check needs those of one"
-            raise FileError(", ".join(names), problem, "give runs of touches of the same sockets")
+            remedy = "give runs of touches of the same sockets"
+            raise FileError(", ".join(names), problem, remedy, code="movement.placements")
         reference = study_runs(rig or runs[0].rig, runs)
         place = reference.place
         sockets = {
@@ -78,7 +77,7 @@ class GuidedCheck:
         setup = min(distances, key=distances.__getitem__)
         if distances[setup] > MOST_MM:
             problem = f"the ball is {distances[setup]:.0f} mm from socket {socket_of(setup)}, the nearest one"
-            raise FileError("touch", problem, "seat the ball in a socket of the reference")
+            raise FileError("touch", problem, "seat the ball in a socket of the reference", code="touch.elsewhere")
         return replace(self, touches=(*self.touches, (socket_of(setup), q)))
 
     def without_last(self) -> GuidedCheck:
@@ -110,16 +109,11 @@ class GuidedCheck:
     def save(self, directory: Path, operator: str) -> Path:
         """Write the touches as a run with the answer as a mark. Raises FileError without touches, and CellError."""
         if not self.touches:
-            raise FileError(str(directory), "no touch was taken", "seat the ball in a socket")
+            raise FileError(str(directory), "no touch was taken", "seat the ball in a socket", code="touch.too_few")
         sockets, q = (np.array(part) for part in zip(*self.touches, strict=True))
-        table = columns_of(TouchTable(sockets, q))
-        digest = hashlib.sha256(repr(table.to_pydict()).encode()).hexdigest()
-        run = table_run(
-            directory, table, test="touch", direction=None, rig_name=self.rig.name, rig_text=self.rig_text,
-            operator=operator, source=f"movement check against {', '.join(self.names)}"[:200], source_sha256=digest,
-            placement=self.placement,
-        )  # fmt: skip
-        write_table_run(run, directory, self.rig.companion_files)
+        source = f"movement check against {', '.join(self.names)}"[:200]
+        table = TouchTable(sockets, q)
+        write_touches(directory, table, self.rig, self.rig_text, operator, source, self.placement)
         mark_moved(directory, mark_of(self.result, self.names))
         return directory
 
@@ -142,13 +136,12 @@ def follow_touches(daemon: SampleSource, check: GuidedCheck, say: Callable[[str]
     """
     say("Seat the ball near the posture, let go, and wait for the tone. Ctrl-C ends the check and keeps the touches.")
     say(what_to_do(check.result))
-    standstill, last, has_left = Standstill(), np.empty(0), False
+    last, has_left = np.empty(0), False
     with suppress(KeyboardInterrupt):
-        for t_s, angles in joint_samples(daemon, len(check.rig.robot.axes)):
-            q_deg = np.array(angles)
+        for q_deg, came_deg in guided_joints(daemon, len(check.rig.robot.axes)):
             last = last if last.size else q_deg
             has_left = has_left or not is_same_posture(q_deg, last)
-            if not standstill.feed(t_s, q_deg) or not has_left:
+            if came_deg is None or not has_left:
                 continue
             try:
                 check = check.with_touch(np.radians(q_deg))

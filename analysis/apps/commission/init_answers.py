@@ -6,6 +6,7 @@ it is therefore read up to a size limit and validated by the schema.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -64,16 +65,18 @@ def load_answers(rig_file: Path) -> Answers:
     try:
         owner = path.lstat().st_uid
         if owner != os.geteuid():
-            raise FileError(str(path), f"belongs to a different user (number {owner})", _BEGIN_AGAIN)
+            problem = f"belongs to a different user (number {owner})"
+            raise FileError(str(path), problem, _BEGIN_AGAIN, code="answers.other_user")
         return Answers.model_validate_json(read_bytes(path, _MAX_BYTES))
     except FileNotFoundError:
         return Answers()
     except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), _BEGIN_AGAIN) from None
+        raise FileError(str(path), error.strerror or str(error), _BEGIN_AGAIN, code="answers.damaged") from None
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))
-        raise FileError(str(path), f"is damaged: {where} {first['msg']}".strip(), _BEGIN_AGAIN) from None
+        problem = f"is damaged: {where} {first['msg']}".strip()
+        raise FileError(str(path), problem, _BEGIN_AGAIN, code="answers.damaged") from None
 
 
 def keep_answers(rig_file: Path, answers: Answers) -> None:
@@ -82,9 +85,8 @@ def keep_answers(rig_file: Path, answers: Answers) -> None:
     try:
         durable.replace(path, answers.model_dump_json(exclude_unset=True, indent=1).encode(), 0o600)
     except OSError as error:
-        raise CellError(
-            str(path), f"cannot be written: {error.strerror or error}", "choose a different directory"
-        ) from None
+        problem = f"cannot be written: {error.strerror or error}"
+        raise CellError(str(path), problem, "choose a different directory", code="disk.write") from None
 
 
 def forget_answers(rig_file: Path) -> None:
@@ -93,14 +95,13 @@ def forget_answers(rig_file: Path) -> None:
 
 
 _SECTIONS = ("g1", "g2", "feedback")
+Changes = dict[str, Any]
+"""Changed fields of the answers."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """Options of `rig init`; None or empty for open questions.
-
-    keys: values of --key for the sections g1, g2 and feedback.
-    """
+    """Options of `rig init`; None or empty for open questions."""
 
     path: Path
     name: str
@@ -110,11 +111,9 @@ class Options:
     places: tuple[str, ...]
     """Ports of g1 and g2, if given."""
     keys: dict[str, dict[str, Any]]
-    baseline_mm: float | None
-    arm: str | None
-    build: Build | None
-    tool: str | None
-    tolerance_mm: float | None
+    """Values of --key for the sections g1, g2 and feedback."""
+    given: Changes
+    """Answers that an option gives as they are; the tool as text."""
     circle_here: bool | None
     radius_mm: float | None
     listen_s: float
@@ -128,8 +127,9 @@ def keys_of(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
         place, equals, value = text.partition("=")
         section, _, key = place.partition(".")
         if not equals or section not in keys or not key:
-            raise UseError(f"--key {text}", "is not SECTION.KEY=VALUE", "write KEY=VALUE, such as --key g1.range_mm=10")
-        keys[section][key] = written(value, f"--key {text}")
+            remedy = "write KEY=VALUE, such as --key g1.range_mm=10"
+            raise UseError(f"--key {text}", "is not SECTION.KEY=VALUE", remedy, code="init.key")
+        keys[section][key] = read_yaml(value, f"--key {text}")[1]
     return keys
 
 
@@ -139,11 +139,23 @@ def places_of(g1: str | None, g2: str | None, keys: Mapping[str, Mapping[str, An
     Raises UseError if only g2 is given, or if an interface is given but no port.
     """
     if g2 is not None and g1 is None:
-        raise UseError("--g2", "needs --g1", "give both, or neither")
+        raise UseError("--g2", "needs --g1", "give both, or neither", code="init.gauge_unnamed")
     for gauge, place in (("g1", g1), ("g2", g2)):
         if "interface" in keys[gauge] and place is None:
-            raise UseError(f"--key {gauge}.interface", f"needs --{gauge}", f"add --{gauge} PORT")
+            option, remedy = f"--key {gauge}.interface", f"add --{gauge} PORT"
+            raise UseError(option, f"needs --{gauge}", remedy, code="init.gauge_unnamed")
     return tuple(place for place in (g1, g2) if place is not None)
+
+
+def read_number(text: str, low: float, high: float, what: str, remedy: str) -> float:
+    """Parse a typed number from low to high. Raises FileError."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not low <= value <= high:  # also rejects NaN
+        raise FileError(repr(text), f"is not {what}", remedy, code="answer.number")
+    return value
 
 
 def checked(schema: Any, fields: Any, section: str) -> Any:
@@ -160,7 +172,7 @@ def with_keys(schema: Any, part: Part, keys: Mapping[str, Any], section: str) ->
 
 
 def has_keys(schema: Any, part: Part, keys: Mapping[str, Any]) -> bool:
-    """Return whether a part of a rig file already has these values. Raises FileError."""
+    """True if a part of a rig file already has these values. Raises FileError."""
     return bool(with_keys(schema, part, keys, "--key") == part)
 
 
@@ -170,10 +182,6 @@ def key_error(error: ValidationError, section: str) -> FileError:
     key = next((str(step) for step in reversed(first["loc"]) if isinstance(step, str)), "interface")
     problem = first["msg"].removeprefix("Value error, ")
     if section.startswith("--"):
-        return FileError(section, problem, "see rig init --help")
-    return FileError(f"{section}.{key}", problem, f"give --key {section}.{key}=…; rig interfaces lists the keys")
-
-
-def written(text: str, where: str) -> Any:
-    """Parse the typed value of a key as YAML. Raises RigFileError."""
-    return read_yaml(text, where)[1]
+        return FileError(section, problem, "see rig init --help", code="init.value")
+    remedy = f"give --key {section}.{key}=…; rig interfaces lists the keys"
+    return FileError(f"{section}.{key}", problem, remedy, code="init.key")

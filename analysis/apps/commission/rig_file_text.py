@@ -6,7 +6,7 @@ The arm comes from the library or from the `robot` section of a file.
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -57,7 +57,8 @@ def chosen_arm(name: str, measured_by: MeasuredBy = "gauges") -> ChosenArm:
     arm = _arm_of(name)
     if measured_by == "gauges" and (axes := len(arm.robot.axes)) != DRIVEN_AXES:
         problem = f"has {axes} axes, but the ball link's programs need six"
-        raise FileError(name, problem, "give --measured-by sockets or --measured-by tracker (docs/any-arm.md)")
+        remedy = "give --measured-by sockets or --measured-by tracker (docs/any-arm.md)"
+        raise FileError(name, problem, remedy, code="arm.axes")
     return arm
 
 
@@ -71,14 +72,16 @@ def _arm_of(name: str) -> ChosenArm:
     except FileNotFoundError:
         return _of_library(name)  # reports similar names
     except OSError as error:
-        raise FileError(name, error.strerror or str(error), "give a file with a section robot") from None
+        problem = error.strerror or str(error)
+        raise FileError(name, problem, "give a file with a section robot", code="arm.file") from None
     if "<robot" in text:
         made = as_argument(Path(name).with_suffix(".yaml"))
         remedy = f"convert the file, and give --arm {made}: rig import-urdf {as_argument(name)} -o {made}"
-        raise FileError(name, "is a URDF, not a file with a section robot", remedy)
+        raise FileError(name, "is a URDF, not a file with a section robot", remedy, code="arm.urdf")
     root, data = read_yaml(text, name)
     if not isinstance(data, dict) or "robot" not in data:
-        raise FileError(name, "lacks the section robot", "see rig arms for an example, or choose an arm by name")
+        remedy = "see rig arms for an example, or choose an arm by name"
+        raise FileError(name, "lacks the section robot", remedy, code="arm.no_section")
     section = {"robot": data["robot"]}
     try:
         robot = _ArmFile.model_validate(section).robot
@@ -103,14 +106,28 @@ _CIRCLE = "computed from the start position with the nominal arm, accurate to so
 
 
 def rig_text(answers: Answers, arm: ChosenArm, name: str, today: dt.date, measured_by: MeasuredBy = "gauges") -> str:
-    """Return the lines of a rig file for the answers. Effects and certificates are added later."""
+    """Text of a rig file for the answers. Effects and certificates are added later."""
     lines = [
         f"# Written by rig init on {today}. Lengths are in mm, angles in degrees; run rig check after each edit.",
         f"name: {name}",
         "",
-        *_ARM_LINES[measured_by](answers, arm),
+        f"# Nominal arm, from {plain(arm.source)}{_ABOUT[measured_by]}",
+        _arm_section(arm, answers, Pose() if measured_by in ("sockets", "arm") else answers.tool or arm.robot.tool),
     ]
-    return "\n".join(lines) + "\n"
+    match measured_by:
+        case "gauges":
+            lines += ["", *_gauges(answers), "", *_feedback(answers), *_circle(answers)]
+        case "sockets" | "arm":
+            lines += ["", *_feedback(answers), *_touch(answers, measured_by)]
+    return "\n".join([*lines, *_limits(answers, arm.repeatability_mm, measured_by)]) + "\n"
+
+
+_ABOUT: dict[MeasuredBy, str] = {
+    "gauges": "; tool is the ball's position on the flange.",
+    "tracker": ". The places of tracker and target are fitted to the poses.",
+    "sockets": ".",
+    "arm": ". Another arm measures it: rig pair.",
+}
 
 
 def placed(answers: Answers) -> dict[str, Gauge]:
@@ -126,72 +143,42 @@ def _arm_section(arm: ChosenArm, answers: Answers, tool: Pose) -> str:
     return robot_text(arm.robot.model_copy(update={"tool": tool, "build": build})).rstrip()
 
 
-def _of_gauges(answers: Answers, arm: ChosenArm) -> Iterator[str]:
-    yield f"# Nominal arm, from {plain(arm.source)}; tool is the ball's position on the flange."
-    yield _arm_section(arm, answers, answers.tool or arm.robot.tool)
-    yield ""
+def _gauges(answers: Answers) -> Iterator[str]:
     yield "gauges:"
-    for gauge_name, gauge in placed(answers).items():
-        yield f"  {gauge_name}: # {gauge.origin.instruments}"
+    for name, gauge in placed(answers).items():
+        yield f"  {name}: # {gauge.origin.instruments}"
         shared = ("channel",) if gauge.shares else ()
         seen = ("counts",) if "counts" in gauge.model_fields_set else ()
-        yield from _indented(_part(gauge, ("interface", "port", "line", *shared, "offset_mm", *seen)), 4)
+        yield from _part(gauge, ("interface", "port", "line", *shared, "offset_mm", *seen), 4)
         if gauge.origin.doubts:
             yield f"    # not confirmed: {gauge.origin.doubts}"
-    yield ""
-    yield from _feedback(answers)
-    if answers.circle is not None:
-        yield "tests:"
-        yield f"  circle: # {_CIRCLE}"
-        yield from _indented(_part(answers.circle, ("centre_mm", "normal", "zero", "radius_mm")), 4)
-    else:
+
+
+def _circle(answers: Answers) -> Iterator[str]:
+    if answers.circle is None:
         yield _NO_CIRCLE
-    yield from _limits(answers, arm.repeatability_mm)
+        return
+    yield "tests:"
+    yield f"  circle: # {_CIRCLE}"
+    yield from _part(answers.circle, ("centre_mm", "normal", "zero", "radius_mm"), 4)
 
 
-def _of_tracker(answers: Answers, arm: ChosenArm) -> Iterator[str]:
-    yield f"# Nominal arm, from {plain(arm.source)}. The places of tracker and target are fitted to the poses."
-    yield _arm_section(arm, answers, answers.tool or arm.robot.tool)
-    yield from _limits(answers, arm.repeatability_mm, "tracker")
-
-
-def _of_sockets(answers: Answers, arm: ChosenArm) -> Iterator[str]:
-    yield f"# Nominal arm, from {plain(arm.source)}."
-    yield _arm_section(arm, answers, Pose())
-    yield ""
-    yield from _feedback(answers)
-    ball_mm = list(answers.tool.xyz_mm if answers.tool else Touch.model_fields["ball_mm"].default)
+def _touch(answers: Answers, measured_by: MeasuredBy) -> Iterator[str]:
+    defaults, names = Touch.model_fields, ", ".join(_SOCKETS)
+    ball_mm = flow(list(answers.tool.xyz_mm if answers.tool else defaults["ball_mm"].default))
     yield "tests:"
     yield "  touch:"
-    yield f"    sockets: [{', '.join(_SOCKETS)}]"
-    yield f"    ball_mm: {flow(ball_mm)} # approximate ball position on the flange, refined by the diagnosis"
-    yield f"    touches: {Touch.model_fields['touches'].default}"
+    yield f"    sockets: [{names}]"
+    if measured_by == "arm":
+        yield f"    ball_mm: {ball_mm} # about where ball or socket is on the flange; the fit finds it"
+        yield "    # One known distance fixes the scale: of two sockets on the second arm, or of two fixed in the cell."
+        yield f"    # distances: [{{between: [{names}], distance_mm: 300, u_mm: 0.02}}]"
+        return
+    yield f"    ball_mm: {ball_mm} # approximate ball position on the flange, refined by the diagnosis"
+    yield f"    touches: {defaults['touches'].default}"
     yield "    seat: ball # tip for a pointer that is guided into a punch mark by eye"
     yield "    # A known distance sets the scale of the arm; measure over both balls (rig parts --over-balls-mm):"
-    yield f"    # distances: [{{between: [{', '.join(_SOCKETS)}], distance_mm: 100, u_mm: 0.05}}]"
-    yield from _limits(answers, arm.repeatability_mm, "sockets")
-
-
-def _of_arm(answers: Answers, arm: ChosenArm) -> Iterator[str]:
-    yield f"# Nominal arm, from {plain(arm.source)}. Another arm measures it: rig pair."
-    yield _arm_section(arm, answers, Pose())
-    yield ""
-    ball_mm = list(answers.tool.xyz_mm if answers.tool else Touch.model_fields["ball_mm"].default)
-    yield "tests:"
-    yield "  touch:"
-    yield f"    sockets: [{', '.join(_SOCKETS)}]"
-    yield f"    ball_mm: {flow(ball_mm)} # about where ball or socket is on the flange; the fit finds it"
-    yield "    # One known distance fixes the scale: of two sockets on the second arm, or of two fixed in the cell."
-    yield f"    # distances: [{{between: [{', '.join(_SOCKETS)}], distance_mm: 300, u_mm: 0.02}}]"
-    yield from _limits(answers, arm.repeatability_mm, "arm")
-
-
-_ARM_LINES: dict[MeasuredBy, Callable[[Answers, ChosenArm], Iterator[str]]] = {
-    "gauges": _of_gauges,
-    "tracker": _of_tracker,
-    "sockets": _of_sockets,
-    "arm": _of_arm,
-}
+    yield f"    # distances: [{{between: [{names}], distance_mm: 100, u_mm: 0.05}}]"
 
 
 def _feedback(answers: Answers) -> Iterator[str]:
@@ -199,11 +186,11 @@ def _feedback(answers: Answers) -> Iterator[str]:
     if (feedback := answers.feedback) is None:
         return
     yield f"feedback: # {feedback.origin.instruments}"
-    yield from _indented(_part(feedback, ("interface", "port", "rate_hz", "cycle_ms", "fields")), 2)
+    yield from _part(feedback, ("interface", "port", "rate_hz", "cycle_ms", "fields"), 2)
     yield ""
 
 
-def _limits(answers: Answers, rp_mm: float | None, measured_by: MeasuredBy = "gauges") -> Iterator[str]:
+def _limits(answers: Answers, rp_mm: float | None, measured_by: MeasuredBy) -> Iterator[str]:
     """Yield the limits derived from the allowed error and the data sheet, for gauges or a test without gauges."""
     tolerance_mm, test = answers.tolerance_mm, TEST_WITHOUT_GAUGES.get(measured_by)
     if not tolerance_mm and rp_mm is None:
@@ -225,13 +212,9 @@ def _limits(answers: Answers, rp_mm: float | None, measured_by: MeasuredBy = "ga
         yield f"  data_sheet_rp_mm: {flow(rp_mm)} # pose repeatability by ISO 9283, data sheet"
 
 
-def _part(part: Gauge | Feedback | Circle, first: tuple[str, ...]) -> Iterator[str]:
+def _part(part: Gauge | Feedback | Circle, first: tuple[str, ...], indent: int) -> Iterator[str]:
     """Yield the keys of a part: first the most important, then all others that differ from the default."""
     whole = part.model_dump(mode="json")
     differing = part.model_dump(mode="json", exclude_defaults=True)
     fields = {key: whole[key] for key in first if key in whole} | differing
-    return (f"{key}: {flow(value)}" for key, value in fields.items())
-
-
-def _indented(lines: Iterator[str], by: int) -> Iterator[str]:
-    return (" " * by + line for line in lines)
+    return (f"{' ' * indent}{key}: {flow(value)}" for key, value in fields.items())

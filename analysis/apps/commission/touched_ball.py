@@ -125,14 +125,15 @@ def circle_through_stands(arm: Arm, bins: Binned, where: str) -> JoggedCircle:
     extent = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
     if circle is None or extent[1] < _LINE * extent[0]:
         problem = f"the {len(places)} stops of the robot lie on a straight line"
-        raise FileError(where, problem, "stop at points far apart around the circle")
+        raise FileError(where, problem, "stop at points far apart around the circle", code="circle.line")
     away = deviations(circle, places)
     if away.largest.max() > _OFF_MM:
         worst = int(away.largest.argmax())
         problem = (
             f"the {len(places)} stops are up to {away.largest[worst]:.1f} mm from a circle, most in stop {worst + 1}"
         )
-        raise FileError(where, problem, "record only stops on the circle, or the circle without stops")
+        remedy = "record only stops on the circle, or the circle without stops"
+        raise FileError(where, problem, remedy, code="circle.stops_off")
     free = 2 * (len(places) - 3)
     squares = float((away.radial**2).sum() + (away.axial**2).sum())
     scatter_mm, doubts = scatter(
@@ -220,7 +221,8 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     places = forward(arm_of(rig.robot), q)[:, :3, 3]
     if (apart := len(distinct(places))) < 4:
         problem = f"the robot was at rest at {apart} places, but a ball needs four that are not in a plane"
-        raise FileError(where, problem, "stop at more places all over the hemisphere, for a second at each")
+        remedy = "stop at more places all over the hemisphere, for a second at each"
+        raise FileError(where, problem, remedy, code="ball.few_places")
     # Drop stops far off the sphere of the others one by one.
     near = np.ones(len(places), dtype=bool)
     for _ in range(int(_OTHERS_OF_BALL * len(places))):
@@ -233,21 +235,22 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     x, design = _sphere(places, g_mm)
     residual = _distance_from_sphere(places, g_mm, x)
     if not np.isfinite(x).all() or np.linalg.cond(design) > 1e6:
-        raise FileError(
-            where, "the stops are in a plane, which does not determine a ball", "also stop at higher and lower places"
-        )
+        problem = "the stops are in a plane, which does not determine a ball"
+        raise FileError(where, problem, "also stop at higher and lower places", code="ball.plane")
     if np.abs(residual).max() > _OFF_BALL_MM:
         worst = int(np.abs(residual).argmax())
         problem = (
             f"stand {worst + 1} of {len(residual)} lies {abs(residual[worst]):.1f} mm from a sphere about the ball"
         )
-        raise FileError(where, problem, "record only stops at which the link or the ball fixed the tool")
+        remedy = "record only stops at which the link or the ball fixed the tool"
+        raise FileError(where, problem, remedy, code="ball.stop_off")
     scatter_mm, of_scatter = scatter(float((residual**2).sum()), len(residual) - 4, float(np.sqrt(np.mean(within**2))))
     covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(design.T @ design), dtype=np.float64)
     used = f"{len(q)} stops on a sphere of {x[3]:.1f} mm"
     if 2 * (u_mm := float(np.sqrt(np.diag(covariance)[:3]).max())) > _GAUGE_MM:
         problem = f"the ball position from {used} has an uncertainty of {u_mm:.3g} mm (u), which is too large"
-        raise FileError(where, problem, "stop at places farther apart, all over the hemisphere")
+        remedy = "stop at places farther apart, all over the hemisphere"
+        raise FileError(where, problem, remedy, code="ball.uncertain")
     notes = tuple(doubt for of_run in doubts for doubt in of_run) + of_scatter
     if off_sphere:
         notes = (*notes, f"{off_sphere} stops are not used because they are off the sphere of the others")
@@ -263,9 +266,8 @@ def _read_stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[
     if run.table is not None:
         table = table_from(run.table, manifest.test, manifest.direction, str(path))
         if not isinstance(table, TargetTable):
-            raise FileError(
-                str(path), f"is a {manifest.test} table, which lacks stops about a ball", "give a radial run"
-            )
+            problem = f"is a {manifest.test} table, which lacks stops about a ball"
+            raise FileError(str(path), problem, "give a radial run", code="ball.table")
         return (table.q, table.g_mm, np.zeros(len(table.q))), ()
     doubts: tuple[str, ...] = ()
     try:
@@ -325,23 +327,28 @@ _SAME_MM = 30.0
 Errors of a nominal arm reach 10 mm.
 """
 
-Seen = Literal["nothing", "seated", "elsewhere", "same posture"]
-"""Observation: no event, a touch accepted, a position outside the socket, or a repeated posture."""
+Seen = Literal["seated", "elsewhere", "same posture"]
+"""Observation at a standstill: a touch accepted, a position outside the socket, or a repeated posture."""
 
 
 def is_same_posture(q_deg: Array, other_deg: Array) -> bool:
-    """Return whether no joint differs between two postures (axes,) in degrees by more than a hand moves by accident."""
+    """True if no joint differs between two postures (axes,) in degrees by more than a hand moves by accident."""
     return bool(np.abs(q_deg - other_deg).max() < _MOVED_DEG)
 
 
-class Standstill:
-    """Detection of each standstill of the robot, once."""
+class RestDetector:
+    """Detects each standstill of the robot once, and the angle from which each joint came in a constant direction."""
+
+    came_deg: Array
 
     def __init__(self) -> None:
         self._at, self._since_s, self._is_told = np.empty(0), 0.0, False
 
     def feed(self, t_s: float, q_deg: Array) -> bool:
-        """Return True once when the joints (axes,) in degrees have been at rest long enough for a touch."""
+        """Process joint angles (axes,) in degrees. Return True once they have been at rest long enough for a touch."""
+        if not self._at.size:
+            self.came_deg, self._furthest, self._way = q_deg.copy(), q_deg.copy(), np.zeros(len(q_deg))
+        self._follow(q_deg)
         if not self._at.size or np.abs(q_deg - self._at).max() > FLICKER_DEG:
             self._at, self._since_s, self._is_told = q_deg, t_s, False
         if self._is_told or t_s - self._since_s < REST_S:
@@ -349,36 +356,39 @@ class Standstill:
         self._is_told = True
         return True
 
+    def _follow(self, q: Array) -> None:
+        gone = q - self._furthest
+        back = gone * np.where(self._way == 0, -np.sign(gone), self._way)
+        turned = back < -_TURNED_DEG
+        self.came_deg = np.where(turned, self._furthest, self.came_deg)
+        self._way = np.where(turned, np.sign(gone), self._way)
+        self._furthest = np.where(turned | (gone * self._way > 0), q, self._furthest)
+
 
 class Touching:
     """Records the same number of touches for each socket in turn."""
 
     def __init__(self, arm: Arm, sockets: Sequence[str], touches: int) -> None:
         """arm: arm with the ball as the tool. touches: total number for all sockets."""
-        self._arm, self._sockets, self._each = arm, tuple(sockets), -(-touches // len(sockets))
+        self._arm, self._sockets = arm, tuple(sockets)
+        self.each = -(-touches // len(sockets))
+        """Number of touches per socket."""
         self._names: list[str] = []
         self._q: list[Array] = []
         self._came: list[Array] = []
         self._first_mm = np.zeros(3)
         self._elsewhere: tuple[Array, Array, Array] | None = None
-        self._sides: _Sides | None = None
-        self._standstill = Standstill()
 
     @property
     def socket(self) -> str:
         """The current socket; empty after the last touch."""
-        done = len(self._names) // self._each
+        done = len(self._names) // self.each
         return self._sockets[done] if done < len(self._sockets) else ""
 
     @property
     def number(self) -> int:
         """Number of the next touch at this socket, from 1."""
-        return len(self._names) % self._each + 1
-
-    @property
-    def each(self) -> int:
-        """Number of touches per socket."""
-        return self._each
+        return len(self._names) % self.each + 1
 
     @property
     def count(self) -> int:
@@ -390,17 +400,11 @@ class Touching:
         """The touches recorded; at least one is required."""
         return TouchTable(np.array(self._names), np.radians(self._q), np.radians(self._came))
 
-    def feed(self, t_s: float, joints_deg: Sequence[float] | Array) -> Seen:
-        """Process the joint angles (axes,) in degrees at a time in s and return each observation once."""
-        q = np.asarray(joints_deg, dtype=float)
-        if self._sides is None:
-            self._sides = _Sides(q)
-        self._sides.feed(q)
-        if not self._standstill.feed(t_s, q) or not self.socket:
-            return "nothing"
+    def take(self, q: Array, came: Array) -> Seen:
+        """Process a standstill at joint angles (axes,) in degrees, with those that each joint came from."""
         if self._q and is_same_posture(q, self._q[-1]):
             return "same posture"
-        ball, came = forward(self._arm, np.radians(q)[None])[0, :3, 3], self._sides.from_deg.copy()
+        ball = forward(self._arm, np.radians(q)[None])[0, :3, 3]
         if self.number == 1:
             self._first_mm, self._elsewhere = ball, None
         elif np.linalg.norm(ball - self._first_mm) > _SAME_MM and not self._replaces_first(ball, q):
@@ -423,21 +427,3 @@ class Touching:
             return False
         self._first_mm, self._q[-1], self._came[-1] = place, before, came
         return True
-
-
-class _Sides:
-    """Start angle in degrees of the last motion of each joint in a constant direction."""
-
-    def __init__(self, q: Array) -> None:
-        self.from_deg = q.copy()
-        self._furthest = q.copy()
-        self._way = np.zeros(len(q))
-
-    def feed(self, q: Array) -> None:
-        """Process the joint angles (axes,) in degrees."""
-        back = (q - self._furthest) * np.where(self._way == 0, -np.sign(q - self._furthest), self._way)
-        turned = back < -_TURNED_DEG
-        self.from_deg = np.where(turned, self._furthest, self.from_deg)
-        self._way = np.where(turned, np.sign(q - self._furthest), self._way)
-        ahead = turned | ((q - self._furthest) * self._way > 0)
-        self._furthest = np.where(ahead, q, self._furthest)

@@ -6,10 +6,10 @@ import json
 import os
 import pickle
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -139,24 +139,6 @@ def main() -> None:
     with os.fdopen(int(sys.argv[2]), "wb") as returned:
         pickle.dump(diagnosis, returned)
     write_new(directory / ANSWER, holding(answer.model_dump_json().encode()))
-
-
-class Infers(Protocol):
-    """A running or finished inference."""
-
-    @property
-    def is_done(self) -> bool:
-        """True if the inference has finished."""
-
-    def result(self) -> Answer:
-        """Return the answer. Raises RigError."""
-
-    def diagnosis(self) -> Diagnosis | None:
-        """Return the diagnosis of the answer; None if it was not kept."""
-
-
-StartInference = Callable[[Sequence[Path], Sequence[Path], Path, Path], Infers]
-"""Starts an inference. Arguments: the runs used, the runs that judge, the rig file and the output directory."""
 
 
 @dataclass

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Protocol
+from typing import IO
 
 from rigs.errors import CellError, FileError
 
@@ -26,26 +26,6 @@ The value 1 is PR_SET_PDEATHSIG (linux/prctl.h).
 """
 _ENDS_S = 15.0
 """Time for an orderly shutdown: rigd closes a run first, and a slow disk may delay that."""
-
-
-class Talking(Protocol):
-    """A program that reads lines from standard input."""
-
-    name: str
-    log: Path
-
-    @property
-    def runs(self) -> bool:
-        """True if the program is still running."""
-
-    def type_line(self, line: str) -> None:
-        """Write a line to the program. Raises CellError if the program has ended."""
-
-    def ended(self) -> CellError:
-        """Return an error that reports the end of the program."""
-
-    def stop(self) -> None:
-        """Stop the program."""
 
 
 class Child:

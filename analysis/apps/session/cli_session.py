@@ -99,7 +99,8 @@ def session(
     controller = maker or rig.maker
     if controller is None:
         raise UseError("--for", "is required, because neither feedback nor robot names the maker", "give --for")
-    from analysis.apps.session.run_session import SessionOptions, run_session
+    from analysis.apps.session.run_session import run_session
+    from analysis.apps.session.session_plan import SessionOptions
 
     if Path(effects).is_file():  # an absolute path is valid in any working directory; the name of a shipped rig is kept
         effects = str(Path(effects).resolve())
@@ -113,7 +114,6 @@ def session(
         wait_min=wait_min,
         correct=correct,
         entered=entered,
-        fast=fast,
     )
     screen = _Lines(aside=as_json)
     try:

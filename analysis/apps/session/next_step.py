@@ -66,9 +66,25 @@ def _correcting(session: Session) -> Following | None:
     return None if number is None else Drive(number)
 
 
-def first_open(session: Session, purpose: Purpose) -> int | None:
-    """Return the number of the first open step with a purpose."""
-    return next((k for k, step in enumerate(session.steps) if step.purpose == purpose and step.is_open), None)
+def first_open(session: Session, purpose: Purpose, program: str = "") -> int | None:
+    """Number of the first open step with a purpose, and with a program if given."""
+    return next(
+        (
+            number
+            for number, step in enumerate(session.steps)
+            if step.purpose == purpose and step.is_open and program in ("", step.program)
+        ),
+        None,
+    )
+
+
+def shows_more(session: Session) -> bool:
+    """True if an inference may show more than the last: both directions, and a new run or all runs of a kind."""
+    find = session.runs_for("find")
+    understood = session.answer.runs if session.answer else 0
+    all_driven = first_open(session, "judge") is None and first_open(session, "find") is None
+    both = len({step.direction for step in find}) > 1
+    return both and (len(find) > understood or all_driven) and session.correction is None
 
 
 def is_answered(session: Session, answer: Answer) -> bool:

@@ -1,43 +1,52 @@
-"""Execution of the command `rig session`: starts or resumes a session and carries out the decisions of the guide.
+"""Execution of the command `rig session`: starts or resumes a session and carries it out to its end.
 
-All slow or fallible work is here. The decisions are in `analysis.apps.session.guide`.
+The next step depends only on the stored session (`analysis.apps.session.next_step`), which is stored after each event.
+An interrupted session therefore resumes anywhere with the same command.
 """
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from analysis.apps.commission.cell_reference import references_of
-from analysis.apps.session import guide
-from analysis.apps.session.answer import Inference, Infers, StartInference
+from analysis.apps.session import session_words as words
+from analysis.apps.session.answer import Inference
+from analysis.apps.session.cell import ProgramRun, RealCell, Screen, ServedCell
 from analysis.apps.session.correction_step import CORRECTIONS, corrected, corrected_programs, entries_file
-from analysis.apps.session.daemon_cell import Driver, EmulatedHands, Hands, LiveDriver, Person, Rigd, Screen, StartRigd
-from analysis.apps.session.next_step import Drive
+from analysis.apps.session.next_step import (
+    Drive,
+    Infer,
+    first_open,
+    is_answered,
+    next_of,
+    shows_more,
+    why_nothing,
+)
 from analysis.apps.session.session_plan import (
-    BY_HAND,
-    BY_ITSELF,
     FIXED,
-    SessionPace,
+    SessionOptions,
     SessionProgram,
+    further_stage,
+    numbered,
     planned,
     programs_of_steps,
     stage_text,
     write_programs,
 )
 from analysis.apps.session.session_state import (
-    Aim,
+    MOST_TRIES,
     Answer,
-    Emulated,
     ProgramStep,
+    Purpose,
     Session,
+    SessionCorrection,
     SessionDirectory,
     Stage,
-    Way,
+    Try,
     digest_of,
 )
 from analysis.procedures.facts import facts_of
@@ -49,45 +58,17 @@ from daq.store.manifest import is_run
 from rigs.errors import CellError, FileError, RigError, UseError
 from rigs.load import load
 from rigs.rig import Rig
-from rigs.schema.vocabulary import MakerName
 from rigs.text import as_argument, counted
 
 if TYPE_CHECKING:
     from analysis.diagnosis.judge.result import Diagnosis
 
-
-@dataclass(frozen=True)
-class SessionOptions:
-    """Options of a session.
-
-    wait_min: minutes to wait for the robot to start. correct: way chosen by the user. entered: whether the values of
-    the correction are entered. fast: whether an emulated cell runs in simulated time.
-    """
-
-    rig_file: str
-    aim: Aim
-    minutes: float
-    maker: MakerName
-    emulated: Emulated | None
-    operator: str
-    wait_min: float
-    correct: Way | None = None
-    entered: bool = False
-    fast: bool = False
-
-    @property
-    def pace(self) -> SessionPace:
-        """Time needed in addition to the motion; in simulated time the same as for an operator."""
-        return BY_ITSELF if self.emulated and not self.fast else BY_HAND
-
-
-@dataclass(frozen=True)
-class SessionDependencies:
-    """Dependencies of a session."""
-
-    hands: Hands
-    start_rigd: StartRigd = Rigd.start
-    start_inference: StartInference = Inference.start
+_T = TypeVar("_T")
+_POLL_S = 0.2
+_ANSWERED, _OPEN = "the causes are known", "the causes are not certain any more"
+"""Reasons for skipping and reopening steps."""
+Runs = tuple[tuple[str, ...], tuple[str, ...]]
+"""Names of the runs of an inference: the runs used, and the runs that judge."""
 
 
 def run_session(
@@ -96,11 +77,12 @@ def run_session(
     place: SessionDirectory,
     asked: SessionOptions,
     screen: Screen,
-    means: SessionDependencies | None = None,
+    make_cell: Callable[[Session], RealCell] | None = None,
 ) -> Session:
     """Start a session, or resume the stored session, and run it to the end.
 
-    Raises RigError. Progress is stored, so the same call resumes the session.
+    make_cell: makes the cell of the session; default: the real cell, or the one emulated as requested. Raises RigError.
+    Progress is stored, so the same call resumes the session.
     """
     with place:
         kept = place.read()
@@ -111,7 +93,8 @@ def run_session(
         _require_same_session(session, text, asked, place)
         if asked.entered:
             if session.correction is None or session.correction.way != "entries":
-                raise UseError("--entered", "this session does not have values to enter", "remove it")
+                problem = "this session does not have values to enter"
+                raise UseError("--entered", problem, "remove it", code="session.no_entries")
             session = session.model_copy(update={"correction": session.correction.model_copy(update={"entered": True})})
         if kept is not None:
             which_session = f"from {kept.began}: aim {kept.aim}, {kept.minutes:g} minutes, for {kept.maker}"
@@ -122,237 +105,367 @@ def run_session(
             else:
                 screen.say(f"Continuing the session {which_session}")
         place.write(session)
-        with _session_dependencies(session, place, asked, screen) if means is None else nullcontext(means) as equipment:
-            driver = LiveDriver(
-                rig.name, place.directory, equipment.hands, screen, asked.operator, asked.wait_min, equipment.start_rigd
-            )
-            driver.entered = bool(_entered_files(session, place))
-            try:
-                guided = guide.Guide(rig, asked.pace, place.directory, asked.correct)
-                state = guide.GuideState(session)
-                return Conductor(place, state, driver, screen, guided, text, equipment.start_inference).run()
-            finally:
-                driver.close()
+        made = nullcontext(make_cell(session)) if make_cell else _cell_of(session, place, asked, screen)
+        with made as cell, closing(cell):
+            return Conductor(rig, text, place, session, cell, screen, asked).run()
 
 
 @dataclass
 class Conductor:
-    """Executes the decisions of the guide step by step until the session ends.
+    """Carries a session out step by step, and stores it after each event.
 
-    rig_text: text of the rig file. corrected: corrected programs, by the name of the program that each replaces.
-    latest: the last finished inference by its runs, with the diagnosis if that was kept.
+    stage: name of the stage that is set up. driving: number of the step being driven. corrected: corrected programs, by
+    the name of the program that each replaces. latest: the last finished inference by its runs, with the diagnosis.
     """
 
-    place: SessionDirectory
-    state: guide.GuideState
-    driver: Driver
-    screen: Screen
-    guided: guide.Guide
+    rig: Rig
     rig_text: str
-    start_inference: StartInference = Inference.start
-    inferences: dict[guide.Runs, Infers] = field(default_factory=dict)
+    place: SessionDirectory
+    session: Session
+    cell: RealCell
+    screen: Screen
+    asked: SessionOptions
+    stage: str = ""
+    driving: int | None = None
     corrected: Mapping[str, SessionProgram] = field(default_factory=dict)
-    latest: tuple[guide.Runs, Diagnosis | None] | None = None
+    inferences: dict[Runs, Inference] = field(default_factory=dict)
+    inferring: Runs | None = None
+    latest: tuple[Runs, Diagnosis | None] | None = None
 
     def run(self) -> Session:
         """Run to the end of the session. Raises RigError; the progress is stored."""
-        session = self.state.session
-        present = {attempt.run for step in session.steps for attempt in step.tries} | set(session.left_alone)
-        for path in sorted(self.place.runs.glob("*")):
-            if path.name not in present and is_run(path):
-                self._take(guide.Present(path.name, self._program_of(path)))
+        self._adopt_runs()
+        session = self.session
         if session.correction and session.correction.way == "programs" and session.answer and session.open_steps:
             model, _ = load(self.place.model_of(session.answer))
-            self.corrected = corrected_programs(self.guided.rig, model, session.stages, self._verify_steps())
-        if not any(step.tries for step in self.state.session.steps):
+            self.corrected = corrected_programs(self.rig, model, session.stages, self._verify_steps())
+        if not any(step.tries for step in session.steps):
             for stage in session.stages:
-                self._write(stage, self._programs(stage))
-        event: guide.Event | None = "begun"
-        while event is not None:
-            event = self._take(event)
-        return self.state.session
+                self._write_stage(stage, self._programs(stage))
+        self._say(*words.plan_lines(session, self.asked.pace, self.place.directory))
+        while (following := next_of(self.session)) != "done":
+            match following:
+                case Drive(number):
+                    self._drive(number)
+                case Infer(joins):
+                    if self.inferring is None:
+                        self._infer(joins=joins)
+                    self._await_answer()
+                case "decide":
+                    self._decide()
+                case "correct":
+                    self._correct()
+                case "enter":
+                    self._enter()
+                case "report":
+                    self._report()
+        self._say(*words.end_lines(self.session, self.place.directory))
+        return self.session
 
-    def _take(self, event: guide.Event) -> guide.Event | None:
-        """Process an event, store the session and execute the actions. Return the event produced by the last action."""
-        before = self.state.session
-        self.state, actions = self.guided.step(self.state, event)
-        if self.state.session != before:
-            self.place.write(self.state.session)
-        came = None
-        for action in actions:
-            came = self._carry_out(action)
-        return came
+    def _say(self, *lines: str) -> None:
+        for line in lines:
+            self.screen.say(line)
 
-    def _carry_out(self, action: guide.Action) -> guide.Event | None:
-        match action:
-            case guide.Say(lines):
-                for line in lines:
-                    self.screen.say(line)
-            case guide.SetUpStage(stage):
-                programs = self._programs(stage)
-                self._write(stage, programs)
-                self.driver.set_up(stage, programs)
-            case Drive(number):
-                began_s = clock.now_s()
-                run = self.driver.drive(self.state.session.steps[number], self._look)
-                return guide.Recorded(run, (clock.now_s() - began_s) / 60)
-            case guide.Begin(runs):
-                self.inferences[runs] = self._begun(runs)
-            case "await":
-                return self._awaited()
-            case "correct":
-                return self._correct()
-            case "enter":
-                return self._enter()
-            case "report":
-                return self._report()
-            case guide.EndSession(error):
-                raise error
-        return None
-
-    def _look(self) -> None:
-        """Process an answer that arrives while a step is driven."""
-        runs = self.state.inferring
-        if runs is not None and self.inferences[runs].is_done:
-            try:
-                event = guide.Answered(self._finished(runs))
-            except RigError as error:
-                event = guide.Answered(None, error.what)
-            self._take(event)
+    def _keep(self, **changed: object) -> None:
+        """Change fields of the session and store it."""
+        self.session = self.session.model_copy(update=changed)
+        self.place.write(self.session)
 
     # ------------------------------------------------------------------------------------------------------------------
-    # Files in the directory.
+    # Runs and programs.
+
+    def _adopt_runs(self) -> None:
+        """Assign runs in the directory to open steps if they were recorded just before an interruption."""
+        known = {attempt.run for step in self.session.steps for attempt in step.tries} | set(self.session.left_alone)
+        for path in sorted(self.place.runs.glob("*")):
+            if path.name in known or not is_run(path):
+                continue
+            following, program = next_of(self.session), self._program_of(path)
+            is_open = program and isinstance(following, Drive)
+            purpose = self.session.steps[following.number].purpose if isinstance(following, Drive) else "find"
+            number = first_open(self.session, purpose, program) if is_open else None
+            if number is not None:
+                self._keep(steps=self._tried(number, Try(run=path.name)))
+            else:
+                self._keep(left_alone=(*self.session.left_alone, path.name))
+                self._say(f"  {path.name} does not belong to a step of this session, or was interrupted: ignored")
 
     def _program_of(self, path: Path) -> str:
-        """Return the program of a run that may belong to an open step.
+        """Program of a run that may belong to an open step.
 
-        Return an empty string if the run is incomplete, unusable, of another rig, or a copy of a known run.
+        Empty if the run is incomplete, unusable, of another rig, or a copy of a known run.
         """
         try:
             manifest = load_manifest(path)
         except RigError:
             return ""
-        if manifest.exit_status != "complete" or manifest.rig_name != self.guided.rig.name or why_unusable(path):
+        if manifest.exit_status != "complete" or manifest.rig_name != self.rig.name or why_unusable(path):
             return ""
         # A copied run contains the readings of another run.
         readings = read_run(path).readings_sha256
-        driven = self.place.runs_of(self.state.session.steps)
+        driven = self.place.runs_of(self.session.steps)
         return "" if any(read_run(run).readings_sha256 == readings for run in driven if is_run(run)) else manifest.name
 
+    def _tried(self, number: int, attempt: Try) -> tuple[ProgramStep, ...]:
+        """Steps with a further run of one of them."""
+        step = self.session.steps[number]
+        tried = step.model_copy(update={"tries": (*step.tries, attempt)})
+        return self.session.with_step(number, tried).steps
+
     def _programs(self, stage: Stage) -> dict[str, SessionProgram]:
-        """Return all programs available at a stage."""
-        nominal = (step for step in self.state.session.steps if not step.program.endswith(FIXED))
-        programs = programs_of_steps(self.guided.rig, [stage], [step for step in nominal if step.stage == stage.name])
+        """All programs available at a stage."""
+        nominal = (step for step in self.session.steps if not step.program.endswith(FIXED))
+        programs = programs_of_steps(self.rig, [stage], [step for step in nominal if step.stage == stage.name])
         return programs | {new.name: new for new in self.corrected.values() if new.stage == stage.name}
 
-    def _write(self, stage: Stage, programs: Mapping[str, SessionProgram]) -> None:
+    def _write_stage(self, stage: Stage, programs: Mapping[str, SessionProgram]) -> None:
         """Write the rig file and the programs of a stage. Existing files are overwritten with the same content."""
         directory = self.place.directory
-        write_programs(self.state.session.maker, list(programs.values()), directory / "programs" / stage.name)
-        files = {**self.guided.rig.companion_files, f"{stage.name}.yaml": stage_text(self.rig_text, stage).encode()}
+        write_programs(self.session.maker, list(programs.values()), directory / "programs" / stage.name)
+        files = {**self.rig.companion_files, f"{stage.name}.yaml": stage_text(self.rig_text, stage).encode()}
         write_all_over(directory / "cells", {name: holding(content) for name, content in files.items()})
 
     # ------------------------------------------------------------------------------------------------------------------
-    # Diagnosis, correction and the end.
+    # A step.
 
-    def _begun(self, runs: guide.Runs) -> Infers:
+    def _drive(self, number: int) -> None:
+        """Drive a step, store its run, and start an inference if the runs may show more than before."""
+        step = self.session.steps[number]
+        stage = self.session.stage_of(step)
+        self.driving = number
+        if stage.name != self.stage:
+            self.stage = stage.name
+            self._say(f"-- set up {stage.name}: {stage.words}")
+            programs = self._programs(stage)
+            self._write_stage(stage, programs)
+            self.cell.set_up(stage, programs)
+        self._say(*words.step_lines(self.session, number))
+        began_s = clock.now_s()
+        run = self.cell.drive(step, self._look)
+        minutes = round(self.session.driven_minutes + (clock.now_s() - began_s) / 60, 2)
+        self.driving = None
+        same = run.program == step.program
+        self._store_run(run, number if same else first_open(self.session, step.purpose, run.program), minutes)
+
+    def _store_run(self, run: ProgramRun, number: int | None, minutes: float) -> None:
+        """Assign a run to the step of its program. number: of that step; None if there is none."""
+        usable = f"not usable: {run.why}; repeat the run" if run.why else "usable"
+        if number is None:
+            self._keep(driven_minutes=minutes, left_alone=(*self.session.left_alone, run.name))
+            self._say(f"  {run.name}: {usable}")
+            return
+        attempt = Try(run=run.name, why=run.why, held_up=run.held_up)
+        self._keep(driven_minutes=minutes, steps=self._tried(number, attempt))
+        self._say(f"  {run.name}: {usable}")
+        step = self.session.steps[number]
+        if run.why and len(step.tries) % MOST_TRIES == 0:
+            raise _failed(step, is_emulated=self.session.emulated is not None)
+        if not run.why and self.inferring is None and shows_more(self.session):
+            self._infer(joins=False)
+
+    def _look(self) -> None:
+        """Process an answer that arrives while a step is driven."""
+        if self.inferring is None or not self.inferences[self.inferring].is_done:
+            return
+        try:
+            answer = self._finished()
+        except RigError as error:
+            self._say(f"  no diagnosis yet: {error.what}")
+        else:
+            self._store_answer(answer)
+
+    # ------------------------------------------------------------------------------------------------------------------
+    # Diagnosis.
+
+    def _infer(self, *, joins: bool) -> None:
+        """Start an inference with the available runs.
+
+        joins: also use the runs of the other place, after their judgement. When that place judges, both inferences run
+        in parallel: computers have at least two cores.
+        """
+        find, judge = (
+            tuple(step.run for step in self.session.runs_for(purpose) if step.run) for purpose in ("find", "judge")
+        )
+        every: Runs = ((*find, *judge), ())
+        self.inferring = every if joins else (find, judge)
+        wanted = [self.inferring]
+        if not joins and judge and first_open(self.session, "judge") is None:
+            wanted.append(every)
         folder = self.place.directory / "found"
-        number = 1 + max((int(path.name) for path in folder.glob("[0-9]*") if path.name.isdigit()), default=0)
-        while (folder / f"{number:02d}.json").exists():
-            number += 1
-        model = self.place.directory / "cells" / f"{self.state.session.stages[0].name}.yaml"
-        used, judges = ([self.place.run(name) for name in names] for names in (runs.used, runs.judges))
-        return self.start_inference(used, judges, model, folder / f"{number:02d}")
+        for runs in wanted:
+            if runs not in self.inferences:
+                number = 1 + max((int(path.stem) for path in folder.glob("[0-9]*") if path.stem.isdigit()), default=0)
+                model = self.place.directory / "cells" / f"{self.session.stages[0].name}.yaml"
+                used, judges = ([self.place.run(name) for name in names] for names in runs)
+                self.inferences[runs] = self.cell.infer(used, judges, model, folder / f"{number:02d}")
 
-    def _awaited(self) -> guide.Answered:
-        assert self.state.inferring is not None  # noqa: S101 - it is waited for
-        runs, began_s = self.state.inferring, clock.now_s()
-        count = len(self.state.session.runs_for("find"))
-        while not self.inferences[runs].is_done:
+    def _await_answer(self) -> None:
+        inference, began_s = self.inferences[_of(self.inferring)], clock.now_s()
+        count = len(self.session.runs_for("find"))
+        while not inference.is_done:
             self.screen.show(f"diagnosing {counted(count, 'run')}: {clock.now_s() - began_s:.0f} s")
             clock.sleep(_POLL_S)
-        return guide.Answered(self._finished(runs))
+        self._store_answer(self._finished())
 
-    def _finished(self, runs: guide.Runs) -> Answer:
-        """Return the answer of a finished inference and keep its diagnosis. Raises RigError."""
+    def _finished(self) -> Answer:
+        """Return the answer of the finished inference and keep its diagnosis. Raises RigError."""
+        runs = _of(self.inferring)
+        self.inferring = None
         inference = self.inferences.pop(runs)
         answer = inference.result()
         self.latest = runs, inference.diagnosis()
         return answer
 
+    def _store_answer(self, answer: Answer) -> None:
+        """Store an answer. If it answers the question, skip the remaining steps for finding errors."""
+        session, judges = self.session, len(self.session.runs_for("judge"))
+        if judges and answer.runs > len(session.runs_for("find")):
+            answer = answer.model_copy(update={"joined": judges})
+        is_known = is_answered(session, answer)
+        # A later answer may be less certain. Steps are reopened as long as the ball is still in the same place.
+        is_there = not judges and self.stage in ("", session.stages[0].name)
+        steps = session.steps
+        if session.aim == "faults" and not session.answered and (is_known or is_there):
+            steps = self._skipped("find", _ANSWERED if is_known else "")
+        self._keep(answer=answer, judged=answer if answer.judges else session.judged, steps=steps)
+        self._say(*words.answer_lines(answer, session.answer))
+        if count := abs(len(session.open_steps) - len(self.session.open_steps)):
+            programs = counted(count, "further program is", "further programs are")
+            self._say(f"  {_ANSWERED}: {programs} skipped" if is_known else f"  {_OPEN}: {programs} required after all")
+
+    def _skipped(self, purpose: Purpose, why: str) -> tuple[ProgramStep, ...]:
+        """Steps with the undriven ones of a purpose skipped; an empty `why` reopens them."""
+        return tuple(
+            step.model_copy(update={"skipped": why})
+            if step.purpose == purpose and step.run is None and number != self.driving
+            else step
+            for number, step in enumerate(self.session.steps)
+        )
+
+    def _decide(self) -> None:
+        """Insert a test that separates rivals or helps to decide. If there is none, close the search for errors."""
+        session, answer = self.session, _of(self.session.answer)
+        addition = further_stage(session, answer, self.rig, self.asked.pace) if session.aim != "check" else None
+        if addition is None:
+            self._keep(answered=answer.condition, decided=answer.runs if session.is_last(answer) else 0)
+            return
+        stage, steps = addition
+        is_there = stage.name in [present.name for present in session.stages]
+        stages = session.stages if is_there else (*session.stages, stage)
+        at = next((k for k, step in enumerate(session.steps) if step.purpose != "find"), len(session.steps))
+        self._keep(stages=stages, steps=numbered((*session.steps[:at], *steps, *session.steps[at:]), session.steps))
+        self.stage = ""
+        self._say(*words.more_lines(answer, stage))
+
+    # ------------------------------------------------------------------------------------------------------------------
+    # Correction and the end.
+
     def _verify_steps(self) -> list[ProgramStep]:
-        """Return the steps after the correction with the nominal programs from which they are derived."""
+        """Steps after the correction with the nominal programs from which they are derived."""
         return [
             step.model_copy(update={"program": step.program.removesuffix(FIXED)})
-            for step in self.state.session.steps
+            for step in self.session.steps
             if step.purpose == "verify"
         ]
 
-    def _correct(self) -> guide.CorrectionMade:
-        self.screen.show("making the correction")
-        session, place = self.state.session, self.place
-        assert session.answer is not None  # noqa: S101 - it is corrected by it
-        main = session.stages[0].name
-        finding = [step for step in session.runs_for("find") if step.stage == main]
-        runs = place.runs_of(finding), place.runs_of(session.runs_for("judge"))
-        model, directory = place.model_of(session.answer), place.directory / CORRECTIONS
-        verify = self._verify_steps()
-        correction, programs = corrected(
-            self.guided.rig, session, model, runs, verify, directory, self.guided.chosen_way
+    def _correct(self) -> None:
+        """Compute and store the correction. Its programs, if any, replace those of the verification steps."""
+        answer, way = _of(self.session.answer), self.asked.correct
+        why = why_nothing(self.session) if way in (None, "none") else ""
+        if not answer.model:
+            why = f"A correction is impossible: {answer.next_step}"
+        if why:
+            correction = SessionCorrection(way="none", sentence=why, before_um=0.0, expected_um=0.0)
+        else:
+            correction = self._make_correction(answer)
+        steps = self.session.steps
+        if correction.way == "none":
+            steps = self._skipped("verify", "the robot was not corrected")
+        names = {name: program.name for name, program in self.corrected.items()}
+        steps = tuple(
+            step.model_copy(update={"program": names.get(step.program, step.program)})
+            if step.purpose == "verify"
+            else step
+            for step in steps
         )
-        self.corrected = programs
+        self._keep(correction=correction, steps=steps)
+        # Entered values take effect in the current stage. Corrected programs must be loaded first.
+        self.stage = self.stage if correction.way == "entries" else ""
+        self._say(f"correction: {correction.sentence}")
+
+    def _make_correction(self, answer: Answer) -> SessionCorrection:
+        self.screen.show("making the correction")
+        session, place = self.session, self.place
+        finding = [step for step in session.runs_for("find") if step.stage == session.stages[0].name]
+        runs = place.runs_of(finding), place.runs_of(session.runs_for("judge"))
+        correction, self.corrected = corrected(
+            self.rig,
+            session,
+            place.model_of(answer),
+            runs,
+            self._verify_steps(),
+            place.directory / CORRECTIONS,
+            self.asked.correct,
+        )
         for stage in session.stages:
-            new = [program for program in programs.values() if program.stage == stage.name]
+            new = [program for program in self.corrected.values() if program.stage == stage.name]
             write_programs(session.maker, new, place.directory / "programs" / stage.name)
-        return guide.CorrectionMade(correction, {name: program.name for name, program in programs.items()})
+        return correction
 
-    def _enter(self) -> guide.Event:
+    def _enter(self) -> None:
         """Have the values entered. Raises CellError if the operator does not confirm it."""
-        file = entries_file(self.place.directory / CORRECTIONS)
-        self.screen.say(f"enter the values of {file}, as described in that file")
-        if not self.driver.enter(file):
-            kept = self.state.session
-            remedy = f"enter the values, then run: {self.place.command(kept.rig_file, kept)} --entered"
-            raise CellError(str(file), "the operator has not confirmed that the values are entered", remedy)
-        return "entered"
+        file, session = entries_file(self.place.directory / CORRECTIONS), self.session
+        self._say(f"enter the values of {file}, as described in that file")
+        if not self.cell.enter(file):
+            problem = "the operator has not confirmed that the values are entered"
+            remedy = f"enter the values, then run: {self.place.command(session.rig_file, session)} --entered"
+            raise CellError(str(file), problem, remedy, code="session.not_entered")
+        self._keep(correction=_of(session.correction).model_copy(update={"entered": True}))
 
-    def _report(self) -> guide.Reported:
+    def _report(self) -> None:
         from analysis.apps.session import session_report as report  # noqa: PLC0415 - slow to import
 
         self.screen.show("writing the report")
-        session = self.state.session
+        session = self.session
         verified = None if session.aim == "check" else report.verified_by(session, self.place)
         session = session.model_copy(update={"verified": verified})
-        kept = self.latest[1] if self.latest and self.latest[0] == guide.Runs(session.diagnosed_runs) else None
-        page = report.write_report(session, self.guided.rig, self.place, kept)
-        return guide.Reported(verified, page.name)
+        kept = self.latest[1] if self.latest and self.latest[0] == (session.diagnosed_runs, ()) else None
+        page = report.write_report(session, self.rig, self.place, kept)
+        self._keep(verified=verified, report=page.name)
 
 
-_POLL_S = 0.2
+def _of(value: _T | None) -> _T:
+    """Return a value that is always present at this point of a session."""
+    assert value is not None  # noqa: S101 - by the step that comes next
+    return value
+
+
+def _failed(step: ProgramStep, *, is_emulated: bool) -> CellError:
+    """Error after repeated failures of a step: a problem in the cell or of the computer must be solved first."""
+    last = step.tries[-1].why
+    if is_emulated or any(attempt.held_up for attempt in step.tries[-MOST_TRIES:]):
+        vain = f"after {MOST_TRIES} failed attempts at {step.program}, last error: {last}"
+        problem = f"was delayed, so that readings are missing ({vain})"
+        remedy = "close other programs, or use a faster computer; then repeat the command here"
+        return CellError("this computer", problem, remedy, code="computer.delayed")
+    problem = f"failed {MOST_TRIES} times, last error: {last}"
+    return CellError(
+        step.program, problem, "check the cell (rig doctor); then repeat the command here", code="program.failed"
+    )
 
 
 @contextmanager
-def _session_dependencies(
-    session: Session, place: SessionDirectory, asked: SessionOptions, screen: Screen
-) -> Iterator[SessionDependencies]:
-    """Provide the dependencies of a session, in simulated time if requested."""
-    files, emulated = _entered_files(session, place), session.emulated
-    if emulated is None:
-        yield SessionDependencies(Person(screen, _confirmed))
-        return
-    if not asked.fast:
-        yield SessionDependencies(EmulatedHands(place.directory, session.maker, emulated, files))
-        return
-    from analysis.apps.session.simulated import (  # noqa: PLC0415 - imports the daemon
-        SimulatedCells,
-        SimulatedInference,
-        simulated_time,
-    )
+def _cell_of(session: Session, place: SessionDirectory, asked: SessionOptions, screen: Screen) -> Iterator[RealCell]:
+    """Yield the cell of a session, in simulated time if requested."""
+    if asked.emulated is None:
+        yield RealCell(session, place.directory, screen, asked)
+    elif not asked.emulated.fast:
+        yield ServedCell(session, place.directory, screen, asked)
+    else:
+        from analysis.apps.session.simulated import CellInSimulatedTime, simulated_time  # noqa: PLC0415 - the daemon
 
-    with simulated_time(emulated.seed) as simulated:
-        cells = SimulatedCells(simulated, place.directory)
-        hands = EmulatedHands(place.directory, session.maker, emulated, files, cells.start_cell)
-        yield SessionDependencies(hands, cells.start_rigd, SimulatedInference.start)
+        with simulated_time(_of(session.emulated).seed) as simulated:
+            yield CellInSimulatedTime(session, place.directory, screen, asked, simulated=simulated)
 
 
 def offer_lines(rig_name: str, directories: Sequence[Path]) -> Iterator[str]:
@@ -388,27 +501,9 @@ def _require_same_session(session: Session, text: str, asked: SessionOptions, pl
     """Raise an error if the stored session belongs to a different cell or was started with other options."""
     if session.rig_sha256 != digest_of(text):
         problem = f"is a session with the rig file {session.rig_file}, which has changed or is a different file"
-        raise FileError(str(place.file), problem, "restore that file, or start a new session with a different --output")
+        remedy = "restore that file, or start a new session with a different --output"
+        raise FileError(str(place.file), problem, remedy, code="session.other_rig_file")
     if (session.emulated is None) != (asked.emulated is None):
-        kind = "a real" if session.emulated is None else "an emulated"
-        raise UseError(
-            "--emulated",
-            f"this session uses {kind} cell",
-            "continue with the original options, or choose a different -o",
-        )
-
-
-def _entered_files(session: Session, place: SessionDirectory) -> list[Path]:
-    """Return the files with values that are entered at the controller."""
-    correction = session.correction
-    return [entries_file(place.directory / CORRECTIONS)] if correction and correction.entered else []
-
-
-def _confirmed(statement: str) -> bool:
-    """Request a confirmation at the terminal; return False if standard input is not a terminal."""
-    if not (sys.stdin is not None and sys.stdin.isatty() and sys.stdout.isatty()):
-        return False
-    try:
-        return input(f"{statement}? [y] ").strip().lower() in ("", "y", "yes")
-    except EOFError:
-        return False
+        problem = f"this session uses {'a real' if session.emulated is None else 'an emulated'} cell"
+        remedy = "continue with the original options, or choose a different -o"
+        raise UseError("--emulated", problem, remedy, code="session.other_cell")

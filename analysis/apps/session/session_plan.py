@@ -22,7 +22,18 @@ from analysis.apps.makers.programs.planned import LONGEST_ARC_DEG, plans_of
 from analysis.apps.makers.writing import encoded_programs, programs_of
 from analysis.apps.planning.detectability import plan as plan_tests
 from analysis.apps.planning.proposal import SET_UP_MIN
-from analysis.apps.session.session_state import ELSEWHERE, MAIN, Aim, ProgramStep, Purpose, Stage
+from analysis.apps.session.session_state import (
+    ELSEWHERE,
+    MAIN,
+    Aim,
+    Answer,
+    Emulated,
+    ProgramStep,
+    Purpose,
+    Session,
+    Stage,
+    Way,
+)
 from analysis.diagnosis.plan.further_tests import further_tests, places, with_circle
 from analysis.robot.geometry.driven_programs import circle_program
 from analysis.runs.written_files import write_all_over
@@ -38,6 +49,8 @@ DWELL_S = 3.0
 FIXED = "-fixed"
 """Suffix of corrected programs. Names then have 23 characters; all controller languages accept 24."""
 _BOTH: tuple[Direction, ...] = ("acw", "cw")
+_MOST_MORE = 4
+"""Maximum number of stages added to separate rivals or to decide. If they do not suffice, an expert is needed."""
 _SEPARATING_RUNS = 2
 """Runs in each direction of a test that separates rivals: two are needed to measure the scatter."""
 
@@ -58,6 +71,29 @@ BY_HAND = SessionPace(SET_UP_MIN, 45.0, 2.0)
 """Chosen: an experienced operator walks to the pendant, selects a program, mounts the link and starts the program."""
 BY_ITSELF = SessionPace(0.05, 1.5, 0.8)
 """Pace of an emulated cell, measured on two busy cores: 3 s per stage, 0.5 to 1 s per motion, 45 s at the end."""
+
+
+@dataclass(frozen=True)
+class SessionOptions:
+    """Options of the command `rig session`."""
+
+    rig_file: str
+    aim: Aim
+    minutes: float
+    maker: MakerName
+    emulated: Emulated | None
+    operator: str
+    wait_min: float
+    """Minutes to wait for the robot to start a program."""
+    correct: Way | None = None
+    """Way of the correction chosen by the user."""
+    entered: bool = False
+    """True if the user states that the values of the correction are entered."""
+
+    @property
+    def pace(self) -> SessionPace:
+        """Time needed in addition to the motion; in simulated time the same as for an operator."""
+        return BY_ITSELF if self.emulated and not self.emulated.fast else BY_HAND
 
 
 @dataclass(frozen=True)
@@ -244,6 +280,35 @@ def _further_stages(
             chosen.append((stage, steps))
             minutes -= need
     return chosen
+
+
+def further_stage(
+    session: Session, answer: Answer, rig: Rig, pace: SessionPace
+) -> tuple[Stage, tuple[ProgramStep, ...]] | None:
+    """Return a stage with steps that separate rivals or help to decide; None if none does, or if time is short."""
+    if len(session.stages) >= 2 + _MOST_MORE:
+        return None
+    addition: tuple[Stage, tuple[ProgramStep, ...]] | None = None
+    # More repeats do not distinguish these causes.
+    is_ambiguous = answer.condition == "ambiguous" or (
+        answer.condition == "undecided" and answer.runs_to_decide is None
+    )
+    if answer.next_test and (is_ambiguous or session.is_last(answer)):
+        tests = tuple(dict.fromkeys(step.test for step in session.runs_for("find")))
+        addition = separating(rig, answer.next_test, tests, len(session.stages) + 1)
+    elif answer.condition == "undecided" and answer.runs_to_decide is not None:
+        # Repeat the main test in each direction, if that may decide.
+        main = session.stages[0]
+        main_steps = [step for step in session.steps if step.stage == main.name and step.purpose == "find"]
+        once = list({step.program: step for step in main_steps}.values())
+        if sum(bool(step.run) for step in main_steps) < len(once) * answer.runs_to_decide:
+            addition = main, tuple(step.model_copy(update={"tries": (), "skipped": ""}) for step in once)
+    # A test at the judging place is driven anyway, and its runs join the last diagnosis.
+    judged_at = [stage.circle for stage in session.stages if stage.circle is not None]
+    if addition is None or addition[0].circle in judged_at:
+        return None
+    need = minutes_of((addition[0],), (*addition[1], *session.open_steps), pace)
+    return addition if session.driven_minutes + need <= session.minutes else None
 
 
 def minutes_of(stages: Sequence[Stage], steps: Sequence[ProgramStep], pace: SessionPace) -> float:

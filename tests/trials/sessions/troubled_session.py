@@ -11,16 +11,14 @@ import shutil
 import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from analysis.apps.session.correction_step import CORRECTIONS, entries_file
-from analysis.apps.session.daemon_cell import EmulatedHands
-from analysis.apps.session.run_session import SessionDependencies, SessionOptions, run_session
-from analysis.apps.session.session_plan import SessionProgram
-from analysis.apps.session.session_state import Emulated, SessionDirectory
-from analysis.apps.session.simulated import SimulatedCells, SimulatedInference
+from analysis.apps.session.run_session import run_session
+from analysis.apps.session.session_plan import SessionOptions, SessionProgram
+from analysis.apps.session.session_state import Emulated, Session, SessionDirectory
+from analysis.apps.session.simulated import CellInSimulatedTime
 from daq import clock
 from daq.apps.emulate.simulated_clock import SimulatedClock
 from rigs.errors import RigError
@@ -35,36 +33,26 @@ class SessionKilled(BaseException):
     """The session's process is gone."""
 
 
-class TroubledHands(EmulatedHands):
+@dataclass
+class TroubledCell(CellInSimulatedTime):
     """Does at a given start of a program what a person may do, and calls `meanwhile` at each look."""
 
-    def __init__(
-        self,
-        directory: Path,
-        asked: SessionOptions,
-        cells: SimulatedCells,
-        at_robot: dict[int, str],
-        meanwhile: Callable[[], None],
-    ) -> None:
-        assert asked.emulated is not None
-        kept = SessionDirectory(directory).read()
-        entered = kept is not None and kept.correction is not None and kept.correction.entered
-        files = [entries_file(directory / CORRECTIONS)] if entered else []
-        super().__init__(directory, asked.maker, asked.emulated, files, cells.start_cell)
-        self._troubles, self._file, self._meanwhile = at_robot, directory / "starts.txt", meanwhile
-        self._later: list[tuple[float, str]] = []
+    at_robot: dict[int, str] = field(kw_only=True)
+    meanwhile: Callable[[TroubledCell], None] = field(kw_only=True)
+    _later: list[tuple[float, str]] = field(default_factory=list)
 
-    def start(self, program: SessionProgram) -> None:
-        number = int(self._file.read_text()) if self._file.exists() else 0
-        self._file.write_text(str(number + 1))
-        trouble, now_s = self._troubles.get(number, ""), clock.now_s()
+    def start_program(self, program: SessionProgram) -> None:
+        file = self.directory / "starts.txt"
+        number = int(file.read_text()) if file.exists() else 0
+        file.write_text(str(number + 1))
+        trouble, now_s = self.at_robot.get(number, ""), clock.now_s()
         self._later = []
         match trouble:
             case "late":
                 self._later = [(now_s + 20, f"run {program.name}")]
                 return
             case "other":
-                others = [path.stem for path in sorted((self._directory / "programs" / program.stage).glob("*.*"))]
+                others = [path.stem for path in sorted((self.directory / "programs" / program.stage).glob("*.*"))]
                 mine = program.name.replace("-", "_")
                 wrong = next((name for name in others if name.lower() != mine.lower()), mine)
                 self._later = [(now_s + 1, "stop"), (now_s + 3, f"run {wrong}")]
@@ -74,39 +62,38 @@ class TroubledHands(EmulatedHands):
                 self._later = [(now_s + 9, "pause"), (now_s + 11, "go on")]
             case "twice":
                 self._later = [(now_s + 2, f"run {program.name}")]
-        super().start(program)
+        super().start_program(program)
         if trouble == "other":
             self._waits = False
 
-    def look(self) -> None:
-        self._meanwhile()
+    def check(self) -> None:
+        self.meanwhile(self)
         now_s = clock.now_s()
         for line in [line for at_s, line in self._later if at_s <= now_s]:
-            self._type(line)
+            self.type_line(line)
         self._later = [(at_s, line) for at_s, line in self._later if at_s > now_s]
-        super().look()
+        super().check()
 
 
 class Computer:
     """What happens to the session's computer at its time."""
 
-    def __init__(self, directory: Path, cells: SimulatedCells, troubles: list[tuple[float, str]]) -> None:
-        self._runs, self._cells, self._pending = directory / "runs", cells, troubles
+    def __init__(self, directory: Path, troubles: list[tuple[float, str]]) -> None:
+        self._runs, self._pending = directory / "runs", troubles
         self._began_s = clock.now_s()
 
-    def meanwhile(self) -> None:
+    def meanwhile(self, cell: TroubledCell) -> None:
         while self._pending and self._pending[0][0] <= clock.now_s() - self._began_s and self._runs.is_dir():
-            self._do(self._pending.pop(0)[1])
+            self._do(self._pending.pop(0)[1], cell)
 
-    def _do(self, trouble: str) -> None:
+    def _do(self, trouble: str, cell: TroubledCell) -> None:
         match trouble:
             case "kill":
                 raise SessionKilled
             case "interrupt":
                 raise KeyboardInterrupt
             case "kill_rigd":
-                assert self._cells.rigd is not None
-                self._cells.rigd.kill()
+                cell.kill_rigd()
             case "by_hand":
                 whole = next((p for p in sorted(self._runs.glob("*_p0*")) if (p / "manifest.json").exists()), None)
                 if whole:
@@ -140,8 +127,7 @@ def main() -> None:
 def _starts(simulated: SimulatedClock, request: dict[str, Any]) -> list[int]:
     """Give the same command until the session is at its end; its exit codes."""
     directory = Path(request["directory"])
-    cells = SimulatedCells(simulated, directory)
-    computer = Computer(directory, cells, [(at_s, kind) for at_s, kind in request["at_computer"]])
+    computer = Computer(directory, [(at_s, kind) for at_s, kind in request["at_computer"]])
     at_robot = {int(number): trouble for number, trouble in request["at_robot"].items()}
     rig, text = load(request["rig"])
     asked = SessionOptions(
@@ -155,7 +141,7 @@ def _starts(simulated: SimulatedClock, request: dict[str, Any]) -> list[int]:
     )
     exits: list[int] = []
     while len(exits) < MOST_STARTS and 0 not in exits:
-        exits.append(_one_start(rig, text, directory, asked, cells, at_robot, computer))
+        exits.append(_one_start(rig, text, directory, asked, simulated, at_robot, computer))
     return exits
 
 
@@ -164,25 +150,22 @@ def _one_start(
     text: str,
     directory: Path,
     asked: SessionOptions,
-    cells: SimulatedCells,
+    simulated: SimulatedClock,
     at_robot: dict[int, str],
     computer: Computer,
 ) -> int:
-    hands = TroubledHands(directory, asked, cells, at_robot, computer.meanwhile)
-    place = SessionDirectory(directory)
+    def make_cell(session: Session) -> TroubledCell:
+        shared: Any = {"simulated": simulated, "at_robot": at_robot, "meanwhile": computer.meanwhile}
+        return TroubledCell(session, directory, Lines(), asked, **shared)
+
     try:
-        run_session(
-            rig, text, place, asked, Lines(), SessionDependencies(hands, cells.start_rigd, SimulatedInference.start)
-        )
+        run_session(rig, text, SessionDirectory(directory), asked, Lines(), make_cell)
     except RigError as error:
         print(f"error: {error}", flush=True)
         return error.exit_code
     except KeyboardInterrupt:
         return 130
     except SessionKilled:
-        with suppress(RigError):
-            if cells.rigd is not None:
-                cells.rigd.stop()
         return -9
     return 0
 

@@ -23,8 +23,7 @@ HERE = {"/dev/ttyUSB0": "FT232R", "/dev/ttyUSB1": "", "/dev/ttyS0": "CNC"}
 
 def options(*ports: str) -> Options:
     nothing: dict[str, dict[str, object]] = {"g1": {}, "g2": {}, "feedback": {}}
-    unasked = [None] * 6
-    return Options(Path("cell.yaml"), "cell", "gauges", None, ports, (), nothing, *unasked, 70.0, 0.3, (1,))
+    return Options(Path("cell.yaml"), "cell", "gauges", None, ports, (), nothing, {}, None, 70.0, 0.3, (1,))
 
 
 def asked(monkeypatch: pytest.MonkeyPatch, typed: str, *ports: str, terminal: bool = True) -> tuple[list[str], str]:
@@ -45,13 +44,14 @@ def asked(monkeypatch: pytest.MonkeyPatch, typed: str, *ports: str, terminal: bo
             ask_gauges(Answers(), options(*ports), dialogue)
     finally:
         os.close(master)
+    assert not any("\n" in line for line in said), "line feeds in a question are printed as line breaks"
     return searched, "\n".join([*said, screen.getvalue(), str(ended.value)])
 
 
-def test_a_port_is_chosen_before_it_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ports_are_listed_and_chosen_before_they_are_opened(monkeypatch: pytest.MonkeyPatch) -> None:
     searched, said = asked(monkeypatch, "")
     assert not searched
-    assert "1 /dev/ttyUSB0 (FT232R)" in said and "3 /dev/ttyS0 (CNC)" in said and "Do not choose ports" in said
+    assert all(f"{number} {port}" in said for number, port in enumerate(HERE, 1)) and "FT232R" in said
 
 
 @pytest.mark.parametrize(
@@ -62,33 +62,15 @@ def test_the_chosen_ports_are_searched(monkeypatch: pytest.MonkeyPatch, typed: s
 
 
 @pytest.mark.parametrize("typed", ["0", "4", "x", "1-2", "-1", ","])
-def test_what_is_not_a_choice_is_asked_again(monkeypatch: pytest.MonkeyPatch, typed: str) -> None:
+def test_invalid_choice_is_asked_again(monkeypatch: pytest.MonkeyPatch, typed: str) -> None:
     searched, said = asked(monkeypatch, f"{typed}\n2\n")
-    assert searched == ["/dev/ttyUSB1"] and "is not a list of numbers from 1 to 3" in said
+    assert searched == ["/dev/ttyUSB1"] and f"error: {typed!r}" in said
 
 
-def test_named_ports_are_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ports_named_by_options_are_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     assert asked(monkeypatch, "", "/dev/ttyUSB0")[0] == ["/dev/ttyUSB0"]
 
 
-def test_without_a_terminal_no_port_is_opened_that_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_unnamed_port_is_opened_without_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     searched, said = asked(monkeypatch, "", terminal=False)
     assert not searched and "--port" in said
-
-
-def test_a_question_of_several_lines_is_said_line_by_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Line feeds in a question are printed as line breaks and not escaped."""
-    given = list[str]()
-    master, slave = os.openpty()
-    os.write(master, b"\x04")
-    monkeypatch.setattr(gauge_questions, "ports_here", lambda: HERE)
-    try:
-        with os.fdopen(slave) as keyboard, pytest.raises(DialogueEnded):
-            dialogue = Dialogue(
-                given.append, lambda doing: nullcontext(lambda doing: None), True, keyboard, io.StringIO()
-            )
-            ask_gauges(Answers(), options(), dialogue)
-    finally:
-        os.close(master)
-    assert "of other machines: a machine may execute the request as a command." in given
-    assert [line for line in given if "\n" in line] == []

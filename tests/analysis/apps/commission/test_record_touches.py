@@ -64,12 +64,12 @@ def test_a_person_who_ends_early_keeps_what_was_touched(tmp_path: Path) -> None:
 
 def test_a_robot_that_falls_silent_takes_no_touch_along(tmp_path: Path) -> None:
     said, silent = list[str](), CellError("robot", "joint angles missing for 5 s", "see rig doctor")
-    with pytest.raises(CellError, match="joint angles missing"):
+    with pytest.raises(CellError):
         record_touches(Served(8, silent), "monday", tmp_path / "monday", "ada", "", None, said.append)
-    assert said[-1].endswith("8 touches were saved") and len(load_run(tmp_path / "monday").table.q) == 8
+    assert str(tmp_path / "monday") in said[-1] and len(load_run(tmp_path / "monday").table.q) == 8
 
 
 def test_too_few_touches_are_not_kept(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="only 3 touches were made; at least 6 are needed"):
+    with pytest.raises(FileError) as error:
         record_touches(Served(3), "monday", tmp_path / "monday", "ada", "", None, lambda _: None)
-    assert not (tmp_path / "monday").exists()
+    assert error.value.code == "touch.too_few" and not (tmp_path / "monday").exists()

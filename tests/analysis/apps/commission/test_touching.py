@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.apps.commission.touched_ball import REST_S, Touching
+from analysis.apps.commission.touched_ball import REST_S, RestDetector, Touching
 from analysis.procedures.shared.simulated_touches import planned_touches
 from analysis.robot.geometry.pose_setup import moved_by
 from analysis.robot.kinematics.arm import Array, arm_of
@@ -45,11 +45,11 @@ def guided(postures: Array, came_from: Array) -> Array:
 
 
 def fed(guide: Touching, rows: Array) -> list[str]:
-    seen = [guide.feed(EVERY_S * k, row) for k, row in enumerate(rows)]
-    return [one for one in seen if one != "nothing"]
+    detector = RestDetector()
+    return [guide.take(row, detector.came_deg) for k, row in enumerate(rows) if detector.feed(EVERY_S * k, row)]
 
 
-def test_each_stand_in_a_socket_is_a_touch_with_the_way_each_joint_came(rig: Rig) -> None:
+def test_each_rest_in_a_socket_is_a_touch_with_the_direction_of_each_joint(rig: Rig) -> None:
     planned = planned_touches(rig)
     assert planned.came_from is not None
     guide = touching(rig)
@@ -63,7 +63,7 @@ def test_each_stand_in_a_socket_is_a_touch_with_the_way_each_joint_came(rig: Rig
     np.testing.assert_array_equal(sides, np.sign(planned.q - planned.came_from))
 
 
-def test_a_rest_elsewhere_is_no_touch_and_is_said_once(rig: Rig) -> None:
+def test_rest_elsewhere_is_reported_once_and_not_taken(rig: Rig) -> None:
     planned = planned_touches(rig)
     assert planned.came_from is not None
     guide, q, came = touching(rig), planned.q[:2].copy(), planned.came_from[:2]
@@ -73,7 +73,7 @@ def test_a_rest_elsewhere_is_no_touch_and_is_said_once(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("stop", [0, 6])
-def test_a_stop_elsewhere_before_the_first_touch_of_a_socket_is_dropped(rig: Rig, stop: int) -> None:
+def test_stop_elsewhere_before_the_first_touch_of_a_socket_is_dropped(rig: Rig, stop: int) -> None:
     """A robot that stood elsewhere at the start was taken as the first touch, and all real touches were rejected."""
     planned = planned_touches(rig)
     assert planned.came_from is not None
@@ -86,7 +86,7 @@ def test_a_stop_elsewhere_before_the_first_touch_of_a_socket_is_dropped(rig: Rig
     assert guide.table.socket.tolist() == planned.socket.tolist()
 
 
-def test_the_same_posture_again_is_no_second_touch(rig: Rig) -> None:
+def test_repeated_posture_is_not_taken(rig: Rig) -> None:
     planned = planned_touches(rig)
     assert planned.came_from is not None
     q = planned.q[[0, 0]]

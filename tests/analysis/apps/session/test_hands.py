@@ -1,112 +1,113 @@
-"""The hands of an emulated cell: what is typed at which of its events, and what ends the session."""
+"""An emulated cell of a session: the lines typed at its events, and errors that end the session."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from analysis.apps.emulate.served_cell import CellEvent, Keyboard
-from analysis.apps.session.daemon_cell import EmulatedHands, Hear
-from analysis.apps.session.session_state import Emulated, Stage
+from analysis.apps.session.cell import ServedCell
+from analysis.apps.session.session_state import Emulated, Session, Stage
 from rigs.errors import CellError
+from rigs.load import find
+from tests.support.session_cell import Screen, asked_for, begun
 
-PROGRAM = SimpleNamespace(name="p01-yaw-acw")
+PROGRAM: Any = SimpleNamespace(name="p01-yaw-acw")
 
 
-@dataclass
-class Cell:
+class Cell(ServedCell):
     """An emulated cell with scripted responses: `answers` to each typed line."""
 
-    answers: dict[str, tuple[CellEvent, ...]] = field(default_factory=dict)
-    typed: list[str] = field(default_factory=list)
-    name: str = "rig emulate"
-    log: Path = Path("emulated.log")
-    runs: bool = True
-    hear: Hear = print
-    seeds: list[str] = field(default_factory=list)
+    def __init__(self, session: Session, directory: Path, answers: dict[str, tuple[CellEvent, ...]]) -> None:
+        session = session.model_copy(update={"emulated": Emulated()})
+        super().__init__(session, directory, Screen(), asked_for(session))
+        self.answers = answers
+        self.typed: list[str] = []
+        self.runs = True
+        self.hear: Callable[[CellEvent], None] = print
+        self.seeds: list[int] = []
 
-    def start(self, arguments: Sequence[str | Path], _: Path, hear: Hear) -> Cell:
+    def switch_on(self, rig_file: Path, programs: Path, seed: int, hear: Callable[[CellEvent], None]) -> None:
         self.hear = hear
-        self.seeds.append(str(arguments[-1]))
+        self.seeds.append(seed)
         hear(CellEvent("ready", "cell/rig.yaml", "ready"))
-        return self
 
     def type_line(self, line: str) -> None:
         self.typed.append(line)
         for event in self.answers.get(line.partition(" ")[0], ()):
             self.hear(event)
 
-    def ended(self) -> CellError:
-        return CellError(self.name, "ended by itself", "the same command goes on")
-
-    def stop(self) -> None:
-        self.runs = False
+    def require_on(self) -> None:
+        if not self.runs:
+            raise CellError("rig emulate", "exited unexpectedly", "repeat", code="process.ended")
 
 
-def hands_at(cell: Cell, *entered: Path, directory: Path = Path("session")) -> EmulatedHands:
-    hands = EmulatedHands(directory, "kuka", Emulated(), entered, cell.start)
-    hands.set_up(Stage(name="yaw", words="the ball"), Path("yaml"))
-    return hands
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    return begun(find("paper-fanuc"), tmp_path / "begun", 11)
 
 
-def test_a_program_that_waits_goes_on_once_it_is_recorded() -> None:
-    cell = Cell({"run": (CellEvent("waits", "p01", "another language says it otherwise"),)})
-    hands = hands_at(cell)
-    hands.start(PROGRAM)  # type: ignore[arg-type]
-    hands.look()
+def cell_at(session: Session, directory: Path, **answers: tuple[CellEvent, ...]) -> Cell:
+    cell = Cell(session, directory, answers)
+    cell.mount(Stage(name="yaw", words="the ball"), Path("yaml"))
+    return cell
+
+
+def test_waiting_program_continues_once_it_is_recorded(session: Session, tmp_path: Path) -> None:
+    cell = cell_at(session, tmp_path, run=(CellEvent("waits", "p01", "in another language"),))
+    cell.start_program(PROGRAM)
+    cell.check()
     assert cell.typed == ["run p01-yaw-acw"]
-    hands.go_on(PROGRAM)  # type: ignore[arg-type]
-    hands.look()
-    hands.look()
+    cell.go_on(PROGRAM)
+    cell.check()
+    cell.check()
     assert cell.typed == ["run p01-yaw-acw", "go on"]
 
 
-def test_the_next_program_is_not_stopped_where_the_one_before_is_done() -> None:
-    cell = Cell({"run": (CellEvent("driving", "p01", ""), CellEvent("done", "p01", ""))})
-    hands = hands_at(cell)
+def test_next_program_is_not_preceded_by_a_stop_if_the_last_is_done(session: Session, tmp_path: Path) -> None:
+    cell = cell_at(session, tmp_path, run=(CellEvent("driving", "p01", ""), CellEvent("done", "p01", "")))
     for _ in range(2):
-        hands.start(PROGRAM)  # type: ignore[arg-type]
-        hands.look()
+        cell.start_program(PROGRAM)
+        cell.check()
     assert cell.typed == ["run p01-yaw-acw"] * 2
 
 
-def test_what_the_cell_refuses_is_said_at_once_but_a_stop_that_came_late() -> None:
-    cell = Cell({"stop": (CellEvent("refused", "stop", "error: stop: no program drives"),)})
-    hands = hands_at(cell)
+def test_refusal_ends_the_session_except_of_a_late_stop(session: Session, tmp_path: Path) -> None:
+    cell = cell_at(session, tmp_path, stop=(CellEvent("refused", "stop", "error: stop: no program drives"),))
     cell.type_line("stop")
-    hands.look()
+    cell.check()
     cell.answers = {"enter": (CellEvent("refused", "enter x", "error: x: is for a controller of abb"),)}
-    with pytest.raises(CellError, match="the emulated cell: x: is for a controller of abb"):
-        hands.enter(Path("x"))
+    with pytest.raises(CellError) as error:
+        cell.enter(Path("x"))
+    assert error.value.code == "emulated.refused" and not cell.entered
 
 
-def test_values_that_were_entered_before_are_entered_at_each_stage() -> None:
-    cell = Cell({"enter": (CellEvent("entered", "corrections.yaml", ""),)})
-    hands_at(cell, Path("corrections.yaml"))
+def test_entered_values_are_entered_again_at_each_stage(session: Session, tmp_path: Path) -> None:
+    cell = Cell(session, tmp_path, {"enter": (CellEvent("entered", "corrections.yaml", ""),)})
+    assert cell.enter(Path("corrections.yaml")) and not cell.typed
+    cell.mount(Stage(name="yaw", words="the ball"), Path("yaml"))
     assert cell.typed == ["enter corrections.yaml"]
 
 
-def test_a_cell_that_goes_on_after_a_cut_does_not_repeat_its_noise(tmp_path: Path) -> None:
-    cell = Cell()
-    hands_at(cell, directory=tmp_path)
+def test_resumed_session_has_new_noise(session: Session, tmp_path: Path) -> None:
+    first = cell_at(session, tmp_path)
     (tmp_path / "runs" / "20260101T000000Z_p01-yaw-acw").mkdir(parents=True)
-    hands_at(cell, directory=tmp_path)
-    assert len({*cell.seeds}) == 2
+    assert first.seeds != cell_at(session, tmp_path).seeds
 
 
-def test_a_cell_that_has_ended_ends_the_session() -> None:
-    cell = Cell()
-    hands = hands_at(cell)
+def test_cell_that_has_ended_ends_the_session(session: Session, tmp_path: Path) -> None:
+    cell = cell_at(session, tmp_path)
     cell.runs = False
-    with pytest.raises(CellError, match="ended by itself"):
-        hands.look()
+    with pytest.raises(CellError) as error:
+        cell.check()
+    assert error.value.code == "process.ended"
 
 
-def test_an_event_is_a_line_of_json_and_no_other_line_is_one() -> None:
+def test_event_is_a_line_of_json_and_other_lines_are_ignored() -> None:
     events: list[CellEvent] = []
     robot = SimpleNamespace(stop=lambda: False, pause=None, go_on=None, show=lambda column, value: None)
     keyboard = Keyboard(robot, None, print, events.append)  # type: ignore[arg-type]

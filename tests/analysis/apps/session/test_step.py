@@ -1,47 +1,80 @@
-"""The step function of the guide: state and event as input, new state and commands as output."""
+"""Decisions of a session: the requests to a cell and the stored state, for a given state and given runs."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from analysis.apps.session.daemon_cell import ProgramRun
-from analysis.apps.session.guide import (
-    Answered,
-    Begin,
-    CorrectionMade,
-    EndSession,
-    Event,
-    Guide,
-    GuideState,
-    Outcome,
-    Present,
-    Recorded,
-    Reported,
-    Runs,
-    Say,
-    SetUpStage,
+from analysis.apps.session import run_session
+from analysis.apps.session.answer import Inference
+from analysis.apps.session.cell import ProgramRun, RealCell
+from analysis.apps.session.next_step import is_answered
+from analysis.apps.session.run_session import Conductor
+from analysis.apps.session.session_plan import SessionProgram
+from analysis.apps.session.session_state import (
+    Answer,
+    ProgramStep,
+    Session,
+    SessionAct,
+    SessionCorrection,
+    SessionDirectory,
+    Stage,
+    Try,
+    VerifiedError,
 )
-from analysis.apps.session.next_step import Drive, is_answered
-from analysis.apps.session.session_plan import BY_ITSELF
-from analysis.apps.session.session_state import Session, SessionAct, SessionCorrection, Try, VerifiedError
 from analysis.correction.deviation import Deviation
+from rigs.errors import CellError
 from rigs.load import load
-from tests.support.session_cell import NAMED, begun, cell_file
+from tests.support.session_cell import NAMED, InstantDiagnosis, Killed, Screen, asked_for, begun, cell_file
 
 ACW, CW = "p01-yaw-acw", "p02-yaw-cw"
 BY_PROGRAMS = SessionCorrection(way="programs", sentence="Load them.", before_um=50, expected_um=2)
 BY_ENTRIES = BY_PROGRAMS.model_copy(update={"way": "entries"})
-IN_VAIN = ProgramRun("r", ACW, "g1: 3 silent")
+GROUP = SessionAct(kind="measure", why="group", words="Drive roll.")
+
+
+class Scripted(RealCell):
+    """A cell that records the given runs, logs its requests, and ends the session at the next drive.
+
+    diagnoses: answers or errors of the inferences, which are finished at the next look.
+    """
+
+    def __init__(self, runs: Sequence[ProgramRun], diagnoses: Sequence[Answer | CellError]) -> None:
+        self.runs, self.diagnoses, self.requests = list(runs), list(diagnoses), list[Any]()
+
+    def set_up(self, stage: Stage, programs: Mapping[str, SessionProgram]) -> None:
+        self.requests.append(stage.name)
+
+    def drive(self, step: ProgramStep, look: Callable[[], None]) -> ProgramRun:
+        look()
+        self.requests.append(step.program)
+        if not self.runs:
+            raise Killed
+        return self.runs.pop(0)
+
+    def infer(self, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Inference:
+        self.requests.append(([run.name for run in used], len(judges)))
+        return InstantDiagnosis(self.diagnoses.pop(0))  # type: ignore[return-value]  # like an inference
+
+    def enter(self, file: Path) -> bool:
+        self.requests.append("enter")
+        return True
 
 
 @pytest.fixture(scope="module")
 def at_start(tmp_path_factory: pytest.TempPathFactory) -> Session:
     folder = tmp_path_factory.mktemp("step")
     return begun(cell_file(folder), folder / "session")
+
+
+@pytest.fixture(autouse=True)
+def no_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write no programs, which would take most of the time."""
+    monkeypatch.setattr(Conductor, "_write_stage", lambda *_: None)
+    monkeypatch.setattr(run_session, "programs_of_steps", lambda *_: {})
 
 
 def driven(session: Session, *purposes: str, **changed: Any) -> Session:
@@ -53,15 +86,25 @@ def driven(session: Session, *purposes: str, **changed: Any) -> Session:
     return session.model_copy(update={"steps": tuple(steps), **changed})
 
 
-def stepped(state: GuideState, event: Event) -> Outcome:
-    """Return the outcome of an event without messages."""
-    guide = Guide(load("paper-fanuc")[0], BY_ITSELF, Path("session"))
-    after, actions = guide.step(state, event)
-    return after, tuple(action for action in actions if not isinstance(action, Say))
+def conduct(
+    session: Session,
+    place: Path,
+    runs: Sequence[ProgramRun] = (),
+    diagnoses: Sequence[Answer | CellError] = (),
+    stage: str = "",
+) -> tuple[Session, list[Any]]:
+    """Continue a session until it drives without a run. Return the stored session and the requests to the cell."""
+    cell = Scripted(runs, diagnoses)
+    with SessionDirectory(place) as held:
+        rig, text = load(session.rig_file)
+        with pytest.raises(Killed):
+            Conductor(rig, text, held, session, cell, Screen(), asked_for(session), stage=stage).run()
+        kept = held.read()
+    return kept or session, cell.requests
 
 
 def known(session: Session) -> Session:
-    """The session when all is understood and decided, and the correction comes."""
+    """The session when all is diagnosed and decided, and the correction follows."""
     before = driven(session, "find", "judge", answered="named")
     find, judges = len(before.runs_for("find")), len(before.runs_for("judge"))
     judged = NAMED.model_copy(update={"runs": find, "judges": judges})
@@ -69,149 +112,108 @@ def known(session: Session) -> Session:
     return before.model_copy(update={"judged": judged, "answer": last, "decided": find + judges})
 
 
-def test_the_first_program_is_driven_where_its_stage_is_set_up(at_start: Session) -> None:
-    state, actions = stepped(GuideState(at_start), "begun")
-    assert actions == (SetUpStage(at_start.stages[0]), Drive(0))
-    assert (state.stage, state.driving, state.session) == ("yaw", 0, at_start)
-
-
 @pytest.mark.parametrize(
     ("run", "tries", "left_alone", "following"),
     [
-        (ProgramRun("r", ACW, ""), [1, 0], (), Drive(1)),
-        (IN_VAIN, [1, 0], (), Drive(0)),
-        (ProgramRun("r", CW, ""), [0, 1], (), Drive(0)),
-        (ProgramRun("r", "p99-roll-cw", ""), [0, 0], ("r",), Drive(0)),
+        (ProgramRun("r", ACW), [1, 0], (), CW),
+        (ProgramRun("r", ACW, "g1: 3 silent"), [1, 0], (), ACW),
+        (ProgramRun("r", CW), [0, 1], (), ACW),
+        (ProgramRun("r", "p99-roll-cw"), [0, 0], ("r",), ACW),
     ],
-    ids=["usable", "in vain", "of another step", "of no step"],
+    ids=["usable", "unusable", "of another step", "of no step"],
 )
-def test_a_run_counts_as_what_it_is(
-    run: ProgramRun, tries: list[int], left_alone: tuple[str, ...], following: Drive, at_start: Session
+def test_run_counts_for_the_step_of_its_program(
+    run: ProgramRun, tries: list[int], left_alone: tuple[str, ...], following: str, at_start: Session, tmp_path: Path
 ) -> None:
-    state, actions = stepped(GuideState(at_start, "yaw", driving=0), Recorded(run, 0.5))
-    assert [len(step.tries) for step in state.session.steps[:2]] == tries
-    assert (state.session.left_alone, state.session.driven_minutes, actions) == (left_alone, 0.5, (following,))
+    session, requests = conduct(at_start, tmp_path, [run])
+    assert [len(step.tries) for step in session.steps[:2]] == tries
+    assert session.left_alone == left_alone and requests == ["yaw", ACW, following]
 
 
-@pytest.mark.parametrize(("held_up", "where"), [(0, ACW), (2, "this computer")])
-def test_the_third_run_in_vain_ends_the_session_after_it_is_kept(held_up: int, where: str, at_start: Session) -> None:
-    vain = Try(run="r", why=IN_VAIN.why, held_up=held_up)
-    state = GuideState(at_start, "yaw", driving=0).tried(0, vain).tried(0, vain)
-    after, actions = stepped(state, Recorded(IN_VAIN, 0.5))
-    assert len(after.session.steps[0].tries) == 3
-    assert isinstance(actions[0], EndSession) and actions[0].error.where == where
-
-
-def test_both_directions_are_understood_while_the_next_program_is_driven(at_start: Session) -> None:
-    state = GuideState(at_start, "yaw", driving=1).tried(0, Try(run="a"))
-    state, actions = stepped(state, Recorded(ProgramRun("b", CW, ""), 0.5))
-    assert actions == (Begin(Runs(("a", "b"))), Drive(2)) and state.inferring == Runs(("a", "b"))
-    later, none = stepped(state, Answered(None, "no lap"))
-    assert (later.inferring, later.session, none) == (None, state.session, ())
+@pytest.mark.parametrize("fails", [False, True])
+def test_both_directions_are_diagnosed_during_the_next_program(fails: bool, at_start: Session, tmp_path: Path) -> None:
     answer = NAMED.model_copy(update={"runs": 2})
-    later, none = stepped(state, Answered(answer))
-    assert (later.inferring, later.session.answer, later.driving, none) == (None, answer, 2, ())
+    diagnosis: Answer | CellError = CellError("inference", "no lap", "see the log") if fails else answer
+    session, requests = conduct(at_start, tmp_path, [ProgramRun("a", ACW), ProgramRun("b", CW)], [diagnosis])
+    assert requests[3] == (["a", "b"], 0) and requests[4:] == [session.steps[2].program]
+    assert session.answer == (None if fails else answer)
 
 
-def test_two_inferences_begin_where_the_other_place_has_judged_and_the_second_is_awaited(at_start: Session) -> None:
-    session = driven(at_start, "find", "judge", answered="named")
-    number = max(k for k, step in enumerate(session.steps) if step.purpose == "judge")
-    before = session.with_step(number, at_start.steps[number])
-    step = before.steps[number]
-    state, actions = stepped(
-        GuideState(before, "other", driving=number), Recorded(ProgramRun("z", step.program, ""), 0.5)
-    )
-    find, judges = (tuple(step.run for step in state.session.runs_for(purpose)) for purpose in ("find", "judge"))
-    assert actions == (Begin(Runs(find, judges)), Begin(Runs((*find, *judges))), "await")  # type: ignore[arg-type]
-    judged = NAMED.model_copy(update={"runs": len(find), "judges": len(judges)})
-    state, actions = stepped(state, Answered(judged))
-    assert actions == ("await",) and state.inferring == Runs((*find, *judges))  # type: ignore[arg-type]
-    assert state.session.judged == judged
+@pytest.mark.parametrize(("correction", "requests"), [(BY_PROGRAMS, []), (BY_ENTRIES, ["enter"])])
+def test_correction_is_loaded_or_entered_before_the_verification(
+    correction: SessionCorrection,
+    requests: list[str],
+    at_start: Session,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    verify = {step.program for step in at_start.steps if step.purpose == "verify"}
+    by_programs = correction.way == "programs"
+    fixed = {
+        name: SessionProgram(f"{name}-fixed", "other", "yaw", "acw", None, 1.0)  # type: ignore[arg-type]  # not driven
+        for name in verify
+        if by_programs
+    }
+    monkeypatch.setattr(run_session, "corrected", lambda *_: (correction, fixed))
+    monkeypatch.setattr(run_session, "write_programs", lambda *_: None)
+    session, made = conduct(known(at_start), tmp_path, stage="other")
+    programs = [step.program for step in session.steps if step.purpose == "verify"]
+    assert all(program.endswith("-fixed") == by_programs for program in programs)
+    assert made[: len(requests)] == requests and made[-1] == programs[0]
+    assert ("other" in made) == by_programs, "corrected programs are loaded also at the present stage"
+    assert session.correction and session.correction.entered != by_programs
 
 
-def test_corrected_programs_take_the_place_of_those_that_verify(at_start: Session) -> None:
-    names = {step.program: f"{step.program}-fixed" for step in at_start.steps if step.purpose == "verify"}
-    state, (set_up, drive) = stepped(GuideState(known(at_start), "other"), CorrectionMade(BY_PROGRAMS, names))
-    verify = [step.program for step in state.session.steps if step.purpose == "verify"]
-    assert verify and all(name.endswith("-fixed") for name in verify)
-    assert isinstance(set_up, SetUpStage) and isinstance(drive, Drive), (
-        "also where its stage is set up: they are loaded"
-    )
-
-
-def test_entries_are_entered_before_anything_is_driven(at_start: Session) -> None:
-    state, actions = stepped(GuideState(known(at_start), "other"), CorrectionMade(BY_ENTRIES, {}))
-    assert actions == ("enter",) and state.stage == "other"
-    state, (drive,) = stepped(state, "entered")
-    assert isinstance(drive, Drive) and state.session.correction and state.session.correction.entered
-
-
-def test_nothing_is_corrected_without_a_model_or_by_one_that_the_other_place_refuses(at_start: Session) -> None:
+@pytest.mark.parametrize("refused", [True, False])
+def test_nothing_is_corrected_without_a_model_or_against_the_judgement(
+    refused: bool, at_start: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     session = known(at_start)
     assert session.answer and session.judged
-    refused = session.model_copy(update={"judged": session.judged.model_copy(update={"ground": "unknown_cause"})})
-    bare = session.model_copy(update={"answer": session.answer.model_copy(update={"model": ""})})
-    for case in (refused, bare):
-        state, actions = stepped(GuideState(case, "other"), "begun")
-        assert actions == ("report",) and not state.session.open_steps
-        assert state.session.correction and state.session.correction.way == "none"
-    assert stepped(GuideState(session, "other"), "begun")[1] == ("correct",)
+    changed = {
+        True: {"judged": session.judged.model_copy(update={"ground": "unknown_cause"})},
+        False: {"answer": session.answer.model_copy(update={"model": ""})},
+    }
+    monkeypatch.setattr(Conductor, "_report", lambda _: pytest.fail("report"))
+    monkeypatch.setattr(run_session, "corrected", lambda *_: pytest.fail("correction"))
+    with pytest.raises(pytest.fail.Exception, match="report"):
+        conduct(session.model_copy(update=changed[refused]), tmp_path)
+    kept = SessionDirectory(tmp_path).read()
+    assert kept and kept.correction and kept.correction.way == "none" and not kept.open_steps
 
 
-def test_the_page_is_the_end(at_start: Session) -> None:
-    done = driven(known(at_start), "find", "judge", "verify", correction=BY_PROGRAMS)
-    assert stepped(GuideState(done), "begun")[1] == ("report",)
-    state, actions = stepped(GuideState(done), Reported(None, "report.html"))
-    assert actions == () and state.session.report == "report.html"
-
-
-def test_a_run_that_was_recorded_before_a_cut_is_taken_by_the_step_that_is_driven(at_start: Session) -> None:
-    state, actions = stepped(GuideState(at_start), Present("r", ACW))
-    assert (state.session.steps[0].run, actions) == ("r", ())
-    state, _ = stepped(state, Present("s"))
-    state, actions = stepped(state, Present("t", "p99-roll-cw"))
-    assert (state.session.left_alone, actions) == (("s", "t"), ())
-
-
-def test_what_becomes_of_a_correction_is_said_once_after_it(at_start: Session) -> None:
+def test_correction_changes_the_recommended_acts(at_start: Session) -> None:
     repair = SessionAct(kind="repair", why="fault", words="Repair it. Do it instead.", corrected="Repair it.")
     answer = NAMED.model_copy(update={"acts": (repair, GROUP)})
     before = driven(known(at_start), "find", "judge", "verify", correction=BY_PROGRAMS, answer=answer)
     size = Deviation(um=9, largest_um=20, u_um=1, runs=2)
     after = before.model_copy(update={"verified": VerifiedError(same_before=size, same_after=size)})
-    assert before.to_do == ("Repair it. Do it instead.", GROUP.words)
-    assert after.to_do == ("Repair it.", GROUP.words)
-
-
-GROUP = SessionAct(kind="measure", why="group", words="Drive roll: it names what makes 72 % of the error.")
+    assert before.to_do == (repair.words, GROUP.words) and after.to_do == (repair.corrected, GROUP.words)
 
 
 @pytest.mark.parametrize(
     ("used", "changed", "is_so"),
     [(4, {}, True), (3, {}, False), (4, {"acts": (GROUP,)}, False), (4, {"condition": "ambiguous"}, False)],
 )
-def test_the_question_is_answered_by_the_runs_that_an_answer_has_used(
+def test_question_is_answered_by_repeats_in_both_directions(
     at_start: Session, used: int, changed: dict[str, Any], is_so: bool
 ) -> None:
     answer = NAMED.model_copy(update={"runs": used, **changed})
     assert is_answered(driven(at_start, "find"), answer) == is_so
 
 
-def test_what_was_left_out_is_driven_where_more_runs_say_less(at_start: Session) -> None:
-    steps = list(at_start.steps)
-    twice = [steps[0], steps[1], *steps[:4]]  # six programs to find errors
-    find = [step.model_copy(update={"purpose": "find"}) for step in twice]
-    steps = [
-        *(step.model_copy(update={"tries": (Try(run=f"r{k}"),)}) for k, step in enumerate(find[:4])),
-        *find[4:],
-        *(step for step in at_start.steps if step.purpose != "find"),
-    ]
-    session = at_start.model_copy(update={"steps": tuple(steps)})
-    driving = GuideState(session, stage="yaw", driving=4)
-    early, _ = stepped(driving, Answered(NAMED.model_copy(update={"runs": 4})))
-    assert [step.program for step in early.session.steps if step.skipped] == [find[5].program]
-    less = NAMED.model_copy(update={"runs": 5, "acts": (GROUP,)})
-    again, _ = stepped(early, Answered(less))
-    assert not any(step.skipped for step in again.session.steps)
-    at_other, _ = stepped(replace(early, stage="other"), Answered(less))
-    assert at_other.session.steps[5].skipped
+@pytest.mark.parametrize("stage", ["yaw", "other"])
+def test_skipped_steps_are_reopened_while_the_ball_is_in_place(stage: str, at_start: Session, tmp_path: Path) -> None:
+    twice = [at_start.steps[k].model_copy(update={"purpose": "find"}) for k in (0, 1, 0, 1, 2, 3)]
+    steps = [step.model_copy(update={"tries": (Try(run=f"r{k}"),)}) for k, step in enumerate(twice[:4])]
+    rest = [step for step in at_start.steps if step.purpose != "find"]
+    session = at_start.model_copy(update={"steps": (*steps, *twice[4:], *rest)})
+    with SessionDirectory(tmp_path) as held:
+        rig, text = load(session.rig_file)
+        cell = Scripted([], [])
+        conductor = Conductor(rig, text, held, session, cell, Screen(), asked_for(session), stage="yaw", driving=4)
+        conductor._store_answer(NAMED.model_copy(update={"runs": 4}))  # private: an answer during a step
+        assert [step.program for step in conductor.session.steps if step.skipped] == [twice[5].program]
+        conductor.stage = stage
+        conductor._store_answer(NAMED.model_copy(update={"runs": 5, "acts": (GROUP,)}))
+    assert bool(conductor.session.steps[5].skipped) == (stage == "other")

@@ -1,0 +1,370 @@
+"""Questionnaire of `rig init`: the questions in order, each answered by an option, an earlier answer or the operator.
+
+Each answer is stored immediately, and the rig file is written atomically.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from textwrap import fill
+from typing import Annotated, Any, get_args
+
+import numpy as np
+
+from analysis.apps.commission.gauge_questions import ask_baseline, ask_gauges, check_baseline_mm, describe_gauge
+from analysis.apps.commission.init_answers import (
+    Answers,
+    Changes,
+    Options,
+    checked,
+    forget_answers,
+    has_keys,
+    keep_answers,
+    kept_in,
+    load_answers,
+    read_number,
+    with_keys,
+)
+from analysis.apps.commission.rig_file_text import chosen_arm, rig_text
+from analysis.cli.dialogue import Dialogue
+from analysis.robot.kinematics.arm import Array, arm_of, forward
+from analysis.runs.written_files import holding, write_all_over
+from daq.apps.commission.attempts import RobotReport
+from daq.apps.commission.linuxcnc_files import linuxcnc_files
+from daq.apps.commission.robots import ADDRESSES, joints_of, linuxcnc_port, search_robot
+from daq.store import durable
+from rigs.arms import arm_names
+from rigs.errors import CellError, FileError, UseError
+from rigs.load import parse
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Circle
+from rigs.schema.feedback import Feedback
+from rigs.schema.gauges import Gauge
+from rigs.schema.limits import TOLERANCE_BY_RP, USUAL_RP_MM, WATCH_SHARE, offered_tolerance_mm
+from rigs.schema.links import tcp_address
+from rigs.schema.part import Vector
+from rigs.schema.robot import Pose, Robot
+from rigs.schema.vocabulary import DRIVEN_AXES, Build, MeasuredBy, maker_of
+from rigs.text import as_argument, numbers_in
+
+_COLUMNS = 79
+_BUILDS: tuple[Build, ...] = get_args(Build)
+_BUILD_QUESTION = """\
+The build determines the usual plays, zeros and lengths of the arm:
+  industrial: reducers of large machines; light: strain-wave gears, as of cobots;
+  torque_sensing: with torque sensors in the joints; servo: hobby servos
+Build"""
+_ROBOT_QUESTION = """\
+rigd can read the joints and guide from touch to touch; otherwise type the joints into a table.
+Address of the robot, or none"""
+NO_ROBOT = "none"
+_MOST_TOLERANCE_MM = 1000.0
+_LEAST_TOOL_MM = 1.0
+"""Lower bound of the largest coordinate of a ball on the flange. Chosen: the longest tools have 1 m, 1.0 in metres."""
+
+
+def make_rig_file(options: Options, dialogue: Dialogue) -> None:
+    """Ask all open questions and write the rig file.
+
+    Raises FileError, CellError and DialogueEnded; the answers remain stored.
+    """
+    _check_options(options)
+    path, stored = options.path, load_answers(options.path)
+    if stored.count:
+        dialogue.say(f"Continuing with the answers in {kept_in(path)}; remove the file to restart")
+    answers = _with_options(stored, options)
+    for key, ask in _QUESTIONS[options.measured_by].items():
+        if getattr(answers, key) is None:
+            answers = answers.model_copy(update=ask(answers, options, dialogue))
+            keep_answers(path, answers)
+        if key == "gauges":
+            for name, gauge in zip(("g1", "g2"), answers.gauges or (), strict=False):
+                dialogue.say(describe_gauge(name, gauge))
+    _, text = _rig(answers, options)
+    _check_new(path)
+    try:
+        durable.replace(path, text.encode())  # atomic, even after a power failure
+    except OSError as error:
+        problem = f"cannot be written: {error.strerror or error}"
+        raise CellError(
+            str(path), problem, "free some space; then repeat the command here", code="disk.write"
+        ) from None
+    forget_answers(path)
+
+
+def _check_options(options: Options) -> None:
+    """Refuse an existing file, and options that contradict each other or the instrument."""
+    path, by, given = options.path, options.measured_by, options.given
+    if not path.parent.is_dir():
+        remedy = "create the directory, or choose a different name"
+        raise FileError(str(path.parent), "is not a directory", remedy, code="init.no_directory")
+    _check_new(path)
+    other = {"tracker": "a tracker", "arm": "a second arm"}.get(by)
+    if other and options.robot not in (None, NO_ROBOT):
+        problem = f"is not used with {other}: the table contains the joints"
+        raise UseError("--robot", problem, "remove it", code="init.option_unused")
+    gauges = {"--port": options.ports, "--g1, --g2": any(options.places), "--baseline-mm": given.get("baseline_mm")}
+    gauges |= {"--key": options.keys.get("g1") or options.keys.get("g2"), "--circle-here": options.circle_here}
+    gauges |= {"--radius-mm": options.radius_mm}
+    for option in (name for name, value in gauges.items() if value and by != "gauges"):
+        problem = f"applies only to gauges, and --measured-by {by} uses none"
+        raise UseError(option, problem, "remove it", code="init.option_unused")
+    if "baseline_mm" in given:
+        check_baseline_mm(given["baseline_mm"], "--baseline-mm")
+    checked(Annotated[str, *Rig.model_fields["name"].metadata], options.name, "--name")
+    if "arm" in given:
+        chosen_arm(given["arm"], by)
+
+
+def _check_new(path: Any) -> None:
+    if path.exists() or path.is_symlink():
+        remedy = f"choose a different name, or edit the file and run rig check {as_argument(path)}"
+        raise FileError(str(path), "exists already", remedy, code="file.exists")
+
+
+def _with_options(stored: Answers, options: Options) -> Answers:
+    """Stored answers with those given as options. An answer that contradicts an option is asked for again."""
+    given, keys, dropped = dict(options.given), options.keys, set[str]()
+    if "tool" in given:
+        given["tool"] = _pose(given["tool"])
+    robot, gauges = stored.feedback, stored.gauges
+    if options.robot not in (None, stored.robot_address) or (robot and not has_keys(Feedback, robot, keys["feedback"])):
+        dropped |= {"robot_address", "feedback"}
+    pairs = zip(("g1", "g2"), gauges or (), strict=False)
+    if options.places or not all(has_keys(Gauge, gauge, keys[name]) for name, gauge in pairs):
+        dropped.add("gauges")
+    if options.circle_here is not None:
+        dropped |= {"circle", "circle_later"}
+    kept = {name: getattr(stored, name) for name in stored.model_fields_set - dropped}
+    return Answers.model_construct(**kept | given)
+
+
+def _rig(answers: Answers, options: Options) -> tuple[Rig, str]:
+    """Build the rig from the answers. Return it with the text of the rig file. Raises RigFileError."""
+    arm, today = chosen_arm(answers.arm or "", options.measured_by), dt.datetime.now(dt.UTC).date()
+    text = rig_text(answers, arm, options.name, today, options.measured_by)
+    return parse(text, str(options.path)), text
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Robot.
+
+
+def _ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
+    """Find the robot, read the joint angles and have the user confirm the unit.
+
+    With sockets a robot only guides touches. If there is none, the joint angles will be typed into a table.
+    """
+    address = options.robot
+    if options.measured_by == "sockets":
+        axes = len(chosen_arm(answers.arm or "", "sockets").robot.axes)
+        if axes != DRIVEN_AXES and address not in (None, NO_ROBOT):
+            problem = f"is supported only for arms of {DRIVEN_AXES} axes, and {answers.arm} has {axes}"
+            remedy = "remove the option: the joints are typed into a table"
+            raise UseError("--robot", problem, remedy, code="init.option_unused")
+        if axes != DRIVEN_AXES:
+            return {}
+        address = address or dialogue.ask(_ROBOT_QUESTION, "--robot", str, NO_ROBOT)
+        if address == NO_ROBOT:
+            return {"robot_address": NO_ROBOT}
+    read = partial(_reported, options, dialogue)
+    report = read(address) if address is not None else dialogue.ask(f"{ADDRESSES}\nRobot", "--robot", read)
+    feedback = report.feedback
+    assert feedback is not None  # noqa: S101 - of a robot that was found
+    dialogue.say(f"  {feedback.interface} at {feedback.port}, {report.rate_hz:.0f} readings a second")
+    dialogue.say(f"      joints now: {' '.join(f'{angle:z.3f}' for angle in report.joints_deg)} deg")
+    if report.reported:
+        dialogue.say(f"      the controller reports: {report.reported}")
+    if not report.units_sure and not options.keys["feedback"]:
+        question = "Are these angles degrees? The pendant shows it: deg or rad"
+        feedback = dialogue.ask(question, "--key feedback.fields", partial(_in_unit, feedback), "deg")
+    return {"robot_address": report.address, "feedback": feedback}
+
+
+def robot_at(address: str, keys: Mapping[str, Any]) -> RobotReport:
+    """Search for a robot at an address. keys: feedback keys given by the user."""
+    named = checked(Feedback, {"port": address, **keys}, "feedback") if "interface" in keys else None
+    report = search_robot(address, named)
+    if report.feedback is None:
+        return report
+    return replace(report, feedback=with_keys(Feedback, report.feedback, keys, "feedback"))
+
+
+def _reported(options: Options, dialogue: Dialogue, address: str) -> RobotReport:
+    if port := linuxcnc_port(address):
+        _write_controller_files(options, dialogue, port)
+    with dialogue.busy(f"searching for a robot at {address}"):
+        report = robot_at(address, options.keys["feedback"])
+    if report.feedback is None:
+        raise CellError(f"robot {address}", report.problem, report.remedy, code="robot.not_found")
+    return report
+
+
+def _write_controller_files(options: Options, dialogue: Dialogue, port: str) -> None:
+    """Write the files for a LinuxCNC controller next to the rig file, unless they are there."""
+    directory = options.path.parent / "linuxcnc"
+    number = tcp_address(port)
+    assert number is not None  # noqa: S101 - formed from an address
+    files = linuxcnc_files(number[1])
+    if not all((directory / name).exists() for name in files):
+        write_all_over(directory, {name: holding(content) for name, content in files.items()})
+    dialogue.say(
+        f"  {directory}: copy {' and '.join(files)} to the INI file of LinuxCNC, and add to its section [HAL]:"
+    )
+    dialogue.say("      HALFILE = rig.hal")
+
+
+def _in_unit(feedback: Feedback, unit: str) -> Feedback:
+    if unit not in ("deg", "rad"):
+        raise FileError(repr(unit), "is not a unit", "type deg or rad", code="answer.choice")
+    fields: Any = getattr(feedback, "fields", ())
+    return feedback.model_copy(update={"fields": tuple(name.replace("_deg", f"_{unit}") for name in fields)})
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Arm, tool and limits.
+
+
+def _ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
+    """Ask for the arm. Those of the maker whose interface the robot uses are offered, or all."""
+
+    def read(name: str) -> str:
+        chosen_arm(name, options.measured_by)
+        return name
+
+    maker = maker_of(answers.feedback.interface) if answers.feedback else None
+    likely = [name for name in arm_names() if maker and name.startswith(maker)] or arm_names()
+    arms = fill(", ".join(likely), _COLUMNS, break_on_hyphens=False, initial_indent="  ", subsequent_indent="  ")
+    question = f"Arm: name in the library, or a file with a section robot\n{arms}\nArm"
+    return {"arm": dialogue.ask(question, "--arm", read)}
+
+
+def _ask_build(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
+    """Ask for the build of an arm if neither the library nor the arm file states it.
+
+    The build matters: by the standards of an industrial arm, the play of a hobby arm would be a fault.
+    """
+    arm = chosen_arm(answers.arm or "", options.measured_by)
+    if arm.robot.build is not None or arm.in_library:
+        return {}
+
+    def read(text: str) -> str:
+        if text not in _BUILDS:
+            remedy = f"type {', '.join(_BUILDS)}"
+            raise FileError(repr(text), "is not a known build of arms", remedy, code="answer.choice")
+        return text
+
+    build = dialogue.ask(_BUILD_QUESTION, "--build", read, arm.robot.design)
+    if not dialogue.terminal:
+        dialogue.say(f"{arm.robot.name} is taken to be {build}; to change: --build {', '.join(_BUILDS)}")
+    return {"build": build}
+
+
+def _ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
+    """Ask for the position of the ball on the flange. The default is the tool of the arm, if it has one."""
+    tool = chosen_arm(answers.arm or "", options.measured_by).robot.tool
+    usual = None if tool == Pose() else ",".join(f"{value:g}" for value in (*tool.xyz_mm, *tool.rpy_deg))
+    thing = "ball or socket" if options.measured_by == "arm" else "ball"
+    question = f"Pose of the {thing} on the flange: x,y,z in mm, then roll,pitch,yaw in degrees"
+    return {"tool": dialogue.ask(question, "--tool", _pose, usual)}
+
+
+def _pose(text: str) -> Pose:
+    values = numbers_in(text)
+    if len(values) not in (3, 6):
+        remedy = "write for example 0,0,150 or 0,0,150,0,90,0"
+        raise FileError(repr(text), "is not x,y,z or x,y,z,roll,pitch,yaw", remedy, code="answer.pose")
+    if 0 < max(map(abs, values[:3])) < _LEAST_TOOL_MM:
+        problem = f"has no coordinate of {_LEAST_TOOL_MM:g} mm or more: the position looks like metres"
+        raise FileError(repr(text), problem, "give the position in mm", code="answer.metres")
+    pose: Pose = checked(Pose, {"xyz_mm": values[:3], "rpy_deg": values[3:] or (0.0, 0.0, 0.0)}, "--tool")
+    return pose
+
+
+def _ask_tolerance(answers: Answers, _: Options, dialogue: Dialogue) -> Changes:
+    """Ask for the error allowed by the application, which determines the limits.
+
+    The default follows from the repeatability.
+    """
+    rp_mm = chosen_arm(answers.arm or "").repeatability_mm
+    whose = "from the arm's data sheet" if rp_mm else "usual, since this arm's data sheet is unknown"
+    question = (
+        "Limits: all results are compared with the error that your application allows at the "
+        f"ball.\nUp to {WATCH_SHARE:.0%} of the allowed error is a PASS, up to all of it a WATCH, and "
+        f"more a FAIL.\nThe default is {TOLERANCE_BY_RP:g} times a repeatability of "
+        f"{rp_mm or USUAL_RP_MM:g} mm, {whose}.\nAllowed error in mm, 0 for no limits"
+    )
+
+    def read(text: str) -> float:
+        return read_number(text, 0.0, _MOST_TOLERANCE_MM, "an error in mm", "type for example 0.25, or 0 for unlimited")
+
+    return {"tolerance_mm": dialogue.ask(question, "--tolerance-mm", read, f"{offered_tolerance_mm(rp_mm):g}")}
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Circle.
+
+
+def _ask_circle(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
+    """Derive the circle from a robot standing at its start."""
+    if answers.circle_later:
+        return {}
+    rig, _ = _rig(answers, options)
+    radius_mm = options.radius_mm or float(Circle.model_fields["radius_mm"].default)
+
+    def read(answer: str) -> Changes:
+        if answer.lower() in ("n", "no"):
+            return {"circle_later": True}
+        if answer.lower() not in ("y", "yes"):
+            raise FileError(repr(answer), "is not y or n", "type y or n", code="answer.choice")
+        return {"circle": circle_from_start(rig.robot, joints_of(rig.feedback), radius_mm)}
+
+    if options.circle_here is not None:
+        return read("y" if options.circle_here else "n")
+    question = f"The circle has a radius of {radius_mm:g} mm; to change: --radius-mm.\n"
+    question += "Is the robot at the start of the circle, with the ball link? y or n"
+    return dialogue.ask(question, "--circle-here", read, "n")
+
+
+def circle_from_start(robot: Robot, joints_deg: Sequence[float], radius_mm: float) -> Circle:
+    """Circle that starts at these joint angles, by the nominal arm.
+
+    On a circle the z axis of the tool points at the centre and the x axis along the normal (docs/conventions.md).
+    """
+    T = forward(arm_of(robot), np.radians([joints_deg]))[0]
+    towards, normal = T[:3, 2], T[:3, 0]
+    return Circle(
+        centre_mm=_vector(T[:3, 3] + radius_mm * towards, 3),
+        normal=_vector(normal, 6),
+        zero=_vector(-towards, 6),
+        radius_mm=radius_mm,
+        posture_deg=tuple(round(float(angle), 3) for angle in joints_deg),
+    )
+
+
+def _vector(values: Array, decimals: int) -> Vector:
+    """Round three numbers (3,) to the known accuracy."""
+    x, y, z = (round(float(value), decimals) + 0.0 for value in values)
+    return x, y, z
+
+
+Questions = dict[str, Callable[[Answers, Options, Dialogue], Changes]]
+_ARM: Questions = {"arm": _ask_arm, "build": _ask_build}
+_QUESTIONS: dict[MeasuredBy, Questions] = {
+    "gauges": {
+        "feedback": _ask_robot,
+        "gauges": ask_gauges,
+        "baseline_mm": ask_baseline,
+        **_ARM,
+        "tool": _ask_tool,
+        "tolerance_mm": _ask_tolerance,
+        "circle": _ask_circle,
+    },
+    "sockets": {**_ARM, "robot_address": _ask_robot, "tool": _ask_tool},
+    "arm": {**_ARM, "tool": _ask_tool},
+    "tracker": _ARM,
+}
+"""Questions in order, by the answer that each gives."""

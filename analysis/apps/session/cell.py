@@ -1,0 +1,486 @@
+"""Cell of a session: an operator who starts the programs, or an emulated cell, with rigd as a child process.
+
+Recording starts when the robot stands at the start of a program and stops when it stands at the end of the path. A run
+therefore belongs to the program that was actually driven, which may differ from the requested program.
+"""
+
+from __future__ import annotations
+
+import queue
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from analysis.apps.emulate.served_cell import CellEvent
+from analysis.apps.session.answer import Inference
+from analysis.apps.session.child_processes import Child
+from analysis.apps.session.correction_step import CORRECTIONS, entries_file
+from analysis.apps.session.program_watch import ProgramPath, ProgramWatch
+from analysis.apps.session.session_plan import SessionOptions, SessionProgram
+from analysis.apps.session.session_state import Emulated, ProgramStep, Session, Stage
+from analysis.procedures.results import why_unusable
+from daq import clock
+from daq.service.client import Client, find_socket
+from rigs.errors import CellError, RigError
+
+POLL_S = 0.1
+"""Interval between two checks of the joints."""
+_READY_S = 30.0
+"""Time limit for rigd and an emulated cell to start."""
+_LEAVES_S = 6.0
+"""Time limit for the daemon of a killed session to exit."""
+_READS_S = 20.0
+"""Time limit for every stream to deliver readings."""
+_SILENT_S = 3.0
+"""A stream is reported as silent after this time."""
+_END_PAUSE_S = 4.0
+"""Pause of 3 s at the end of a program, with a margin."""
+_STATUS_S = 1.0
+_MOVES_S = 0.5
+"""Time at rest below which the robot counts as moving, and the session waits for it."""
+_AGAIN_S = 1.0
+_HOST = "host"
+"""Stream of events on the computer, such as stalls."""
+_JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
+
+
+class Screen(Protocol):
+    """Output of a session."""
+
+    def say(self, line: str) -> None:
+        """Print a permanent line."""
+
+    def show(self, line: str) -> None:
+        """Replace the progress line."""
+
+
+@dataclass(frozen=True)
+class ProgramRun:
+    """A recorded run by its directory name, and the program that was driven."""
+
+    name: str
+    program: str
+    why: str = ""
+    """Reason for being unusable, or empty."""
+    held_up: int = 0
+    """Number of stalls of the computer during the run."""
+
+
+def wait_until(done: Callable[[], Any], limit_s: float, error: Callable[[], CellError]) -> None:
+    """Poll until `done` is true, or raise an error after a time limit."""
+    until_s = clock.now_s() + limit_s
+    while not done():
+        if clock.now_s() > until_s:
+            raise error()
+        clock.sleep(POLL_S)
+
+
+def _not_ready(name: str, log: Path) -> CellError:
+    return CellError(name, f"was not ready after {_READY_S:.0f} s", f"see {log}", code="process.not_ready")
+
+
+def _socket_of(rig_name: str) -> Path | None:
+    """Socket of the daemon that serves a rig; None if there is none."""
+    with suppress(CellError):
+        return find_socket(rig_name)
+    return None
+
+
+@dataclass
+class RealCell:
+    """A cell whose operator reads what to do. The motion of the robot shows whether a request was followed."""
+
+    session: Session
+    directory: Path
+    screen: Screen
+    asked: SessionOptions
+    entered: list[Path] = field(default_factory=list)
+    """Files whose values are entered at the controller, where they affect every program."""
+    _programs: Mapping[str, SessionProgram] = field(default_factory=dict)
+    _paths: dict[str, ProgramPath] = field(default_factory=dict)
+    _ended: str = ""
+    """Last program completed at this stage."""
+    _recording: str = ""
+    """Program being recorded."""
+    _try_again_s: float = 0.0
+    _lines: set[str] = field(default_factory=set)
+    _newest: dict[str, int] = field(default_factory=dict)
+    _rigd: Child | None = None
+    _client: Client | None = None
+
+    def __post_init__(self) -> None:
+        correction = self.session.correction
+        if correction and correction.entered:
+            self.entered.append(entries_file(self.directory / CORRECTIONS))
+
+    # ------------------------------------------------------------------------------------------------------------------
+    # What the conductor of a session requests.
+
+    def set_up(self, stage: Stage, programs: Mapping[str, SessionProgram]) -> None:
+        """Have a stage set up, with its programs, and start rigd for it. Raises CellError."""
+        self.stop_rigd()
+        self._programs, self._ended, self._newest = programs, "", {}
+        self._paths = {name: ProgramPath.of(program.plan) for name, program in programs.items()}
+        self.start_rigd(self.mount(stage, self.directory / "cells" / f"{stage.name}.yaml"))
+        wait_until(lambda: not self.silent(), _READS_S, self._no_readings)
+
+    def drive(self, step: ProgramStep, look: Callable[[], None]) -> ProgramRun:
+        """Have a step driven and record it. look: called repeatedly while waiting. Raises CellError if nothing starts.
+
+        The recording ends in any case, even after an error.
+        """
+        watch = ProgramWatch(self._paths, step.program, self._ended)
+        self._ended, self._try_again_s, self._lines = "", 0.0, set()
+        self.start_program(self._programs[step.program])
+        until_s, status_s = clock.now_s() + 60 * self.asked.wait_min, 0.0
+        try:
+            while True:
+                look()
+                self.check()
+                reading = self.joints()
+                why = None if reading is None else self._handle(watch, watch.feed(*reading), step)
+                if why is not None:
+                    return self._finish_run(watch.program, why)
+                now_s = clock.now_s()
+                if watch.share > 0 or watch.stood_s < _MOVES_S:
+                    until_s = now_s + 60 * self.asked.wait_min
+                if now_s > until_s:
+                    raise self._not_started(step)
+                if now_s > status_s:
+                    status_s = now_s + _STATUS_S
+                    for name in self.silent():
+                        self._say_once(f"{name} does not send readings: check the cable; see rig doctor")
+                    if not self._recording:
+                        self.screen.show(f"  waiting for {step.program}: {(until_s - now_s) / 60:.0f} min left")
+                clock.sleep(POLL_S)
+        finally:
+            if self._recording:
+                with suppress(RigError):
+                    self.ask("record_stop")
+                self._recording = ""
+
+    def enter(self, file: Path) -> bool:
+        """Have the values of a file entered at the controller. Return whether they are entered."""
+        if self.is_entered(file):
+            self.entered.append(file)
+        return file in self.entered
+
+    def infer(self, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Inference:
+        """Start a diagnosis. Raises FileError or CellError if its request cannot be written."""
+        return Inference.start(used, judges, rig_file, directory)
+
+    def close(self) -> None:
+        """Stop rigd, which closes a run in progress, and leave the cell as it is."""
+        self.stop_rigd()
+
+    # ------------------------------------------------------------------------------------------------------------------
+    # What another kind of cell does in another way.
+
+    def mount(self, stage: Stage, rig_file: Path) -> Path:
+        """Set up a stage and return the rig file of the resulting cell. The operator has read the request."""
+        return rig_file
+
+    def start_program(self, program: SessionProgram) -> None:
+        """Start a program. The operator has read the request."""
+
+    def go_on(self, program: SessionProgram) -> None:
+        """Let a program continue that waits for the recording."""
+        self.screen.say(f"{program.name} is being recorded: mount the link, and continue the program")
+
+    def check(self) -> None:
+        """Check that the cell is still present. Raises CellError."""
+
+    def is_entered(self, file: Path) -> bool:
+        """Enter the values of a file, or ask whether they are entered; False without a terminal."""
+        if not (sys.stdin is not None and sys.stdin.isatty() and sys.stdout.isatty()):
+            return False
+        try:
+            answer = input(f"the values of {file} are entered, and checked as described there? [y] ")
+        except EOFError:
+            return False
+        return answer.strip().lower() in ("", "y", "yes")
+
+    # ------------------------------------------------------------------------------------------------------------------
+    # rigd.
+
+    def start_rigd(self, rig_file: Path) -> None:
+        """Start the daemon. The daemon of a killed session gets some seconds to exit. Raises CellError."""
+        log = self.directory / "rigd.log"
+        wait_until(lambda: not _socket_of(self.session.rig), _LEAVES_S, self._second_daemon)
+        self._rigd = Child.start("daq.service.rigd", "rigd", [rig_file, "--runs", self.directory / "runs"], log)
+        wait_until(self._connect, _READY_S, lambda: _not_ready("rigd", log))
+
+    def _connect(self) -> bool:
+        """Connect to the daemon. Return whether it is ready. Raises CellError if it has ended."""
+        assert self._rigd is not None  # noqa: S101 - it was started
+        if not self._rigd.runs:
+            raise self._rigd.ended()
+        with suppress(CellError):
+            self._client = Client(find_socket(self.session.rig)).__enter__()
+        return self._client is not None
+
+    def _second_daemon(self) -> CellError:
+        serving = _socket_of(self.session.rig)
+        problem = f"a rigd serves {self.session.rig} already ({serving}), but a session starts a separate one"
+        remedy = "stop the other rigd first; if it is a service: sudo systemctl stop rigd@NAME"
+        return CellError("rigd", problem, remedy, code="rigd.already_running")
+
+    def _no_readings(self) -> CellError:
+        problem, remedy = f"sent no readings for {_READS_S:.0f} s", "run rig doctor, then repeat the command"
+        return CellError(", ".join(self.silent()), problem, remedy, code="stream.silent")
+
+    def stop_rigd(self) -> None:
+        """Stop the daemon, if it runs."""
+        if self._client is not None:
+            self._client.__exit__()
+            self._client = None
+        if self._rigd is not None:
+            self._rigd.stop()
+            self._rigd = None
+
+    def ask(self, command: str, **fields: Any) -> dict[str, Any]:
+        """Send a command to the daemon. Reconnect if it closed an idle connection. Raises RigError."""
+        assert self._rigd is not None and self._client is not None  # noqa: S101 - a stage was set up
+        if not self._rigd.runs:
+            raise self._rigd.ended()
+        try:
+            return self._client.ask(command, **fields)
+        except CellError:  # of the connection; a command refused by rigd raises another RigError
+            self._client.__exit__()
+            self._client = Client(find_socket(self.session.rig)).__enter__()
+            return self._client.ask(command, **fields)
+
+    def silent(self) -> list[str]:
+        """Streams without a recent reading."""
+        ages_s = {name: stream["age_s"].values() for name, stream in self.ask("status")["streams"].items()}
+        return [name for name, ages in ages_s.items() if not ages or min(ages) > _SILENT_S]
+
+    def joints(self) -> tuple[float, list[float]] | None:
+        """Time in s and newest joint angles in degrees; None if unchanged since the last call."""
+        robot = self.ask("samples", after=self._newest)["streams"].get("robot")
+        if not robot or not robot["rows"]:
+            return None
+        self._newest = {"robot": robot["newest"]}
+        row, columns = robot["rows"][-1], robot["columns"]
+        angles = [row[1 + columns.index(name)] for name in _JOINTS]
+        return None if any(angle is None for angle in angles) else (row[0] / 1e9, angles)
+
+    # ------------------------------------------------------------------------------------------------------------------
+    # Recording of a step.
+
+    def _not_started(self, step: ProgramStep) -> CellError:
+        if silent := self.silent():
+            remedy = "see rig doctor; then repeat the command"
+            return CellError(", ".join(silent), "does not send readings", remedy, code="stream.silent")
+        where = "waits at the start and was not started" if self._recording else "was not started"
+        return CellError(step.program, where, "start it, then repeat the command", code="program.not_started")
+
+    def _handle(self, watch: ProgramWatch, seen: str, step: ProgramStep) -> str | None:
+        """React to an observation. Return why a recorded program that has ended is unusable, or an empty string."""
+        program, at = watch.program, f"at {100 * watch.share:.0f} % of"
+        if seen == "elsewhere":
+            self._say_once(f"the robot drove a path of none of the programs of this stage: start {step.program}")
+        elif not self._recording:
+            if seen == "at_start":
+                self._begin_run(program, step)
+            elif seen == "driving":
+                self._say_once(f"{program} started before the recording: wait for the end, then restart it")
+            elif seen in ("ended", "stopped", "astray"):
+                watch.reset()
+        elif seen == "driving":
+            self.screen.show(f"  {program}: {100 * watch.share:.0f} % of the path, recorded")
+        elif seen == "ended":
+            self._ended = program
+            return ""
+        elif seen == "stopped":
+            return f"the robot stopped {at} the path"
+        elif seen == "astray":
+            return f"the robot left the path of {program} {at} it"
+        return None
+
+    def _begin_run(self, name: str, step: ProgramStep) -> None:
+        """Start recording a program and let it continue. Report a refusal and retry later."""
+        if clock.now_s() < self._try_again_s:
+            return
+        program = self._programs[name]
+        if name != step.program:
+            self._say_once(f"this is {name}, not {step.program}: the run is recorded with the label of that program")
+        labels = {
+            "test": program.test,
+            "direction": program.direction,
+            "operator": self.asked.operator,
+            "placement": program.stage,
+            "corrected": program.corrected or ("entries" if self.entered else ""),
+        }
+        try:
+            self.ask("record_start", name=name, **labels)
+        except RigError as error:
+            self._say_once(f"rig does not record: {error}")
+            self._try_again_s = clock.now_s() + _AGAIN_S
+            return
+        self._recording = name
+        self.go_on(program)
+
+    def _finish_run(self, program: str, why: str) -> ProgramRun:
+        """Stop the recording and check whether the run is usable."""
+        ended = self.ask("record_stop")
+        self._recording = ""
+        name, counters = Path(ended["run"]).name, ended["counters"]
+        why = why or why_unusable(self.directory / "runs" / name)
+        faults = {
+            stream: ", ".join(f"{count} {kind}" for kind, count in counts.items() if kind != "samples")
+            for stream, counts in counters.items()
+        }
+        if why and any(faults.values()):
+            why = f"{why} ({'; '.join(f'{stream}: {counts}' for stream, counts in faults.items() if counts)})"
+        return ProgramRun(name, program, why, counters.get(_HOST, {}).get("stalled", 0))
+
+    def _say_once(self, line: str) -> None:
+        if line not in self._lines:
+            self._lines.add(line)
+            self.screen.say(line)
+
+
+@dataclass
+class ServedCell(RealCell):
+    """A cell emulated by `rig emulate`. Its robot drives the programs, and its controller accepts entered values."""
+
+    _child: Child | None = None
+    _events: queue.SimpleQueue[CellEvent] = field(default_factory=queue.SimpleQueue)
+    _visits: int = 0
+    _is_on: bool = False
+    _is_busy: bool = False
+    _waits: bool = False
+    _may_go_on: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        # A resumed session needs new noise. The same seed would repeat the earlier runs exactly.
+        self._visits = len(list((self.directory / "runs").glob("*")))
+
+    @property
+    def emulated(self) -> Emulated:
+        """Options of the emulation."""
+        assert self.session.emulated is not None  # noqa: S101 - of a session in an emulated cell
+        return self.session.emulated
+
+    # ------------------------------------------------------------------------------------------------------------------
+    # The process `rig emulate`.
+
+    def switch_on(self, rig_file: Path, programs: Path, seed: int, hear: Callable[[CellEvent], None]) -> None:
+        """Start the emulated cell. hear: receives its events. Raises RigError."""
+        arguments: list[str | Path] = ["emulate", rig_file, "--programs", programs, "--for", self.session.maker]
+        arguments += ["-o", self.directory / "emulated", "--seed", str(seed), "--json"]
+        if self.emulated.effects:
+            arguments += ["--effects", self.emulated.effects]
+
+        def hear_line(line: str) -> None:
+            if event := CellEvent.of_line(line):
+                hear(event)
+
+        log = self.directory / "emulated.log"
+        self._child = Child.start("analysis.cli", "rig emulate", arguments, log, hear=hear_line)
+
+    def switch_off(self) -> None:
+        """Stop the emulated cell."""
+        if self._child is not None:
+            self._child.stop()
+
+    def type_line(self, line: str) -> None:
+        """Type a command at the emulated cell."""
+        assert self._child is not None  # noqa: S101 - it was switched on
+        self._child.type_line(line)
+
+    def require_on(self) -> None:
+        """Raise CellError if the emulated cell has ended."""
+        assert self._child is not None  # noqa: S101 - it was switched on
+        if not self._child.runs:
+            raise self._child.ended()
+
+    # ------------------------------------------------------------------------------------------------------------------
+    # The actions of an operator.
+
+    def mount(self, stage: Stage, rig_file: Path) -> Path:
+        self.leave()
+        self._visits += 1
+        self._is_busy = self._waits = False
+        self._events = queue.SimpleQueue()  # late events of the previous cell are irrelevant
+        self._is_on = True
+        seed = self.emulated.seed + self._visits
+        self.switch_on(rig_file, self.directory / "programs" / stage.name, seed, self._events.put)
+        self._await("ready")
+        for file in self.entered:
+            self.is_entered(file)
+        return self.directory / "emulated" / "rig.yaml"
+
+    def start_program(self, program: SessionProgram) -> None:
+        self._may_go_on = False
+        self._free()
+        self.type_line(f"run {program.name}")
+        self._is_busy = True
+
+    def go_on(self, program: SessionProgram) -> None:
+        self._may_go_on = True
+
+    def check(self) -> None:
+        """Process the events of the cell. Raises CellError if the cell reports an error or has ended."""
+        self._hear()
+        if self._waits and self._may_go_on:
+            self._waits = self._may_go_on = False
+            self.type_line("go on")
+
+    def is_entered(self, file: Path) -> bool:
+        """Enter the values of a file at the emulated controller."""
+        if self._is_on:
+            self._free()
+            self.type_line(f"enter {file}")
+            self._await("entered")
+        return True
+
+    def close(self) -> None:
+        super().close()
+        self.leave()
+
+    def leave(self) -> None:
+        """Switch the cell off, if it is on."""
+        if self._is_on:
+            self.switch_off()
+            self._is_on = False
+
+    def _hear(self) -> list[str]:
+        """Process all new events of the cell and return their kinds."""
+        heard: list[str] = []
+        with suppress(queue.Empty):
+            while True:
+                event = self._events.get_nowait()
+                heard.append(event.event)
+                match event.event:
+                    case "refused" if event.name != "stop":  # a stop typed just after the end of a program is refused
+                        what, log = event.text.removeprefix("error: "), self.directory / "emulated.log"
+                        raise CellError("the emulated cell", what, f"see {log}", code="emulated.refused")
+                    case "waits":
+                        self._waits = True
+                    case "drives":
+                        self._waits = False
+                    case "done" | "stopped":
+                        self._waits = self._is_busy = False
+        self.require_on()
+        return heard
+
+    def _await(self, event: str) -> None:
+        """Wait for an event of the cell. Raises CellError if the cell ends or takes too long."""
+        log = self.directory / "emulated.log"
+        wait_until(lambda: event in self._hear(), _READY_S, lambda: _not_ready("rig emulate", log))
+
+    def _free(self) -> None:
+        """Wait for a program at its end, and stop a program that drives or waits. Otherwise a command is queued."""
+        until_s = clock.now_s() + _END_PAUSE_S
+        while self._is_busy and clock.now_s() < until_s:
+            self.check()
+            clock.sleep(POLL_S)
+        if self._is_busy:
+            self.type_line("stop")
+            self._is_busy = self._waits = False
