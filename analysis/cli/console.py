@@ -78,11 +78,11 @@ def progress_of(doing: str = "reading the runs", *, is_still: bool = False) -> I
         yield lambda doing: None
         return
     if is_still:
-        _rewrite_line(doing)
+        rewrite_line(doing)
         try:
-            yield _rewrite_line
+            yield rewrite_line
         finally:
-            _rewrite_line("")
+            rewrite_line("")
         return
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -102,7 +102,7 @@ def progress_of(doing: str = "reading the runs", *, is_still: bool = False) -> I
         yield lambda doing: shown.update(task, description=plain(doing))
 
 
-def _rewrite_line(words: str) -> None:
+def rewrite_line(words: str) -> None:
     """Replace the current line of the terminal by a text, cut to the width."""
     shown = plain(words)[: shutil.get_terminal_size().columns - 1]
     sys.stderr.write(f"\r\x1b[K{shown}")

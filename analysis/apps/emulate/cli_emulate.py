@@ -62,14 +62,14 @@ def emulate(
     Type show speed_percent 40, for example, to change the reported condition of
     the robot; the motion stays the same.
     """
-    from analysis.apps.emulate.served_cell import EmulatedCell
-    from analysis.cli.dialogue import has_keyboard
+    from analysis.apps.emulate.served_cell import CellEvent, serve_emulated
 
-    cell = EmulatedCell(rig_file, effects, programs, maker, seed)
-    exit_code = cell.serve(
-        directory, lambda event: say(event.as_line if as_json else event.text), has_person=has_keyboard()
+    def report(event: CellEvent) -> None:
+        say(event.as_line if as_json else event.text)
+
+    raise typer.Exit(
+        serve_emulated(rig_file, directory, report, effects=effects, programs=programs, maker=maker, seed=seed)
     )
-    raise typer.Exit(exit_code)
 
 
 @command(app, "rig replay cell.log cell.yaml -o replayed")

@@ -23,6 +23,7 @@ from typing import Literal
 
 from analysis.apps.emulate.pendant import Pendant
 from analysis.apps.emulate.robot import PROGRAMS, RIG, TRUTH, EmulatedRobot, State, write_cell_files
+from analysis.cli.dialogue import has_keyboard
 from daq import clock
 from daq.apps.emulate.emulated_cell import EmulatedInstruments
 from daq.apps.emulate.instruments import emulated
@@ -223,50 +224,46 @@ def serve(
     return exit_code, sent
 
 
-@dataclass(frozen=True)
-class EmulatedCell:
-    """Configuration of an emulated cell.
+def serve_emulated(
+    rig_file: str,
+    directory: Path,
+    report: Callable[[CellEvent], None],
+    *,
+    effects: str | None,
+    programs: Path | None,
+    maker: MakerName | None,
+    seed: int,
+) -> int:
+    """Write the files of an emulated cell to a directory and serve it until the end. Return the exit code.
 
-    rig_file: rig file. effects: file or shipped rig with the hidden effects; None for the effects of the rig file.
-    programs, maker: directory of programs and the maker of the controller. seed: seed of the noise.
+    effects: file or shipped rig with the hidden effects; None for those of the rig file. programs, maker: directory of
+    programs and the maker of the controller. Raises RigError on failure.
     """
+    if maker and programs is None:
+        raise UseError("--for", "applies only to --programs", "add --programs", code="emulated.option_unused")
+    if programs is not None and not programs.is_dir():
+        remedy = "give the directory of the programs"
+        raise FileError(str(programs), "is not a directory", remedy, code="emulated.no_programs")
+    rig, text = load(rig_file)
+    path = rig_file_of_cell(directory)
+    rig = load_hidden(effects).apply_to(rig) if effects else rig
+    with named_by(rig_file, rig):
+        robot = EmulatedRobot.of_rig(rig, seed)
+    cell = emulated(rig, robot, robot.signal, condition=robot.condition)
+    lock = locked_cell(directory)
+    write_cell_files(directory, rig, robot, cell.rig_text(text, emulated=True))
 
-    rig_file: str
-    effects: str | None
-    programs: Path | None
-    maker: MakerName | None
-    seed: int
+    def attend(ends: SimpleQueue[int]) -> int:
+        for name, port in cell.ports.items():
+            report(CellEvent("port", name, f"{name}: {port}"))
+        startable = ", ".join(["run NAME"] if programs else PROGRAMS)
+        report(CellEvent("ready", str(path), f"ready; next: rigd {path}; then type here: {startable} or quit"))
+        keyboard = Keyboard(robot, Pendant(rig, programs, maker) if programs else None, ends.put, report)
+        keyboard.start()
+        keyboard.read(has_person=has_keyboard())
+        return end_from(ends)
 
-    def serve(self, directory: Path, report: Callable[[CellEvent], None], *, has_person: bool) -> int:
-        """Write the files of the cell to a directory and serve it until the end. Return the exit code.
-
-        report: called with each event. Raises RigError on failure.
-        """
-        if self.maker and self.programs is None:
-            raise UseError("--for", "applies only to --programs", "add --programs")
-        if self.programs is not None and not self.programs.is_dir():
-            raise FileError(str(self.programs), "is not a directory", "give the directory of the programs")
-        rig, text = load(self.rig_file)
-        path = rig_file_of_cell(directory)
-        rig = load_hidden(self.effects).apply_to(rig) if self.effects else rig
-        with named_by(self.rig_file, rig):
-            robot = EmulatedRobot.of_rig(rig, self.seed)
-        cell = emulated(rig, robot, robot.signal, condition=robot.condition)
-        lock = locked_cell(directory)
-        write_cell_files(directory, rig, robot, cell.rig_text(text, emulated=True))
-
-        def attend(ends: SimpleQueue[int]) -> int:
-            for name, port in cell.ports.items():
-                report(CellEvent("port", name, f"{name}: {port}"))
-            programs = ", ".join(["run NAME"] if self.programs else PROGRAMS)
-            report(CellEvent("ready", str(path), f"ready; next: rigd {path}; then type here: {programs} or quit"))
-            pendant = Pendant(rig, self.programs, self.maker) if self.programs else None
-            keyboard = Keyboard(robot, pendant, ends.put, report)
-            keyboard.start()
-            keyboard.read(has_person=has_person)
-            return end_from(ends)
-
-        exit_code, sent = serve(cell, lock, attend)
-        for name, count in sent.items():
-            report(CellEvent("sent", name, f"{name}: {count} sent"))
-        return exit_code
+    exit_code, sent = serve(cell, lock, attend)
+    for name, count in sent.items():
+        report(CellEvent("sent", name, f"{name}: {count} sent"))
+    return exit_code

@@ -53,7 +53,8 @@ class Child:
             log.parent.mkdir(parents=True, exist_ok=True)
             opened = log.open("ab")
         except OSError as error:
-            raise FileError(str(log), error.strerror or str(error), "choose a different --output") from None
+            problem, remedy = error.strerror or str(error), "choose a different --output"
+            raise FileError(str(log), problem, remedy, code="process.log") from None
         process = subprocess.Popen(  # noqa: S603 - our own program
             [sys.executable, "-c", entry, *map(str, arguments)],
             stdin=subprocess.PIPE if hear else subprocess.DEVNULL,
@@ -96,7 +97,7 @@ class Child:
                 (line for line in reversed(self.log.read_text("utf-8", "replace").splitlines()) if line), ""
             )
         problem = f"exited unexpectedly: {last_line.removeprefix('error: ')}" if last_line else "exited unexpectedly"
-        return CellError(self.name, problem, f"see {self.log}; then repeat the command")
+        return CellError(self.name, problem, f"see {self.log}; then repeat the command", code="process.ended")
 
     @property
     def runs(self) -> bool:

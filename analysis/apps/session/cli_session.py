@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from analysis.cli.commands import app, command
-from analysis.cli.console import say, say_json
+from analysis.cli.console import rewrite_line, say, say_json
 from analysis.cli.options import AsJson, Operator, RigArgument, maker_option, operator_or_user
 from rigs.schema.vocabulary import MakerName
-from rigs.text import plain
 
 if TYPE_CHECKING:
     from analysis.apps.session.session_state import SessionDirectory
@@ -95,10 +94,12 @@ def session(
         return
     for option, is_given in (("--effects", bool(effects)), ("--fast", fast)):
         if is_given and not emulated:
-            raise UseError(option, "is allowed only with --emulated", "add --emulated")
+            problem = "is allowed only with --emulated"
+            raise UseError(option, problem, "add --emulated", code="session.option_unused")
     controller = maker or rig.maker
     if controller is None:
-        raise UseError("--for", "is required, because neither feedback nor robot names the maker", "give --for")
+        problem = "is required, because neither feedback nor robot names the maker"
+        raise UseError("--for", problem, "give --for", code="session.maker")
     from analysis.apps.session.run_session import run_session
     from analysis.apps.session.session_plan import SessionOptions
 
@@ -135,7 +136,8 @@ def _show(place: SessionDirectory, rig_file: Path | str, rig_text: str, *, as_js
 
     kept_session = place.read()
     if kept_session is None:
-        raise FileError(str(place.file), "this directory has no session", f"start a session: {place.command(rig_file)}")
+        remedy = f"start a session: {place.command(rig_file)}"
+        raise FileError(str(place.file), "this directory has no session", remedy, code="session.none")
     place.require_complete(kept_session, rig_text)
     if as_json:
         say_json(kept_session.model_dump(mode="json"))
@@ -162,15 +164,13 @@ class _Lines:
 
     def show(self, line: str) -> None:
         if sys.stderr.isatty():
-            sys.stderr.write(f"\r\x1b[K{plain(line)[: shutil.get_terminal_size().columns - 1]}")
-            sys.stderr.flush()
+            rewrite_line(line)
             self._shown = True
 
     def clear(self) -> None:
         """Remove the progress line."""
         if self._shown:
-            sys.stderr.write("\r\x1b[K")
-            sys.stderr.flush()
+            rewrite_line("")
             self._shown = False
 
 

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from analysis.apps.makers.controller_entries import ControllerEntries, at_controller
+from analysis.apps.makers.controller_entries import at_controller
 from analysis.apps.makers.correct_rig import correct_rig
 from analysis.apps.makers.programs.compensated import ahead_of_plays, compensated, targets_of
 from analysis.apps.makers.programs.motion_plan import Arc
@@ -62,19 +62,6 @@ is not worth the effort and would not show in a second measurement.
 """
 
 
-@dataclass(frozen=True)
-class ExpectedError:
-    """Rms error of the readings in µm with fitted set-ups: uncorrected, with entered values, and with corrected
-    targets.
-
-    by_targets_um includes the error between the targets, where the controller interpolates.
-    """
-
-    now_um: float
-    by_entries_um: float
-    by_targets_um: float
-
-
 def corrected(
     rig: Rig,
     session: Session,
@@ -103,7 +90,8 @@ def corrected(
     if entries is None:
         how = how_to_state_controller(model)
         if chosen_way not in (None, "none"):
-            raise FileError(str(model_file), "the constants of the controller are unknown: nothing is corrected", how)
+            problem = "the constants of the controller are unknown: nothing is corrected"
+            raise FileError(str(model_file), problem, how, code="controller.unknown")
         sentence = f"Nothing was corrected: the constants of the controller are unknown. To correct the robot, {how}."
         return _correction("none", sentence, now_um), {}
     by_entries_um, at_targets_um = (
@@ -117,18 +105,18 @@ def corrected(
         if chosen_way == "programs":
             raise
         between_um = float("inf")
-    remaining = ExpectedError(now_um, by_entries_um, float(np.hypot(at_targets_um, between_um)))
-    way = chosen_way or way_of(remaining, entries)
+    by_targets_um = float(np.hypot(at_targets_um, between_um))
+    entries_gain_um = now_um - by_entries_um if entries.entries else 0.0
+    way = chosen_way or _best_way(now_um, entries_gain_um, now_um - by_targets_um)
     work = correction.work
     if way == "none":
-        error = f"{remaining.now_um:.0f} µm rms"
-        sentence = f"Nothing you can enter removes much of this error ({error}). Repair the arm."
-        return _correction(way, sentence, remaining.now_um), {}
+        sentence = f"Nothing you can enter removes much of this error ({now_um:.0f} µm rms). Repair the arm."
+        return _correction(way, sentence, now_um), {}
     pose_u = pose_uncertainty(model, correction.effects)
     by, beside_um, after_um, left_um = (
-        (entries.effects, 0.0, entries.after_um, remaining.by_entries_um)
+        (entries.effects, 0.0, entries.after_um, by_entries_um)
         if way == "entries"
-        else (targets, between_um, work.after_um, remaining.by_targets_um)
+        else (targets, between_um, work.after_um, by_targets_um)
     )
     at_circle, elsewhere = expected_left(model, pose_u, on_circle, left_um), None
     if other_place:
@@ -145,14 +133,14 @@ def corrected(
             unknown=round(work.unknown, 3),
         ),
     }
-    falls = f"The error is then expected to fall from {remaining.now_um:.0f} to {at_circle.text}"
+    falls = f"The error is then expected to fall from {now_um:.0f} to {at_circle.text}"
     if way == "entries":
         unknown = texts_of("en").not_known(work.unknown)
         sentence = f"{controller_report.first_sentence(entries)}{unknown} {falls}."
-        return _correction(way, sentence, remaining.now_um, left_um, **expected), {}
+        return _correction(way, sentence, now_um, left_um, **expected), {}
     programs = corrected_programs(rig, model, session.stages, steps)
     sentence = f"Load the corrected programs. {falls}."
-    return _correction(way, sentence, remaining.now_um, left_um, **expected), programs
+    return _correction(way, sentence, now_um, left_um, **expected), programs
 
 
 def expected_left(model: Rig, pose_u: PoseUncertainty, runs: Sequence[Measured], left_um: float) -> Expected:
@@ -186,13 +174,11 @@ def _correction(
     )
 
 
-def way_of(remaining: ExpectedError, entries: ControllerEntries) -> Way:
-    """Return the best way to correct the robot."""
-    by_targets_um = remaining.now_um - remaining.by_targets_um
-    by_entries_um = remaining.now_um - remaining.by_entries_um if entries.entries else 0.0
-    if max(by_targets_um, by_entries_um) < max(_LEAST_UM, _LEAST_SHARE * remaining.now_um):
+def _best_way(now_um: float, entries_gain_um: float, targets_gain_um: float) -> Way:
+    """Choose the way by the rms error of the readings, and by how much entries and corrected targets reduce it."""
+    if max(targets_gain_um, entries_gain_um) < max(_LEAST_UM, _LEAST_SHARE * now_um):
         return "none"
-    return "entries" if by_entries_um >= _NEARLY * by_targets_um else "programs"
+    return "entries" if entries_gain_um >= _NEARLY * targets_gain_um else "programs"
 
 
 def entries_file(directory: Path) -> Path:
@@ -228,7 +214,8 @@ def _of_test(rig: Rig, model: Rig, stage: Stage, test: DrivenTest) -> list[Sessi
     angles, _, failures = corrected_angles(moved, supports(model), q)
     where = f"the corrected programs of the stage {stage.name}"
     if failures:
-        raise FileError(where, f"{len(failures)} targets cannot be corrected: {failures[0].what}", _ENTER)
+        problem = f"{len(failures)} targets cannot be corrected: {failures[0].what}"
+        raise FileError(where, problem, _ENTER, code="session.targets")
     angles = angles + ahead
     poses = forward(controller_arm(moved.robot), angles)
     plans = compensated([program.plan for program in programs], angles, poses, range(1, len(q) + 1), where)

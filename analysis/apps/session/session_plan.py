@@ -134,7 +134,7 @@ def planned(
     if not rig.gauges.recorded:
         problem = "does not have gauges, but a session needs two gauges to read circles"
         remedy = "measure poses (rig plan RIG --poses 60) or touches (rig record touch), then run rig diagnose"
-        raise FileError(RigPlace.of(rig.name), problem, remedy)
+        raise FileError(RigPlace.of(rig.name), problem, remedy, code="session.no_gauges")
     require_test(rig, MAIN)
     minutes -= pace.thinking_min
     main = Stage(name=MAIN, words=_set_up(MAIN, None))
@@ -142,7 +142,8 @@ def planned(
     best = next((backbone for backbone in backbones if minutes_of(*backbone, pace) <= minutes), None)
     if best is None:
         need = minutes_of(*backbones[-1], pace) + pace.thinking_min
-        raise UseError("--minutes", f"the shortest session of this cell takes {need:.1f} minutes", "give more time")
+        problem = f"the shortest session of this cell takes {need:.1f} minutes"
+        raise UseError("--minutes", problem, "give more time", code="session.minutes")
     stages, steps = best
     spare_min = minutes - minutes_of(stages, steps, pace)
     if aim != "check" and spare_min > pace.set_up_min + 1:

@@ -370,10 +370,14 @@ class SessionDirectory:
             self.directory.mkdir(parents=True, exist_ok=True)
             self._lock = durable.try_lock(self.directory)
         except OSError as error:
-            raise FileError(str(self.directory), error.strerror or str(error), "choose a different --output") from None
+            problem, remedy = error.strerror or str(error), "choose a different --output"
+            raise FileError(str(self.directory), problem, remedy, code="session.directory") from None
         if self._lock is None:
-            problem = "a different rig session uses this directory"
-            raise CellError(str(self.directory), problem, "end that session, or show it with --status")
+            problem, remedy = (
+                "a different rig session uses this directory",
+                "end that session, or show it with --status",
+            )
+            raise CellError(str(self.directory), problem, remedy, code="session.in_use")
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -455,7 +459,8 @@ class SessionDirectory:
             durable.replace(self.file, (_HEAD + text_of(session)).encode())
         except OSError as error:
             problem = f"cannot be written: {error.strerror or error}"
-            raise CellError(str(self.file), problem, "free some space, then repeat the command") from None
+            remedy = "free some space, then repeat the command"
+            raise CellError(str(self.file), problem, remedy, code="disk.write") from None
 
 
 def text_of(session: Session) -> str:

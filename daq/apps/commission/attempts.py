@@ -8,7 +8,7 @@ limited in the data it may send, and ends when it can no longer succeed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from typing import Any, Literal, get_args, get_origin
@@ -16,7 +16,6 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic import BaseModel, TypeAdapter
 
 from daq import gauges
-from daq.acquisition.stream_buffer import size_of
 from daq.apps.commission.trial import USUAL_LINES
 from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Host, Item
 from daq.protocol.streamed import Streamed
@@ -201,43 +200,6 @@ class Probing:
         hopeless = not self._has_read and (self._faults >= _MOST_FAULTS or self._silences <= 0)
         silent = self._sends == "nothing" or (self._sends != "all" and step.send == self._opening)
         return replace(step, send=b"" if silent else step.send, hang_up=step.hang_up or hopeless)
-
-
-ENOUGH = 3
-"""Number of consecutive readings that rules out chance: 1 in 64 random triples is a valid Micro-Epsilon value."""
-OF_THE_INSTRUMENT = {FaultKind.MISSING, FaultKind.DEVICE_ERROR}
-"""Faults reported by the instrument itself. They prove the protocol."""
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """Agreement of data with a protocol: number of readings, longest series of readings, and invalid data."""
-
-    readings: int
-    in_a_row: int
-    not_understood: int
-
-    @property
-    def enough(self) -> bool:
-        """True if chance is unlikely."""
-        return self.in_a_row >= ENOUGH
-
-    @property
-    def rank(self) -> tuple[bool, float, int]:
-        """Sort key of candidates. The best candidate has the highest key."""
-        return self.enough, self.readings / max(1, self.readings + self.not_understood), self.readings
-
-
-def evidence_of(items: Iterable[Item]) -> Evidence:
-    """Evidence in the items of a conversation."""
-    readings = row = longest = faults = 0
-    for item in items:
-        if not isinstance(item, Fault):
-            row, readings = row + size_of(item), readings + size_of(item)
-            longest = max(longest, row)
-        elif item.kind not in OF_THE_INSTRUMENT:
-            row, faults = 0, faults + item.count
-    return Evidence(readings, longest, faults)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from daq import clock, gauges
 from daq.acquisition.host_clock import StallWatch
 from daq.acquisition.stream_buffer import faults_of
 from daq.acquisition.streams import Stream
-from daq.apps.commission.attempts import Attempt, FoundGauge, PortReport, Probing, Sends, attempts, evidence_of
+from daq.apps.commission.attempts import Attempt, FoundGauge, PortReport, Probing, Sends, attempts
 from daq.apps.commission.cell_finding import FindingVerdict
 from daq.apps.commission.computer import examine_port
 from daq.apps.commission.trial import Trial, try_line
@@ -170,8 +170,7 @@ def _tried(
         received += trial.received
         if attempt.sends == "requests" and not trial.received:
             unanswered.add(asked)
-        evidence = evidence_of(trial.items)
-        if evidence.enough:
+        if trial.evidence[0]:
             best.append((attempt, trial))
         elif not trial.samples and kinds == {FaultKind.DEVICE_ERROR}:
             own_error = own_error or (attempt, trial)
@@ -192,7 +191,7 @@ def _rank(candidate: tuple[Attempt, Trial]) -> tuple[bool, float, bool, int]:
     An interface with messages that end in a carriage return also accepts an additional line feed. It therefore matches
     instruments of other interfaces that always send both.
     """
-    enough, understood, readings = evidence_of(candidate[1].items).rank
+    enough, understood, readings = candidate[1].evidence
     return enough, understood, candidate[0].interface not in _FORGIVING, readings
 
 

@@ -24,9 +24,9 @@ from pydantic import ValidationError
 from daq import clock, feedback
 from daq.acquisition.stream_buffer import faults_of
 from daq.acquisition.streams import ROBOT, robot_stream
-from daq.apps.commission.attempts import OF_THE_INSTRUMENT, Probing, RobotReport, Sends, evidence_of
+from daq.apps.commission.attempts import Probing, RobotReport, Sends
 from daq.apps.commission.cell_finding import condition_in, stopped_by
-from daq.apps.commission.trial import ACCEPTED, Trial, describe_silence, try_line
+from daq.apps.commission.trial import ACCEPTED, OF_THE_INSTRUMENT, Trial, describe_silence, try_line
 from daq.protocol.conversation import Arrival, Fault, FaultKind
 from daq.protocol.framing import DelimitedLines, Message
 from daq.protocol.numerals import number
@@ -154,7 +154,7 @@ def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
     answers = False
     try:
         for tried in _tries(address) if named is None else [_try(named)]:
-            if evidence_of(tried.trial.items).enough or (named and tried.trial.samples):
+            if tried.trial.evidence[0] or (named and tried.trial.samples):
                 last = tried.trial.samples[-1]
                 stopped = stopped_by(condition_in(robot_stream(tried.feedback).columns, last))
                 return RobotReport(

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq import clock
-from daq.acquisition.stream_buffer import faults_of, samples_of
+from daq.acquisition.stream_buffer import faults_of, samples_of, size_of
 from daq.acquisition.streams import Stream
 from daq.apps.commission.cell_finding import CellFinding, condition_in, doubtful, of_condition, ok, wrong
 from daq.protocol.bus import Bus
@@ -30,7 +30,9 @@ _LISTEN_S = 2.0
 _TALK_S, _LONGEST_WAIT_S = 1.0, 5.0
 """Time for the first readings after discarding old data, and the longest wait."""
 _ENOUGH = 3
-"""Number of consecutive readings that rules out chance with wrong line settings."""
+"""Number of consecutive readings that rules out chance: 1 in 64 random triples is a valid Micro-Epsilon value."""
+OF_THE_INSTRUMENT = {FaultKind.MISSING, FaultKind.DEVICE_ERROR}
+"""Faults reported by the instrument itself. They prove the protocol."""
 _FEW, _POOR_SHARE = 2, 0.05
 """Tolerable number of faults, absolute and per reading. More faults need attention."""
 _SLOW = 0.5
@@ -76,6 +78,21 @@ class Trial:
         stamps_ns = samples_of(self.items).last_byte_ns
         lasted_ns = int(stamps_ns[-1] - stamps_ns[0]) if len(stamps_ns) else 0
         return (len(stamps_ns) - 1) * 1e9 / lasted_ns if lasted_ns else 0.0
+
+    @property
+    def evidence(self) -> tuple[bool, float, int]:
+        """Agreement with the protocol; the best candidate has the largest.
+
+        It has enough readings in a row to exclude chance, the share of understood messages, and the number of readings.
+        """
+        readings = row = longest = faults = 0
+        for item in self.items:
+            if not isinstance(item, Fault):
+                row, readings = row + size_of(item), readings + size_of(item)
+                longest = max(longest, row)
+            elif item.kind not in OF_THE_INSTRUMENT:
+                row, faults = 0, faults + item.count
+        return longest >= _ENOUGH, readings / max(1, readings + faults), readings
 
     @property
     def understood(self) -> bool:

@@ -217,7 +217,7 @@ def _wandering() -> RobotMotion:
         (lambda: [driven_along(np.repeat(around(np.zeros(1)), 50, axis=0))], ["circle.stood_still"]),
         (lambda: [_rows(0.0, 0.01, 0.02)], ["circle.few_rows"]),
         (lambda: [_rows(0.0, 0.01, 0.02, 5.0)], ["circle.few_rows"]),
-        (lambda: [sampled(*stops(around(np.array([0.0, 60.0])), dwell_s=2.0))], ["circle.line", "circle.none"]),
+        (lambda: [sampled(*stops(around(np.array([0.0, 60.0])), dwell_s=2.0))], ["circle.short_arc"]),
         (lambda: [_on_line()], ["circle.line"]),
         (lambda: [_short(5)], ["circle.short_arc", "circle.uncertain"]),
         (lambda: [_short(12)], ["circle.short_arc", "circle.uncertain"]),

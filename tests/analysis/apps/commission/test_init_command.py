@@ -220,7 +220,7 @@ def test_interrupted_questionnaire_continues(tmp_path: Path, question: str) -> N
             for asked in QUESTIONS[begin:]:
                 person.answers(asked, answers[asked])
             assert terminal.ended() == 0, terminal.text()
-            assert ("Continuing with" in terminal.text()) == (begin > 0)
+            assert (b"Continuing with" in terminal.received) == (begin > 0)
     assert load(path)[0].robot.name == "Universal Robots UR10e"
     assert [file.name for file in tmp_path.iterdir()] == ["cell.yaml"]
 

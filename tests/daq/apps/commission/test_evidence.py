@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from daq.apps.commission.attempts import evidence_of
+from daq.apps.commission.trial import Trial
 from daq.apps.commission.watched_ports import pushed
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
 
@@ -33,14 +33,13 @@ def fault(kind: FaultKind) -> Fault:
     ],
 )
 def test_readings_in_a_row(items: list[Item], enough: bool) -> None:
-    assert evidence_of(items).enough is enough
+    assert Trial(items).evidence[0] is enough
 
 
 def test_the_clean_protocol_ranks_first() -> None:
-    clean, doubtful = evidence_of([GOOD] * 5), evidence_of([*[GOOD] * 9, fault(FaultKind.GARBLED)])
-    assert clean.rank > doubtful.rank > evidence_of([GOOD]).rank
-    many = evidence_of([*[GOOD] * 9, replace(fault(FaultKind.GARBLED), count=500)])
-    assert many.not_understood == 500 and doubtful.rank > many.rank
+    faults = [fault(FaultKind.GARBLED), replace(fault(FaultKind.GARBLED), count=500)]
+    doubtful, many = (Trial([*[GOOD] * 9, one]).evidence for one in faults)
+    assert Trial([GOOD] * 5).evidence > doubtful > many > Trial([GOOD]).evidence
 
 
 REST = {"a": [0.0, 0.001, 0.0, 0.001, 0.0], "b": [5.0, 5.001, 5.0, 5.0, 5.0]}
