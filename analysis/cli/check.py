@@ -131,7 +131,7 @@ def _check_rig(rig_file: str, calibration: str | None) -> None:
 
 
 def initial_effects(effects: Sequence[Effect]) -> str:
-    """Return a sentence on the effects that a model contains initially: `2 effects, written by hand: …`."""
+    """Sentence on the effects that a model contains initially: `2 effects, written by hand: …`."""
     from rigs.effect_names import name_in_words
     from rigs.schema.effect import name_of
 
@@ -148,7 +148,7 @@ def initial_effects(effects: Sequence[Effect]) -> str:
 
 
 def controller_line(rig: Rig) -> str:
-    """Return the line on a controller that may have constants of its own; empty if the rig file states it."""
+    """Line on a controller that may have constants of its own; empty if the rig file states it."""
     practice = practice_of(rig.maker or rig.robot.name)
     if rig.controller != "unknown" or practice is None:
         return ""
@@ -159,7 +159,7 @@ def controller_line(rig: Rig) -> str:
 
 
 def calibration_lines(model: CalibratedModel) -> list[str]:
-    """Return the terms of a calibrated model, the accuracy on the runs, and the covered joint ranges."""
+    """Terms of a calibrated model, the accuracy on the runs, and the covered joint ranges."""
     runs = first_of([run.name for run in model.runs], _MOST_NAMED)
     accuracy = f"error in its runs {model.before_um:.0f} µm rms, with the calibration {model.calibrated_um:.0f} µm"
     if model.held_out_um is not None:

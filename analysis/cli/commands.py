@@ -176,7 +176,7 @@ class Command(TyperCommand):
 
 
 def taking_all(option: str) -> type[Command]:
-    """Return a command class with an `option` that takes all arguments up to the next option, as a shell expands
+    """Command class with an `option` that takes all arguments up to the next option, as a shell expands
     wildcards.
     """
 
@@ -277,7 +277,7 @@ def _options(
 
 
 def imported(name: str) -> TyperCommand | TyperGroup:
-    """Return a command or group of `rig` as declared in its module. name: a listed command."""
+    """Command or group of `rig` as declared in its module. name: a listed command."""
     file = _FILES.get(name, name.replace("-", "_"))
     import_module(f"analysis.apps.{_APPS[file]}.cli_{file}" if file in _APPS else f"analysis.cli.{file}")
     if name in _ADDED:

@@ -21,7 +21,7 @@ _LEVELS = 2
 
 
 def _quietly(offer: Callable[..., Iterator[str]]) -> Callable[..., list[str]]:
-    """Return the readable candidates, except names that a terminal cannot show."""
+    """Readable candidates, except names that a terminal cannot show."""
 
     @wraps(offer)
     def offered(*arguments: object, **named: object) -> list[str]:

@@ -60,13 +60,13 @@ class Dialogue:
                     self.say(f"error: {line}")
 
     def line(self, prompt: str) -> str:
-        """Return the typed line, stripped of blanks. Raises DialogueEnded."""
+        """Typed line, stripped of blanks. Raises DialogueEnded."""
         self.screen.write(prompt)
         self.screen.flush()
         return self._typed()
 
     def line_or(self, prompt: Callable[[], str], happened: Callable[[], T | None]) -> str | T:
-        """Return the typed line, or an earlier event. The prompt is refreshed in place."""
+        """Typed line, or an earlier event. The prompt is refreshed in place."""
         while True:
             self.screen.write(f"\r{prompt()}{_TO_THE_END}")
             self.screen.flush()
@@ -94,11 +94,11 @@ class Dialogue:
 
 
 def at_terminal(say: Callable[[str], None], busy: Busy) -> Dialogue:
-    """Return the dialogue at the terminal of this program, if any."""
+    """Dialogue at the terminal of this program, if any."""
     has_terminal = has_keyboard() and sys.stdout.isatty()
     return Dialogue(say, busy, has_terminal, sys.stdin, sys.stdout)
 
 
 def has_keyboard() -> bool:
-    """Return whether standard input is a terminal; it may be a file or closed."""
+    """True if standard input is a terminal; it may be a file or closed."""
     return sys.stdin is not None and sys.stdin.isatty()

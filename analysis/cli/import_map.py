@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 
 
 def has_person() -> bool:
-    """Return whether an operator can answer. Questions go to standard error, because scripts read the run path from
+    """True if an operator can answer. Questions go to standard error, because scripts read the run path from
     standard output.
     """
     return has_keyboard() and sys.stderr.isatty()
 
 
 def needs_map(table: Path, test: TestName, socket: str = "") -> bool:
-    """Return whether a file differs from the format of docs/tables.md but can be read with a proposed map.
+    """True if a file differs from the format of docs/tables.md but can be read with a proposed map.
 
     socket: socket of all rows of a table of touches.
     """
@@ -55,7 +55,7 @@ def mapped_run(
     placement: str,
     joints: JointSource,
 ) -> Measured:
-    """Return the run of the files of a measurement, read with a given map or with a map proposed and completed here."""
+    """Run of the files of a measurement, read with a given map or with a map proposed and completed here."""
     if map_file:
         table_map = load_map(map_file)
         if topic:

@@ -22,7 +22,7 @@ _STYLE = {"confirmed": "green", "weak": "yellow", "unconfirmed": "red"}
 
 
 def interfaces_table(interfaces: Sequence[Interface]) -> RenderableType:
-    """Return a table of the interfaces and the count of each standing."""
+    """Table of the interfaces and the count of each standing."""
     table = Table(
         Column("interface, line", no_wrap=True),
         Column("instruments", ratio=1, overflow="fold"),
@@ -48,7 +48,7 @@ _MINUTE_S, _HOUR_S, _DAY_S = 60.0, 3600.0, 86400.0
 
 
 def run_row(run: RunInfo, now_s: float) -> dict[str, Any]:
-    """Return the listed properties of a run; values are None if the manifest or the marks cannot be read."""
+    """Listed properties of a run; values are None if the manifest or the marks cannot be read."""
     manifest, marks = run.manifest, run.marks
     return {
         "run": str(run.path),
@@ -67,7 +67,7 @@ def run_row(run: RunInfo, now_s: float) -> dict[str, Any]:
 
 
 def runs_table(rows: Sequence[dict[str, Any]]) -> Table:
-    """Return a row for each run, and the total size."""
+    """Row for each run, and the total size."""
     runs = Column("run", counted(len(rows), "run"))
     size = right("size", footer=_size(sum(listed_row["bytes"] for listed_row in rows)))
     table = Table(

@@ -14,14 +14,14 @@ from rigs.text import enumerated
 
 
 def location(text: str | Path) -> Path:
-    """Return a local path or a URL from user input or a default. Raises FileError for an unsupported URL."""
+    """Local path or a URL from user input or a default. Raises FileError for an unsupported URL."""
     from analysis.runs.batch import remote_path
 
     return remote_path.location(str(text))
 
 
 def operator_or_user(operator: str) -> str:
-    """Return the given operator, or the user name; empty if the system has none, as in many containers."""
+    """Given operator, or the user name; empty if the system has none, as in many containers."""
     import getpass
 
     with suppress(KeyError, OSError, ImportError):
@@ -57,7 +57,7 @@ RunsElsewhere = Annotated[
 
 
 def _processes(text: str | int) -> int:
-    """Return a number of processes; 0 means the number of cores. Raises typer.BadParameter."""
+    """Number of processes; 0 means the number of cores. Raises typer.BadParameter."""
     if text == "auto":
         return 0
     if str(text).isdecimal():
@@ -78,7 +78,7 @@ Scheduler = Annotated[
 
 
 def _direction(text: str) -> Direction:
-    """Return a direction from common spellings. Raises typer.BadParameter."""
+    """Direction from common spellings. Raises typer.BadParameter."""
     direction = direction_of(text)
     if direction is None:
         raise typer.BadParameter(f"{text!r} is not a direction; give acw (ccw) or cw")
@@ -86,7 +86,7 @@ def _direction(text: str) -> Direction:
 
 
 def direction_option(meaning: str) -> Any:
-    """Return the option --direction with the meaning for a command."""
+    """Option --direction with the meaning for a command."""
     return typer.Option(
         "--direction",
         metavar="<acw|cw>",
@@ -97,7 +97,7 @@ def direction_option(meaning: str) -> Any:
 
 
 def _maker(text: str) -> MakerName:
-    """Return a maker from common spellings. Raises typer.BadParameter."""
+    """Maker from common spellings. Raises typer.BadParameter."""
     maker = maker_named(text)
     if maker is None:
         raise typer.BadParameter(f"{text!r} is not a known maker of controllers; give {enumerated(list(MAKERS), 'or')}")
@@ -105,7 +105,7 @@ def _maker(text: str) -> MakerName:
 
 
 def maker_option(meaning: str, default: str = "") -> Any:
-    """Return the option --for with the meaning for a command, and the default."""
+    """Option --for with the meaning for a command, and the default."""
     help_text = f"{meaning}: {enumerated(list(MAKERS), 'or')}" + (f"; default: {default}." if default else ".")
     return typer.Option("--for", metavar="MAKER", parser=_maker, autocompletion=lambda: list(MAKERS), help=help_text)
 
@@ -117,7 +117,7 @@ RigArgument = Annotated[
 
 
 def rig_option(meaning: str) -> Any:
-    """Return the option --rig, or --arm, with the meaning for a command."""
+    """Option --rig, or --arm, with the meaning for a command."""
     return typer.Option("--rig", "--arm", autocompletion=completion.rig_files, help=meaning)
 
 

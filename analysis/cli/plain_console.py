@@ -22,7 +22,7 @@ class PlainConsole(Console):
         super().__init__(width=width, stderr=stderr, markup=False, emoji=False)
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Return text in the layout of rich. It is made plain before, so that the column widths fit."""
+        """Text in the layout of rich. It is made plain before, so that the column widths fit."""
         return super().render_str(plain_lines(text), **options)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
@@ -32,12 +32,11 @@ class PlainConsole(Console):
 
 
 def right(heading: str | Text = "", **options: Any) -> Column:
-    """Return a right-aligned column for numbers."""
     return Column(heading, justify="right", **options)
 
 
 def bare_table(*headings: str | Column) -> Table:
-    """Return a table without rules, with unbroken numbers and folded long entries."""
+    """Table without rules, with unbroken numbers and folded long entries."""
     table = Table(*headings, box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
     for column in table.columns:
         column.no_wrap |= column.justify == "right"

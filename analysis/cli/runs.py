@@ -140,7 +140,7 @@ def verify(
 
 
 def judged(path: Path) -> VerificationResult:
-    """Return the integrity verdict of a local or remote run. Raises RigError if a remote run cannot be fetched."""
+    """Integrity verdict of a local or remote run. Raises RigError if a remote run cannot be fetched."""
     from dataclasses import replace
 
     from analysis.runs.batch.fetched import fetched, restore_run_path

@@ -49,7 +49,7 @@ def end_with(code: int) -> None:
 
 
 def worst(errors: Iterable[RigError]) -> int:
-    """Return the highest exit code of errors; 0 for an empty list."""
+    """Highest exit code of errors; 0 for an empty list."""
     return max((error.exit_code for error in errors), default=0)
 
 
@@ -111,7 +111,7 @@ def over_runs(
 def evaluated(
     runs: Sequence[Path], *, jobs: int = 1, scheduler: str | None = None, with_rows: bool = True
 ) -> tuple[list[Result], list[RigError]]:
-    """Return the results of evaluable runs, as from `evaluate_runs`, and the errors of the others.
+    """Results of evaluable runs, as from `evaluate_runs`, and the errors of the others.
 
     with_rows: keep the rows of each run. Figures and remarks by themselves take some 0.2 MB per run.
     """
@@ -132,12 +132,11 @@ def evaluated(
 
 
 def distinct(paths: Iterable[Path]) -> dict[Path, None]:
-    """Return distinct paths in the given order."""
     return dict.fromkeys(path.resolve() for path in paths)
 
 
 def runs_below(paths: Iterable[Path], scheduler: str | None = None) -> list[Path]:
-    """Return the runs at or below paths; absolute for a cluster, since the workers run in other directories."""
+    """Runs at or below paths; absolute for a cluster, since the workers run in other directories."""
     from analysis.cli.console import progress_of
     from analysis.runs.batch.run_directories import run_directories
 
@@ -152,12 +151,12 @@ _imported: list[TemporaryDirectory[str]] = []
 
 
 def is_table(path: Path) -> bool:
-    """Return whether a path is a table file in place of a run."""
+    """True if a path is a table file in place of a run."""
     return path.suffix.lower() in _TABLES and path.is_file()
 
 
 def with_tables(paths: Iterable[Path], rig_file: str | None) -> list[Path]:
-    """Return the paths, with each table imported to a temporary run, which exists until the command ends.
+    """Paths, with each table imported to a temporary run, which exists until the command ends.
 
     Raises FileError, and UseError for the name of an arm in place of a run.
     """
@@ -175,7 +174,7 @@ def with_controller(rig_file: str, calibration: str | None) -> str: ...
 @overload
 def with_controller(rig_file: str | None, calibration: str | None) -> str | None: ...
 def with_controller(rig_file: str | None, calibration: str | None) -> str | None:
-    """Return a rig file with the constants of the controller, which exists until the command ends.
+    """Rig file with the constants of the controller, which exists until the command ends.
 
     Without --calibration, return the rig file itself. Raises FileError, and UseError without a rig file.
     """

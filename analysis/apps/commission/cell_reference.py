@@ -34,7 +34,7 @@ class CellReference:
 
 
 def references_of(directories: Iterable[Path], rig_name: str | None = None) -> list[CellReference]:
-    """Return the references in directories of runs, touches and poses before circles, each newest first.
+    """References in directories of runs, touches and poses before circles, each newest first.
 
     rig_name: name of the rig; None for all rigs.
 
@@ -48,7 +48,7 @@ def references_of(directories: Iterable[Path], rig_name: str | None = None) -> l
 
 
 def _usable_runs(directory: Path, rig_name: str | None) -> list[RunInfo]:
-    """Return the complete runs of a rig with joint angles; none if the directory does not exist."""
+    """Complete runs of a rig with joint angles; none if the directory does not exist."""
     usable = []
     with suppress(FileError):
         for run in survey(directory):
@@ -63,7 +63,7 @@ def _usable_runs(directory: Path, rig_name: str | None) -> list[RunInfo]:
 
 
 def _of_places(run: RunInfo) -> CellReference | None:
-    """Return a run of touches or poses as a reference; None if it has too few."""
+    """Run of touches or poses as a reference; None if it has too few."""
     manifest = run.manifest
     if manifest is None or not facts_of(manifest.test).of_places:
         return None
@@ -75,7 +75,7 @@ def _of_places(run: RunInfo) -> CellReference | None:
 
 
 def _of_circles(runs: Sequence[RunInfo]) -> list[CellReference]:
-    """Return the days with circles in both directions, newest first."""
+    """Days with circles in both directions, newest first."""
     days: dict[tuple[str, TestName, str], list[RunInfo]] = {}
     for run in runs:
         manifest = run.manifest

@@ -60,7 +60,7 @@ class Tolerance:
     least_rad: float
 
     def at(self, radius_mm: float) -> float:
-        """Return the tolerance in mm for a circle of this radius."""
+        """Tolerance in mm for a circle of this radius."""
         return min(self.mm, self.scale * _OF_RADIUS * radius_mm)
 
 
@@ -94,7 +94,7 @@ def even_path(places: Array, run: Integers) -> tuple[Array, Integers]:
 
 
 def find_circle(points: Array, run: Integers, tolerance: Tolerance) -> FoundCircle | None:
-    """Return the circle that a path follows over the largest angle; None if there is no circle.
+    """Circle that a path follows over the largest angle; None if there is no circle.
 
     points (k, 3): places in mm at equal distances. run (k,): number of the run of each point.
     """
@@ -366,7 +366,7 @@ def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
 
 
 def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: str) -> tuple[Mask, CircleFrame]:
-    """Return a mask (n,) of the bins on a circle with the tool moving along it, and fit the nearest circle.
+    """Select the bins (n,) on a circle with the tool moving along it, and fit the nearest circle.
 
     Raises FileError if there are too few bins.
     """
@@ -440,7 +440,7 @@ def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, c
 
 
 def _outlier_from_mm(largest: Array) -> float:
-    """Return the deviation in mm from which a place counts as an outlier.
+    """Deviation in mm from which a place counts as an outlier.
 
     largest (n,): deviations of all places in mm.
     """
@@ -448,7 +448,7 @@ def _outlier_from_mm(largest: Array) -> float:
 
 
 def _rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask) -> tuple[Array, Array, Integers]:
-    """Return timestamps (m,) in s, places (m, 3) in mm and stretch numbers (m,) of the rows in the selected bins."""
+    """Timestamps (m,) in s, places (m, 3) in mm and stretch numbers (m,) of the rows in the selected bins."""
     stretches = np.cumsum(np.diff(on, prepend=False) | (np.diff(bins.run, prepend=0) != 0))
     times, angles, numbers = [], [], []
     for number, (motion, count) in enumerate(zip(motions, bins.rows, strict=True)):

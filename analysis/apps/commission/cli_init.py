@@ -175,7 +175,7 @@ def _make(options: Options) -> None:
 
 
 def next_steps(rig_file: Path) -> list[str]:
-    """Return the next steps for a new rig file as lines of commands."""
+    """Next steps for a new rig file as lines of commands."""
     from rigs.load import load
 
     rig, _ = load(rig_file)
@@ -196,7 +196,7 @@ def next_steps(rig_file: Path) -> list[str]:
 
 
 def pair_steps(rig_file: Path) -> list[str]:
-    """Return the next steps for the rig file of an arm that a second arm measures."""
+    """Next steps for the rig file of an arm that a second arm measures."""
     file, other = shlex.quote(str(rig_file)), shlex.quote(str(rig_file.with_name("other.yaml")))
     return [
         f"rig init {other} --measured-by arm  # the other arm, unless it has its rig file",
@@ -208,7 +208,7 @@ def pair_steps(rig_file: Path) -> list[str]:
 
 
 def _without_gauges(rig: Rig, file: str) -> list[str]:
-    """Return the next steps for a tracker or a ball in sockets, with joint angles that are read or typed."""
+    """Next steps for a tracker or a ball in sockets, with joint angles that are read or typed."""
     from rigs.schema.feedback import NoFeedback
 
     if rig.tests.touch is None:
@@ -247,7 +247,7 @@ _WORTH = "the error falls to about a sixth"
 
 
 def _first_lap(rig: Rig, file: str) -> list[str]:
-    """Return the commands for a first lap and its report."""
+    """Commands for a first lap and its report."""
     maker, *further = rig.makers
     others = f"  # or {', '.join(further)}" if further else ""
     return [

@@ -89,7 +89,7 @@ def moved(
 
 
 def _read(paths: Sequence[Path], rig_file: str | None) -> list[Measured]:
-    """Return the runs at or below paths, and tables as runs. Exits if a run cannot be read."""
+    """Runs at or below paths, and tables as runs. Exits if a run cannot be read."""
     from analysis.cli.several import distinct, end_with, load_runs, runs_below, with_tables, worst
 
     runs, errors = load_runs(distinct(runs_below(with_tables(paths, rig_file))))
@@ -100,7 +100,6 @@ def _read(paths: Sequence[Path], rig_file: str | None) -> list[Measured]:
 def _find_movement(
     runs: list[Path], new: list[Path], rig_file: str | None, *, plan: bool, mark: bool
 ) -> tuple[MovementResult, str]:
-    """Return the result and the name of the rig."""
     from analysis.apps.commission.what_moved import what_moved_in
     from analysis.cli.console import progress_of
     from rigs.load import load

@@ -101,7 +101,7 @@ def start_of(
 def _sense(
     circle: CircleFrame, T: Array, phi: Array, direction: Direction | None, declared: Circle | None, doubts: list[str]
 ) -> float:
-    """Return 1 if the normal has the correct sign, or -1 if it must be reversed."""
+    """Sign of the normal: -1 if it must be reversed."""
     along = float(T[:, :3, 0].mean(axis=0) @ circle.n)
     net = float(phi[-1] - phi[0])
     went = 0.0 if abs(net) < _CLEAR_RAD else float(np.sign(net))
@@ -122,7 +122,7 @@ def _sense(
 
 
 def _tool_doubts(circle: CircleFrame, T: Array) -> list[str]:
-    """Return warnings about a tool orientation different from that in a circle test."""
+    """Warnings about a tool orientation different from that in a circle test."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     nominal = circle.poses(circle.angle(T[:, :3, 3]))[:, :3, :3]
@@ -196,7 +196,7 @@ class DrivenCircle:
         return float(np.sqrt(np.linalg.eigvalsh(self.normal_cov)[-1]))
 
     def values(self) -> Values:
-        """Return the keys of tests.circle, rounded to a micrometre and a hundredth of a degree."""
+        """Keys of tests.circle, rounded to a micrometre and a hundredth of a degree."""
         values: dict[str, float | list[float]] = {
             "centre_mm": self.circle.centre.round(3).tolist(),
             "normal": self.circle.n.round(6).tolist(),

@@ -74,12 +74,12 @@ def reports_of(ports: Sequence[str], options: Options, doing: Callable[[str], No
 
 
 def ports_of(options: Options) -> list[str]:
-    """Return the ports named by options, in order and free of duplicates."""
+    """Ports named by options, in order and free of duplicates."""
     return list(dict.fromkeys([*options.ports, *(place.partition("#")[0] for place in options.places)]))
 
 
 def _ports(options: Options, dialogue: Dialogue) -> list[str]:
-    """Return the ports approved by the user. A device other than a gauge may take a request for a command."""
+    """Ports approved by the user. A device other than a gauge may take a request for a command."""
     ports = ports_here()
     if (named := ports_of(options)) or (dialogue.terminal and not ports):
         return named
@@ -114,7 +114,7 @@ def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
 
 
 def _find_gauges(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
-    """Return the gauges that respond. At a terminal, repeat the search until there is at least one."""
+    """Gauges that respond. At a terminal, repeat the search until there is at least one."""
     while True:
         ports = _ports(options, dialogue)
         with dialogue.busy("looking at the ports") as doing:
@@ -168,7 +168,7 @@ def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
 
 
 def _pushed(name: str, remaining: dict[str, FoundGauge], watch: PortWatch, dialogue: Dialogue) -> FoundGauge:
-    """Return the gauge pushed or selected by number, and remove it from the remaining gauges.
+    """Take the gauge that is pushed or selected by number from the remaining gauges.
 
     A push also reveals the counting direction: the plunger goes in as the tool approaches the ball.
     """
@@ -226,7 +226,7 @@ def _length_mm(text: str) -> float:
 
 
 def check_baseline_mm(value: float, where: str) -> float:
-    """Return the distance between two gauges in mm. Raises FileError if it is impossibly small."""
+    """Distance between two gauges in mm. Raises FileError if it is impossibly small."""
     if value < _NEAREST_MM:
         turned_mm = value * 1e-3
         problem = (

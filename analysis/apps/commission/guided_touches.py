@@ -69,7 +69,7 @@ class GuidedCheck:
         return cls(rig or runs[0].rig, text, placements.pop(), reference.names, reference, sockets)
 
     def with_touch(self, q: Array) -> GuidedCheck:
-        """Return the check with a touch at joint angles (axes,) rad, in the socket nearest to the ball.
+        """Check with a touch at joint angles (axes,) rad, in the socket nearest to the ball.
 
         Raises FileError if the ball is in no socket of the reference.
         """
@@ -81,7 +81,6 @@ class GuidedCheck:
         return replace(self, touches=(*self.touches, (socket_of(setup), q)))
 
     def without_last(self) -> GuidedCheck:
-        """Return the check without the last touch."""
         return replace(self, touches=self.touches[:-1])
 
     def _distance_mm(self, setup: str, q: Array) -> float:
@@ -119,7 +118,7 @@ class GuidedCheck:
 
 
 def mark_of(result: MovementResult, names: Sequence[str]) -> MovementCheck:
-    """Return the answer of a check as a mark of the new run. names: of the reference runs."""
+    """Answer of a check as a mark of the new run. names: of the reference runs."""
     likeliest = result.causes[0]
     named = result.named
     return MovementCheck(

@@ -55,7 +55,7 @@ class Answers(Part):
 
 
 def kept_in(rig_file: Path) -> Path:
-    """Return the path of the file with the answers for a rig file."""
+    """Path of the file with the answers for a rig file."""
     return rig_file.with_name(rig_file.name + _ENDING)
 
 
@@ -134,7 +134,7 @@ def keys_of(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
 
 
 def places_of(g1: str | None, g2: str | None, keys: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
-    """Return the ports of g1 and g2, if given.
+    """Ports of g1 and g2, if given.
 
     Raises UseError if only g2 is given, or if an interface is given but no port.
     """
@@ -167,7 +167,7 @@ def checked(schema: Any, fields: Any, section: str) -> Any:
 
 
 def with_keys(schema: Any, part: Part, keys: Mapping[str, Any], section: str) -> Any:
-    """Return a part of a rig file with changed keys. Raises FileError."""
+    """Part of a rig file with changed keys. Raises FileError."""
     return checked(schema, {**part.model_dump(mode="json", exclude_unset=True), **keys}, section) if keys else part
 
 

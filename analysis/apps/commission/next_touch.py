@@ -68,7 +68,7 @@ class Candidates:
 
 
 def candidates_of(reference: Reference) -> Candidates:
-    """Return the postures of a reference that can be touched again; circles have none."""
+    """Postures of a reference that can be touched again; circles have none."""
     runs = tuple(run for run in reference.runs if facts_of(run.table.test).of_places)
     every = reference.conditioned.reference
     of_places = np.concatenate([
@@ -87,7 +87,7 @@ def candidates_of(reference: Reference) -> Candidates:
 def next_posture(
     reference: Reference, candidates: Candidates, compared: ReferenceComparison | None
 ) -> ReferencePosture | None:
-    """Return the posture expected to separate the remaining causes best; None if there are no postures."""
+    """Posture expected to separate the remaining causes best; None if there are no postures."""
     count = len(candidates.postures)
     if not count:
         return None
@@ -113,7 +113,7 @@ def next_posture(
 
 
 def _joined(candidates: Candidates, compared: ReferenceComparison | None) -> tuple[LinearReadings, Array, int]:
-    """Return the readings taken and those of all candidates together, their changes between days, and the number of
+    """Readings taken and those of all candidates together, their changes between days, and the number of
     known entries.
     """
     new = compared.readings if compared else candidates.readings.rows(np.zeros(len(candidates.readings.sd_mm), bool))
@@ -125,7 +125,7 @@ def _joined(candidates: Candidates, compared: ReferenceComparison | None) -> tup
 def _spread(
     cause: Cause, candidates: Candidates, compared: ReferenceComparison | None, joint: LinearReadings, scatter: float
 ) -> Array:
-    """Return the covariance (n, n) that a cause of typical size adds, in units of the assumed scatter."""
+    """Covariance (n, n) that a cause of typical size adds, in units of the assumed scatter."""
     if cause == NOTHING:
         return np.zeros((len(joint.sd_mm), len(joint.sd_mm)))
     if cause == OTHER:
@@ -139,7 +139,7 @@ def _spread(
 
 
 def _levels(cause: Cause, compared: ReferenceComparison | None) -> tuple[Array, Array]:
-    """Return the multiples of the typical size of a cause, and their probabilities."""
+    """Multiples of the typical size of a cause, and their probabilities."""
     levels = {NOTHING: np.ones(1), OTHER: OTHER_LEVELS}.get(cause, LEVELS)
     if compared is not None and len(cause.scale) and not cause.members:
         return levels, compared.posterior.estimates[cause].level
@@ -147,7 +147,7 @@ def _levels(cause: Cause, compared: ReferenceComparison | None) -> tuple[Array, 
 
 
 def _predicted(prediction: Prediction, spread: Array, known: int, count: int) -> tuple[Array, Array]:
-    """Return mean (c, k) and covariance (c, k, k) of the reading at each candidate, given the readings taken.
+    """Mean (c, k) and covariance (c, k, k) of the reading at each candidate, given the readings taken.
 
     spread (n, n): covariance that a cause adds.
     """
@@ -164,7 +164,7 @@ def _predicted(prediction: Prediction, spread: Array, known: int, count: int) ->
 
 
 def _usefulness(weights: Array, causes: Integers, means: Array, covs: Array) -> float:
-    """Return the expected gain of a reading: the share of the uncertainty about the cause that it removes, plus the
+    """Expected gain of a reading: the share of the uncertainty about the cause that it removes, plus the
     probability that it names a cause if something moved. From 0 to 2.
 
     The reading is a mixture of normal distributions: weights (m,), causes (m,) numbered from 0 (nothing), means (m, k)
@@ -192,7 +192,7 @@ def _usefulness(weights: Array, causes: Integers, means: Array, covs: Array) -> 
 
 
 def hidden_causes(reference: Reference, candidates: Candidates) -> list[Lever]:
-    """Return the causes of typical size that touches in all postures of the reference could not reveal."""
+    """Causes of typical size that touches in all postures of the reference could not reveal."""
     if not candidates.postures:
         return []
     day = day_columns(candidates.runs, candidates.readings)

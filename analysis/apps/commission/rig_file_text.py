@@ -50,7 +50,7 @@ class _ArmFile(Part):
 
 
 def chosen_arm(name: str, measured_by: MeasuredBy = "gauges") -> ChosenArm:
-    """Return an arm from the library or from a file with a `robot` section.
+    """Arm from the library or from a file with a `robot` section.
 
     Raises FileError if there is none, and for an arm that cannot drive the circles required by gauges.
     """
@@ -131,7 +131,7 @@ _ABOUT: dict[MeasuredBy, str] = {
 
 
 def placed(answers: Answers) -> dict[str, Gauge]:
-    """Return the gauges by name, placed symmetrically on the baseline."""
+    """Gauges by name, placed symmetrically on the baseline."""
     half_mm = (answers.baseline_mm or _BASELINE_MM) / 2
     signed = zip(("g1", "g2"), (half_mm, -half_mm), answers.gauges or (), strict=False)
     return {name: gauge.model_copy(update={"offset_mm": at_mm}) for name, at_mm, gauge in signed}

@@ -65,7 +65,7 @@ class JoggedCircle:
 
 
 def distinct(places: Array) -> Array:
-    """Return the distinct places (k, 3) among places (m, 3) in mm."""
+    """Distinct places (k, 3) among places (m, 3) in mm."""
     apart: list[Array] = []
     for place in places:
         if all(np.linalg.norm(place - earlier) > _APART_MM for earlier in apart):
@@ -74,7 +74,7 @@ def distinct(places: Array) -> Array:
 
 
 def is_jogged(bins: Binned, path_circle: FoundCircle | None) -> bool:
-    """Return whether the robot was jogged from point to point of a circle instead of driving the circle of the path.
+    """True if the robot was jogged from point to point of a circle instead of driving the circle of the path.
 
     Between jogged points the path leaves the circle. Other stops are the home position and the turning points of a
     program.
@@ -95,7 +95,7 @@ def is_jogged(bins: Binned, path_circle: FoundCircle | None) -> bool:
 
 
 def on_one_circle(places: Array) -> Mask:
-    """Return a mask of the places (m, 3) in mm on a common circle.
+    """Mask of the places (m, 3) in mm on a common circle.
 
     If there are several circles, the one with the most places, and then with the best fit, is selected. There must be
     three or more places.
@@ -147,7 +147,7 @@ def circle_through_stands(arm: Arm, bins: Binned, where: str) -> JoggedCircle:
 
 
 def scatter(squares: float, free: int, within_mm: float) -> tuple[float, tuple[str, ...]]:
-    """Return the scatter in mm of a coordinate, widened for few points, and a warning if there are no degrees of
+    """Scatter in mm of a coordinate, widened for few points, and a warning if there are no degrees of
     freedom.
 
     squares: sum of squared residuals in mm². free: degrees of freedom. within_mm: scatter within the stops in mm.
@@ -201,7 +201,7 @@ class TouchedBall:
         return np.sqrt(np.diag(self.covariance))
 
     def values(self, rig: Rig) -> Values:
-        """Return the keys of tests.hemisphere: the centre, and all keys if the rig file has no hemisphere."""
+        """Keys of tests.hemisphere: the centre, and all keys if the rig file has no hemisphere."""
         values: dict[str, float | list[float]] = {"centre_mm": [round(float(x), 3) for x in self.centre]}
         if rig.tests.hemisphere is None:
             pole = int((self.places - self.centre)[:, 2].argmax())  # the default normal points upwards
@@ -258,7 +258,7 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
 
 
 def _read_stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, ...]]:
-    """Return the stops of a run: angles (m, 6) in rad, readings (m,) and scatter (m,) in mm.
+    """Stops of a run: angles (m, 6) in rad, readings (m,) and scatter (m,) in mm.
 
     The readings are 0 if there is no gauge.
     """
@@ -288,7 +288,7 @@ def _read_stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[
 
 
 def _distance_from_sphere(places: Array, g_mm: Array, x: Array) -> Array:
-    """Return the distances (m,) of places (m, 3) in mm from the sphere x (4,)."""
+    """Distances (m,) of places (m, 3) in mm from the sphere x (4,)."""
     return np.asarray(np.linalg.norm(places - x[:3], axis=1) - g_mm - x[3])
 
 

@@ -64,11 +64,10 @@ class MovementResult:
     reference_movements: tuple[Movement, ...] = ()
 
     def alike(self, cause: Cause) -> Alike | None:
-        """Return the part with the same readings as a cause, or None."""
+        """Part with the same readings as a cause, or None."""
         return look_alike(cause, len(self.zero_bounds_deg), of_tracker=self.of_tracker)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result in plain types for JSON."""
         step = self.next_posture
         return {
             "named": self.named and self.named.to_dict() | {"alike": self.alike(self.named.cause)},
@@ -123,7 +122,7 @@ def what_moved(reference: Reference, new: list[ObservedRun], *, plan: bool = Fal
 def moved_of(
     reference: Reference, compared: ReferenceComparison | None, *, plan: bool = False, doubts: tuple[str, ...] = ()
 ) -> MovementResult:
-    """Return the result of a comparison, or of a plan before the first reading."""
+    """Result of a comparison, or of a plan before the first reading."""
     causes = [] if compared is None else causes_by_odds(reference, compared)
     named = causes[0] if compared is not None and compared.identified_cause is not None else None
     rivals = () if named else tuple(cause for cause in causes if cause.posterior > 1 - NAMED)
@@ -143,7 +142,7 @@ def moved_of(
 
 
 def _zero_bounds(compared: ReferenceComparison | None) -> tuple[float, ...]:
-    """Return the largest error in degrees of each zero that is compatible with the readings."""
+    """Largest error in degrees of each zero that is compatible with the readings."""
     estimates = compared.posterior.estimates.items() if compared else ()
     return tuple(
         float(np.degrees(abs(estimate.mean[0]) + 2 * np.sqrt(estimate.cov[0, 0])))
@@ -159,7 +158,7 @@ def _next(
     rivals: tuple[CauseOdds, ...],
     hidden: tuple[Lever, ...],
 ) -> ReferencePosture | None:
-    """Return the next posture; None if only causes remain that no posture shows."""
+    """Next posture; None if only causes remain that no posture shows."""
     invisible = {lever.cause for lever in hidden}
     is_hopeless = bool(rivals) and all(rival.cause in invisible or rival.cause == NOTHING for rival in rivals)
     if is_hopeless and compared is not None and compared.can_clear:

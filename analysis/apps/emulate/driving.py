@@ -60,11 +60,11 @@ class ControllerState:
 
     @classmethod
     def of_rig(cls, rig: Rig, maker: MakerName) -> ControllerState:
-        """Return the unmodified controller of a rig, which does not know the effects of the arm."""
+        """Unmodified controller of a rig, which does not know the effects of the arm."""
         return cls(maker, arm_of(rig.robot), np.zeros(6))
 
     def flange(self, q: Array) -> tuple[Array, Array]:
-        """Return the rotation (3, 3) and position (3,) in mm of the flange in the robot base.
+        """Rotation (3, 3) and position (3,) in mm of the flange in the robot base.
 
         q (6,): joint angles in rad.
         """
@@ -72,11 +72,11 @@ class ControllerState:
         return T[:3, :3], T[:3, 3]
 
     def with_tool(self, T_flange_tool: Array) -> Arm:
-        """Return the arm as modelled by the controller, in the base of the robot, with a tool frame (4, 4) in mm."""
+        """Arm as modelled by the controller, in the base of the robot, with a tool frame (4, 4) in mm."""
         return replace(self.arm, T_world_base=np.eye(4), T_flange_tool=T_flange_tool)
 
     def entered(self, corrections: Any, where: str) -> ControllerState:
-        """Return the controller after entering the parameters of `rig correct` (corrections.yaml or JSON).
+        """Controller after entering the parameters of `rig correct` (corrections.yaml or JSON).
 
         Raises FileError for invalid content, a different maker or unknown parameters.
         """
@@ -165,7 +165,7 @@ class DrivenMotion:
 
 
 def drive(controller: ControllerState, events: Sequence[Event], near: Array, where: str) -> DrivenMotion:
-    """Return the joint motion for the events of a program.
+    """Joint motion for the events of a program.
 
     The arm starts at the first position, in the posture closest to `near` (6,) in rad if only a pose is given. `where`
     names the program in errors. Raises FileError, including PathError, for impossible motions, and ProgramError for a
@@ -268,7 +268,7 @@ class _Driver:
 
 
 def _part(move: LinearMove | Round) -> tuple[Array, Array, Array, Array]:
-    """Return the poses (n, 4, 4) of a move except the start pose, with the limits of each step.
+    """Poses (n, 4, 4) of a move except the start pose, with the limits of each step.
 
     The limits are the size (n,) in mm including rotation, the speed and the acceleration.
     """
@@ -286,7 +286,7 @@ def _part(move: LinearMove | Round) -> tuple[Array, Array, Array, Array]:
 
 
 def _joint_time(arm: Arm, begin: Array, end: Array, speed: MoveLimits) -> tuple[float, float]:
-    """Return the duration of a joint move at full speed in s, and the acceleration in moves per second²."""
+    """Duration of a joint move at full speed in s, and the acceleration in moves per second²."""
     way = np.abs(end - begin)
     seconds = float((way / arm.speed).max()) / (speed.share or 1.0)
     if speed.axis_rad_s:
@@ -301,7 +301,7 @@ def _joint_time(arm: Arm, begin: Array, end: Array, speed: MoveLimits) -> tuple[
 
 
 def _times(way: Array, speeds: Array, accelerations: Array) -> Array:
-    """Return the times (n,) in s of the fastest motion from rest to rest, at increasing positions way (n,).
+    """Times (n,) in s of the fastest motion from rest to rest, at increasing positions way (n,).
 
     speeds, accelerations (n - 1,): limits of each step.
     """
@@ -316,7 +316,7 @@ def _times(way: Array, speeds: Array, accelerations: Array) -> Array:
 
 
 def _standing(arm: Arm, pose: ToolPose, near: Array) -> Array:
-    """Return the joint angles (6,) in rad at a pose in the specified posture, preferring those closest to `near`."""
+    """Joint angles (6,) in rad at a pose in the specified posture, preferring those closest to `near`."""
     solutions = inverse(arm, _frame(pose)[None])
     allowed, _ = within_limits(arm, solutions.q[solutions.found])
     if not len(allowed):
@@ -329,7 +329,7 @@ def _standing(arm: Arm, pose: ToolPose, near: Array) -> Array:
 
 
 def _posture(q: Array, stated: PostureFlags) -> PostureFlags:
-    """Return the posture at joint angles q (6,) in rad in the notation of `stated`.
+    """Posture at joint angles q (6,) in rad in the notation of `stated`.
 
     The notation states whether axes 4, 6 and 1 exceed 180°.
     """
@@ -343,7 +343,7 @@ def _frame(pose: ToolPose) -> Array:
 
 
 def _frames(places: Array, turns: Rotation) -> Array:
-    """Return frames (n, 4, 4) in mm for positions (n, 3) in mm and orientations."""
+    """Frames (n, 4, 4) in mm for positions (n, 3) in mm and orientations."""
     T = np.tile(np.eye(4), (len(places), 1, 1))
     T[:, :3, :3], T[:, :3, 3] = turns.as_matrix().reshape(-1, 3, 3), places
     return T

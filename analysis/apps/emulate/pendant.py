@@ -45,7 +45,7 @@ def interpret(name: MakerName, texts: Mapping[str, str], machine: Machine) -> No
 
 
 def _path_of(directory: Path, name: str) -> Path:
-    """Return the program file for a name as printed by `rig program`, optionally with suffix, or for a path.
+    """Program file for a name as printed by `rig program`, optionally with suffix, or for a path.
 
     Raises FileError for none or several.
     """
@@ -80,7 +80,7 @@ def _plain(name: str) -> str:
 
 
 def _names(path: Path) -> tuple[str, ...]:
-    """Return the names of a program: the file name and the name in the text."""
+    """Names of a program: the file name and the name in the text."""
     name, maker = _plain(path.stem), maker_of_file(path)
     return (name, name.removesuffix(maker.files.ending)) if maker and maker.files.ending else (name,)
 
@@ -101,7 +101,7 @@ class Pendant:
         """Controller with entered parameters; None before any entry."""
 
     def trace(self, name: str) -> Trace:
-        """Return the motion of the robot and the gauge readings for a program, given by file or program name.
+        """Motion of the robot and the gauge readings for a program, given by file or program name.
 
         Raises FileError for a missing, unreadable or impossible program.
         """
@@ -148,10 +148,7 @@ class Pendant:
         return len(corrections["controller"]["entries"]), self.controller.reads_more - before.reads_more
 
     def _of(self, maker: MakerName | None, where: str) -> ControllerState:
-        """Return the controller.
-
-        The first program or entry determines the maker. Raises FileError for a different maker.
-        """
+        """Controller of the maker of the first program or entry. Raises FileError for a different maker."""
         self._maker = self._maker or maker
         if self._maker is None:
             raise FileError(where, "does not name the maker of the controller", "give --for")
@@ -161,7 +158,7 @@ class Pendant:
         return self.controller or ControllerState.of_rig(self._rig, self._maker)
 
     def _signals(self, driven: DrivenMotion) -> tuple[tuple[float, float], ...]:
-        """Return the times and numbers signalled by the robot.
+        """Times and numbers signalled by the robot.
 
         They come from the outputs, in order of first switching or as in the rig file, or from the register.
         """

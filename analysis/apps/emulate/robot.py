@@ -73,7 +73,7 @@ class Motors:
     last_ns: int | None = None
 
     def currents_and_temperatures(self, now_ns: int, torque_nm: Array, speed_rad_s: Array) -> tuple[Array, Array]:
-        """Return the currents (6,) in A and temperatures (6,) in °C.
+        """Currents (6,) in A and temperatures (6,) in °C.
 
         speed_rad_s (6,): joint speeds. torque_nm (6,): gravity torques, balanced by the motors.
         """
@@ -88,7 +88,7 @@ class Motors:
 
 
 def friction_current_a(axis: int, warm_c: float) -> float:
-    """Return the current in A caused by Coulomb friction of a joint at a temperature."""
+    """Current in A caused by Coulomb friction of a joint at a temperature."""
     share = 1 - _THINNER_PER_C * (warm_c - ROOM_C)
     return float(COULOMB_NM[axis - 1] * share / _TORQUE_NM_A[axis - 1])
 
@@ -141,7 +141,7 @@ class _Pace:
     wanted: float
 
     def at(self, now_ns: int) -> tuple[float, float]:
-        """Return the program time in s and the current rate."""
+        """Program time in s and the current rate."""
         since_s = max(0.0, (now_ns - self.begin_ns) / 1e9)
         ramp_s = _RAMP_S * abs(self.wanted - self.rate)
         if since_s >= ramp_s:
@@ -166,7 +166,7 @@ def target_trace(rig: Rig, test: Literal["radial", "repeatability"]) -> Trace:
 
 
 def trace_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
-    """Return noise-free gauge readings (n, k) in mm along reported angles q (n, 6) in rad at t_s (n,) in s.
+    """Noise-free gauge readings (n, k) in mm along reported angles q (n, 6) in rad at t_s (n,) in s.
 
     test: test for which the gauges are mounted.
     """
@@ -175,7 +175,7 @@ def trace_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
 
 
 def _readings_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
-    """Return noise-free readings (n, k) in mm at all times t_s (n,) of a motion q (n, 6)."""
+    """Noise-free readings (n, k) in mm at all times t_s (n,) of a motion q (n, 6)."""
     model = model_of(rig)
     if test in CIRCLES:
         circle = CircleTable(test, "acw", t_s, q, np.empty((0, 2)))
@@ -224,7 +224,7 @@ class EmulatedRobot:
         self.finished.set()
 
     def gauge_mm(self, name: str, now_ns: int) -> float:
-        """Return a reading with noise of the specified accuracy and the errors of the certificate.
+        """Reading with noise of the specified accuracy and the errors of the certificate.
 
         A gauge not used by a test touches a fixed object and reads 0 with noise.
         """
@@ -240,20 +240,19 @@ class EmulatedRobot:
         return float(as_shown(gauge.certificate, np.asarray(length_mm), self._rig.temperature))
 
     def joints_deg(self, now_ns: int) -> Sequence[float]:
-        """Return the joint angles reported by the controller."""
         with self._lock:
             joints: list[float] = np.degrees(self._at(now_ns, self._trace.q)).tolist()
             return joints
 
     def signal(self, now_ns: int) -> float:
-        """Return the number of the running program; 0 if none is running, unless a program was stopped early."""
+        """Number of the running program; 0 if none is running, unless a program was stopped early."""
         with self._lock:
             at_s = self._program_s(now_ns)[0]
             shown = [number for since_s, number in self._trace.signals if since_s <= at_s] if self._pace else []
             return shown[-1] if shown else self._signal_before
 
     def condition(self, now_ns: int) -> dict[str, float]:
-        """Return the values that deviate from the condition of an undisturbed robot."""
+        """Values that deviate from the condition of an undisturbed robot."""
         states = {"drives": ProgramState.RUNNING, "waits": ProgramState.PAUSED, "paused": ProgramState.PAUSED}
         state = states.get(self.state(now_ns), ProgramState.STOPPED)
         of_motors: dict[str, float] = {}
@@ -272,7 +271,7 @@ class EmulatedRobot:
         return {PROGRAM: float(state), **of_motors, **self.pose(now_ns), **self._shown}
 
     def pose(self, now_ns: int) -> dict[str, float]:
-        """Return the flange pose that the controller computes, if the interface transmits it."""
+        """Flange pose that the controller computes, if the interface transmits it."""
         if POSE[0] not in condition_columns(self._rig.feedback):
             return {}
         with self._lock:
@@ -280,7 +279,7 @@ class EmulatedRobot:
         return dict(zip(POSE, [*T[:3, 3].tolist(), *np.degrees(roll_pitch_yaw(T)).tolist()], strict=True))
 
     def state(self, now_ns: int) -> State:
-        """Return the state of the program; done before the first."""
+        """State of the program; done before the first."""
         with self._lock:
             at_s, rate = self._program_s(now_ns)
             if self._pace is None or (at_s >= self._trace.end_s and not self._holds_s):
@@ -378,7 +377,7 @@ class EmulatedRobot:
         self.finished.set()
 
     def _program_s(self, now_ns: int) -> tuple[float, float]:
-        """Return the program time in s and the current rate. The caller must hold the lock."""
+        """Program time in s and the current rate. The caller must hold the lock."""
         if self._pace is None:
             return -_STANDSTILL_S, 0.0
         at_s, rate = self._pace.at(now_ns)
@@ -394,7 +393,7 @@ class EmulatedRobot:
 
 
 def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
-    """Return the results of an ideal measurement of the emulated robot, and the hidden errors.
+    """Results of an ideal measurement of the emulated robot, and the hidden errors.
 
     The figures follow from the noise-free trace by definition, independent of daemon, wire and alignment. The
     eccentricity is the offset of the ball from the circle actually driven. Because of backlash it differs slightly from

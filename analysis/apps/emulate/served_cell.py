@@ -57,7 +57,6 @@ class CellEvent:
 
     @property
     def as_line(self) -> str:
-        """Return the event as a line of JSON."""
         return json.dumps(asdict(self))
 
     @classmethod
@@ -193,7 +192,7 @@ def locked_cell(directory: Path) -> int:
 
 
 def rig_file_of_cell(directory: Path) -> Path:
-    """Return the path for the rig file of a cell, possibly an earlier one.
+    """Path for the rig file of a cell, possibly an earlier one.
 
     Raises FileError if the existing rig file does not belong to a cell.
     """

@@ -111,7 +111,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
 
 
 def _next_test(diagnosis: Diagnosis) -> str:
-    """Return the test that would separate rivals or name a group, as called by `rig plan`; empty if not needed."""
+    """Test that would separate rivals or name a group, as called by `rig plan`; empty if not needed."""
     from analysis.diagnosis.plan.naming_tests import JOINED  # noqa: PLC0415 - slow to import
 
     driven = (act.test.test for act in diagnosis.acts if act.test and act.test.test != JOINED)
@@ -178,7 +178,7 @@ class Inference:
         return not self.child.runs
 
     def result(self) -> Answer:
-        """Return the answer. Raises CellError if the process failed."""
+        """Answer. Raises CellError if the process failed."""
         if self.child.exit_code != 0:
             os.close(self.returned)
             raise self.child.ended()
@@ -186,7 +186,6 @@ class Inference:
         return Answer.model_validate_json(text)
 
     def diagnosis(self) -> Diagnosis | None:
-        """Return the diagnosis that the process has written."""
         with os.fdopen(self.returned, "rb") as returned:
             returned.seek(0)
             diagnosis: Diagnosis = pickle.load(returned)  # noqa: S301 - of our own process, by a nameless file
@@ -210,7 +209,7 @@ class ControllerModel:
 
 
 def path_error(runs: Sequence[Path], driven: ControllerModel, noise_um: float) -> Deviation | None:
-    """Return the deviation of the tool from the commanded circle, after fitting the set-ups; None if there are no runs.
+    """Deviation of the tool from the commanded circle, after fitting the set-ups; None if there are no runs.
 
     noise_um: rms scatter of a run, 0 if not measured. The joint angles of a corrected controller do not reveal the
     commanded place. The commanded joints are therefore recovered from the circle angle. Raises FileError.
@@ -232,7 +231,7 @@ def path_error(runs: Sequence[Path], driven: ControllerModel, noise_um: float) -
 
 
 def as_commanded(run: Measured, driven: ControllerModel) -> Measured:
-    """Return a circle run of a rig without errors, with the joints of an ideal arm on the commanded circle."""
+    """Circle run of a rig without errors, with the joints of an ideal arm on the commanded circle."""
     table = run.table
     bare = run.rig.model_copy(update={"effects": ()}).with_calibration(None, None)
     if not isinstance(table, CircleTable):

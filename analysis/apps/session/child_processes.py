@@ -88,7 +88,7 @@ class Child:
             raise self.ended() from None
 
     def ended(self) -> CellError:
-        """Return an error that reports the end of the program and the last line of the log."""
+        """Error that reports the end of the program and the last line of the log."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(1.0)
         last_line = ""

@@ -144,7 +144,7 @@ def corrected(
 
 
 def expected_left(model: Rig, pose_u: PoseUncertainty, runs: Sequence[Measured], left_um: float) -> Expected:
-    """Return the expected error on runs after a correction, with the uncertainty of the model there.
+    """Expected error on runs after a correction, with the uncertainty of the model there.
 
     The uncertainty applies to each coordinate of the tool's place with the frame taught on the circle. It is None if
     the runs of the model do not determine it.
@@ -155,7 +155,7 @@ def expected_left(model: Rig, pose_u: PoseUncertainty, runs: Sequence[Measured],
 
 
 def _left_um(runs: Sequence[Measured], rig: Rig, effects: Sequence[Effect]) -> float:
-    """Return the residual of runs in µm, given these effects: the error left by a controller that corrects them."""
+    """Residual of runs in µm, given these effects: the error left by a controller that corrects them."""
     modelled = rig.model_copy(update={"effects": tuple(effects)}).with_calibration(None, None)
     every = np.concatenate([run.residuals_mm.ravel() for run in compare(runs, modelled).runs])
     return 1e3 * rms(every)
@@ -182,12 +182,12 @@ def _best_way(now_um: float, entries_gain_um: float, targets_gain_um: float) -> 
 
 
 def entries_file(directory: Path) -> Path:
-    """Return the path of the file with the values to enter."""
+    """Path of the file with the values to enter."""
     return directory / _FILE
 
 
 def reading_deg(directory: Path) -> tuple[float, ...]:
-    """Return the offsets of the joint readings (6,) in degrees after entering the values of a correction."""
+    """Offsets of the joint readings (6,) in degrees after entering the values of a correction."""
     data = read_yaml((directory / _FILE).read_text(encoding="utf-8"), str(directory / _FILE))[1]
     added_deg = [0.0] * 6
     for entry in data["controller"]["entries"]:
@@ -198,7 +198,7 @@ def reading_deg(directory: Path) -> tuple[float, ...]:
 def corrected_programs(
     rig: Rig, model: Rig, stages: Sequence[Stage], steps: Sequence[ProgramStep]
 ) -> dict[str, SessionProgram]:
-    """Return the corrected programs for some steps, by the name of the nominal program that each replaces.
+    """Corrected programs for some steps, by the name of the nominal program that each replaces.
 
     Raises FileError if a target cannot be corrected.
     """
@@ -223,7 +223,7 @@ def _of_test(rig: Rig, model: Rig, stage: Stage, test: DrivenTest) -> list[Sessi
 
 
 def _between_targets_um(rig: Rig, model: Rig, stage: Stage, programs: Sequence[SessionProgram]) -> float:
-    """Return the rms error in µm of corrected circle programs between targets, where the controller interpolates.
+    """Rms error in µm of corrected circle programs between targets, where the controller interpolates.
 
     The sources are waves with a short period and play at reversals of a joint. A shift of the circle and a zero offset
     of the gauges do not count.

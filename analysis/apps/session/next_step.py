@@ -36,7 +36,6 @@ at the controller. report: compare the runs before and after the correction and 
 
 
 def next_of(session: Session) -> Following:
-    """Return the next step of a session."""
     if (number := first_open(session, "find")) is not None:
         return Drive(number)
     if not session.answered:
@@ -50,7 +49,7 @@ def next_of(session: Session) -> Following:
 
 
 def _correcting(session: Session) -> Following | None:
-    """Return the next step between the last inference and the last verification run; None after that run."""
+    """Next step between the last inference and the last verification run; None after that run."""
     answer, correction = session.answer, session.correction
     if correction is None:
         if answer is not None and session.is_last(answer):
@@ -88,7 +87,7 @@ def shows_more(session: Session) -> bool:
 
 
 def is_answered(session: Session, answer: Answer) -> bool:
-    """Return whether the question of the session is answered.
+    """True if the question of the session is answered.
 
     This requires repeats in both directions, a settled condition, little unexplained error, and no large group of
     causes that a different test could name.
@@ -102,7 +101,7 @@ def is_answered(session: Session, answer: Answer) -> bool:
 
 
 def why_nothing(session: Session) -> str:
-    """Return the reason for not correcting the robot as a sentence; empty if a correction is allowed.
+    """Reason for not correcting the robot as a sentence; empty if a correction is allowed.
 
     The verdict of the other place counts, if available. The last answer includes these runs and has no judge.
     """

@@ -308,7 +308,7 @@ class Conductor:
         self._store_answer(self._finished())
 
     def _finished(self) -> Answer:
-        """Return the answer of the finished inference and keep its diagnosis. Raises RigError."""
+        """Answer of the finished inference and keep its diagnosis. Raises RigError."""
         runs = _of(self.inferring)
         self.inferring = None
         inference = self.inferences.pop(runs)
@@ -435,7 +435,7 @@ class Conductor:
 
 
 def _of(value: _T | None) -> _T:
-    """Return a value that is always present at this point of a session."""
+    """Value that is always present at this point of a session."""
     assert value is not None  # noqa: S101 - by the step that comes next
     return value
 

@@ -110,13 +110,13 @@ class SessionProgram:
 
 
 def stage_rig(rig: Rig, stage: Stage) -> Rig:
-    """Return the rig of a stage, including the circle. Automatic runs are disabled, because the session records."""
+    """Rig of a stage, including the circle. Automatic runs are disabled, because the session records."""
     moved = rig.model_copy(update={"automatic": None})
     return moved if stage.circle is None else with_circle(moved, stage.circle)
 
 
 def stage_text(text: str, stage: Stage) -> str:
-    """Return the text of a rig file adapted to a stage."""
+    """Text of a rig file adapted to a stage."""
     data = {key: value for key, value in data_of(text).items() if key != "automatic"}
     if stage.circle is not None:
         data["tests"] = {**(data.get("tests") or {}), "circle": stage.circle.model_dump(mode="json")}
@@ -180,7 +180,7 @@ def _backbones(rig: Rig, aim: Aim, main: Stage) -> Iterator[tuple[tuple[Stage, .
 
 
 def elsewhere(rig: Rig) -> Stage | None:
-    """Return the stage at a second place with the same link and tool; None if the arm cannot drive any."""
+    """Stage at a second place with the same link and tool; None if the arm cannot drive any."""
     circle = rig.tests.circle
     assert circle is not None  # noqa: S101 - looked at before
     for words, centre in places(rig, circle):
@@ -191,7 +191,7 @@ def elsewhere(rig: Rig) -> Stage | None:
 
 
 def drives(rig: Rig) -> bool:
-    """Return whether the arm can drive the circle of a rig in both directions with generated programs."""
+    """True if the arm can drive the circle of a rig in both directions with generated programs."""
     try:
         for direction in _BOTH:
             circle_program(rig, direction)
@@ -210,7 +210,7 @@ def _set_up(test: DrivenTest, place: str | None) -> str:
 
 
 def _circles(programs: Sequence[SessionProgram], purpose: Purpose, repeats: int) -> tuple[ProgramStep, ...]:
-    """Return the steps for a number of runs of each program, in turn."""
+    """Steps for a number of runs of each program, in turn."""
     return tuple(
         ProgramStep(
             program=program.name,
@@ -228,7 +228,7 @@ def _circles(programs: Sequence[SessionProgram], purpose: Purpose, repeats: int)
 def separating(
     rig: Rig, words: str, tests: Sequence[TestName], number: int
 ) -> tuple[Stage, tuple[ProgramStep, ...]] | None:
-    """Return the stage and the steps of a test named by `rig plan`.
+    """Stage and the steps of a test named by `rig plan`.
 
     number: number of the stage, used in the name if the circle differs. None if the test needs another link or tool, or
     if the arm cannot drive it.
@@ -286,7 +286,7 @@ def _further_stages(
 def further_stage(
     session: Session, answer: Answer, rig: Rig, pace: SessionPace
 ) -> tuple[Stage, tuple[ProgramStep, ...]] | None:
-    """Return a stage with steps that separate rivals or help to decide; None if none does, or if time is short."""
+    """Stage with steps that separate rivals or help to decide; None if none does, or if time is short."""
     if len(session.stages) >= 2 + _MOST_MORE:
         return None
     addition: tuple[Stage, tuple[ProgramStep, ...]] | None = None
@@ -313,7 +313,7 @@ def further_stage(
 
 
 def minutes_of(stages: Sequence[Stage], steps: Sequence[ProgramStep], pace: SessionPace) -> float:
-    """Return the duration of steps in minutes, including the set-up before each change of the stage."""
+    """Duration of steps in minutes, including the set-up before each change of the stage."""
     changes = sum(k == 0 or steps[k - 1].stage != step.stage for k, step in enumerate(steps))
     driven_s = sum(step.seconds + pace.handling_s for step in steps)
     return changes * pace.set_up_min + driven_s / 60
@@ -337,7 +337,7 @@ def _bare(program: str) -> str:
 
 
 def programs_for(rig: Rig, stage: Stage, test: DrivenTest, arc_deg: float = LONGEST_ARC_DEG) -> list[SessionProgram]:
-    """Return the programs of a test at a stage, for each direction, without numbers. Raises FileError."""
+    """Programs of a test at a stage, for each direction, without numbers. Raises FileError."""
     at = stage_rig(rig, stage)
     ways: tuple[Direction | None, ...] = _BOTH if test in CIRCLES else (None,)
     place = stage.name if stage.circle else ""
@@ -349,7 +349,6 @@ def programs_for(rig: Rig, stage: Stage, test: DrivenTest, arc_deg: float = LONG
 
 
 def programs_of_steps(rig: Rig, stages: Sequence[Stage], steps: Sequence[ProgramStep]) -> dict[str, SessionProgram]:
-    """Return the nominal programs of steps, by name."""
     return programs_by_step(stages, steps, partial(programs_for, rig))
 
 
@@ -359,7 +358,7 @@ def programs_by_step(
     programs_of_test: Callable[[Stage, DrivenTest], list[SessionProgram]],
     suffix: str = "",
 ) -> dict[str, SessionProgram]:
-    """Return the programs of some steps, by the name in the step. suffix: added to the names of the programs."""
+    """Programs of some steps, by the name in the step. suffix: added to the names of the programs."""
     programs: dict[str, SessionProgram] = {}
     for stage in stages:
         stage_steps = [step for step in steps if step.stage == stage.name]

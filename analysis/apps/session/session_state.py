@@ -260,7 +260,6 @@ class Session(Part):
         return self
 
     def stage_of(self, step: ProgramStep) -> Stage:
-        """Return the stage of a step."""
         return next(stage for stage in self.stages if stage.name == step.stage)
 
     @property
@@ -269,11 +268,11 @@ class Session(Part):
         return [step for step in self.steps if step.is_open]
 
     def with_step(self, number: int, step: ProgramStep) -> Session:
-        """Return the session with a replaced step. number: index of the step, from 0."""
+        """Session with a replaced step. number: index of the step, from 0."""
         return self.model_copy(update={"steps": (*self.steps[:number], step, *self.steps[number + 1 :])})
 
     def is_last(self, answer: Answer) -> bool:
-        """Return whether an answer used all runs before the correction, including the judging runs."""
+        """True if an answer used all runs before the correction, including the judging runs."""
         if any(step.purpose == "judge" and step.is_open for step in self.steps):
             return False
         judges = len(self.runs_for("judge"))
@@ -334,7 +333,7 @@ class Session(Part):
         return with_corrections_removed(summary, acts[0].kind, way, texts_of("en"))
 
     def runs_for(self, *purposes: Purpose) -> list[ProgramStep]:
-        """Return the steps of these purposes that have a run."""
+        """Steps of these purposes that have a run."""
         return [step for step in self.steps if step.purpose in purposes and step.run]
 
     @property
@@ -347,7 +346,7 @@ class Session(Part):
 
 
 def own_programs(session: Session, directory: Path) -> str:
-    """Return the command for correcting other programs of the user with the model of a session.
+    """Command for correcting other programs of the user with the model of a session.
 
     Empty if there is no model, or if a correction is not recommended.
     """
@@ -390,7 +389,7 @@ class SessionDirectory:
         return self.directory / STATE
 
     def command(self, rig_file: Path | str, kept: Session | None = None) -> str:
-        """Return the command that starts a session of a rig file in this directory, or resumes the stored session."""
+        """Command that starts a session of a rig file in this directory, or resumes the stored session."""
         command = f"rig session {as_argument(rig_file)} -o {as_argument(self.directory)}"
         if kept is None:
             return command
@@ -403,15 +402,13 @@ class SessionDirectory:
         return self.directory / "runs"
 
     def run(self, name: str) -> Path:
-        """Return the directory of a run."""
         return self.runs / name
 
     def runs_of(self, steps: Sequence[ProgramStep]) -> list[Path]:
-        """Return the run directories of all driven steps."""
         return [self.run(step.run) for step in steps if step.run]
 
     def model_of(self, answer: Answer) -> Path:
-        """Return the path of the rig file with the diagnosed effects."""
+        """Path of the rig file with the diagnosed effects."""
         return self.directory / "found" / answer.found / answer.model
 
     def read(self) -> Session | None:
@@ -464,7 +461,7 @@ class SessionDirectory:
 
 
 def text_of(session: Session) -> str:
-    """Return a session as YAML with a line for each step. Fields with default values are omitted."""
+    """Session as YAML with a line for each step. Fields with default values are omitted."""
     plain: dict[str, Any] = session.model_dump(mode="json", exclude_defaults=True)
     text: str = yaml.safe_dump(
         {"version": 1, **plain}, sort_keys=False, allow_unicode=True, width=110, default_flow_style=None
@@ -473,5 +470,5 @@ def text_of(session: Session) -> str:
 
 
 def digest_of(text: str) -> str:
-    """Return the digest that identifies the text of a rig file."""
+    """Digest that identifies the text of a rig file."""
     return hashlib.sha256(text.encode()).hexdigest()
