@@ -67,7 +67,7 @@ def fit(
 
     if bool(runs) == live:
         problem = "recorded runs and --live cannot be combined" if live else "runs to fit are missing"
-        raise UseError("rig circle fit", problem, "give run directories or --live")
+        raise UseError("rig circle fit", problem, "give run directories or --live", code="circle.no_runs")
     named = rig_file_to_write(rig_file, write)
     if live:
         motions, to = _watched(named)
@@ -114,7 +114,8 @@ def fit_ball(
     circles = [run.manifest.test in CIRCLES for run in recorded]
     if any(circles) != all(circles):
         where = ", ".join(str(run.path) for run in recorded)
-        raise FileError(where, "circle runs and hemisphere runs are mixed", "give runs of the same kind")
+        problem = "circle runs and hemisphere runs are mixed"
+        raise FileError(where, problem, "give runs of the same kind", code="ball.mixed_runs")
     if all(circles):
         of_circle = driven_circle([motion_in(run) for run in recorded], to.rig)
         centre, u_mm, used = of_circle.circle.centre, of_circle.u_centre_mm, f"the circle's centre: {of_circle.used}"
@@ -123,7 +124,7 @@ def fit_ball(
         if to.rig.tests.hemisphere is None:
             problem = "the rig file lacks tests.hemisphere, and a circle does not show the posture at the pole"
             remedy = "add tests.hemisphere with posture_deg, or give a radial run"
-            raise FileError(RigPlace.of(to.rig.name), problem, remedy)
+            raise FileError(RigPlace.of(to.rig.name), problem, remedy, code="ball.no_hemisphere")
     else:
         touched = touched_ball(recorded, to.rig)
         values, u_mm, used, doubts = touched.values(to.rig), touched.u_centre_mm, touched.used, touched.doubts
@@ -155,7 +156,7 @@ def _check_same_robot(where: str, run_rig: Rig, rig: Rig) -> None:
 
     if not same_arm(arm_of(run_rig.robot), arm_of(rig.robot)):
         problem = f"belongs to a different robot than {rig.name}: the link constants differ"
-        raise FileError(where, problem, "use a rig file and a motion of the same robot")
+        raise FileError(where, problem, "use a rig file and a motion of the same robot", code="run.other_robot")
 
 
 def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:

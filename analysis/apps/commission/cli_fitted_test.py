@@ -58,11 +58,13 @@ def rig_file_to_write(name: str | None, write: bool) -> RigFile | None:
     """
     if name is None:
         if write:
-            raise UseError("--write", "needs the rig file to write", "give the rig file with --rig FILE")
+            remedy = "give the rig file with --rig FILE"
+            raise UseError("--write", "needs the rig file to write", remedy, code="circle.no_rig_file")
         return None
     path = find(name)
     if write and path.resolve() in {example.resolve() for example in shipped().values()}:
-        raise FileError(name, "is a shipped rig, which is read-only", "copy it with rig example DIR, and use the copy")
+        remedy = "copy it with rig example DIR, and use the copy"
+        raise FileError(name, "is a shipped rig, which is read-only", remedy, code="rig_file.shipped")
     rig, text = load(path)
     return RigFile(rig, text, path)
 
@@ -151,12 +153,12 @@ def _replace(path: Path, old: str, new: str) -> Path:
     path = path.resolve()  # keep a symbolic link
     try:
         if read_bytes(path, _MOST_BYTES) != old.encode():
-            raise FileError(str(path), "was changed by a different program meanwhile", "repeat the command")
+            problem = "was changed by a different program meanwhile"
+            raise FileError(str(path), problem, "repeat the command", code="file.changed")
         mode = path.stat().st_mode
         if not mode & 0o222:  # a rename would replace the file nevertheless
-            raise FileError(
-                str(path), "is read-only", "make the file writable with chmod u+w, or paste the printed block"
-            )
+            remedy = "make the file writable with chmod u+w, or paste the printed block"
+            raise FileError(str(path), "is read-only", remedy, code="file.read_only")
         number = 1
         while True:
             kept = path.with_name(f"{path.name}.{number}")
@@ -170,7 +172,6 @@ def _replace(path: Path, old: str, new: str) -> Path:
         for file in (path, kept):
             file.chmod(mode & 0o777)
     except OSError as error:
-        raise CellError(
-            str(path), error.strerror or str(error), "check the permissions and the free space of the directory"
-        ) from None
+        remedy = "check the permissions and the free space of the directory"
+        raise CellError(str(path), error.strerror or str(error), remedy, code="disk.write") from None
     return kept
