@@ -65,14 +65,12 @@ def _path_of(directory: Path, name: str) -> Path:
     if len(matching) == 1:
         return matching[0]
     if matching:
-        raise FileError(
-            repr(name), f"is ambiguous: {' and '.join(path.name for path in matching)}", "give the name of the file"
-        )
+        problem = f"is ambiguous: {' and '.join(path.name for path in matching)}"
+        raise FileError(repr(name), problem, "give the name of the file", code="program.ambiguous")
     programs = ", ".join(path.name for path in files[:8]) + (" …" if len(files) > 8 else "")
     problem = f"is not a program in {directory}"
-    raise FileError(
-        repr(name), problem, f"give one of {programs}" if files else "write programs there with rig program"
-    )
+    remedy = f"give one of {programs}" if files else "write programs there with rig program"
+    raise FileError(repr(name), problem, remedy, code="program.unknown")
 
 
 def _plain(name: str) -> str:
@@ -113,7 +111,8 @@ class Pendant:
         tests = [candidate for candidate in _TESTS if candidate in words]
         if len(tests) != 1:
             problem = f"names {' and '.join(tests) or 'none'} of the tests, so the mounting of the gauges is unknown"
-            raise FileError(str(path), problem, f"include one of the words {', '.join(_TESTS)} in the file name")
+            remedy = f"include one of the words {', '.join(_TESTS)} in the file name"
+            raise FileError(str(path), problem, remedy, code="program.test")
         test = tests[0]
         try:
             T = arm_of(self._rig.robot).T_flange_tool
@@ -126,7 +125,8 @@ class Pendant:
             near = np.radians(place.posture_deg) if place else np.zeros(6)
             driven = drive(controller, machine.events, near, str(path))
         except ProgramError as error:
-            raise FileError(str(path), f"the controller rejects the program: {error}", "correct the program") from None
+            problem = f"the controller rejects the program: {error}"
+            raise FileError(str(path), problem, "correct the program", code="program.rejected") from None
         g_mm = trace_along(self._rig, test, driven.t_s, driven.q - controller.reads_more)
         signals = self._signals(driven)
         return Trace(driven.t_s, np.empty(0), driven.q, g_mm, signals=signals, holds_s=driven.holds_s)
@@ -151,10 +151,12 @@ class Pendant:
         """Controller of the maker of the first program or entry. Raises FileError for a different maker."""
         self._maker = self._maker or maker
         if self._maker is None:
-            raise FileError(where, "does not name the maker of the controller", "give --for")
+            problem = "does not name the maker of the controller"
+            raise FileError(where, problem, "give --for", code="controller.maker")
         if maker and maker != self._maker:
             problem = f"is for a controller of {maker!r}, but this controller is of {self._maker!r}"
-            raise FileError(where, problem, f"create the file for {self._maker}, or start with --for {maker}")
+            remedy = f"create the file for {self._maker}, or start with --for {maker}"
+            raise FileError(where, problem, remedy, code="controller.maker")
         return self.controller or ControllerState.of_rig(self._rig, self._maker)
 
     def _signals(self, driven: DrivenMotion) -> tuple[tuple[float, float], ...]:

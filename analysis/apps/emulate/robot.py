@@ -294,12 +294,14 @@ class EmulatedRobot:
         """Set a condition value from now on. Raises FileError for an unknown column or invalid value."""
         states: dict[str, type[IntEnum]] = {PROGRAM: ProgramState, SAFETY: SafetyState}
         if column not in CONDITION:
-            raise FileError(repr(column), "is not a condition of the robot", f"choose from {', '.join(CONDITION)}")
+            remedy = f"choose from {', '.join(CONDITION)}"
+            raise FileError(repr(column), "is not a condition of the robot", remedy, code="emulated.condition")
         try:
             shown = float(states[column](int(value))) if column in states else float(value)
         except ValueError:
             states_in_words = ", ".join(f"{state.value} {words_of(state)}" for state in states.get(column, ()))
-            raise FileError(repr(value), f"is not a valid {column}", f"give {states_in_words or 'a number'}") from None
+            remedy = f"give {states_in_words or 'a number'}"
+            raise FileError(repr(value), f"is not a valid {column}", remedy, code="emulated.condition") from None
         self._shown = {**self._shown, column: shown}
 
     def start(self, program: str) -> float:
@@ -315,7 +317,8 @@ class EmulatedRobot:
             case "radial" | "repeatability":
                 driven = target_trace(self._rig, program)
             case _:
-                raise FileError(repr(program), "is not a program", f"type {', '.join(PROGRAMS)} or quit")
+                remedy = f"type {', '.join(PROGRAMS)} or quit"
+                raise FileError(repr(program), "is not a program", remedy, code="program.unknown")
         number = float(1 + PROGRAMS.index(program))
         return self.play(replace(driven, signals=((-_STANDSTILL_S, number), (driven.end_s, 0.0))))
 

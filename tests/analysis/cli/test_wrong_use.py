@@ -152,4 +152,4 @@ def test_runs_in_a_subdirectory_are_pointed_out(tmp_path: Path) -> None:
 def test_file_in_place_of_the_output_directory_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     done = ran("simulate", "paper-fanuc", "--test", "radial", "-o", tmp_path / "file")
-    assert done.returncode == 3 and str(tmp_path / "file") in done.stderr
+    assert done.returncode == 4 and str(tmp_path / "file") in done.stderr

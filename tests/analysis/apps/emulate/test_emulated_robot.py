@@ -39,18 +39,12 @@ def test_it_shows_what_it_is_told(robot: EmulatedRobot) -> None:
 
 
 @pytest.mark.parametrize(
-    ("column", "value", "says"),
-    [
-        ("speed", "40", "'speed': is not a condition of the robot"),
-        ("safety_state", "9", "2 protective stop"),
-        ("program_state", "paused", "0 stopped, 1 running, 2 paused"),
-        ("payload_kg", "", "give a number"),
-    ],
+    ("column", "value"), [("speed", "40"), ("safety_state", "9"), ("program_state", "paused"), ("payload_kg", "")]
 )
-def test_what_it_cannot_show_is_an_error_of_one_line(robot: EmulatedRobot, column: str, value: str, says: str) -> None:
+def test_impossible_condition_is_refused(robot: EmulatedRobot, column: str, value: str) -> None:
     with pytest.raises(FileError) as error:
         robot.show(column, value)
-    assert says in str(error.value) and "\n" not in str(error.value)
+    assert error.value.code == "emulated.condition"
 
 
 _RAMP_DEG = np.radians(np.array([0.0, 30.0]))[:, None] * np.ones(6)
