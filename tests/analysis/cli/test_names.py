@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from analysis.apps.emulate.served_cell import locked_cell
+from daq.store import durable
 from rigs.errors import CellError, FileError
 from rigs.load import find
 from rigs.schema.vocabulary import MakerName, maker_named
@@ -68,11 +69,10 @@ def test_the_doctor_touches_no_address_of_a_shipped_example(rig: str, monkeypatc
     assert scanned.returncode == 2 and "is a shipped example" in scanned.stderr
 
 
-def test_two_cells_are_not_emulated_in_one_directory(tmp_path: Path) -> None:
+def test_second_cell_in_a_directory_is_refused(tmp_path: Path) -> None:
     lock = locked_cell(tmp_path / "cell")
-    with pytest.raises(
-        CellError, match=r"cell: a different rig emulate or rig replay serves .*; stop that one, or choose"
-    ):
+    with pytest.raises(CellError) as error:
         locked_cell(tmp_path / "cell")
-    lock.release()
-    locked_cell(tmp_path / "cell").release()
+    assert error.value.code == "cell.second"
+    durable.close(lock)
+    durable.close(locked_cell(tmp_path / "cell"))

@@ -18,7 +18,7 @@ from analysis.apps.session.session_plan import (
 from analysis.apps.session.session_state import Stage
 from analysis.robot.geometry.driven_programs import circle_laps
 from rigs.arms import load_arm
-from rigs.errors import FileError, UseError
+from rigs.errors import RigError
 from rigs.load import load, parse
 from rigs.rig import Rig
 
@@ -30,7 +30,7 @@ def rig() -> Rig:
     return load("paper-fanuc")[0]
 
 
-def test_the_time_of_a_program_is_that_of_its_motion(rig: Rig) -> None:
+def test_time_of_a_program_is_that_of_its_motion(rig: Rig) -> None:
     program = programs_for(rig, MAIN, "yaw")[0]
     stands_s = 6.0
     assert program.seconds == pytest.approx(circle_laps(rig, "acw").end_s + stands_s, rel=0.03)
@@ -44,7 +44,7 @@ def test_short_arcs_are_the_same_circle(rig: Rig) -> None:
     np.testing.assert_allclose(arcs[1][-1].end.q, arcs[0][-1].end.q, atol=1e-6)
 
 
-def test_the_place_that_judges_is_another_and_finds_nothing(rig: Rig) -> None:
+def test_judging_place_is_another_and_finds_nothing(rig: Rig) -> None:
     stages, steps = planned(rig, "faults", 50, BY_HAND, lambda _: None)
     other = next(stage for stage in stages if stage.name == ELSEWHERE)
     assert other.circle is not None and rig.tests.circle is not None
@@ -55,14 +55,14 @@ def test_the_place_that_judges_is_another_and_finds_nothing(rig: Rig) -> None:
     assert order == sorted(order, key=[ELSEWHERE, "yaw"].index), "the ball is moved once"
 
 
-def test_the_text_of_a_stage_is_its_rig(rig: Rig) -> None:
+def test_text_of_a_stage_gives_its_rig(rig: Rig) -> None:
     text = load("paper-fanuc")[1]
     stages, _ = planned(rig, "faults", 50, BY_HAND, lambda _: None)
     for stage in stages:
         assert parse(stage_text(text, stage), "here") == stage_rig(rig, stage)
 
 
-def test_a_test_that_needs_another_link_is_not_put_next(rig: Rig) -> None:
+def test_test_with_another_link_is_not_inserted(rig: Rig) -> None:
     assert separating(rig, "circle of radius 50 mm", ("yaw",), 3) is None
     assert separating(rig, "circle with the ball 40 mm off axis 6", ("yaw",), 3) is None
     assert separating(rig, "no test of this name", ("yaw",), 3) is None
@@ -70,17 +70,9 @@ def test_a_test_that_needs_another_link_is_not_put_next(rig: Rig) -> None:
     assert found is not None and [step.test for step in found[1]] == ["radial"]
 
 
-def test_too_little_time_is_said_with_what_it_takes(rig: Rig) -> None:
-    with pytest.raises(UseError, match=r"the shortest session of this cell takes \d+\.\d minutes"):
-        planned(rig, "faults", 10, BY_HAND, lambda _: None)
-
-
-def test_a_rig_without_gauges_is_not_sent_around_the_ball() -> None:
-    with pytest.raises(FileError, match=r"does not have gauges, .* measure poses \(rig plan RIG --poses 60\)"):
-        planned(
-            parse(f"name: cell\nrobot: {load_arm('ur5').robot.model_dump_json()}\n", "cell.yaml"),
-            "faults",
-            50,
-            BY_HAND,
-            print,
-        )
+def test_too_little_time_and_a_rig_without_gauges_are_refused(rig: Rig) -> None:
+    bare = parse(f"name: cell\nrobot: {load_arm('ur5').robot.model_dump_json()}\n", "cell.yaml")
+    for cell, minutes, code in ((rig, 10, "session.minutes"), (bare, 50, "session.no_gauges")):
+        with pytest.raises(RigError) as error:
+            planned(cell, "faults", minutes, BY_HAND, lambda _: None)
+        assert error.value.code == code
