@@ -18,11 +18,14 @@ Result = tuple[str, str, str]
 """Group, outcome, and the line about the file."""
 
 
-def draw(given: Namespace) -> Iterator[Foreign | drawn_tables.Drawn]:
+Case = Foreign | tuple[int, drawn_tables.Drawn]
+
+
+def draw(given: Namespace) -> Iterator[Case]:
     """Drawn files alone, or the tables of others and drawn poses in every format."""
     if given.files:
         for seed in range(given.seed, given.seed + given.files):
-            yield drawn_tables.drawn(seed, new=given.new)
+            yield seed, drawn_tables.drawn(seed, new=given.new)
         return
     yield from (foreign for foreign in foreign_tables() if foreign.is_here)
     for seed in range(given.drawn):
@@ -30,17 +33,18 @@ def draw(given: Namespace) -> Iterator[Foreign | drawn_tables.Drawn]:
         yield from in_format(poses, rig)
 
 
-def imported(file: Foreign | drawn_tables.Drawn) -> Result:
+def imported(case: Case) -> Result:
     with tempfile.TemporaryDirectory(prefix="rig-tables-") as folder:
-        if isinstance(file, Foreign):
-            done = tried(file, Path(folder))
+        if isinstance(case, Foreign):
+            done = tried(case, Path(folder))
             outcome = f"{done.outcome}, wrong in silence: {done.wrong}" if done.wrong else done.outcome
-            return "measured" if file.real else "in the format", outcome, f"{file.words}: {outcome}"
+            return "measured" if case.real else "in the format", outcome, f"{case.words}: {outcome}"
+        seed, file = case
         judged = drawn_tables.judged(file, Path(folder))
     outcome = "wrong in silence" if judged.wrong else judged.outcome
     is_told = judged.wrong or "answer" in outcome or (file.sound and judged.outcome == "refused")
     last = (judged.lines.strip().splitlines() or [""])[-1]
-    line = f"  {file.seed}, {file.arm}, {file.exporter}, {file.trouble}: {outcome}: {judged.wrong or last}"
+    line = f"  {seed}, {file.arm}, {file.exporter}, {file.trouble}: {outcome}: {judged.wrong or last}"
     return file.trouble, outcome, line * bool(is_told)
 
 

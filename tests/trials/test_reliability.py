@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tests.trials.reliability import judged
 
-PLAY = {"effect": "backlash", "axis": 1, "parameters": {}, "posterior": 0.995, "rivals": []}
+PLAY = {"name": "backlash 1", "parameters": {}, "posterior": 0.995, "rivals": []}
 FAULT = {"name": "backlash 1", "size": "width_deg", "parameters": {"width_deg": 0.1}, "class": ["backlash 1"]}
 
 

@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from tests.support.rates import wilson
-from tests.trials.blind.answers import name_in
 from tests.trials.blind.scoring import RealCase, as_json, real_cases_of, real_report, reliability, rows_of
 from tests.worlds.stranger import REAL_KINDS
 
@@ -22,9 +21,14 @@ BACKLASH = {
 }
 A5 = BACKLASH | {"name": "link_geometry 5.a", "class": ["joint_offset 5", "link_geometry 5.a"]}
 FOREIGN = {"name": "dent", "effect": "dent", "rms_um": 100.0, "testable": True}
-PLAY = {"effect": "backlash", "axis": 1, "parameters": {"width_deg": {"value": 0.505, "sd": 0.01}}, "posterior": 0.995}
-ZERO = {"effect": "joint_offset", "axis": 5}
-LAG = {"effect": "time_lag", "posterior": 0.97, "worth_um": 60.0}
+
+
+def named(name: str, **more: Any) -> dict[str, Any]:
+    return {"name": name, "parameters": {}} | more
+
+
+PLAY = named("backlash 1", parameters={"width_deg": {"value": 0.505, "sd": 0.01}}, posterior=0.995)
+ZERO, LAG = named("joint_offset 5"), named("time_lag", posterior=0.97, worth_um=60.0)
 
 
 def case(kind: str, answer: Any, *hidden: dict[str, Any], **more: Any) -> RealCase:
@@ -48,34 +52,18 @@ def test_wilson_interval() -> None:
 
 
 @pytest.mark.parametrize(
-    ("effect", "name"),
-    [
-        ({"effect": "link_geometry", "axis": 5.0, "parameters": {"field": "a"}}, "link_geometry 5.a"),
-        ({"effect": "wrist_coupling", "from_axis": 4, "to_axis": 5}, "wrist_coupling 4>5"),
-        ({"effect": "gauge_scale", "axis": None, "parameters": {"gauge": {"value": "g1"}}}, "gauge_scale g1"),
-        ({"effect": "time_lag", "axis": None}, "time_lag"),
-        ({"effect": "gauge_baseline"}, "gauge_baseline"),
-        ({}, "?"),
-    ],
-)
-def test_a_name_is_found_in_any_place_of_its_keys(effect: dict[str, Any], name: str) -> None:
-    assert name_in(effect) == name
-
-
-@pytest.mark.parametrize(
     ("answer", "hidden", "first", "listed", "every", "wrong"),
     [
         (said("named", PLAY, LAG), [BACKLASH], True, True, True, 1),
         (said("named", LAG, PLAY), [BACKLASH], False, True, True, 1),
-        (said("named", {"effect": "servo_lag", "axis": 1}), [BACKLASH], True, True, True, 0),
-        (said("named", {"effect": "ball_form", "rivals": [PLAY]}), [BACKLASH], False, True, False, 1),
+        (said("named", named("servo_lag 1")), [BACKLASH], True, True, True, 0),
+        (said("named", named("ball_form", rivals=[PLAY])), [BACKLASH], False, True, False, 1),
         (said("named", PLAY, ZERO), [BACKLASH, A5], True, True, True, 0),
         (said("named", PLAY), [BACKLASH, A5], True, True, False, 0),
         (said("outside_library", PLAY), [BACKLASH], True, True, True, 0),
         (said("nothing_unusual", LAG | {"stands": False}), [], False, False, True, 0),
         (None, [BACKLASH], False, False, False, 0),
-        ({"condition": 3}, [BACKLASH], False, False, False, 0),
-        ({"condition": "named", "effects": ["?"]}, [BACKLASH], False, False, False, 0),
+        ({"error": "singular"}, [BACKLASH], False, False, False, 0),
     ],
 )
 def test_names_are_right_by_fault_or_twin(
@@ -96,18 +84,13 @@ def test_a_name_is_not_wrong_from_five_healthy_sizes_on(lag_s: float, wrong: int
         (said("outside_library"), True, False),
         (said("named", LAG), False, True),  # 36 % of the energy
         (said("named", LAG | {"worth_um": 40.0}), False, False),  # 16 %
-        (said("named", {"effect": "time_lag"}), False, True),  # an unknown worth counts as the worst
+        (said("named", named("time_lag")), False, True),  # an unknown worth counts as the worst
         (said("named", remainder={"um": 70.0}), True, False),
     ],
 )
 def test_a_foreign_signal_is_told_or_given_away(answer: Any, tells: bool, gives_away: bool) -> None:
     one = case("foreign_large", answer, outside=[FOREIGN])
     assert (one.tells_foreign, one.gives_foreign_away) == (tells, gives_away)
-
-
-def test_worth_follows_from_the_gap_without_a_name() -> None:
-    answer = said("named", {"effect": "time_lag", "gap_without_um": 50.0}, gap={"train": {"after": 30.0}})
-    assert case("healthy", answer).standing[0].worth_um == pytest.approx(40.0)
 
 
 def test_odds_are_compared_with_how_often_they_are_right() -> None:

@@ -24,7 +24,6 @@ from typing import Any
 
 import numpy as np
 
-from tests.trials.blind.answers import name_in
 from tests.worlds.stranger import energy_of, gap_of_real, generate, generate_real
 from tests.worlds.stranger.cases import Lap
 
@@ -138,7 +137,7 @@ def left_by_truth(truth: Mapping[str, Any], case: Path, answer: Mapping[str, Any
     A name that is no fault is held against its healthy share, which is in the arm as well.
     """
     standing = [one for one in answer.get("effects") or [] if one.get("stands") is not False]
-    faults, named, there = gap_of_real(truth, case, {name_in(one) for one in standing})
+    faults, named, there = gap_of_real(truth, case, {one["name"] for one in standing})
     energy = energy_of(faults, [lap.added for lap in faults])
     # Below a thousandth of a micrometre the faults do not show at this place.
     if energy < 1e-12 * sum(lap.added.size for lap in faults):

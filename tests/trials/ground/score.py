@@ -148,7 +148,7 @@ def case_of(task: Task, truth: Path, answers: Path) -> RealCase:
         if (name := f"{row.get('part', '').strip()} {row.get('axis', '').strip()}".strip())
     ]
     said = "none" if not path.is_file() else "named" if named else "nothing_unusual"
-    return RealCase(true, Answer(said, tuple(named), {}, math.nan, tuple(named)))
+    return RealCase(true, Answer(said, tuple(named)))
 
 
 def sound(case: RealCase) -> bool:
