@@ -63,7 +63,6 @@ def rig_of(name: str) -> Rig:
 
 
 def run_of(table: Table, name: str, rig: Rig) -> Measured:
-    """Return a table as an imported run."""
     direction = table.direction if isinstance(table, CircleTable) else None
     kind = {RadialTable: "radial", RepeatabilityTable: "repeatability", PoseTable: "pose"}
     test = table.test if isinstance(table, CircleTable) else kind[type(table)]
@@ -305,5 +304,4 @@ BREAKS: dict[str, Callable[[np.random.Generator, int], Broken]] = {
 
 
 def is_right(finding: Finding, broken: Broken) -> bool:
-    """Return whether a finding names the broken convention."""
     return finding.convention == broken.convention and any(words in finding.meant for words in broken.meant)

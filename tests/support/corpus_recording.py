@@ -60,7 +60,6 @@ def cells() -> dict[str, dict[str, Any]]:
 
 
 def rig_file(cell: dict[str, Any]) -> str:
-    """Return the rig file of a cell."""
     data = yaml.safe_load(rig_text())
     other = {"channel": 2} if cell.get("shared") else {"port": "/dev/ttyUSB1"}
     data["gauges"] = {"g1": {**cell["gauge"], "offset_mm": 25}, "g2": {**cell["gauge"], **other, "offset_mm": -25}}

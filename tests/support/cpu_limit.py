@@ -54,7 +54,6 @@ def cpu_limit(limit_s: float) -> Generator[None, None, None]:
 
 
 def _limited(item: pytest.Item) -> AbstractContextManager[None]:
-    """Return the context that limits one phase of a test."""
     if item.get_closest_marker("real_time"):
         return nullcontext()
     marker = item.get_closest_marker("cpu_limit")

@@ -116,7 +116,6 @@ def found_in(
     held_out: Sequence[Measured] = (),
     unseen: Sequence[Measured] = (),
 ) -> Diagnosis:
-    """Diagnose runs."""
     return diagnose(rig, runs, held_out, unseen, lambda doing: None)
 
 
@@ -182,7 +181,6 @@ def healthy() -> Linearisation:
 
 @cache
 def healthy_columns() -> Columns:
-    """Return the columns of all candidates on the healthy circles."""
     return columns_for(healthy(), candidates_for(healthy()))
 
 

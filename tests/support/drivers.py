@@ -44,7 +44,6 @@ BAUMER = {
 
 
 def gauge(interface: str, **changes: object) -> Any:
-    """Return a gauge of any interface on a serial port."""
     return _GAUGE.validate_python(
         {"interface": interface, "port": SERIAL, "offset_mm": 25} | NEEDED[interface] | changes
     )

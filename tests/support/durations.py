@@ -52,7 +52,6 @@ class Durations:
 
 
 def file_of(test: str) -> str:
-    """Return the file of a test node id."""
     return test.partition("::")[0]
 
 

@@ -46,7 +46,6 @@ def word_for(name: str) -> str:
 
 
 def fault(name: str) -> Effect:
-    """Return an effect of this name with the size of a fault."""
     sound = healthy(parse_effects(word_for(name))[0])
     most = bounds(sound, size_field(sound))[1] / size_of(sound)
     return scaled(sound, min(TIMES, 0.8 * most))

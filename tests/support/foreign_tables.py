@@ -170,7 +170,6 @@ def rows(*columns: Array) -> list[list[float]]:
 
 
 def workbook(header: Sequence[str], values: Array) -> bytes:
-    """Return a workbook with one sheet."""
     import openpyxl  # noqa: PLC0415 - slow to import
 
     book = openpyxl.Workbook()
@@ -392,8 +391,6 @@ def _measured() -> list[Foreign]:
 
 
 def in_format(p: Poses, rig: str = "ur10e") -> list[Foreign]:
-    """Write poses in every format."""
-
     def one(
         name: str,
         words: str,

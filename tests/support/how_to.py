@@ -23,7 +23,6 @@ PATIENCE_S = 550.0
 
 
 def blocks(page: str, language: str) -> list[str]:
-    """Return the code blocks of a page in a language."""
     text = (HOW_TO / page).read_text(encoding="utf-8")
     return re.findall(rf"^```{language}\n(.*?)^```", text, re.S | re.M)
 

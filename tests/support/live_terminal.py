@@ -66,7 +66,6 @@ class Terminal:
             self._stream.feed(data)
 
     def text(self) -> str:
-        """Return the text on the screen."""
         return "\n".join(self.screen.display)
 
     def until(self, shown: Callable[[str], bool], why: str = "") -> str:

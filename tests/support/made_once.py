@@ -52,7 +52,6 @@ def made_once(make: Callable[P, T]) -> Callable[P, T]:
 
 
 def _file(make: Callable[..., object], arguments: object) -> Path:
-    """Return the cache file for a function and its arguments."""
     asked = hashlib.sha256(Path(make.__code__.co_filename).read_bytes() + pickle.dumps(arguments)).hexdigest()
     return _folder() / f"{make.__module__}.{make.__qualname__}-{asked[:16]}"
 

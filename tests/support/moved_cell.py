@@ -34,7 +34,6 @@ def model_for(kind: world.Kind) -> Model:
 
 
 def observed(model: Model, sockets: list[str], q: np.ndarray) -> list[ObservedRun]:
-    """Return touches as runs, one for each socket."""
     return by_socket(observe(model, TouchTable(np.array(sockets), q), "trial"))
 
 
@@ -96,7 +95,6 @@ class Case:
         return sockets, q
 
     def named(self, touches: tuple[list[str], np.ndarray]) -> Cause | None:
-        """Return the cause that touches name at 20 to 1."""
         return compare(self.reference, observed(self.model, *touches)).identified_cause
 
 
@@ -118,7 +116,6 @@ def moved_cell(folder: Path, cause: str, seed: int = 2, scatter_mm: float = 0.05
 
 
 def write_touches(folder: Path, name: str, sockets: list[str], q: np.ndarray) -> Path:
-    """Write touches as a table and as a run in `folder/runs`."""
     head = ",".join(["socket", *(f"q{k}_deg" for k in range(1, q.shape[1] + 1))])
     rows = [",".join([s, *(f"{a:.6f}" for a in np.degrees(row))]) for s, row in zip(sockets, q, strict=True)]
     table = folder / f"{name}.csv"

@@ -115,7 +115,6 @@ class _Source:
 
 
 def _mutants(source: _Source, node: ast.AST) -> Iterator[Mutant]:
-    """Yield the mutants of a node."""
     if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in _COMPARED:
         sign = type(node.ops[0])
         yield from source.sign(node.left, node.comparators[0], _SIGNS[sign], _COMPARED[sign], "comparison flipped")

@@ -38,7 +38,6 @@ class Play(Backlash):
     """Backlash with the ideal form only."""
 
     def departures(self) -> Departures:
-        """Return no departures."""
         return Departures()
 
 
@@ -46,7 +45,6 @@ class Wave(TransmissionError):
     """Gear wave with the ideal form only."""
 
     def departures(self) -> Departures:
-        """Return no departures."""
         return Departures()
 
 
@@ -115,7 +113,6 @@ class Stated:
 
     @cached_property
     def names(self) -> list[str]:
-        """Names of the values."""
         effects = self.refined.effects
         fitted = [f"{name_of(effects[one.effect])} {one.field}" for one in self.refined.unknowns]
         return [*fitted, *(name_of(one) for one in FURTHER_EFFECTS), *(f"placement {k + 1}" for k in range(9))]

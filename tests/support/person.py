@@ -13,8 +13,6 @@ class Person:
         self.keys = 0
 
     def asked(self, question: str) -> None:
-        """Wait for a question."""
-
         def shown(text: str) -> bool:
             if self.terminal.process.poll() is not None and self.terminal.process.stderr:
                 raise AssertionError(f"{question}\n{text}\n{self.terminal.process.stderr.read()!r}")

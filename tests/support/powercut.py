@@ -104,7 +104,6 @@ class IoWorker:
         return disk
 
     def copy(self) -> IoWorker:
-        """Return a copy."""
         names = {node: dict(entries) for node, entries in self.names.items()}
         return IoWorker(names, {node: bytearray(data) for node, data in self.data.items()})
 

@@ -233,7 +233,6 @@ def _planned(text: str, aim: str, minutes: float) -> tuple[tuple[Stage, ...], tu
 
 
 def begun(cell: Path, directory: Path, minutes: float = 3.2, **asked: object) -> Session:
-    """Return a new session saved in its directory."""
     rig, text = load(cell)
     wanted = {"aim": "faults", "maker": "kuka", **asked}
     stages, steps = _planned(text, str(wanted["aim"]), minutes)

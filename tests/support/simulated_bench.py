@@ -66,7 +66,6 @@ class SimulatedBench(Watched):
                 self.end()
 
     def start(self) -> SimulatedBench:
-        """Start the daemon."""
         self.daemon = self.cell.daemon(**self._options)
         return self
 

@@ -29,7 +29,6 @@ class SimulatedLine:
     """Number of requests too soon after a frame."""
 
     def run(self, host: Conversation, device: Device, until_ns: int) -> list[Item]:
-        """Run the line and return the items that the host decodes."""
         items: list[Item] = []
         coming: list[tuple[int, bytes]] = sorted(self.other)
         ended_ns = -self.silence_ns

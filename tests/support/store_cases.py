@@ -76,7 +76,6 @@ def sync(writer: RunWriter) -> None:
 
 
 def finished(runs: Path, batches: int = 5, chunk_rows: int = 8) -> Path:
-    """Return a complete run with several chunks."""
     writer = record(runs, batches, chunk_rows)
     writer.close("complete", "told to stop", {"g1": {"samples": 4 * batches, FaultKind.GARBLED: 15}})
     return writer.path
@@ -93,7 +92,6 @@ def crash(writer: RunWriter) -> Path:
 
 
 def ledger_records(run: Path) -> list[dict[str, Any]]:
-    """Return the records of a ledger without their checksums."""
     lines = (run / "ledger.jsonl").read_text().splitlines()
     return [{key: value for key, value in json.loads(line).items() if key != "sha256"} for line in lines]
 
@@ -116,7 +114,6 @@ def edit_manifest(run: Path, change: dict[str, Any]) -> None:
 
 
 def edit_chunk(run: Path, file: str, change: dict[str, Any]) -> None:
-    """Change the ledger record of a chunk."""
     records = ledger_records(run)
     for record in records:
         if record.get("chunk", {}).get("file") == file:

@@ -102,7 +102,6 @@ class UnknownCell:
 
     @property
     def robot(self) -> str:
-        """Return the address of the robot."""
         return self.cell.ports["feedback"]
 
     @property

@@ -22,7 +22,6 @@ def write_simulated(
     directory: Path,
     effects: Sequence[Effect] | None = None,
 ) -> Iterator[Path]:
-    """Write a simulated run for each seed and direction, and return their paths."""
     for seed in seeds:
         for direction in directions:
             run = simulated_run(rig, rig_text, test, direction, seed, effects)

@@ -96,7 +96,6 @@ def report(rows: Sequence[Row]) -> str:
 
 
 def figures_of(setup: SetUp) -> dict[tuple[str, str], float]:
-    """The figures of a set-up by test and name."""
     rig, text = load(ROBOT)
     hidden = load_hidden(ROBOT).apply_to(rig)
     found = {}

@@ -93,7 +93,6 @@ class Machine:
         return done
 
     def shows(self, unit: str, name: str) -> str:
-        """A property of a unit."""
         return self.run("systemctl", "show", "--value", f"--property={name}", unit).stdout.strip()
 
     def stop(self) -> None:

@@ -194,13 +194,11 @@ NAMING = {"fault": named_in_cell, "fault_in_poses": named_in_poses, "fault_in_to
 
 
 def tasks_of(directory: Path, kind: str) -> list[str]:
-    """Return the names of the tasks of a kind."""
     with (directory / "tasks.csv").open(encoding="utf-8", newline="") as file:
         return [row["name"] for row in csv.DictReader(file) if row["kind"] == kind]
 
 
 def write_answer(path: Path, answer: Answer) -> None:
-    """Write the answer to a task of poses."""
     rows = [
         [str(k), *(f"{value:.5f}" for value in place), "" if np.isnan(u) else f"{u:.5f}"]
         for k, (place, u) in enumerate(zip(answer.places, answer.u, strict=True), start=1)

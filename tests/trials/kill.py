@@ -169,7 +169,6 @@ def _daemon(folder: Path, random: Random) -> Iterator[subprocess.Popen[str]]:
 
 
 def _record(folder: Path, random: Random, process: subprocess.Popen[str]) -> Killed:
-    """Record until a random moment, and kill."""
     with Client(folder / "rigd.sock") as client:
         _until(lambda: all(stream["rate_hz"] > 1 for stream in client.ask("status")["streams"].values()))
         path = Path(client.ask("record_start", name="kill", test="yaw", direction="acw")["run"])

@@ -25,7 +25,6 @@ CHANCE = 3.0
 
 
 def sampled(one: Stated, steps: int, seed: int) -> emcee.EnsembleSampler:
-    """Return the sampler after its steps."""
     rng = np.random.default_rng(seed)
     begin = one.mean + 2 * one.u * rng.standard_normal((WALKERS, len(one.u)))
     low, high = one.limits

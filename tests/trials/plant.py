@@ -21,7 +21,6 @@ def draw(given: Namespace) -> Iterator[tuple[int, Namespace]]:
 
 
 def runs_of_robot(case: tuple[int, Namespace]) -> int:
-    """Write the runs of a robot; return their number."""
     number, given = case
     robot = robot_of(number, given.seed, DAYS)
     days = np.linspace(0, DAYS, given.visits, endpoint=False)

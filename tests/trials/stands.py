@@ -61,7 +61,6 @@ def draw_stand(kind: str, rng: np.random.Generator) -> Stand:
 
 
 def draw_case(number: int, sockets: int) -> tuple[Rig, Case]:
-    """One case of a seed."""
     rng = np.random.default_rng([57, number])
     kind, text = KINDS[number % 3], load_arm(ARMS[(number // 3) % len(ARMS)]).text
     rig = parse(f"name: cell\n{text}" + ("tests: {touch: {sockets: [A, B, C, D]}}\n" if sockets else ""), "cell.yaml")

@@ -57,8 +57,6 @@ class Peer:
 
 
 def _tested(file: str) -> Callable[[], str]:
-    """A check that is among the tests."""
-
     def check() -> str:
         command = [sys.executable, "-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", file]
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

@@ -75,7 +75,6 @@ class TrueArm:
 
 
 def drawn_arm(kind: Kind, rng: np.random.Generator) -> TrueArm:
-    """Return an arm with random errors of an ordinary industrial arm."""
     axes = len(kind.a)
     deg = np.pi / 180
     return TrueArm(
@@ -162,7 +161,6 @@ def drawn_change(cause: str, axes: int, rng: np.random.Generator) -> Change:
 
 
 def changed_arm(arm: TrueArm, change: Change) -> TrueArm:
-    """Return an arm after a change."""
     angle = float(np.linalg.norm(change.turn))
     base = np.eye(4)
     if angle > 0:

@@ -27,7 +27,6 @@ def opw_forward(name: str, q: Array) -> Peer:
 
 
 def opw_branches(name: str, T: Array) -> Peer:
-    """py-opw-kinematics: all branches."""
     robot = PeerArm(OPW[name])._robot
     return Peer("py-opw-kinematics", lambda: robot.reach(RigidTransform.from_matrix(_flange(name, T))).joints)
 
@@ -48,7 +47,6 @@ def _flange(name: str, T: Array) -> Array:
 
 
 def eaik_branches(arm: Arm, T: Array) -> Peer:
-    """EAIK: all branches, on one thread."""
     try:
         from eaik.IK_HP import HPRobot  # noqa: PLC0415 - may be missing
     except ImportError as error:

@@ -92,7 +92,6 @@ def many_lines() -> Iterator[Line]:
 
 
 def _seconds(*command: str) -> float:
-    """Elapsed seconds of a command."""
     begin = time.monotonic()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return time.monotonic() - begin

@@ -107,7 +107,6 @@ def size_of(one: Mapping[str, Any]) -> float:
 def real_cases_of(
     truths: Iterable[Mapping[str, Any]], answers: Mapping[str, Mapping[str, Any] | None]
 ) -> list[RealCase]:
-    """Truths with the answers that bear their cases' names."""
     return [RealCase(truth, answer_of(answers.get(truth["case"]))) for truth in truths]
 
 

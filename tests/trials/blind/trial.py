@@ -119,7 +119,6 @@ def import_case(case: Path) -> None:
 
 
 def runs_of(case: Path) -> dict[str, list[Path]]:
-    """Run directories of a case, by use."""
     found: dict[str, list[Path]] = {"train": [], "held_out": [], "unseen": []}
     for line, run in _listed(case):
         found[line["use"]].append(run)

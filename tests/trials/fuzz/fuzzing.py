@@ -60,12 +60,10 @@ def targets() -> dict[str, list[Callable[[Random], int]]]:
 
 
 def is_file(target: str) -> bool:
-    """Whether a target is a kind of file."""
     return target in BLOCK
 
 
 def blocks(target: str, seed: int, inputs: int) -> list[Block]:
-    """The work on one target."""
     size = BLOCK.get(target, WIRE_BLOCK)
     return [
         Block(target, seed, number, min(size, inputs - start)) for number, start in enumerate(range(0, inputs, size))

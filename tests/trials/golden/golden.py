@@ -150,7 +150,6 @@ def _change(where: str, before: Any, now: Any, beside: Mapping[str, Any]) -> Cha
 
 
 def file_of(case: Case) -> Path:
-    """Return the file of the golden answer of a case."""
     return KEPT / f"{case.name}.json"
 
 

@@ -33,7 +33,6 @@ ENTRIES = {
 
 
 def arguments(words: Sequence[str] | None) -> argparse.Namespace:
-    """Return the parsed arguments."""
     parser = argparse.ArgumentParser(prog="scripts/dev ground", description=(__doc__ or "").split("\n", 1)[0])
     commands = parser.add_subparsers(dest="command", required=True)
     making = commands.add_parser("make", help="write DIRECTORY/tasks and DIRECTORY/truth")

@@ -160,7 +160,6 @@ def arm_of(robot: dict[str, Any]) -> tuple[PlainArm, Array, Array]:
 
 
 def read_run(here: Path, line: dict[str, str], cell: dict[str, Any], coupling: Array) -> Run:
-    """Read a table of a cell."""
     columns = read_columns(here / line["file"])
     q = np.radians(np.column_stack([columns[f"q{k}_deg"] for k in range(1, 7)])) @ coupling.T
     g = np.column_stack([columns[name] for name in ("g1_mm", "g2_mm") if name in columns])

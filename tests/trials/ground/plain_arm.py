@@ -34,7 +34,6 @@ class PlainArm:
 
     @property
     def axes(self) -> int:
-        """Return the number of axes."""
         return len(self.a)
 
     def changed(self, change: Array) -> PlainArm:
@@ -64,7 +63,6 @@ COLUMNS = (
 
 
 def write_arm(path: Path, arm: PlainArm) -> None:
-    """Write arm.csv."""
     angles = np.degrees([arm.alpha, arm.offset])
     rows = np.column_stack([
         np.arange(arm.axes) + 1, arm.a, angles[0], arm.d, angles[1], arm.mass, arm.centre
@@ -73,7 +71,6 @@ def write_arm(path: Path, arm: PlainArm) -> None:
 
 
 def read_arm(path: Path) -> PlainArm:
-    """Read arm.csv."""
     columns = read_columns(path)
     centre = np.column_stack([columns[f"centre_{axis}_mm"] for axis in "xyz"])
     alpha, offset = np.radians(columns["alpha_deg"]), np.radians(columns["offset_deg"])
@@ -127,7 +124,6 @@ class Touches:
 
 
 def write_touches(path: Path, touches: Touches) -> None:
-    """Write touches.csv."""
     names = ["touch", "socket", *joints(touches.q.shape[1]), *came_from(touches.q.shape[1])]
     rows = np.degrees(np.hstack([touches.q, touches.came_from]))
     write_rows(path, names, [
@@ -137,7 +133,6 @@ def write_touches(path: Path, touches: Touches) -> None:
 
 
 def read_touches(path: Path, axes: int) -> Touches:
-    """Read touches.csv of an arm with so many axes."""
     columns = read_columns(path)
     q, before = (np.radians(np.column_stack([columns[one] for one in names(axes)])) for names in (joints, came_from))
     return Touches(q, before, columns["socket"])

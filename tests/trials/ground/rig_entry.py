@@ -51,7 +51,6 @@ def answered(tasks: Path, answers: Path) -> None:
 
 
 def answer(task: Task, here: Path, path: Path, work: Path) -> None:
-    """Answer one task."""
     if task.kind != "poses":
         runs = {"fault": cell_runs, "fault_in_poses": pose_runs, "fault_in_touches": touch_runs}[task.kind](here, work)
         write_rows(path, ("part", "axis", "size", "u"), faults(runs))
@@ -83,7 +82,6 @@ def placed(arm: PlainArm, given: Poses, asked: Poses, work: Path) -> tuple[Array
 
 
 def rig_of(arm: PlainArm) -> dict[str, Any]:
-    """Return a rig file with the arm of a task."""
     path = Path(load.__code__.co_filename).parent / f"{TEMPLATE}.yaml"
     data: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
     for own in ("gauges", "feedback", "tests"):  # of an arm with six axes
@@ -110,14 +108,12 @@ def rig_of(arm: PlainArm) -> dict[str, Any]:
 
 
 def write_rig(data: dict[str, Any], work: Path) -> Path:
-    """Write a rig file and return where it is."""
     path = work / "cell.yaml"
     path.write_text(yaml.safe_dump(data), encoding="utf-8")
     return path
 
 
 def run_of(given: Poses, placement: str, rig_file: Path, work: Path) -> Measured:
-    """Return the poses of one placement as a run."""
     of = given.of(given.placement == placement)
     table = work / f"{placement}.csv"
     rows = np.column_stack([np.degrees(of.q), of.xyz_mm])
@@ -146,7 +142,6 @@ def predicted(found: Diagnosis, rig: Rig, placement: str, q: Array, taught: Arra
 
 
 def cell_runs(here: Path, _: Path) -> list[Measured]:
-    """Read the runs of a cell."""
     runs = []
     with (here / "runs.csv").open(encoding="utf-8", newline="") as file:
         for line in csv.DictReader(file):

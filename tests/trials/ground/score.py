@@ -230,7 +230,6 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 
 def number(text: str | None) -> float:
-    """Return a number, nan where it is none."""
     try:
         return float(text or "")
     except ValueError:

@@ -39,7 +39,6 @@ def any_scores(entries: Entries) -> Scores:
 
 
 def rows_of(entries: Entries) -> list[str]:
-    """Return the names of the rows."""
     return list(any_scores(entries))
 
 
@@ -79,12 +78,10 @@ def shared(scores: Scores, row: str) -> str:
 
 
 def interval(one: Figure, told: Callable[[float], str]) -> str:
-    """Return a value with its interval."""
     return "–" if math.isnan(one.value) else f"{told(one.value)} ({told(one.low)} … {told(one.high)})"
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:
-    """Return a table of markdown."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 

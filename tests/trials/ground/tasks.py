@@ -240,7 +240,6 @@ def ur10_splits(b: Path, d: Path) -> list[Split]:
 
 
 def joined(one: Poses, other: Poses) -> Poses:
-    """Return the poses of both."""
     parts_of = (np.concatenate([getattr(one, name), getattr(other, name)]) for name in ("q", "xyz_mm", "placement"))
     return Poses(*parts_of)
 
@@ -349,6 +348,5 @@ def arm_tasks(seed: int, size: Size, seen: Seen, tasks: Path, truth: Path) -> It
 
 
 def read_tasks(directory: Path) -> Sequence[Task]:
-    """Read tasks.csv of a directory of tasks or of truths."""
     with (directory / "tasks.csv").open(encoding="utf-8", newline="") as file:
         return [Task(row["name"], row["kind"], row["row"], row["split"]) for row in csv.DictReader(file)]  # type: ignore[arg-type]

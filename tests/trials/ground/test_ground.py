@@ -40,7 +40,6 @@ def ground(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def truths(ground: Path, answers: Path) -> None:
-    """Answer with the truth itself."""
     for task in read_tasks(ground / "tasks"):
         path = answers / f"{task.name}.csv"
         if task.kind == "poses":

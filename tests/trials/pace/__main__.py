@@ -72,7 +72,6 @@ class Taken:
     shown_hz: float = math.nan
 
     def numbers(self, stream: str) -> np.ndarray:
-        """The number of each message of a stream that shows it."""
         values = self.values[stream]
         return np.round(values / STEP_DEG).astype(int) if stream == "robot" else numbers_of(values)
 
@@ -144,7 +143,6 @@ def _process(folder: Path, *command: object) -> Iterator[subprocess.Popen[str]]:
 
 
 def by_rigd(folder: Path, instruments: subprocess.Popen[str], seconds: float) -> Taken:
-    """Record with rigd."""
     with _process(folder, "rigd", "rig.yaml", "--runs", "runs", "--socket", "rigd.sock") as daemon:
         while not _answers(folder / "rigd.sock"):
             time.sleep(0.05)
@@ -187,7 +185,6 @@ def _settle(client: Client) -> None:
 
 
 def by_plain_loop(folder: Path, instruments: subprocess.Popen[str], seconds: float) -> Taken:
-    """Read with a plain loop of threads."""
     with _process(folder, sys.executable, HERE / "plain_loop.py", "rig.yaml", "kept.npz") as loop:
         assert loop.stdout is not None
         loop.stdout.readline()

@@ -181,7 +181,6 @@ class Flooding:
 
 
 def rig_text(rig: Path, ports: dict[str, str]) -> str:
-    """Return the rig file's text with these ports."""
     data = yaml.safe_load(rig.read_text())
     for name in ("g1", "g2"):
         data["gauges"][name]["port"] = ports[name]

@@ -73,7 +73,6 @@ class Verdict:
 
 
 def correct(draft: Draft) -> Corrected:
-    """Correct a draft as `rig correct --program` does."""
     rig = cell(draft.dialect).rig
     supported = supports(rig)
     tools = [f"{name}={stated(T)}" for name, T in draft.tools.items()]
@@ -111,7 +110,6 @@ def _texts(files: Mapping[str, bytes]) -> dict[str, str]:
 
 
 def reached(draft: Draft, program: Any, world: World, ways: Ways) -> list[Reached]:
-    """Return what a program reaches on one way."""
     machine = MACHINES[draft.dialect].Machine(program, world, ways)
     with suppress(Ended, *_REFUSED):
         machine.run()
@@ -121,7 +119,6 @@ def reached(draft: Draft, program: Any, world: World, ways: Ways) -> list[Reache
 
 
 def judge(draft: Draft, correction: Callable[[Draft], Corrected] = correct) -> Verdict:
-    """Return the verdict on a draft after a correction."""
     begin = time.process_time()
     verdict = Verdict(draft)
     try:
@@ -285,7 +282,6 @@ class Table:
     reasons: Counter[str] = field(default_factory=Counter)
 
     def add(self, verdict: Verdict) -> None:
-        """Count a verdict."""
         self.verdicts += 1
         self.targets += verdict.asked
         self.moved += verdict.moved

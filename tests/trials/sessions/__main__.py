@@ -221,7 +221,6 @@ def _name(effect: dict[str, Any]) -> str:
 
 
 def line_of(found: dict[str, Any]) -> str:
-    """An outcome in a line."""
     errors = f"{found.get('before_um')} -> {found.get('after_um')} um" if "before_um" in found else "-"
     if "stated_um" in found:
         errors += f" (stated {found['stated_um']} ± {found['stated_u_um']}{'' if found['kept'] else ', NOT KEPT'})"

@@ -83,7 +83,6 @@ class Instruments:
 
     @classmethod
     def of(cls, rig: Rig, streams: Sequence[str]) -> Instruments:
-        """The instruments of a rig."""
         made = cls()
         for stream in streams:
             made.pieces[stream] = []

@@ -281,7 +281,6 @@ class Life:
 
 
 def _open_files(folder: Path) -> list[str]:
-    """The files below a folder that this process has open."""
     found = []
     for entry in Path("/proc/self/fd").iterdir():
         with suppress(OSError):

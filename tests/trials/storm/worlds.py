@@ -70,7 +70,6 @@ class World:
 
 
 def world(seed: int) -> World:
-    """Draw the world of a seed."""
     dice = Random(seed)
     is_long = dice.random() < 1 / 8
     data: dict[str, Any] = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())

@@ -331,7 +331,6 @@ def touch_table(
 
 
 def run_of(rig: Rig, table: PoseTable | TouchTable, name: str = "seven", placement: str = "") -> Measured:
-    """Return a table as an imported run."""
     test = "touch" if isinstance(table, TouchTable) else "pose"
     run = table_run(
         Path(name), columns_of(table), test=test, direction=None, rig_name=rig.name, rig_text="",

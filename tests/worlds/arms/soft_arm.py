@@ -95,8 +95,6 @@ def nominal(name: str) -> Arm:
 
 
 def wrong(arm: Arm, rng: np.random.Generator) -> Arm:
-    """Return the arm with random errors of a healthy arm times 0.5 to 4."""
-
     def off(size: float | Array) -> Array:
         return np.asarray(rng.normal(0, 1, 6) * size * np.exp(rng.uniform(np.log(0.5), np.log(4), 6)))
 

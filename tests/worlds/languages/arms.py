@@ -126,7 +126,6 @@ def links_of(arm: Constants, beta: Array | None = None) -> Array:
 
 
 def cell(dialect: str) -> Cell:
-    """Return the cell of a dialect with the chosen controller."""
     return _cell(dialect, _chosen["controller"])
 
 

@@ -53,11 +53,9 @@ class Pen:
         return bool(self.rng.random() < share)
 
     def pick(self, items: Sequence[_Any]) -> _Any:
-        """Return one of the items."""
         return items[int(self.rng.integers(len(items)))]
 
     def whole(self, low: int, high: int) -> int:
-        """Return an integer from low to high, inclusive."""
         return int(self.rng.integers(low, high + 1))
 
     def near(self) -> Array:

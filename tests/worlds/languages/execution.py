@@ -117,11 +117,9 @@ class World:
     stated: Mapping[tuple[str, str], Array] = field(default_factory=dict)
 
     def rng(self, name: str) -> np.random.Generator:
-        """Return a random generator for a name."""
         return _rng(self.seed, name)
 
     def number(self, name: str, low: float = -40.0, high: float = 40.0) -> float:
-        """Return a random number for a name."""
         return _number(self.seed, name, low, high)
 
     def shift(self, name: str) -> Array:

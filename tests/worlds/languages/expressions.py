@@ -49,7 +49,6 @@ class Syntax:
     fold: bool = False
 
     def tokens(self, text: str) -> Tokens:
-        """Return the tokens of a text."""
         items, at = [], 0
         while at < len(text):
             one = self.token.match(text, at)
@@ -62,7 +61,6 @@ class Syntax:
         return Tokens(items)
 
     def tree(self, tokens: Tokens, level: int = 0) -> Tree:
-        """Return the tree of an expression."""
         if level == len(self.operators):
             return self.term(tokens)
         left = self.tree(tokens, level + 1)

@@ -236,7 +236,6 @@ class Machine:
         return self.registers[number] if number in self.registers else self.world.shift(f"PR[{number}]")
 
     def instruction(self, text: str, place: Place) -> None:
-        """Execute an instruction."""
         upper = text.upper()
         if re.match(r"[JLCAS] +P(R?)\[", upper):
             self._move(text, place)

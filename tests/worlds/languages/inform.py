@@ -198,7 +198,6 @@ class Machine:
         return self.world.shift(f"{kind}{number}") if stated is None else stated
 
     def instruction(self, text: str, place: Place) -> None:
-        """Execute an instruction."""
         if found := re.match(r"(?:\+|SY|S)?(MOVJ|MOVL|MOVC|MOVS) (.*)", text):
             if self.program.jobs[self.running[-1]].robot == self.program.jobs[self.program.main].robot:
                 self._move(found[1], found[2], text, place)

@@ -221,7 +221,6 @@ class Program:
 
 @lru_cache(maxsize=4096)
 def _tree(text: str) -> Tree:
-    """Return the cached tree of an expression."""
     return KRL.tree(KRL.tokens(text))
 
 
@@ -318,7 +317,6 @@ class Machine:
             self.scopes[-1][found[1].upper().replace(" ", "")] = copied(value)
 
     def instruction(self, text: str, line: _Line) -> None:
-        """Execute an instruction."""
         word = re.match(r"\$?\w*", text)[0].upper()  # type: ignore[index]
         if word in ("PTP", "LIN", "CIRC", "SPTP", "SLIN", "SCIRC", "SPL", "PTP_REL", "LIN_REL", "SPTP_REL", "SLIN_REL"):
             for handler in self.armed:

@@ -38,7 +38,6 @@ def ur_frames() -> NDArray[np.float64]:
 
 
 def write_ur_calibration(path: Path) -> None:
-    """Write the file that a user has from ur_calibration."""
     keys = ("x", "y", "z", "roll", "pitch", "yaw")
     frames = {link: dict(zip(keys, row, strict=True)) for link, row in FRAMES.items()}
     path.write_text(yaml.safe_dump({"kinematics": {**frames, "hash": "calib_1"}}, sort_keys=False), encoding="utf-8")

@@ -165,7 +165,6 @@ class Machine:
         self.call(self.program.main, [])
 
     def call(self, name: str, values: list[tuple[str, Value]]) -> Value:
-        """Call a routine."""
         routine = self.program.routines[name]
         scope = {}
         plain = iter([value for key, value in values if not key])
@@ -308,7 +307,6 @@ class Machine:
         return self.world.number(name), src
 
     def instruction(self, name: str, arguments: list[tuple[str, Tree]], place: Place, where: frozenset[Place]) -> None:
-        """Execute an instruction."""
         if name not in self.program.routines and name in ("CONNECT", "ISIGNALDI", "ITIMER"):
             self._interrupts(name, arguments)
             return

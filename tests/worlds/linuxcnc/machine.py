@@ -144,7 +144,6 @@ def _threads() -> set[int]:
 
 
 def _session(pid: int) -> set[int]:
-    """Return the processes of a session."""
     listed = subprocess.run(["ps", "-eo", "pid,sid"], capture_output=True, text=True, check=True).stdout
     return {int(one) for one, session in (line.split() for line in listed.splitlines()[1:]) if int(session) == pid}
 

@@ -20,7 +20,6 @@ wanted = []
 
 
 def home():
-    """Switch on and home."""
     for state in (linuxcnc.STATE_ESTOP_RESET, linuxcnc.STATE_ON):
         command.state(state)
         command.wait_complete()

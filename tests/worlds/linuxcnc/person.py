@@ -99,7 +99,6 @@ class Person:
         self.controller = machine.Controller(ini, self.user)
 
     def ask(self, **request: Any) -> dict[str, Any]:
-        """Ask the cell."""
         with socket.socket(socket.AF_UNIX) as cell:
             cell.connect(str(self.directory / "cell.socket"))
             cell.sendall((json.dumps(request) + "\n").encode())

@@ -63,7 +63,6 @@ def start(name: str) -> None:
 
 
 def record(name: str, seconds: float, runs: Path) -> Path:
-    """Record for a time, and return the run."""
     start(name)
     time.sleep(seconds)
     rig("record", "stop")

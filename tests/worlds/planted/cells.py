@@ -64,7 +64,6 @@ SINGLE: dict[str, Noise] = {
 
 
 def draw_cell(rng: np.random.Generator, kind: str) -> Noise:
-    """Return the noise of a cell, of a single kind or according to the table."""
     if kind != "table":
         return SINGLE[kind]
     slow = [between(rng, 0.0005, 0.020) for _ in range(3)]

@@ -250,7 +250,6 @@ class Between:
     by_joint: np.ndarray
 
     def another(self, rng: np.random.Generator, set_up: SetUp) -> SetUp:
-        """The set-up of another run."""
         moved = np.tensordot(rng.normal(0, self.joint_rad), self.by_joint, axes=1)
         return dataclasses.replace(set_up, ball_mm=set_up.ball_mm + rng.normal(0, self.ball_mm, 3), moved=moved)
 

@@ -103,7 +103,6 @@ class Fault:
 
 
 def name_of(effect: str, keys: Mapping[str, Key]) -> str:
-    """Return the name of an effect at a seat."""
     match effect:
         case "link_geometry":
             return f"{effect} {keys['axis']}.{keys['field']}"

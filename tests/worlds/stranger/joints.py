@@ -140,7 +140,6 @@ ON_JOINT: MappingProxyType[str, Form] = MappingProxyType({
 
 
 def joint_of(fault: Fault) -> int:
-    """Return the joint (0 … 5) affected by a fault."""
     return int(fault.keys.get("to_axis", fault.keys.get("axis", 0))) - 1
 
 
@@ -167,7 +166,6 @@ ON_TOOL = MappingProxyType({"thermal_growth": thermal_growth, "link_bending": li
 
 
 def wrong_constants(constants: Constants, faults: list[Fault]) -> Constants:
-    """Return the constants of the arm with all link_geometry faults of the list."""
     for fault in faults:
         if fault.effect == "link_geometry":
             field = str(fault.keys["field"])

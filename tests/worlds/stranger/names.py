@@ -53,7 +53,6 @@ def looks(effect: str, keys: dict[str, Key]) -> list[Fault]:
 
 
 def drawn_shape(effect: str, rng: np.random.Generator) -> dict[str, float]:
-    """Return a random realistic shape of an effect."""
     phase = float(np.round(rng.uniform(0, 360), 1))
     match effect:
         case "transmission_error":

@@ -27,7 +27,6 @@ class Noise:
 
 
 def drawn_noise(rng: np.random.Generator) -> Noise:
-    """Return random noise of a cell."""
     return Noise(
         white=float(rng.uniform(0.0005, 0.002)),
         wander_s=float(rng.uniform(0.3, 1.0)),

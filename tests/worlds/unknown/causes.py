@@ -30,11 +30,9 @@ class Cause:
 
     @classmethod
     def draw(cls, rng: np.random.Generator, arm: Arm) -> Cause:
-        """Draw a cause of plausible size."""
         raise NotImplementedError
 
     def deviation(self, arm: Arm, motion: Motion) -> Deviation:
-        """Return the deviations along a motion."""
         raise NotImplementedError
 
     def describe(self) -> str:

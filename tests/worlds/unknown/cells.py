@@ -285,7 +285,6 @@ def motions(cell: Cell) -> list[tuple[str, str, str, Motion]]:
 
 
 def runs(cell: Cell) -> list[Run]:
-    """Simulate the runs of a cell with noise."""
     rng = np.random.default_rng([cell.seed, 2])
     found = []
     for name, test, direction, motion in motions(cell):

@@ -63,7 +63,6 @@ class CellNoise:
 
 
 def log_uniform(low: float, high: float, rng: np.random.Generator, size: int | None = None) -> Any:
-    """Return log-uniform random numbers from low to high."""
     return np.exp(rng.uniform(np.log(low), np.log(high), size))
 
 
