@@ -176,6 +176,8 @@ def _columns(table: Table, columns: range) -> RichTable:
     heads = (right(table.columns[k]) if k in table.numbers else table.columns[k] for k in chosen)
     shown = bare_table(*heads)
     for row, rank in zip(table.cells(), table.ranks or [""] * len(table.rows), strict=True):
+        if len(columns) < len(row) - 1 and not any(row[k].text for k in columns):
+            continue  # a figure of the columns in another part of a split table
         shown.add_row(*(_cell(row[k]) for k in chosen), style="bold" if rank == "unusual" else "")
     return shown
 

@@ -286,7 +286,7 @@ class _SummaryWords:
 
     @property
     def error(self) -> ErrorChange:
-        """The error now and after repair and correction, both on the runs used to validate the model.
+        """The error now and after the acts that reduce it, both on the runs used to validate the model.
 
         An assumed noise is no measured uncertainty of the two figures, and the basis says so.
         """
@@ -303,7 +303,7 @@ class _SummaryWords:
         change = ErrorChange(texts(label), "", self._after_label, "", "", self.answer.judged)
         if place == "used" and self.judged_elsewhere:
             before_um, after_um = self.judged_elsewhere
-            after = error_size(after_um, 0.0)
+            after = error_size(after_um, 0.0) if self._after_label else ""
             return replace(change, now=error_size(before_um, 0.0), after=after, basis=texts("basis_unseen"))
         now = self._error(before_um, gap.u_um)
         if not diagnosis.is_testable:
