@@ -143,7 +143,10 @@ def save_run(run: Measured, directory: str | Path) -> Path:
     run, path = _run(run), _path(directory, "directory")
     if run.run.table is None:
         raise FileError(
-            str(run.path), "is a recorded run, but only the table was read", "copy the directory of the run"
+            str(run.path),
+            "is a recorded run, but only the table was read",
+            "copy the directory of the run",
+            code="api.recorded_run",
         )
     write_table_run(run.run, path, run.rig.companion_files)
     return path
@@ -398,7 +401,9 @@ def _diagnosed(
 def _require(name: str, value: object, expected: str, *, fits: bool) -> None:
     """Raise UseError for an argument that does not fit."""
     if not fits:
-        raise UseError(name, f"must be {expected}, but is {shorten(repr(value), 60)}", f"give {expected}")
+        raise UseError(
+            name, f"must be {expected}, but is {shorten(repr(value), 60)}", f"give {expected}", code="api.value"
+        )
 
 
 def _hidden(effects: Effect | Sequence[Effect]) -> Hidden:
@@ -412,7 +417,9 @@ def _hidden(effects: Effect | Sequence[Effect]) -> Hidden:
 def _path(path: str | Path, name: str) -> Path:
     """Return an argument as a path. Raises UseError for any other type."""
     if not isinstance(path, str | Path):
-        raise UseError(name, f"must be a path, but has the type {type(path).__name__}", "give a string or a Path")
+        raise UseError(
+            name, f"must be a path, but has the type {type(path).__name__}", "give a string or a Path", code="api.type"
+        )
     return path if isinstance(path, Path) else Path(path)
 
 
@@ -422,7 +429,7 @@ def _run(run: AnyRun) -> Measured:
         return load_run(run)
     if not isinstance(run, Measured):
         remedy = "give a run of load_run, read_table or simulate, or the path of a run directory"
-        raise UseError("run", f"must be a run, but has the type {type(run).__name__}", remedy)
+        raise UseError("run", f"must be a run, but has the type {type(run).__name__}", remedy, code="api.type")
     return run
 
 
@@ -436,7 +443,12 @@ def _runs(runs: AnyRun | Sequence[AnyRun]) -> list[Measured]:
 def _test(test: TestName) -> TestName:
     """Return the name of a test unchanged. Raises UseError for an unknown name."""
     if test not in get_args(TestName):
-        raise UseError("test", f"{test!r} is not a test", f"give one of {', '.join(get_args(TestName))}")
+        raise UseError(
+            "test",
+            f"{test!r} is not a test",
+            f"give one of {', '.join(get_args(TestName))}",
+            code="request.unknown_test",
+        )
     return test
 
 
@@ -446,7 +458,7 @@ def _direction(direction: str | None) -> Direction | None:
         return None
     way = direction_of(str(direction))
     if way is None:
-        raise UseError("direction", f"{direction!r} is not a direction", "give acw or cw")
+        raise UseError("direction", f"{direction!r} is not a direction", "give acw or cw", code="request.direction")
     return way
 
 
@@ -457,7 +469,7 @@ def _silent(doing: str) -> None:
 def _model(rig: RigFile | Rig | None, runs: Sequence[Measured]) -> Rig:
     """Return the given rig, or the rig of the first run. Raises FileError for an empty list of runs."""
     if not runs:
-        raise FileError("runs", "none is given", "give one or more")
+        raise FileError("runs", "none is given", "give one or more", code="api.none_given")
     if rig is None:
         return runs[0].rig
     return rig if isinstance(rig, Rig) else load(_path(rig, "rig"))[0]

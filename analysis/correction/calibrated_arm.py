@@ -101,7 +101,7 @@ class CalibratedArm:
         widths = (self._axes, self._axes + 1) if self.rig.robot.rail else (self._axes,)
         if angles.ndim != 2 or angles.shape[1] not in widths or not np.isfinite(angles).all():
             problem = f"must be finite joint angles (n, {widths[-1]}) in degrees, but has the shape {angles.shape}"
-            raise FileError("q_deg", problem, "give one row per posture")
+            raise FileError("q_deg", problem, "give one row per posture", code="api.shape")
         q = np.radians(angles)
         q[:, self._axes :] = angles[:, self._axes :]
         u_mm, u_frame_mm = self._u_mm(q)
@@ -119,19 +119,30 @@ class CalibratedArm:
         poses = poses[None] if poses.ndim == _ONE_FRAME else poses
         if poses.ndim != 3 or poses.shape[1:] != (4, 4) or not np.isfinite(poses).all():
             raise FileError(
-                "T", f"must be finite frames (n, 4, 4), but has the shape {poses.shape}", "give one frame per pose"
+                "T",
+                f"must be finite frames (n, 4, 4), but has the shape {poses.shape}",
+                "give one frame per pose",
+                code="api.shape",
             )
         R = poses[:, :3, :3]
         off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
         last_row_off = np.abs(poses[:, 3] - [0, 0, 0, 1]).max(initial=0.0)
         if off > _ORTHONORMAL or (np.linalg.det(R) < 0).any() or last_row_off > 0:
             problem = "contains a frame that is not orthonormal and right-handed"
-            raise FileError("T", problem, "give T[:, :3, :3] as rotations, T[:, :3, 3] in mm and T[:, 3] as 0 0 0 1")
+            raise FileError(
+                "T",
+                problem,
+                "give T[:, :3, :3] as rotations, T[:, :3, 3] in mm and T[:, 3] as 0 0 0 1",
+                code="api.frame",
+            )
         middle = arm_of(self.rig.robot).limits.mean(axis=1)
         start = middle if near_deg is None else np.radians(_numbers(near_deg, "near_deg"))
         if start.shape != middle.shape:
             raise FileError(
-                "near_deg", f"must be a single posture, but has the shape {start.shape}", f"give {self._axes} angles"
+                "near_deg",
+                f"must be a single posture, but has the shape {start.shape}",
+                f"give {self._axes} angles",
+                code="api.shape",
             )
         q, reached = np.full((len(poses), self._axes), np.nan), np.zeros(len(poses), dtype=bool)
         solved = self._solved if self._axes >= DRIVEN_AXES else self._solved_in_part
@@ -226,4 +237,6 @@ def _numbers(values: Array, name: str) -> Array:
     try:
         return np.array(values, dtype=float)
     except (TypeError, ValueError):
-        raise FileError(name, "is not an array of numbers", "give numbers or a numpy array") from None
+        raise FileError(
+            name, "is not an array of numbers", "give numbers or a numpy array", code="api.not_numbers"
+        ) from None

@@ -42,7 +42,9 @@ def read_any_table(source: Path, *, rig_file: str | Path, test: TestName | None,
     proposal = propose_map([source], rig_file)
     if proposal.questions:
         asks = "; ".join(f"{question.key}: {question.asks}" for question in proposal.questions)
-        raise FileError(str(source), f"has open questions ({asks})", "answer the questions of rig import")
+        raise FileError(
+            str(source), f"has open questions ({asks})", "answer the questions of rig import", code="table.questions"
+        )
     return read_mapped([source], proposal.assumed().table_map, rig_file=rig_file, test=kind, **label)
 
 
@@ -50,7 +52,7 @@ def test_of(source: Path, rig: Rig) -> TestName:
     """Return the test of a table, inferred from the columns. Raises FileError if several tests match, or none."""
     where, axes, head = str(source), len(rig.robot.axes), read_head(source)
     if reader_of(head):
-        raise FileError(where, "is a bag, which may contain poses or a circle", _GIVE_TEST)
+        raise FileError(where, "is a bag, which may contain poses or a circle", _GIVE_TEST, code="bag.ambiguous")
     names = header_names(head)
     layouts = {test: set(format_of(test).layout(axes).required) - {"direction"} for test in TESTS}
     ours = [test for test, required in layouts.items() if required <= names]
@@ -58,7 +60,9 @@ def test_of(source: Path, rig: Rig) -> TestName:
     if len(ours) == 1:
         return ours[0]
     if ours:
-        raise FileError(where, f"may belong to {' or '.join(ours)}, which have the same columns", _GIVE_TEST)
+        raise FileError(
+            where, f"may belong to {' or '.join(ours)}, which have the same columns", _GIVE_TEST, code="table.ambiguous"
+        )
     if any(name.lower() == SOCKET for name in names):
         return next(test for test in TESTS if SOCKET in format_of(test).layout().required)
     lines, text_layout = text_of(read_whole(source), where)
@@ -70,5 +74,12 @@ def test_of(source: Path, rig: Rig) -> TestName:
     missing = sorted(layouts[nearest] - names)
     if len(missing) <= _FEW_MISSING:
         problem = f"lacks {' and '.join(missing)} of a {nearest} table"
-        raise FileError(where, problem, "add the column, or run rig import --help for other tables")
-    raise FileError(where, f"has columns that match none of the tests: {', '.join(raw.names[:20])}", _GIVE_TEST)
+        raise FileError(
+            where, problem, "add the column, or run rig import --help for other tables", code="table.column_missing"
+        )
+    raise FileError(
+        where,
+        f"has columns that match none of the tests: {', '.join(raw.names[:20])}",
+        _GIVE_TEST,
+        code="table.no_test_fits",
+    )

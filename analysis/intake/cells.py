@@ -96,7 +96,7 @@ class TableFileError(FileError):
         if unlisted > 0:
             shown.append(f"… and {unlisted} more, {total} mistakes in all")
         mistakes = counted(total, "mistake")
-        super().__init__(path, f"{mistakes}: " + " | ".join(shown), remedy)
+        super().__init__(path, f"{mistakes}: " + " | ".join(shown), remedy, code="table.value")
         self.shown = shown
 
     def lines(self) -> list[str]:

@@ -160,7 +160,9 @@ def _refuse_repeated(raw: RawTable, joints: Sequence[ColumnGroup]) -> None:
     ]
     if repeated and all(repeated):
         name = re.sub(r" \(\d+\)$", "", repeated[0])
-        raise FileError(raw.where, f"has two columns {name}", "give each joint column a unique name")
+        raise FileError(
+            raw.where, f"has two columns {name}", "give each joint column a unique name", code="table.column_twice"
+        )
 
 
 def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:

@@ -59,12 +59,17 @@ def read_controller(robot: Robot, source: Path | str) -> ControllerConstants:
     try:
         text = read_text(path, _MOST_BYTES) if path.suffix.lower() not in (".xlsx", ".ods") else ""
     except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "check the path") from None
+        raise FileError(str(path), error.strerror or str(error), "check the path", code="file.unreadable") from None
     if path.suffix.lower() == ".ini":
         return _from_pins(robot, path)
     if not is_ur_calibration(text) and path.suffix.lower() in (".yaml", ".yml", ".conf"):
         problem = "is empty" if not text.strip() else "is neither calibration.conf nor the YAML of ur_calibration"
-        raise FileError(str(path), problem, "give one of them, or a table of joints and flange poses as CSV")
+        raise FileError(
+            str(path),
+            problem,
+            "give one of them, or a table of joints and flange poses as CSV",
+            code="arm.no_constants",
+        )
     if not is_ur_calibration(text):
         return _from_poses(robot, path)
     found = factory_constants(robot, path)

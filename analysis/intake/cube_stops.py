@@ -41,7 +41,7 @@ def with_joints(raw: RawTable, place: Lengths, cube: Cube) -> RawTable:
     if pose is None:
         problem = "lacks columns of joints, and the positions are not stops at the cube in the order P5 P4 P3 P2 P1"
         remedy = "check tests.iso9283 of the rig file and the unit; for other poses add the joint angles (--join)"
-        raise FileError(raw.where, problem, remedy)
+        raise FileError(raw.where, problem, remedy, code="cube.unknown_stop")
     if (pose == 0).any():
         problem = "this position is not one of the cube's poses"
         lines = raw.lines[pose == 0].tolist()

@@ -104,7 +104,12 @@ def poses_of_controller(files: Sequence[Path], rig: Rig) -> MappedPoses:
         proposal = proposal.answered(question, question.readings[-1])
     if proposal.questions:
         asks = "; ".join(f"{question.key}: {question.asks}" for question in proposal.questions)
-        raise FileError(str(files[0]), f"has columns of unclear meaning ({asks})", "add the units to the header")
+        raise FileError(
+            str(files[0]),
+            f"has columns of unclear meaning ({asks})",
+            "add the units to the header",
+            code="table.column_unclear",
+        )
     poses = poses_of(raw, proposal.table_map)
     if poses.controller_mm is None:
         return poses
@@ -122,7 +127,12 @@ def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[M
             sheets = sheets_of(data, str(path))
             if len(sheets) != 1:
                 fact = f"has {len(sheets)} sheets with rows ({', '.join(map(repr, sheets))}) instead of one"
-                raise FileError(str(path), fact, "save that sheet as CSV, or name it in a map: files: [{sheet: NAME}]")
+                raise FileError(
+                    str(path),
+                    fact,
+                    "save that sheet as CSV, or name it in a map: files: [{sheet: NAME}]",
+                    code="workbook.several_sheets",
+                )
             sheet, data = next(iter(sheets.items()))
         lines, text_layout = text_of(data, str(path))
         layout = layout_of(lines, text_layout.encoding, str(path)).model_copy(update={"sheet": sheet, "topic": chosen})
@@ -138,7 +148,9 @@ def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, st
         stands = reader.stands_of(data, where, rig, topic)
         return stands.text, stands.topic, stands.doubts
     if topic:
-        raise UseError("--topic", f"applies only to bags, and {where} is not a bag", "remove it")
+        raise UseError(
+            "--topic", f"applies only to bags, and {where} is not a bag", "remove it", code="import.bags_only"
+        )
     return data, "", ()
 
 
@@ -146,7 +158,7 @@ def _refuse_rail(rig: Rig, where: str) -> None:
     """Raise FileError for an arm on a rail, since a map does not contain the position of the rail."""
     if rig.robot.rail:
         problem = "has columns other than those of docs/tables.md, but a map cannot give the position of the rail"
-        raise FileError(where, problem, "name the columns q1_deg …, e1_mm, x_mm, y_mm, z_mm")
+        raise FileError(where, problem, "name the columns q1_deg …, e1_mm, x_mm, y_mm, z_mm", code="map.no_positions")
 
 
 def read_mapped(  # noqa: PLR0913 - what a run is labelled with
@@ -168,11 +180,19 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
     where = str(files[0])
     if len(files) != len(table_map.files):
         fact = f"describes {len(table_map.files)} files, but {len(files)} are given"
-        raise FileError("the map", fact, "give the files of one measurement in order; several are joined (--join)")
+        raise FileError(
+            "the map",
+            fact,
+            "give the files of one measurement in order; several are joined (--join)",
+            code="workbook.several_sheets",
+        )
     if joints == "commanded" and not table_map.only_commanded:
         if table_map.commanded is None:
             raise FileError(
-                "the map", "does not name commanded joints, which --joints commanded needs", "add `commanded`"
+                "the map",
+                "does not name commanded joints, which --joints commanded needs",
+                "add `commanded`",
+                code="table.not_commanded",
             )
         table_map = table_map.model_copy(update={"joints": table_map.commanded, "commanded": None})
     data = [read_whole(path) for path in files]

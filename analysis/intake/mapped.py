@@ -65,7 +65,7 @@ def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
     problems = Problems()
     if table_map.joints is None or table_map.place is None:
         problem = f"lacks {'joints' if table_map.joints is None else 'place'}, which every pose needs"
-        raise FileError("the map", problem, "add the columns and the unit")
+        raise FileError("the map", problem, "add the columns and the unit", code="map.column_missing")
     q = radians(raw, table_map.joints, problems)
     commanded = radians(raw, table_map.commanded, problems) if table_map.commanded else None
     xyz = _millimetres(raw, table_map.place, problems)
@@ -83,7 +83,10 @@ def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
     if table_map.sees == "from the tool":
         if turn is None:
             raise FileError(
-                "the map", "has `sees: from the tool` but no `turn`", "add the turn, or write `sees: the tool`"
+                "the map",
+                "has `sees: from the tool` but no `turn`",
+                "add the turn, or write `sees: the tool`",
+                code="map.turn_missing",
             )
         turn = turn.inv()
         xyz = -turn.apply(xyz)
@@ -146,7 +149,7 @@ def table_by(
             if len(part.columns) != axes:
                 fact = f"names {len(part.columns)} columns of joints, but the arm of the rig file has {axes} axes"
                 remedy = "name a column for each axis, in order, or give the rig file of that arm"
-                raise FileError("the map", fact, remedy)
+                raise FileError("the map", fact, remedy, code="map.axes")
         poses = poses_of(raw, table_map)
         named = _columns("q{}_deg", np.degrees(poses.q))
         named |= dict(zip(PLACE, map(pa.array, poses.xyz_mm.T), strict=True))
@@ -183,10 +186,15 @@ def _mapped_columns(
     missing = [name for name in missing if not (direction and name == "direction")]
     if missing or (driven and table_map.joints is None):
         problem = f"does not name a column for {', '.join(missing[:6]) or 'the joints'}, which a {test} table needs"
-        raise FileError("the map", problem, "add columns: {NAME: {column: COLUMN OF THE FILE, unit: UNIT}}")
+        raise FileError(
+            "the map",
+            problem,
+            "add columns: {NAME: {column: COLUMN OF THE FILE, unit: UNIT}}",
+            code="map.column_unknown",
+        )
     if unknown := [name for name in (*stated, *table_map.constants) if name not in layout.known_columns]:
         problem = f"names {unknown[0]}, which is not a column of a {test} table"
-        raise UseError("the map", problem, f"choose from {', '.join(layout.known_columns)}")
+        raise UseError("the map", problem, f"choose from {', '.join(layout.known_columns)}", code="map.column_unknown")
     problems = Problems()
     angles = np.degrees(radians(raw, table_map.joints, problems)) if table_map.joints else np.empty((0, 0))
     named: Columns = {}
@@ -210,11 +218,16 @@ def _column(raw: RawTable, name: str, column: str, unit: str | None, problems: P
         our_unit = name.rpartition("_")[2]
         if unit and unit not in TO_UNIT[our_unit]:
             raise FileError(
-                "the map", f"states the unit {unit} for {name}", f"give one of {', '.join(TO_UNIT[our_unit])}"
+                "the map",
+                f"states the unit {unit} for {name}",
+                f"give one of {', '.join(TO_UNIT[our_unit])}",
+                code="table.unit_unknown",
             )
         return pa.array(raw.numbers([column], problems)[:, 0] * (TO_UNIT[our_unit][unit] if unit else 1.0))
     if column not in raw.names:
-        raise FileError(raw.where, f"has no column {column!r}", f"it has {', '.join(raw.names[:30])}")
+        raise FileError(
+            raw.where, f"has no column {column!r}", f"it has {', '.join(raw.names[:30])}", code="table.column_missing"
+        )
     values: list[object] = []
     for line, text in zip(raw.lines.tolist(), raw.cells[column].to_pylist(), strict=True):
         try:

@@ -72,7 +72,12 @@ class RawTable:
         for name, column in zip(names, columns.T, strict=True):
             if name not in self.names:
                 near = ", ".join(repr(column_name) for column_name in self.names[:30])
-                raise FileError(self.where, f"has no column {name!r}", f"name an existing column in the map: {near}")
+                raise FileError(
+                    self.where,
+                    f"has no column {name!r}",
+                    f"name an existing column in the map: {near}",
+                    code="table.column_missing",
+                )
             good = array_of(self._is_number(name)).astype(bool)
             plain = pc.utf8_trim_whitespace(self._plain(name))
             if good.any():
@@ -102,7 +107,7 @@ class RawTable:
             sound &= array_of(self._is_number(name)).astype(bool)
         sound_rows = np.flatnonzero(sound)
         if not len(sound_rows):
-            raise FileError(self.where, "has a bad cell in every row", "correct the file")
+            raise FileError(self.where, "has a bad cell in every row", "correct the file", code="table.no_numbers")
         chosen = sound_rows[np.unique(np.linspace(0, len(sound_rows) - 1, min(rows, len(sound_rows))).astype(int))]
         return replace(self, cells=self.cells.take(chosen), lines=self.lines[chosen])
 
@@ -125,18 +130,25 @@ def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
         import openpyxl  # noqa: PLC0415 - an extra, and slow to import
     except ModuleNotFoundError:
         problem = "is a workbook, and openpyxl is not installed"
-        raise FileError(where, problem, f"{to_install('openpyxl')}, or save the sheet as CSV") from None
+        raise FileError(
+            where, problem, f"{to_install('openpyxl')}, or save the sheet as CSV", code="package.missing"
+        ) from None
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             if sum(member.file_size for member in archive.infolist()) > _MOST_UNPACKED:
-                raise FileError(where, f"unpacks to more than {_MOST_UNPACKED / 1e6:g} MB", "save the sheet as CSV")
+                raise FileError(
+                    where,
+                    f"unpacks to more than {_MOST_UNPACKED / 1e6:g} MB",
+                    "save the sheet as CSV",
+                    code="workbook.too_large",
+                )
         book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
         sheets = dict(_texts_within(book.worksheets, where))
     except FileError:
         raise
     except Exception as error:  # noqa: BLE001 - of a damaged workbook, whatever its readers raise
         problem = f"cannot be read as a workbook: {type(error).__name__}"
-        raise FileError(where, problem, "save the sheet as CSV") from None
+        raise FileError(where, problem, "save the sheet as CSV", code="workbook.damaged") from None
     return {name: text for name, text in sheets.items() if text.strip(b"\n,")}
 
 
@@ -152,7 +164,7 @@ def _texts_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, byte
             count += max(1, len(row))
             if count > _MOST_SHEET_CELLS:
                 problem = f"has more than {_MOST_SHEET_CELLS} cells, in the sheet {sheet.title!r} at the latest"
-                raise FileError(where, problem, "save the sheet with the table as CSV")
+                raise FileError(where, problem, "save the sheet with the table as CSV", code="workbook.too_large")
             texts = ["" if cell is None else re.sub(r"\s+", " ", str(cell)) for cell in row]
             # Replace the decimal comma, since commas separate the columns.
             rows.append([text.replace(",", ".") if _COMMA.fullmatch(text.strip()) else text for text in texts])
@@ -175,11 +187,19 @@ def text_of(data: bytes, where: str, layout: FileLayout | None = None) -> tuple[
     except UnicodeDecodeError:
         if layout or encoding == "utf-16":
             raise FileError(
-                where, f"is not {encoding}", "correct `encoding` in the map, or save the file as UTF-8"
+                where,
+                f"is not {encoding}",
+                "correct `encoding` in the map, or save the file as UTF-8",
+                code="workbook.damaged",
             ) from None
         encoding, text = "cp1252", data.decode("cp1252", errors="replace")
     if "\0" in text:
-        raise FileError(where, "contains zero bytes, so it is not a text file", "give the table as UTF-8 text")
+        raise FileError(
+            where,
+            "contains zero bytes, so it is not a text file",
+            "give the table as UTF-8 text",
+            code="table.not_text",
+        )
     return re.split(r"\r\n|\n|\r", text), FileLayout(encoding=encoding)
 
 
@@ -203,7 +223,9 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> FileLayout:
             if best is None or score > best[0]:
                 best = score, name, comma, fields
     if best is None or best[0][2] == 0:
-        raise FileError(where, "lacks rows of numbers", "give a table: a row of numbers for each pose")
+        raise FileError(
+            where, "lacks rows of numbers", "give a table: a row of numbers for each pose", code="table.no_rows"
+        )
     _, separator, comma, fields = best
     mark = SEPARATORS[separator]
     whole = [cells for k in sampled if len(cells := _fields(lines[k], mark)) == fields]
@@ -217,7 +239,9 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> FileLayout:
     )
     first = next(data, None)
     if first is None:
-        raise FileError(where, "has non-numeric cells in every row", "give a table of measurements")
+        raise FileError(
+            where, "has non-numeric cells in every row", "give a table of measurements", code="table.no_numbers"
+        )
     header, units = _header(lines, first, rows, comment, mark, fields, numeric)
     return FileLayout(
         encoding=encoding,
@@ -275,14 +299,17 @@ def read_raw(lines: Sequence[str], layout: FileLayout, where: str) -> RawTable:
         k for k in range(layout.first_line - 1, len(lines)) if lines[k].strip() and not is_comment(lines[k].lstrip())
     ]
     if not kept:
-        raise FileError(where, "has a header but no rows", "give the measured rows")
+        raise FileError(where, "has a header but no rows", "give the measured rows", code="table.no_rows")
     body = [lines[k] for k in kept]
     if mark == " ":
         mark, body = "\t", ["\t".join(line.split()) for line in body]
     names, units = _names(lines, layout, body[0], mark)
     if len(names) > _MOST_COLUMNS or len(names) * len(body) > _MOST_CELLS:
         raise FileError(
-            where, f"has more than {_MOST_CELLS} cells or {_MOST_COLUMNS} columns", "import the file in parts"
+            where,
+            f"has more than {_MOST_CELLS} cells or {_MOST_COLUMNS} columns",
+            "import the file in parts",
+            code="table.too_large",
         )
     problems = Problems()
 
@@ -301,11 +328,13 @@ def read_raw(lines: Sequence[str], layout: FileLayout, where: str) -> RawTable:
             pa_csv.ConvertOptions(column_types={name: pa.string() for name in names}, strings_can_be_null=False),
         )
     except pa.ArrowInvalid as error:
-        raise FileError(where, f"cannot be split into fields: {str(error)[:100]!r}", "check the quotes") from None
+        raise FileError(
+            where, f"cannot be split into fields: {str(error)[:100]!r}", "check the quotes", code="table.not_split"
+        ) from None
     if problems.count:
         raise TableFileError(where, problems.first, count=problems.count)
     if cells.num_rows != len(kept):
-        raise FileError(where, "has a cell of several lines", "put each row on one line")
+        raise FileError(where, "has a cell of several lines", "put each row on one line", code="table.lines_in_cell")
     comma = layout.decimal == "comma"
     return RawTable(where, tuple(names), tuple(units), cells, np.array(kept) + 1, comma)
 
@@ -351,7 +380,9 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
         if join == "rows":
             if len(table.lines) != len(lines):
                 problem = f"has {len(table.lines)} rows, but {first.where} has {len(lines)}"
-                raise FileError(table.where, problem, "join the files by a common column: --join COLUMN")
+                raise FileError(
+                    table.where, problem, "join the files by a common column: --join COLUMN", code="table.not_joined"
+                )
             places.append(np.arange(len(lines)))
             continue
         index = [_index(side, join) for side in (first, table)]
@@ -368,7 +399,7 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
             units.append(unit)
     if not len(keep):
         problem = f"does not share a value of {join!r} with {first.where}"
-        raise FileError(others[0].where, problem, "check the column of the join")
+        raise FileError(others[0].where, problem, "check the column of the join", code="table.not_joined")
     cells = pa.table(columns)
     where = f"{first.where} and {len(others)} more"
     return RawTable(where, tuple(columns), tuple(units), cells, lines[keep], first.decimal_comma), left_out
@@ -376,11 +407,16 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
 
 def _index(table: RawTable, join: str) -> dict[str, int]:
     if join not in table.names:
-        raise FileError(table.where, f"has no column {join!r} to join by", f"it has {', '.join(table.names[:20])}")
+        raise FileError(
+            table.where,
+            f"has no column {join!r} to join by",
+            f"it has {', '.join(table.names[:20])}",
+            code="table.column_missing",
+        )
     keys = [str(key).strip() for key in table.cells[join].to_pylist()]
     if len(set(keys)) < len(keys):
         problem = f"has a value of {join!r} twice"
-        raise FileError(table.where, problem, "join by a column with unique values")
+        raise FileError(table.where, problem, "join by a column with unique values", code="table.not_joined")
     return {key: row for row, key in enumerate(keys)}
 
 
@@ -394,7 +430,7 @@ def read_files(files: Sequence[tuple[Path, bytes]], layouts: Sequence[FileLayout
             sheets = sheets_of(data, str(path))
             if layout.sheet not in sheets:
                 problem = f"has no sheet {layout.sheet!r} with rows; it has {', '.join(map(repr, sheets)) or 'none'}"
-                raise FileError(str(path), problem, "name a sheet as `sheet` in the map")
+                raise FileError(str(path), problem, "name a sheet as `sheet` in the map", code="workbook.sheet_missing")
             data = sheets[layout.sheet]  # noqa: PLW2901 - the sheet stands for its workbook
         lines, _ = text_of(data, str(path), layout)
         tables.append(read_raw(lines, layout, str(path)))

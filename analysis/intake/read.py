@@ -144,10 +144,10 @@ def check_header(
     line = ",".join(names) if len(names) <= 2 else ""
     if line.count(";") > 2:
         remedy = f"save the file with commas and decimal points: sed 'y/,;/.,/' {as_argument(where)} > TABLE.csv"
-        raise FileError(where, "separates columns by semicolons", remedy)
+        raise FileError(where, "separates columns by semicolons", remedy, code="table.separator")
     if line.count("\t") > 2:
         remedy = f"save the file with commas between columns: tr '\\t' ',' < {as_argument(where)} > TABLE.csv"
-        raise FileError(where, "separates columns by tabs", remedy)
+        raise FileError(where, "separates columns by tabs", remedy, code="table.separator")
     layout = layout or format_of(test).layout(axes)
     problems = [
         TableProblem(1, name, "this column occurs twice; remove or rename one")
@@ -156,7 +156,9 @@ def check_header(
     ]
     missing = [name for name in layout.required if name not in names and not (direction_given and name == "direction")]
     if len(missing) == len(layout.required) and all(re.fullmatch(_CELL, name) for name in names):
-        raise FileError(where, "lacks a header line", f"insert this first line: {','.join(layout.required)}")
+        raise FileError(
+            where, "lacks a header line", f"insert this first line: {','.join(layout.required)}", code="table.no_header"
+        )
     problems += [TableProblem(1, name, _missing_column_problem(name, names, layout, test)) for name in missing]
     if not format_of(test).gauges and RAIL in names and RAIL not in layout.known_columns:
         fact = "the arm of the rig file has no rail; add robot.rail to the rig file, or rename this column"
@@ -220,12 +222,22 @@ def refuse_other_formats(where: str, data: bytes) -> None:
     """Raise FileError for the signature of an unsupported format."""
     for magic, fact, remedy in _BEGINNINGS:
         if data.startswith(magic):
-            raise FileError(where, fact, remedy.format(file=as_argument(where)))
+            raise FileError(where, fact, remedy.format(file=as_argument(where)), code="table.column_missing")
     if data.lstrip().startswith(ROS_KINEMATICS.encode()):
         fact = "is the kinematics of an arm (ur_calibration of ROS), not a table of measurements"
-        raise FileError(where, fact, "give it as --calibration FILE, and the table of measurements in its place")
+        raise FileError(
+            where,
+            fact,
+            "give it as --calibration FILE, and the table of measurements in its place",
+            code="table.is_yaml",
+        )
     if where.lower().endswith((".yaml", ".yml")):
-        raise FileError(where, "is a YAML file, such as a rig file, not a table", "give the table of measurements")
+        raise FileError(
+            where,
+            "is a YAML file, such as a rig file, not a table",
+            "give the table of measurements",
+            code="table.is_yaml",
+        )
 
 
 def refuse_comments(where: str, data: bytes, test: TestName) -> None:
@@ -237,10 +249,15 @@ def refuse_comments(where: str, data: bytes, test: TestName) -> None:
     if len(names & set(format_of(test).layout().required)) > 1:
         before = f"1,{count - 1}d; " if count > 1 else ""
         problem = f"has the header in line {count} after a #, which marks a comment"
-        raise FileError(where, problem, f"remove the #: sed '{before}s/^# *//' {file} > TABLE.csv")
+        raise FileError(
+            where, problem, f"remove the #: sed '{before}s/^# *//' {file} > TABLE.csv", code="table.comments"
+        )
     comment = "a line" if count == 1 else f"{count} lines"
     raise FileError(
-        where, f"begins with {comment} of comment (#)", f"remove the comments: sed '/^#/d' {file} > TABLE.csv"
+        where,
+        f"begins with {comment} of comment (#)",
+        f"remove the comments: sed '/^#/d' {file} > TABLE.csv",
+        code="table.comments",
     )
 
 
@@ -281,7 +298,7 @@ def read_file(
     if reader := reader_of(data):
         if not has_direction:
             problem = "is a bag, from which circles are read, and poses by a map"
-            raise FileError(str(path), problem, f"give the table of a {test} test as CSV")
+            raise FileError(str(path), problem, f"give the table of a {test} test as CSV", code="bag.ambiguous")
         text, doubts = reader.table_of(data, str(path), rig, test)
     table = parse_csv(text, str(path), test, rig, direction, joints)
     words = table["direction"][0].as_py() if has_direction else None
@@ -298,7 +315,12 @@ def parse_csv(
 ) -> pa.Table:
     """Parse the bytes of a table file; `where` is the name in errors. See `read_file`."""
     if direction and "direction" not in format_of(test).layout().required:
-        raise FileError(where, f"is of a {test} test, which does not have a direction", "leave --direction out")
+        raise FileError(
+            where,
+            f"is of a {test} test, which does not have a direction",
+            "leave --direction out",
+            code="request.direction",
+        )
     _require_text(where, data)
     rows = _rows(data, where)
     _, header = next(rows, (1, []))
@@ -311,7 +333,7 @@ def parse_csv(
     problems = Problems()
     columns, lines = columns_of(_whole_rows(rows, names, where, problems), names, layout, problems)
     if not len(lines) and not problems.count:
-        raise FileError(where, "has a header but no rows", "give the measured rows")
+        raise FileError(where, "has a header but no rows", "give the measured rows", code="table.no_rows")
     if direction and "direction" not in columns:
         completed: dict[str, pa.ChunkedArray] = {}
         for name, values in columns.items():
@@ -328,10 +350,13 @@ def parse_csv(
 def _names(header: list[str], where: str, joints: JointSource) -> list[str]:
     """Return the column names. Raises FileError if the header is missing or too long, or lacks the selected joints."""
     if not any(header):
-        raise FileError(where, "is empty", "give a table with a header line")
+        raise FileError(where, "is empty", "give a table with a header line", code="table.empty")
     if len(header) > _MOST_COLUMNS:
         raise FileError(
-            where, f"has {len(header)} columns, more than {_MOST_COLUMNS}", "remove the columns that are not needed"
+            where,
+            f"has {len(header)} columns, more than {_MOST_COLUMNS}",
+            "remove the columns that are not needed",
+            code="table.too_large",
         )
     names = [as_it_was(name) for name in header]
     if joints != "commanded":
@@ -339,7 +364,12 @@ def _names(header: list[str], where: str, joints: JointSource) -> list[str]:
     # Use the commanded joints as those of the robot, and rename the measured joints.
     if missing := [name for name in COMMANDED if name not in names]:
         problem = f"has no {', '.join(missing)}, which --joints commanded reads"
-        raise FileError(where, problem, "rename the columns of the commanded joints, or leave --joints out")
+        raise FileError(
+            where,
+            problem,
+            "rename the columns of the commanded joints, or leave --joints out",
+            code="table.not_commanded",
+        )
     renamed = dict(zip((*COMMANDED, *JOINTS), (*JOINTS, *MEASURED), strict=True))
     return [renamed.get(name, name) for name in names]
 
@@ -349,14 +379,20 @@ def read_whole(path: Path) -> bytes:
     try:
         return read_bytes(path, MOST_BYTES)
     except IsADirectoryError:
-        raise FileError(str(path), "is a directory", "give a file; of a bag the .mcap or .db3 file in it") from None
+        raise FileError(
+            str(path), "is a directory", "give a file; of a bag the .mcap or .db3 file in it", code="file.is_directory"
+        ) from None
     except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "check the path and the permissions") from None
+        raise FileError(
+            str(path), error.strerror or str(error), "check the path and the permissions", code="file.unreadable"
+        ) from None
     except FileError:
         if path.is_file() and path.stat().st_size > MOST_BYTES:
             head = read_from(path, 0, _HEAD_BYTES)[0]
             if (reader := reader_of(head)) and (remedy := reader.size_remedy(head)):
-                raise FileError(str(path), f"is a bag of more than {MOST_BYTES / 1e6:g} MB", remedy) from None
+                raise FileError(
+                    str(path), f"is a bag of more than {MOST_BYTES / 1e6:g} MB", remedy, code="bag.too_large"
+                ) from None
         raise
 
 
@@ -385,9 +421,14 @@ def _require_text(where: str, data: bytes) -> None:
             data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise FileError(where, f"line {line} is not UTF-8", "save the file as UTF-8") from None
+        raise FileError(where, f"line {line} is not UTF-8", "save the file as UTF-8", code="table.not_utf8") from None
     if b"\0" in data:
-        raise FileError(where, "contains zero bytes, so it is not a text file", "give the table as UTF-8 text")
+        raise FileError(
+            where,
+            "contains zero bytes, so it is not a text file",
+            "give the table as UTF-8 text",
+            code="table.not_text",
+        )
 
 
 def _rows(data: bytes, where: str) -> Iterator[Row]:
@@ -416,6 +457,6 @@ def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Pro
             continue
         if count > most_rows:
             problem = f"has more than {_MOST_CELLS} cells in its first {line} lines"
-            raise FileError(where, problem, "import the file in several runs")
+            raise FileError(where, problem, "import the file in several runs", code="table.too_large")
         count += 1
         yield line, fields

@@ -59,7 +59,7 @@ def _loaded(offer: EntryPoint) -> StreamReader:
     except Exception as reason:
         problem = f"{offer.value}, which a package offers, cannot be used: {reason}"
         remedy = "install a different version of that package, or uninstall the package"
-        raise FileError(f"reader {offer.name}", problem, remedy) from reason
+        raise FileError(f"reader {offer.name}", problem, remedy, code="reader.unusable") from reason
 
 
 def reader_of(data: bytes) -> StreamReader | None:

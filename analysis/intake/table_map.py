@@ -184,9 +184,11 @@ def load_map(path: Path) -> TableMap:
     try:
         text = read_bytes(path, _MOST_BYTES).decode("utf-8")
     except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "check the path of the map") from None
+        raise FileError(
+            str(path), error.strerror or str(error), "check the path of the map", code="file.unreadable"
+        ) from None
     except UnicodeDecodeError:
-        raise FileError(str(path), "is not UTF-8", "save the map as UTF-8") from None
+        raise FileError(str(path), "is not UTF-8", "save the map as UTF-8", code="map.not_utf8") from None
     return parse_map(text, str(path))
 
 
@@ -197,7 +199,12 @@ def parse_map(text: str, where: str) -> TableMap:
         key, _, value = line.partition(":")
         if not line.lstrip().startswith("#") and value.strip() in (f'"{OPEN}"', f"'{OPEN}'", OPEN):
             problem = f"line {number}, {key.strip()}: this question is not answered"
-            raise FileError(where, problem, "write one of the answers listed above that line in place of the ?")
+            raise FileError(
+                where,
+                problem,
+                "write one of the answers listed above that line in place of the ?",
+                code="map.questions",
+            )
     try:
         return TableMap.model_validate(data)
     except ValidationError as error:

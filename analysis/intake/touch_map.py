@@ -37,7 +37,9 @@ def refuse_two_arms(path: Path, test: TestName) -> None:
     """Raise FileError for touches of two arms: they are no touches of a fixed socket."""
     if SOCKET in format_of(test).layout().required and has_two_arms(path):
         problem = "has p1_deg, the joints of a second arm that holds the socket"
-        raise FileError(str(path), problem, f"calibrate both arms: rig pair FIRST SECOND {as_argument(path)}")
+        raise FileError(
+            str(path), problem, f"calibrate both arms: rig pair FIRST SECOND {as_argument(path)}", code="touch.two_arms"
+        )
 
 
 def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> TableMap:
@@ -70,7 +72,9 @@ def _joints(raw: RawTable, rig: Rig, optional: set[str]) -> Angles:
     if group is None:
         axes = len(rig.robot.axes)
         problem = f"lacks columns for the {axes} joints of the arm; it has {', '.join(raw.names[:20])}"
-        raise FileError(raw.where, problem, f"name the columns q1_deg … q{axes}_deg, or J1 … J{axes}")
+        raise FileError(
+            raw.where, problem, f"name the columns q1_deg … q{axes}_deg, or J1 … J{axes}", code="touch.no_joints"
+        )
     return likely_angles(raw, group)
 
 
@@ -81,4 +85,6 @@ def _only(rig: Rig, where: str) -> str:
         return sockets[0]
     declared = f", of {', '.join(sockets)}" if sockets else ""
     problem = "does not name the socket of each row"
-    raise FileError(where, problem, f"add a column socket, or give --socket NAME for all rows{declared}")
+    raise FileError(
+        where, problem, f"add a column socket, or give --socket NAME for all rows{declared}", code="touch.no_sockets"
+    )

@@ -60,7 +60,7 @@ def refuse_foreign(path: Path, option: str = "--output") -> None:
     except FileNotFoundError:
         return
     except FileError as error:  # not a regular file
-        raise FileError(error.where, error.what, f"choose a different {option}") from None
+        raise FileError(error.where, error.what, f"choose a different {option}", code="file.unreadable") from None
     except OSError as error:
         raise FileError(
             str(path), error.strerror or str(error), f"choose a different {option}", code="output.not_writable"

@@ -52,6 +52,10 @@ def codes_in(tree: ast.AST) -> Iterator[tuple[str, str, str]]:
         if isinstance(target, ast.Name)
     ]
     for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef):
+            for line in node.body:
+                if isinstance(line, ast.Assign) and ast.unparse(line.targets[0]) == "code" and "." in ast.unparse(line):
+                    yield ast.literal_eval(line.value), (ast.get_docstring(node) or "").partition(". ")[0], ""
         if not isinstance(node, ast.Call):
             continue
         code = {word.arg: word.value for word in node.keywords}.get("code")

@@ -95,9 +95,14 @@ class McapBag:
                 remedy = "record the topics of joints and gauges only, or import the file in several runs"
                 if (unpacked := unpacked + size) > _MOST_UNPACKED:
                     problem = f"expands to more than {_MOST_UNPACKED / 1e9:g} GB"
-                    raise FileError(self.where, problem, remedy)
+                    raise FileError(self.where, problem, remedy, code="bag.too_large")
                 if size > _MOST_OF_CHUNK:
-                    raise FileError(self.where, f"contains a chunk of more than {_MOST_OF_CHUNK / 1e6:g} MB", remedy)
+                    raise FileError(
+                        self.where,
+                        f"contains a chunk of more than {_MOST_OF_CHUNK / 1e6:g} MB",
+                        remedy,
+                        code="bag.too_large",
+                    )
             else:
                 checked &= not isinstance(record, Message)
             for part in _records_in(record) if isinstance(record, Chunk) else (record,):
@@ -226,7 +231,12 @@ def file_of(path: Path) -> Path:
             remedy = (
                 f"write that file into the bag: sqlite3 {as_argument(str(files[0]))} 'PRAGMA wal_checkpoint(TRUNCATE)'"
             )
-            raise FileError(str(files[0]), f"was not closed: the last messages are still in {log.name}", remedy)
+            raise FileError(
+                str(files[0]),
+                f"was not closed: the last messages are still in {log.name}",
+                remedy,
+                code="bag.not_closed",
+            )
         return files[0]
     problem = f"is a directory with {len(files) or 'no'} files of a bag ({' or '.join(_SUFFIXES)})"
     remedy = (
@@ -234,14 +244,14 @@ def file_of(path: Path) -> Path:
         if files
         else "give the file, or the directory of ros2 bag record"
     )
-    raise FileError(str(path), problem, remedy)
+    raise FileError(str(path), problem, remedy, code="bag.directory")
 
 
 def messages_of(bag: Bag) -> Iterator[BagMessage]:
     """Yield the messages of a bag. Raises FileError if it is truncated or damaged."""
     if not bag.is_whole:
         remedy = "copy the bag a second time, or repair an interrupted recording: mcap recover BAG -o REPAIRED"
-        raise FileError(bag.where, "is truncated: the magic bytes at the end are missing", remedy)
+        raise FileError(bag.where, "is truncated: the magic bytes at the end are missing", remedy, code="bag.damaged")
     try:
         for message in bag.messages():
             if not max(message.log_ns, message.sent_ns) < _LAST_NS:
@@ -252,7 +262,7 @@ def messages_of(bag: Bag) -> Iterator[BagMessage]:
     except MemoryError:
         raise out_of_memory(Path(bag.where)) from None
     except Exception as error:  # noqa: BLE001 - of a damaged file, whatever its decompressors raise
-        raise FileError(bag.where, f"is damaged: {words_of(error)}", "copy the bag again") from None
+        raise FileError(bag.where, f"is damaged: {words_of(error)}", "copy the bag again", code="bag.damaged") from None
 
 
 JOINT_STATE, NUMBER, TF = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64", "tf2_msgs/msg/TFMessage"

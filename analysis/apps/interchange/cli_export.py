@@ -45,10 +45,15 @@ def export(
         output.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
         raise FileError(
-            str(output), "is a file, but several runs need a directory", "choose a different --output"
+            str(output),
+            "is a file, but several runs need a directory",
+            "choose a different --output",
+            code="export.not_a_directory",
         ) from None
     except OSError as error:
-        raise FileError(str(output), error.strerror or str(error), "choose a different --output") from None
+        raise FileError(
+            str(output), error.strerror or str(error), "choose a different --output", code="export.not_written"
+        ) from None
     for_each(paths, lambda path: _export(path, to, output / f"{path.name}.{to}"))
 
 
@@ -84,7 +89,7 @@ def _export(path: Path, to: Format, output: Path) -> None:
         durable.persist(output)  # Rigd may delete a marked run, and a power failure must not destroy the only copy.
     except OSError as error:
         problem = f"could not be written durably, so {path} is not marked as exported: {error.strerror or error}"
-        raise CellError(str(output), problem, "export to a different disk") from None
+        raise CellError(str(output), problem, "export to a different disk", code="export.not_written") from None
     try:
         mark_exported(path, to, output)
     except RigError as error:
@@ -99,6 +104,9 @@ def _map_of(run: Run) -> bytes:
     if table is None or not table.map:
         problem = "was imported without a column map" if table else "is a recorded run without an imported table"
         raise FileError(
-            str(run.path), problem, "give a run that rig import created from a table with different columns"
+            str(run.path),
+            problem,
+            "give a run that rig import created from a table with different columns",
+            code="export.not_written",
         )
     return table.map.encode()

@@ -115,7 +115,12 @@ def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: S
             break
     else:
         problem = f"the kinematics of the arm do not match the form of kinematics.yaml of {maker}"
-        raise FileError(f"{where}, robot.axes", problem, "export a URDF or a xacro: they can describe any arm")
+        raise FileError(
+            f"{where}, robot.axes",
+            problem,
+            "export a URDF or a xacro: they can describe any arm",
+            code="export.kinematics",
+        )
     before = [np.eye(4), *between[:-1]]
     origins = [
         np.linalg.inv(start) @ T @ end for start, T, end in zip(before, joint_origins(arm), between, strict=True)
@@ -155,11 +160,21 @@ def ur_driver_text(arm: Arm, where: str, calibration_hash: str | None = None, re
     """
     if calibration_hash is not None and not _HASH.fullmatch(calibration_hash):
         problem = f"{calibration_hash!r} is not a valid hash of the driver"
-        raise UseError("--hash", problem, "copy the hash from the file extracted by the driver: calib_ and digits")
+        raise UseError(
+            "--hash",
+            problem,
+            "copy the hash from the file extracted by the driver: calib_ and digits",
+            code="export.hash",
+        )
     off_deg = np.abs(np.degrees(arm.alpha) - _TWISTS_DEG)
     if (off_deg > _MOST_DEG).any() or -1 in joint_senses(arm, where, "calibration.yaml"):
         problem = "the kinematics of the arm do not match Universal Robots, as calibration.yaml requires"
-        raise FileError(f"{where}, robot.axes", problem, "omit --for ur-driver: a URDF can describe any arm")
+        raise FileError(
+            f"{where}, robot.axes",
+            problem,
+            "omit --for ur-driver: a URDF can describe any arm",
+            code="export.kinematics",
+        )
     kinematics: dict[str, object] = {}
     for link, T in zip(LINKS, joint_origins(arm), strict=True):
         xyz, rpy = metres_and_rpy(T)

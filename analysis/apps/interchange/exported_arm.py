@@ -54,7 +54,9 @@ def friction_nm(friction: Mapping[int, Friction], nm_per_a: Sequence[float]) -> 
     """
     if friction and max(friction) > len(nm_per_a):
         problem = f"has {len(nm_per_a)} numbers, but the run shows the friction of axis {max(friction)}"
-        raise UseError(_OPTION, problem, "give a number for each axis, from the data sheet of the maker")
+        raise UseError(
+            _OPTION, problem, "give a number for each axis, from the data sheet of the maker", code="export.torques"
+        )
     return {axis: joint.current_a * nm_per_a[axis - 1] for axis, joint in sorted(friction.items())}
 
 
@@ -63,7 +65,10 @@ def torques_of(text: str) -> tuple[float, ...]:
     values = numbers_in(text)
     if not values or min(values) <= 0:
         raise UseError(
-            _OPTION, f"{text!r} is not a list of torques above zero", "give a number per axis, separated by commas"
+            _OPTION,
+            f"{text!r} is not a list of torques above zero",
+            "give a number per axis, separated by commas",
+            code="export.torques",
         )
     return values
 

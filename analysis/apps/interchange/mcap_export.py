@@ -104,7 +104,7 @@ def write_mcap(run: Run, file: BinaryIO) -> None:
     if run.table is not None:
         if "t_s" not in run.table.column_names or not pa.types.is_floating(run.table.schema.field("t_s").type):
             problem = "the column t_s is missing, but MCAP needs the time of each row"
-            raise FileError(str(run.path), problem, "export the run as CSV or Parquet")
+            raise FileError(str(run.path), problem, "export the run as CSV or Parquet", code="export.time")
         tables = {TABLE: run.table}
     else:
         faults = pa.Table.from_pylist(run.faults, schema=pa.schema(list(FAULT_COLUMNS.items())))
@@ -181,5 +181,10 @@ def _log_times(name: str, table: pa.Table, run: Run) -> NDArray[np.uint64]:
     beyond = np.flatnonzero(~(since_ns < _END_NS))
     if beyond.size:
         problem = f"t_s of {t_s[beyond[0]]:g} s is after the year 2554, the maximum in MCAP"
-        raise FileError(str(run.path), problem, "import the table with t_s in seconds, or export as csv or parquet")
+        raise FileError(
+            str(run.path),
+            problem,
+            "import the table with t_s in seconds, or export as csv or parquet",
+            code="export.time",
+        )
     return np.asarray(np.rint(since_ns), dtype=np.uint64)

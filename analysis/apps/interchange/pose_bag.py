@@ -117,7 +117,12 @@ def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTa
     notes += [f"{count} of {len(stands)} stops of the robot not used: {why}" for why, count in lost.items()]
     if not rows:
         reasons = "; ".join(notes) or "the robot never stopped for 0.3 s"
-        raise FileError(where, f"contains no usable stop of the robot ({reasons})", "stop the robot at each pose")
+        raise FileError(
+            where,
+            f"contains no usable stop of the robot ({reasons})",
+            "stop the robot at each pose",
+            code="bag.no_stops",
+        )
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     scatter = ["std_x_mm", "std_y_mm", "std_z_mm", "std_joints_deg", "readings"]
@@ -156,15 +161,18 @@ def _read(
         if len(joint_topics) > 1 and not ros:
             problem = f"contains the joints of {len(joint_topics)} arms, on {', '.join(sorted(joint_topics))[:300]}"
             remedy = "give the topic of the measured arm in the rig file: feedback: {interface: "
-            raise FileError(where, problem, f"{remedy}ros2_joint_states, topic: …, joints: […]}}")
+            raise FileError(where, problem, f"{remedy}ros2_joint_states, topic: …, joints: […]}}", code="bag.ambiguous")
         raise FileError(
-            where, f"{JOINT_STATE} on {topic} is missing; available: {has}", "set the topic in the rig file"
+            where,
+            f"{JOINT_STATE} on {topic} is missing; available: {has}",
+            "set the topic in the rig file",
+            code="bag.topic_missing",
         )
     states = [message for message in messages if message.topic == topic and message.kind == JOINT_STATE]
     names = list(ros.joints) if ros else _names(states, len(rig.robot.axes), where)
     if odd := [name for name in names if not _JOINT.fullmatch(name)]:
         problem = f"contains an invalid joint name {odd[0][:40]!r}"
-        raise FileError(where, problem, "name the six joints in the rig file")
+        raise FileError(where, problem, "name the six joints in the rig file", code="bag.joint_name")
     joints, placed = _SenderMessages(), dict[str, _SenderMessages]()
     for message in states:
         stamp_ns, angles = _joints(message.data)
@@ -184,7 +192,12 @@ def _read(
             placed.setdefault(name, _SenderMessages(placed=True)).lacking += 1
     if len(joints.log_ns) < 2:
         problem = f"contains fewer than two messages of {topic} with the joints {', '.join(names)}"
-        raise FileError(where, problem, "name the joints in the rig file: feedback: {interface: ros2_joint_states, …}")
+        raise FileError(
+            where,
+            problem,
+            "name the joints in the rig file: feedback: {interface: ros2_joint_states, …}",
+            code="bag.no_joints",
+        )
     return names, joints, placed
 
 
@@ -206,7 +219,12 @@ def _names(messages: Sequence[BagMessage], axes: int, where: str) -> list[str]:
         if others:
             arms = "; ".join(", ".join(names[:_MOST_JOINTS]) for names in (name_lists[0], others))
             problem = f"contains the joints of two arms on a single topic ({arms[:300]})"
-            raise FileError(where, problem, "give the joints of the measured arm in the rig file: feedback.joints")
+            raise FileError(
+                where,
+                problem,
+                "give the joints of the measured arm in the rig file: feedback.joints",
+                code="bag.ambiguous",
+            )
         return name_lists[0]
     for message in messages:
         with suppress(struct.error, IndexError):
@@ -215,10 +233,13 @@ def _names(messages: Sequence[BagMessage], axes: int, where: str) -> list[str]:
             if state.count() == 0 and state.count() > 0:  # Positions with no names
                 problem = "contains joint messages without names, so the angles cannot be assigned"
                 raise FileError(
-                    where, problem, "publish JointState with names, or import joints and positions as a table"
+                    where,
+                    problem,
+                    "publish JointState with names, or import joints and positions as a table",
+                    code="bag.joint_name",
                 )
     problem = f"a message with {axes} to {_MOST_JOINTS} joints is missing"
-    raise FileError(where, problem, "give the rig file of the measured arm")
+    raise FileError(where, problem, "give the rig file of the measured arm", code="bag.no_joints")
 
 
 def _chosen(placed: dict[str, _SenderMessages], topic: str, where: str) -> tuple[str, _SenderMessages]:
@@ -228,11 +249,16 @@ def _chosen(placed: dict[str, _SenderMessages], topic: str, where: str) -> tuple
     if not tracks:
         kinds = ", ".join(kind.rpartition("/")[2] for kind in PLACED)
         raise FileError(
-            where, f"a topic with positions is missing ({kinds})", "also record the topic of the measuring instrument"
+            where,
+            f"a topic with positions is missing ({kinds})",
+            "also record the topic of the measuring instrument",
+            code="bag.no_positions",
         )
     if topic:
         if topic not in tracks:
-            raise FileError(where, f"contains no positions on {topic!r}", f"choose --topic from {has}")
+            raise FileError(
+                where, f"contains no positions on {topic!r}", f"choose --topic from {has}", code="bag.no_positions"
+            )
         return topic, tracks[topic]
     no_transforms = {name: track for name, track in tracks.items() if ":" not in name} or tracks
     if len(no_transforms) > 1:
@@ -240,6 +266,7 @@ def _chosen(placed: dict[str, _SenderMessages], topic: str, where: str) -> tuple
             where,
             f"contains {len(tracks)} topics or frames with positions ({has})",
             "choose the instrument's topic with --topic",
+            code="bag.ambiguous",
         )
     return next(iter(no_transforms.items()))
 

@@ -184,7 +184,7 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _TopicMessages]:
     where = bag.where
     if not isinstance(rig.feedback, ROS2JointStates):
         remedy = "add the joints to the rig file: feedback: {interface: ros2_joint_states, joints: [six names]}"
-        raise FileError(where, "is a bag, but the rig file does not name the joints", remedy)
+        raise FileError(where, "is a bag, but the rig file does not name the joints", remedy, code="bag.joint_name")
     names = rig.feedback.joints
     topic = "/" + rig.feedback.topic.lstrip("/")
     tracks = {topic: _TopicMessages(JOINT_STATE, _JOINT_COLUMNS, lambda message: _angles_deg(message, names))}
@@ -200,13 +200,13 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _TopicMessages]:
             track.add(message.log_ns, message.sent_ns, message.data)
             if len(track.ns) > _MOST_MESSAGES:
                 problem = f"contains more than {_MOST_MESSAGES} messages of {message.topic}"
-                raise FileError(where, problem, "import the file in several runs")
+                raise FileError(where, problem, "import the file in several runs", code="bag.too_large")
     for topic, track in tracks.items():
         if len(track.ns) < 2:
             has = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items()))[:300] or "no messages"
             problem = f"contains fewer than two usable messages of {topic} ({track.schema}); its topics: {has}"
             remedy = "set the topic and the joints in the rig file, and publish the gauges on /g1, /g2"
-            raise FileError(where, problem, remedy)
+            raise FileError(where, problem, remedy, code="bag.too_large")
     return tracks
 
 

@@ -100,7 +100,7 @@ def read_urdf(path: Path) -> Urdf:
         from pytransform3d.urdf import UrdfException, parse_urdf  # noqa: PLC0415 - an extra of the package
     except ModuleNotFoundError as error:
         problem = f"needs the Python package {error.name}, which is missing"
-        raise CellError("import-urdf", problem, to_install("pytransform3d")) from None
+        raise CellError("import-urdf", problem, to_install("pytransform3d"), code="package.missing") from None
     from lxml import etree  # noqa: PLC0415 - comes with it
 
     where = str(path)
@@ -110,16 +110,20 @@ def read_urdf(path: Path) -> Urdf:
     for joint in root.findall("joint"):
         if (kind := joint.get("type")) not in _TYPES:
             problem = f"joint {joint.get('name')} " + (f"is {kind}" if kind else "has no type")
-            raise FileError(where, problem, "write type revolute, or remove the joint")
+            raise FileError(where, problem, "write type revolute, or remove the joint", code="urdf.not_urdf")
     try:
         name, links, joints = parse_urdf(etree.tostring(root, encoding="unicode"))
     except UrdfException as error:
-        raise FileError(where, f"not readable as URDF: {str(error).rstrip('.')}", "correct it") from None
+        raise FileError(
+            where, f"not readable as URDF: {str(error).rstrip('.')}", "correct it", code="urdf.not_urdf"
+        ) from None
     for kind, names in (("link", [link.name for link in links]), ("joint", [joint.joint_name for joint in joints])):
         if twice := _twice(names):
-            raise FileError(where, f"has two {kind}s named {twice}", "rename one of them")
+            raise FileError(where, f"has two {kind}s named {twice}", "rename one of them", code="urdf.twice")
     if twice := _twice([joint.child for joint in joints]):
-        raise FileError(where, f"link {twice} is the child of two joints", "remove one of them: a URDF is a tree")
+        raise FileError(
+            where, f"link {twice} is the child of two joints", "remove one of them: a URDF is a tree", code="urdf.tree"
+        )
     masses = {str(link.name): Mass(link.mass, _in_mm(link.inertial_frame)[:3, 3]) for link in links}
     return Urdf(name, masses, tuple(map(_joint, joints, root.findall("joint"))))
 
@@ -132,27 +136,37 @@ def _xml_root(path: Path) -> Any:
     try:
         text = read_text(path, _MOST_BYTES)
     except OSError as error:
-        raise FileError(where, error.strerror or str(error), _GIVE_URDF) from None
+        raise FileError(where, error.strerror or str(error), _GIVE_URDF, code="file.unreadable") from None
     if "<!DOCTYPE" in text or "<!ENTITY" in text:  # A few lines of nested entities expand to gigabytes.
         raise FileError(
-            where, "declares a document type or entities, which are not allowed in a URDF", "remove <!DOCTYPE …>"
+            where,
+            "declares a document type or entities, which are not allowed in a URDF",
+            "remove <!DOCTYPE …>",
+            code="urdf.entities",
         )
     if max(part.count("=") for part in text.split("<")) > _MOST_ATTRIBUTES:
-        raise FileError(where, f"has an element of more than {_MOST_ATTRIBUTES} attributes", _GIVE_URDF)
+        raise FileError(
+            where, f"has an element of more than {_MOST_ATTRIBUTES} attributes", _GIVE_URDF, code="urdf.too_large"
+        )
     parser = etree.XMLParser(
         encoding="utf-8", resolve_entities=False, no_network=True, remove_comments=True, remove_pis=True
     )
     try:
         root = etree.fromstring(text.encode(), parser)
     except etree.XMLSyntaxError as error:
-        raise FileError(where, f"not XML: {error.msg}", _GIVE_URDF) from None
+        raise FileError(where, f"not XML: {error.msg}", _GIVE_URDF, code="urdf.not_urdf") from None
     if root.tag != "robot":
-        raise FileError(where, f"is not a URDF: the root element is <{root.tag}>, not <robot>", _GIVE_URDF)
+        raise FileError(
+            where, f"is not a URDF: the root element is <{root.tag}>, not <robot>", _GIVE_URDF, code="urdf.not_urdf"
+        )
     if any("xacro" in str(part.tag) for part in root.iter()):
-        raise FileError(where, "is xacro, not URDF", _XACRO)
+        raise FileError(where, "is xacro, not URDF", _XACRO, code="urdf.xacro")
     if (count := len(root.findall("link")) + len(root.findall("joint"))) > _MOST_PARTS:
         raise FileError(
-            where, f"has {count} links and joints, more than {_MOST_PARTS}", "give the URDF of a single arm"
+            where,
+            f"has {count} links and joints, more than {_MOST_PARTS}",
+            "give the URDF of a single arm",
+            code="urdf.too_large",
         )
     # Drop everything except joints, and links with masses.
     for parent, kept in ((root, ("link", "joint")), *((link, ("inertial",)) for link in root.findall("link"))):
@@ -170,7 +184,7 @@ def _require_numbers(part: Any, where: str) -> None:
     for element in part.iter():
         for key, words in element.attrib.items():
             if "${" in words or "$(" in words:
-                raise FileError(where, "is xacro, not URDF: numbers are given as ${…}", _XACRO)
+                raise FileError(where, "is xacro, not URDF: numbers are given as ${…}", _XACRO, code="urdf.xacro")
             if not (count := _NUMBERS.get((element.tag, key))):
                 continue
             try:
@@ -181,7 +195,10 @@ def _require_numbers(part: Any, where: str) -> None:
             if not possible or (element.tag == "mass" and numbers[0] < 0):
                 fact = f"{part.tag} {part.get('name')} has {element.tag} {key}={words!r}"
                 raise FileError(
-                    where, fact, f"write {'three numbers' if count == 3 else 'a number'} in the range of a robot arm"
+                    where,
+                    fact,
+                    f"write {'three numbers' if count == 3 else 'a number'} in the range of a robot arm",
+                    code="urdf.value",
                 )
             element.set(key, " ".join(map(repr, numbers)))
 
@@ -270,14 +287,14 @@ def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain
     if tip is None and last and any(word in f"{last.name} {last.child}".lower() for word in _GRIPPER):
         problem = f"the last joint, {last.name} to {last.child}, belongs to a gripper according to its name"
         remedy = f"choose the flange: --tip {last.parent}, or --tip {last.child} if the joint is an axis"
-        raise FileError(where, problem, remedy)
+        raise FileError(where, problem, remedy, code="urdf.gripper")
     if loose := next((joint for joint in chain.up if joint.moves), None):
-        raise FileError(where, f"joint {loose.name} moves the base {start}", _REMEDY)
+        raise FileError(where, f"joint {loose.name} moves the base {start}", _REMEDY, code="urdf.base_moves")
     for joint in moving:
         _require_an_axis(joint, where, rail=joint is chain.rail)
     if not FEWEST_AXES <= (count := len(chain.turning)) <= MOST_AXES:
         problem = f"{count} turning joints from {start} to {end}; an arm needs {FEWEST_AXES} to {MOST_AXES}"
-        raise FileError(where, problem, _REMEDY)
+        raise FileError(where, problem, _REMEDY, code="urdf.axes")
     return chain
 
 
@@ -330,15 +347,19 @@ def _ends(urdf: Urdf, base: str | None, tip: str | None, above: dict[str, UrdfJo
     names = list(urdf.masses)
     for name in (base, tip):
         if name is not None and name not in names:
-            raise FileError(where, f"has no link {name}", f"its links are {first_of(names, _LISTED)}")
+            raise FileError(
+                where, f"has no link {name}", f"its links are {first_of(names, _LISTED)}", code="urdf.link_missing"
+            )
     start = base or "base"
     if start not in names:
         if not names:
-            raise FileError(where, "has no links", "give the URDF of an arm, after expanding xacro macros")
+            raise FileError(
+                where, "has no links", "give the URDF of an arm, after expanding xacro macros", code="urdf.no_links"
+            )
         roots = [name for name in names if name not in above]
         if len(roots) != 1:
             problem = f"has {len(roots)} links without a parent" + (f": {first_of(roots, _LISTED)}" if roots else "")
-            raise FileError(where, problem, "choose the base link of the arm with --base")
+            raise FileError(where, problem, "choose the base link of the arm with --base", code="urdf.ambiguous")
         start = roots[0]
     if tip or "tool0" in names:
         return start, tip or "tool0"
@@ -346,9 +367,16 @@ def _ends(urdf: Urdf, base: str | None, tip: str | None, above: dict[str, UrdfJo
     leaves = [name for name in names if name not in parents and name != start]
     moved = [name for name in leaves if any(joint.moves for joint in _path(name, above, where))]
     if not moved:
-        raise FileError(where, "has no moving joint", f"give the URDF of an arm of {FEWEST_AXES} to {MOST_AXES} axes")
+        raise FileError(
+            where,
+            "has no moving joint",
+            f"give the URDF of an arm of {FEWEST_AXES} to {MOST_AXES} axes",
+            code="urdf.no_joints",
+        )
     if len(moved) > 1:
-        raise FileError(where, f"has {len(moved)} ends: {first_of(moved, _LISTED)}", "choose one with --tip")
+        raise FileError(
+            where, f"has {len(moved)} ends: {first_of(moved, _LISTED)}", "choose one with --tip", code="urdf.tree"
+        )
     return start, moved[0]
 
 
@@ -360,18 +388,30 @@ def _require_an_axis(joint: UrdfJoint, where: str, *, rail: bool) -> None:
             f"{place} follows joint {joint.follows}, as in a parallelogram; rig describes arms whose joints all move"
         )
         raise FileError(
-            where, f"{problem} by themselves", "choose an end before that joint with --tip, if there is one"
+            where,
+            f"{problem} by themselves",
+            "choose an end before that joint with --tip, if there is one",
+            code="urdf.parallel",
         )
     if joint.type == "prismatic" and not rail:
-        raise FileError(where, f"{place} is prismatic", _SLIDES)
+        raise FileError(where, f"{place} is prismatic", _SLIDES, code="urdf.prismatic")
     if np.linalg.norm(joint.axis) < 1e-6:
-        raise FileError(where, f"{place} has an axis of zero length", "write the direction of the axis, such as 0 0 1")
+        raise FileError(
+            where,
+            f"{place} has an axis of zero length",
+            "write the direction of the axis, such as 0 0 1",
+            code="urdf.value",
+        )
     endless = joint.type == "continuous"
     if not np.isfinite([joint.velocity, *(() if endless else (joint.lower, joint.upper))]).all():
-        raise FileError(where, f"{place} has no limits", "write <limit> with lower, upper and velocity")
+        raise FileError(
+            where, f"{place} has no limits", "write <limit> with lower, upper and velocity", code="urdf.no_limits"
+        )
     if (not endless and joint.lower >= joint.upper) or joint.velocity <= 0:
         problem = f"{place} has lower {joint.lower:g}, upper {joint.upper:g} and velocity {joint.velocity:g}"
-        raise FileError(where, problem, "write the limits in ascending order, and a velocity above 0")
+        raise FileError(
+            where, problem, "write the limits in ascending order, and a velocity above 0", code="urdf.value"
+        )
 
 
 def _path(link: str, above: dict[str, UrdfJoint], where: str) -> list[UrdfJoint]:
@@ -379,7 +419,9 @@ def _path(link: str, above: dict[str, UrdfJoint], where: str) -> list[UrdfJoint]
     path: list[UrdfJoint] = []
     while joint := above.get(link):
         if len(path) > len(above):
-            raise FileError(where, f"the links above {link} form a circle", "correct the links: a URDF is a tree")
+            raise FileError(
+                where, f"the links above {link} form a circle", "correct the links: a URDF is a tree", code="urdf.tree"
+            )
         path.append(joint)
         link = joint.parent
     return path[::-1]

@@ -43,7 +43,7 @@ def joint_senses(arm: Arm, where: str, kind: str) -> list[int]:
         remedy = (
             "in a copy, set coupling to the signs only, and convert joint angles to axis angles before using the file"
         )
-        raise FileError(f"{where}, robot.coupling", problem, remedy)
+        raise FileError(f"{where}, robot.coupling", problem, remedy, code="export.kinematics")
     return [int(sense) for sense in senses]
 
 
@@ -122,12 +122,14 @@ def require_names(robot: Robot, where: str) -> None:
     for k, name in enumerate(names, start=1):
         if not name.strip() or not name.isprintable():
             problem = f"axis {k} has the name {name!r}, which is not valid in a URDF"
-            raise FileError(f"{where}, robot.axes", problem, "use printable characters only")
+            raise FileError(f"{where}, robot.axes", problem, "use printable characters only", code="export.name")
         if name in (*names[: k - 1], *_fixed_joints(robot), *([RAIL_JOINT] if robot.rail else [])):
-            raise FileError(f"{where}, robot.axes", f"two joints would be named {name!r}", "rename one of them")
+            raise FileError(
+                f"{where}, robot.axes", f"two joints would be named {name!r}", "rename one of them", code="export.name"
+            )
     if not robot.name.isprintable():
         problem = f"the name {robot.name!r} is not valid in a URDF"
-        raise FileError(f"{where}, robot.name", problem, "use printable characters only")
+        raise FileError(f"{where}, robot.name", problem, "use printable characters only", code="export.name")
 
 
 def _fixed_joints(robot: Robot) -> tuple[str, str, str]:
@@ -200,7 +202,9 @@ def xacro_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) 
     """
     for name in (robot.name, *(axis.name for axis in robot.axes)):
         if _EXPANDS.search(name):
-            raise FileError(f"{where}, robot", f"xacro would evaluate the name {name!r}", "remove the $ from it")
+            raise FileError(
+                f"{where}, robot", f"xacro would evaluate the name {name!r}", "remove the $ from it", code="export.name"
+            )
     ElementTree.register_namespace("xacro", _XACRO)
     parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))  # noqa: S314 - it is ours
     urdf = ElementTree.fromstring(urdf_text(robot, arm, where, remarks).encode(), parser)  # noqa: S314

@@ -91,7 +91,12 @@ def seat_of(bought: Bought) -> Seat:
     if bore > contact - 1:
         magnet_mm = bought.magnet_mm[0]
         what = f"with a magnet of {magnet_mm:g} mm, a ball of {bought.ball_mm:g} mm would not rest on the cone"
-        raise UseError("--magnet-mm", what, f"choose a magnet of at most {2 * (contact - 1 - _CLEAR_MM):.0f} mm")
+        raise UseError(
+            "--magnet-mm",
+            what,
+            f"choose a magnet of at most {2 * (contact - 1 - _CLEAR_MM):.0f} mm",
+            code="parts.impossible",
+        )
     return Seat(centre, contact, contact + _RIM_MM, centre - radius - _GAP_MM, bore)
 
 
@@ -138,11 +143,13 @@ def _hole(bought: Bought) -> list[tuple[float, float]]:
     """
     seat = seat_of(bought)
     if bought.screw not in _SCREWS:
-        raise UseError("--screw", f"{bought.screw} is not one of {', '.join(_SCREWS)}", "give one of them")
+        raise UseError(
+            "--screw", f"{bought.screw} is not one of {', '.join(_SCREWS)}", "give one of them", code="parts.unknown"
+        )
     clearance, head = (diameter / 2 for diameter in _SCREWS[bought.screw])
     if head > seat.bore:
         what = f"the head of an {bought.screw} does not fit through the bore for a magnet of {bought.magnet_mm[0]:g} mm"
-        raise UseError("--screw", what, "choose a smaller screw or a wider magnet")
+        raise UseError("--screw", what, "choose a smaller screw or a wider magnet", code="parts.impossible")
     floor = seat.magnet_top - bought.magnet_mm[1]
     bottom = floor - (head - clearance) - _FLOOR_MM
     inside = [(seat.rim, seat.rim), (seat.bore, seat.bore), (seat.bore, floor), (head, floor)]
@@ -211,7 +218,7 @@ def _link(bought: Bought, name: str, length_mm: float) -> PrintedPart:
     shelf = seat.bore - _SHELF_MM
     if 2 * (top - depth) - shelf < _FLOOR_MM:
         what = f"a link of {length_mm:g} mm has no space for two magnets of {bought.magnet_mm[1]:g} mm"
-        raise UseError("--magnet-mm", what, "choose thinner magnets")
+        raise UseError("--magnet-mm", what, "choose thinner magnets", code="parts.impossible")
     upper = [(0.0, top - depth), (seat.bore, top - depth), (seat.bore, top - (seat.rim - seat.bore)), (seat.rim, top)]
     upper.append((seat.outside, top))
     lower = [(radius, -height) for radius, height in reversed(upper[1:])]

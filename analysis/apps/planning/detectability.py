@@ -330,7 +330,9 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
     asked = [name.strip() for name in names.split(",")]
     for name in asked:
         if name not in every:
-            raise UseError("--tests", f"{name!r} is not a test", f"give some of {','.join(every)}")
+            raise UseError(
+                "--tests", f"{name!r} is not a test", f"give some of {','.join(every)}", code="request.unknown_test"
+            )
     tests = tuple(name for name in every if name in asked)
     for test in tests:
         require_test(rig, test)

@@ -154,18 +154,28 @@ def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis:
     if rig.robot.rail:
         problem = "has a rail, but poses can be planned only for a fixed base"
         raise FileError(
-            RigPlace.of(rig.name), problem, "leave out robot.rail, and add e1_mm, spread over the rail, by hand"
+            RigPlace.of(rig.name),
+            problem,
+            "leave out robot.rail, and add e1_mm, spread over the rail, by hand",
+            code="plan.rail",
         )
     arm, rng = arm_of(rig.robot), np.random.default_rng(_SEED)
     low, high = joint_ranges(arm)
     for axis in np.flatnonzero(low >= high).tolist():
         first, last = rig.robot.axes[axis].limits_deg
         problem = f"limits_deg [{first:g}, {last:g}] leave {rig.robot.axis_words(axis + 1)} no room to move"
-        raise FileError(RigPlace.of(rig.name, f"robot.axes[{axis + 1}]"), problem, "give them in degrees")
+        raise FileError(
+            RigPlace.of(rig.name, f"robot.axes[{axis + 1}]"), problem, "give them in degrees", code="plan.no_room"
+        )
     q = drawn_poses(arm, max(_POOL, 3 * count), sight, rng)
     if len(q) < 2 * count:
         problem = f"only {len(q)} poses were found that the arm takes clear of floor and column, and that are seen"
-        raise FileError(RigPlace.of(rig.name), problem, "move the tracker, turn the target, or plan fewer poses")
+        raise FileError(
+            RigPlace.of(rig.name),
+            problem,
+            "move the tracker, turn the target, or plan fewer poses",
+            code="plan.few_poses",
+        )
     driven = axes_in_turn(arm, count, sight, rng) if one_axis else None
     pool = pool_of(rig, q if driven is None else np.vstack([q, driven]))
     chosen = pool.choose(count) if driven is None else np.arange(len(q), len(pool.q))

@@ -71,7 +71,12 @@ def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleC
     Raises FileError for a rig without a circle.
     """
     if rig.tests.circle is None:
-        raise FileError(RigPlace.of(rig.name), "needs tests.circle as a start", "add a circle: centre, posture, radius")
+        raise FileError(
+            RigPlace.of(rig.name),
+            "needs tests.circle as a start",
+            "add a circle: centre, posture, radius",
+            code="plan.no_circle",
+        )
     circles, refused = [], Counter[str]()
     for words, other_rig in _circles(rig, rig.tests.circle):
         try:
@@ -239,7 +244,10 @@ def propose(
     circle_tests = [test for test in tests if test in CIRCLES]
     if not circle_tests:
         raise UseError(
-            "--tests", "has no test on a circle", "give yaw or roll: further circles are proposed for these tests"
+            "--tests",
+            "has no test on a circle",
+            "give yaw or roll: further circles are proposed for these tests",
+            code="plan.no_circle",
         )
     candidates = circle_candidates(rig, circle_tests, runs)
     progress("simulating the tests")
