@@ -142,46 +142,6 @@ def test_garbage_without_end_is_one_fault() -> None:
 # --- Sylvac ---
 
 
-@pytest.mark.parametrize(
-    ("reply", "value_mm"),
-    [
-        (b"+12.345\r", 12.345),
-        (b"-0.001\r", -0.001),
-        (b" 7.50\r", 7.5),
-        (b"+1.000<\r", 1.0),
-        (b"-1.000=\r", -1.0),
-        (b" 1.000>\r", 1.0),
-    ],
-)
-def test_sylvac_readings(reply: bytes, value_mm: float) -> None:
-    script = _asked(sylvac())
-    requested_ns = script.now_ns
-    assert script.receive(reply, S).send == b"?\r"
-    assert script.taken() == [Sample((value_mm,), requested_ns, S, S, len(reply))]
-
-
-@pytest.mark.parametrize(
-    ("reply", "kind", "word"),
-    [
-        (b"ERR0\r", DEVICE_ERROR, "sensor"),
-        (b"ERR1\r", DEVICE_ERROR, "command"),
-        (b"ERR2\r", DEVICE_ERROR, "parity"),
-        (b"ERR3\r", DEVICE_ERROR, "range"),
-        (b"SY 228\r", DEVICE_ERROR, "was switched on again"),
-        (b"12.345\r", GARBLED, "12.345"),
-        (b"+12345\r", GARBLED, "line"),
-        (b"+1.0x0\r", GARBLED, "line"),
-        (b"\r", GARBLED, "line"),
-    ],
-)
-@pytest.mark.parametrize("mode", ["polled", "continuous"])
-def test_sylvac_errors(mode: str, reply: bytes, kind: FaultKind, word: str) -> None:
-    host = daq.gauges.host([sylvac(mode=mode)])
-    script = asked(host) if mode == "polled" else Script(host)
-    script.receive(reply)
-    _fault(script, kind, word)
-
-
 def test_sylvac_continuous() -> None:
     script = Script(daq.gauges.host([sylvac(mode="continuous")]))
     assert script.sent == b"OUT1\r"
@@ -230,51 +190,12 @@ def test_sylvac_cable() -> None:
 # --- Keyence ---
 
 
-def test_keyence_fields_by_channel() -> None:
-    script = _asked(keyence(channel=2), keyence(channel=1))
-    requested_ns = script.now_ns
-    step = script.receive(b"M0,-00.007,+00.018\r\n", S)
-    assert step.send == b"M0\r\n"
-    assert script.taken() == [Sample((0.018, -0.007), requested_ns, S, S, 20)]
-
-
-def test_keyence_nine_characters() -> None:
-    script = _asked(keyence())
-    script.receive(b"M0,-000.0071\r\n")
-    (sample,) = script.taken()
-    assert isinstance(sample, Sample) and sample.values == (-0.0071,)
-
-
 def test_keyence_a_head_missing() -> None:
     script = _asked(keyence(channel=1), keyence(channel=2))
     assert script.receive(b"M0,-00.007\r\n").send == b"M0\r\n"
     sample, fault = script.taken()
     assert isinstance(sample, Sample) and sample.values[0] == -0.007 and math.isnan(sample.values[1])
     assert isinstance(fault, Fault) and fault.kind is MISSING and "channel 2" in fault.detail
-
-
-@pytest.mark.parametrize(
-    ("reply", "kind", "word"),
-    [
-        (b"M0\r\n", MISSING, "channel 1"),
-        (b"M0,\r\n", MISSING, "channel 1"),
-        (b"M0,+99.999\r\n", DEVICE_ERROR, "channel 1"),
-        (b"M0,-999.9999\r\n", DEVICE_ERROR, "channel 1"),
-        (b"M0,-99.998\r\n", DEVICE_ERROR, "channel 1"),
-        (b"M0,+EE.EEE\r\n", DEVICE_ERROR, "+EE.EEE"),
-        (b"ER,M0,00\r\n", DEVICE_ERROR, "invalid command"),
-        (b"ER,M0,02\r\n", DEVICE_ERROR, "amplifier"),
-        (b"ER,M0,20\r\n", DEVICE_ERROR, "length"),
-        (b"ER,M0,29\r\n", DEVICE_ERROR, "RS-232C"),
-        (b"ER,M0,77\r\n", DEVICE_ERROR, "unknown"),
-        (b"N0,+00.000\r\n", GARBLED, "N0"),
-    ],
-)
-def test_keyence_errors(reply: bytes, kind: FaultKind, word: str) -> None:
-    script = _asked(keyence())
-    script.receive(reply)
-    _fault(script, kind, word)
-    assert script.wake().send == b"M0\r\n"
 
 
 def test_keyence_unit_refuses_what_it_does_not_know() -> None:

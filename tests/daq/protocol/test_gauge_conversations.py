@@ -12,27 +12,24 @@ from daq.apps.gauge_drivers.heidenhain_nd287 import STATUS_EVERY
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.polled import PAUSE_NS
 from tests.support.drivers import SERIAL, gauge
-from tests.support.replies import POLLED, ExpectedFault
+from tests.support.replies import POLLED
 from tests.support.simulated_conversation import S, Script, asked
 
-CASES = [(name, reply) for name, asked_ in POLLED.items() for reply in asked_.replies]
+CASES = [(name, reply, expected) for name, of in POLLED.items() for reply, expected in of.replies.items()]
 
 
-@pytest.mark.parametrize(("name", "reply"), CASES, ids=[f"{name} {reply!r}" for name, reply in CASES])
-def test_each_reply_becomes_a_reading_or_is_told(name: str, reply: bytes) -> None:
+@pytest.mark.parametrize(("name", "reply", "expected"), CASES, ids=[f"{name} {reply!r}" for name, reply, _ in CASES])
+def test_each_reply_becomes_its_reading_or_a_fault_with_a_remedy(name: str, reply: bytes, expected: str) -> None:
     case = POLLED[name]
     script = case.begun()
-    requested_ns, expected = script.now_ns, case.replies[reply]
+    requested_ns = script.now_ns
     step = script.receive(reply, S)
     (item,) = script.taken()
-    if isinstance(expected, ExpectedFault):
-        assert isinstance(item, Fault) and item.kind is expected.kind and step.send == b""
-        assert [word for word in expected.words if word not in item.detail] == []
-        assert "; " in item.detail, "a fault says what to do"
+    if isinstance(item, Fault):
+        assert (item.kind, step.send) == (expected, b"") and "; " in item.detail
         assert script.wake().send == case.request
         return
-    values = expected if isinstance(expected, tuple) else (expected,)
-    assert isinstance(item, Sample) and item.values == pytest.approx(values, abs=1e-9)
+    assert isinstance(item, Sample) and item.values == pytest.approx([float(v) for v in expected.split()], abs=1e-9)
     assert (item.requested_ns, item.last_byte_ns, item.size) == (requested_ns, S, len(reply))
     assert step.send == case.request
 

@@ -188,15 +188,6 @@ def test_a_gauge_that_ends_its_lines_with_cr_lf_is_read() -> None:
     assert [type(item) for item in items] == [Sample] * 5
 
 
-def test_a_decimal_comma_is_told() -> None:
-    (fault,) = _answers(asked(daq.gauges.host([sylvac()])), b"+1,2001\r")
-    assert (
-        isinstance(fault, Fault)
-        and fault.kind is FaultKind.GARBLED
-        and "has a decimal comma; set a decimal point" in fault.detail
-    )
-
-
 @pytest.mark.parametrize("heard", [b"A0100\r\n", b"0100\r\n", b"\x1bA01 12.3\r\n"])
 def test_a_part_of_our_own_request_is_told_as_an_echo(heard: bytes) -> None:
     """An RS-485 adapter that turns round late misses the first characters of its own echo."""
