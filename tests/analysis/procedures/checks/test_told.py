@@ -45,15 +45,6 @@ def test_a_coupling_that_is_missing_is_told_at_import_and_with_every_figure(tmp_
             judge([measured])
 
 
-@pytest.mark.parametrize("command", ["diagnose", "calibrate"])
-def test_a_run_that_is_refused_has_its_reason_once(tmp_path: Path, command: str) -> None:
-    run = tmp_path / "run"
-    assert ran("import", uncoupled(tmp_path / "t.csv"), "--rig", "ur10", "--test", "pose", "-o", run).returncode == 0
-    done = ran(command, run)
-    assert done.returncode == 3 and done.stderr.count("only with J3 + J2") == 1
-    assert done.stderr.splitlines()[-1].startswith(f"error: {run}: these poses fit only")
-
-
 def test_of_several_runs_the_one_that_does_not_fit_is_ignored_with_its_reason_once(tmp_path: Path) -> None:
     """One table with a missing coupling stopped the diagnosis of all tables of its placement."""
     with (tmp_path / "sound.csv").open("wb") as file:
@@ -100,12 +91,6 @@ def test_gauges_that_both_count_the_other_way_are_refused_where_a_play_would_lea
         FileError, match=r"fit only with both gauges counting in the opposite direction.*; press a probe"
     ):
         found_in(negated)
-
-
-@pytest.mark.nightly  # 4 s; the same of a play of axis 1 by one lap each way stands in inference/test_acts.py
-def test_a_play_of_twice_the_usual_is_corrected_first() -> None:
-    act = found_in(circles((PLAY,), seed=3)).acts[0]  # no fault of the arm, and most of its error
-    assert act.kind == "approach" and act.effect and act.effect.effect == "backlash", "corrected for today first"
 
 
 def test_gauges_that_contradict_the_effects_of_the_rig_file_are_refused() -> None:
