@@ -361,7 +361,7 @@ def turn_figures(x: Array) -> dict[str, Array]:
 
 
 def _thrice(x: Array) -> NDArray[np.bool_]:
-    """A mask (g,) of the groups of (..., g, n, 3) with three visits or more."""
+    """Mask (g,) of the groups of (..., g, n, 3) with three visits or more."""
     counts = np.isfinite(x[..., 0]).sum(axis=-1)
     return np.asarray(counts.reshape(-1, counts.shape[-1])[0] >= 3)
 

@@ -103,7 +103,7 @@ def conditioned(points: Array) -> bool:
 
 
 def outlying_targets(points: Array) -> NDArray[np.bool_]:
-    """A mask (t,) of outliers of a robust sphere; points (t, o, 3) mm: o readings per target, NaN if missing."""
+    """Mask (t,) of outliers of a robust sphere; points (t, o, 3) mm: o readings per target, NaN if missing."""
     # Robust sphere: soft_l1 by reweighting.
     read = points[np.isfinite(points).all(axis=-1)]
     x = np.append(np.zeros(3), np.median(np.linalg.norm(read, axis=1)))

@@ -58,7 +58,7 @@ def require_sound(path: Path, instrument: str, columns: Mapping[str, np.ndarray[
 
 
 def is_reading(values: Array, largest: float) -> Mask:
-    """A mask of the rows of values (n, k) in which all numbers are finite and at most `largest` in magnitude."""
+    """Mask of the rows of values (n, k) in which all numbers are finite and at most `largest` in magnitude."""
     sound = np.ones(len(values), dtype=bool)
     for column in values.T:  # column by column, to use no more memory than the result
         sound &= column <= largest
@@ -404,7 +404,7 @@ def _gauge(
 
 
 def _inside(stream: Columns, part: tuple[float, float] | None) -> Mask | None:
-    """A mask (n,) of the rows of a stream in a part of the run, None for the complete run."""
+    """Mask (n,) of the rows of a stream in a part of the run, None for the complete run."""
     if part is None:
         return None
     came_ns = stream["last_byte_ns"]

@@ -189,7 +189,7 @@ def _ways_along(
 
 
 def is_on_circle(tool: Array, frame: CircleFrame) -> Mask:
-    """A mask (n,) of tool positions (n, 3) mm on the circle, within the accuracy of a program."""
+    """Mask (n,) of tool positions (n, 3) mm on the circle, within the accuracy of a program."""
     from_centre = tool - frame.centre
     radius, height = np.linalg.norm(from_centre, axis=1), from_centre @ frame.n
     return np.asarray(np.maximum(np.abs(radius - frame.radius), np.abs(height)) <= _RADIUS_OFF_MM)

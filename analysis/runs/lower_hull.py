@@ -94,7 +94,7 @@ def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
 
 
 def low_outliers(x: Array, y: Array) -> Mask:
-    """A mask of wrong timestamps y (n,) at increasing x (n,), in s: isolated values well below their neighbours.
+    """Mask of wrong timestamps y (n,) at increasing x (n,), in s: isolated values well below their neighbours.
 
     The minimum of each block is compared with those of the neighbouring blocks. At most one in 500 points, or three, is
     treated as wrong, because repeated low points are short delays.

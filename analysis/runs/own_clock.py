@@ -137,7 +137,7 @@ def unwrapped(device_s: Array, host_ns: Array) -> Array:
 
 
 def out_of_order(device_s: Array) -> Mask:
-    """A mask of wrong timestamps (n,): the fewest that must be removed for the others to increase.
+    """Mask of wrong timestamps (n,): the fewest that must be removed for the others to increase.
 
     Many decreases are a restart of the clock, and no timestamp is wrong.
     """

@@ -235,7 +235,7 @@ def rows_per_standstill(table: Table) -> Integers:
 
 
 def standstill_starts(q: Array, differs: Mask) -> Mask:
-    """A mask (n,) of the rows that start a standstill: joints q (n, axes) rad moved, or the row differs from the
+    """Mask (n,) of the rows that start a standstill: joints q (n, axes) rad moved, or the row differs from the
     previous one otherwise (n - 1,)."""
     if not len(q):
         return np.ones(0, dtype=bool)

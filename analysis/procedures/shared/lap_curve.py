@@ -194,7 +194,7 @@ def figures(
 
 
 def blurred(y: Array, blur: float) -> Array:
-    """A curve (NODES,) with row positions blurred by a standard deviation of `blur` rad."""
+    """Curve (NODES,) with row positions blurred by a standard deviation of `blur` rad."""
     return np.asarray(np.fft.irfft(np.fft.rfft(y) * np.exp(-0.5 * (blur * ORDERS) ** 2), NODES))
 
 
@@ -259,7 +259,7 @@ def _stairs(run: Reduced, rng: np.random.Generator) -> Array:
 
 
 def calmed(y: Array, power: Array) -> Array:
-    """A curve (NODES,) with reduced noise, of power (NODES // 2 + 1,).
+    """Curve (NODES,) with reduced noise, of power (NODES // 2 + 1,).
 
     A running median preserves the jumps of backlash, whose many orders would preserve noise. Each order of the
     remainder is reduced by its likely share of noise (Wiener filter).

@@ -170,7 +170,7 @@ def slopes_of(base: Array) -> list[Array]:
 
 
 def outliers_of(phi: Array, rough: Array, lap: Integers, rounds: int = 2 * NODES) -> Mask:
-    """A mask (k, n) of the outliers among readings rough (n, k) at phi (n,) rad.
+    """Mask (k, n) of the outliers among readings rough (n, k) at phi (n,) rad.
 
     lap (n,): number of the lap, from 0. rounds: rounds of the solver. A part of a lap needs only a few, because distant
     nodes have no influence.

@@ -19,14 +19,14 @@ _LEAST_CONDITIONING = 0.01
 
 
 def is_clear(arm: Arm, q: Array) -> Mask:
-    """A mask (n,) of joint angles q (n, 6) rad at a distance from the floor, from axis 1 and from
+    """Mask (n,) of joint angles q (n, 6) rad at a distance from the floor, from axis 1 and from
     singularities.
     """
     return np.asarray(is_collision_free(arm, q) & (conditioning(arm, q) > _LEAST_CONDITIONING))
 
 
 def is_collision_free(arm: Arm, q: Array) -> Mask:
-    """A mask (n,) of joint angles q (n, axes) rad at which the arm keeps its distance from the floor and from
+    """Mask (n,) of joint angles q (n, axes) rad at which the arm keeps its distance from the floor and from
     axis 1.
     """
     points = chain_points(arm, q)

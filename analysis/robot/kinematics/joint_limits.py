@@ -84,7 +84,7 @@ def off_by(arm: Arm, poses: Array, q: Array) -> tuple[Array, Array]:
 
 
 def good(mm: Array, rad: Array) -> Mask:
-    """A mask (k, n) of the branches with acceptable deviations in mm and rad."""
+    """Mask (k, n) of the branches with acceptable deviations in mm and rad."""
     return (mm < _TOLERANCE_MM) & (rad < _TOLERANCE_RAD)
 
 
@@ -99,7 +99,7 @@ def distinct(arm: Arm, q: Array, solved: Mask) -> tuple[Array, Mask]:
 
 
 def may_have_duplicates(turned: Array, solved: Mask) -> Mask:
-    """A mask of the poses (n,) that may have duplicate solutions in coupling @ q (k, 6, n) rad.
+    """Mask of the poses (n,) that may have duplicate solutions in coupling @ q (k, 6, n) rad.
 
     Solutions are compared by a weighted sum of absolute angles, which is continuous at half a turn.
     """

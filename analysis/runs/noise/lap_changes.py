@@ -79,7 +79,7 @@ def _clearest(laps: Array) -> tuple[int, int, float] | None:
 
 
 def bursts(laps: Array) -> Mask:
-    """A mask (L, NODES) of nodes at which a lap differs both from its neighbours and from the other laps.
+    """Mask (L, NODES) of nodes at which a lap differs both from its neighbours and from the other laps.
 
     Such bursts are outliers in succession, too many for a running median. The neighbourhood is wide, because a line
     through outliers oscillates.

@@ -61,7 +61,7 @@ def running_median(values: Array) -> Array:
 
 
 def is_outlier(values: Array) -> Mask:
-    """A mask of readings (n,), in order of time, that differ from their neighbours, as after chips, oil or a
+    """Mask of readings (n,), in order of time, that differ from their neighbours, as after chips, oil or a
     knock.
 
     If the curve itself jumps, as at the crossing of a backlash, a reading must differ by more than the jump.
@@ -78,7 +78,7 @@ def is_outlier(values: Array) -> Mask:
 
 
 def beyond_neighbours(away: Array) -> Mask:
-    """A mask (n,) of the distances that are outliers by two robust limits together."""
+    """Mask (n,) of the distances that are outliers by two robust limits together."""
     seen = away[:: max(1, len(away) // _SAMPLE)]
     limit = max(_SPREADS * 1.4826 * float(np.median(seen)), _TAIL * float(np.quantile(seen, 0.98)))
     return away > limit if limit > 0 else np.zeros(len(away), dtype=bool)
