@@ -48,7 +48,8 @@ def _errors_name(run: Path, copy: Path) -> Iterator[None]:
         yield
     except RigError as error:
         kind = FileError if isinstance(error, FileError) else CellError
-        raise kind(*(restore_run_path(text, copy, run) for text in (error.where, error.what, error.remedy))) from None
+        texts = (restore_run_path(text, copy, run) for text in (error.where, error.what, error.remedy))
+        raise kind(*texts, code=error.code) from None
 
 
 def restore_run_path(text: str, copy: Path, run: Path) -> str:

@@ -152,54 +152,40 @@ def is_plain(name: str) -> bool:
 def _explanation(where: RemotePath, error: Exception) -> RigError:
     kinds = {kind.__name__ for kind in type(error).__mro__}
     number = getattr(error, "errno", None)
-    message = _reason(error)
-    cases: tuple[tuple[bool, type[RigError], str, str], ...] = (
-        (
-            isinstance(error, ImportError),
-            FileError,
-            f"needs a Python package that is not installed: {message}",
-            to_install(_PACKAGES[where.protocol]) if where.protocol in _PACKAGES else "install it beside rig",
-        ),
-        (
-            isinstance(error, ValueError) and "Protocol not known" in message,
-            FileError,
-            "uses a protocol that fsspec does not support",
-            "give s3://…, sftp://… or a directory",
-        ),
-        (
-            "HostKeyNotVerifiable" in kinds,
-            CellError,
-            "the computer's host key is unknown",
-            "verify the host key and accept the key once with ssh, which adds the key to ~/.ssh/known_hosts",
-        ),
-        (
-            bool(kinds & _DENIED),
-            FileError,
-            f"cannot be read (permission denied): {message}",
-            "check the credentials, and the permission to list and read",
-        ),
-        (
-            isinstance(error, FileNotFoundError | NotADirectoryError),
-            FileError,
-            "is not there",
-            "check the URL: bucket or computer, and directory",
-        ),
-        (
-            number in (errno.ENOSPC, errno.EDQUOT),
-            CellError,
-            "does not fit into the temporary directory",
-            "set TMPDIR to a directory with more space",
-        ),
-        (
-            bool(kinds & _LOST) or (type(error) is OSError and number in _UNREACHABLE),
-            StoreLost,
-            f"the store does not answer: {message}",
-            "check the network and the store, then repeat this command",
-        ),
-        (True, FileError, f"cannot be read: {message}", "check the URL, the store and the settings of fsspec"),
-    )
-    _, kind, problem, remedy = next(case for case in cases if case[0])
-    return kind(str(where), problem, remedy)
+    message, store = _reason(error), str(where)
+    failure: RigError
+    if isinstance(error, ImportError):
+        problem = f"needs a Python package that is not installed: {message}"
+        package = _PACKAGES.get(where.protocol)
+        remedy = to_install(package) if package else "install it beside rig"
+        failure = FileError(store, problem, remedy, code="package.missing")
+    elif isinstance(error, ValueError) and "Protocol not known" in message:
+        problem = "uses a protocol that fsspec does not support"
+        failure = FileError(store, problem, "give s3://…, sftp://… or a directory", code="url.protocol")
+    elif "HostKeyNotVerifiable" in kinds:
+        remedy = "verify the host key and accept the key once with ssh, which adds the key to ~/.ssh/known_hosts"
+        failure = CellError(store, "the computer's host key is unknown", remedy, code="store.host_key")
+    elif kinds & _DENIED:
+        problem = f"cannot be read (permission denied): {message}"
+        failure = FileError(
+            store, problem, "check the credentials, and the permission to list and read", code="store.denied"
+        )
+    elif isinstance(error, FileNotFoundError | NotADirectoryError):
+        failure = FileError(
+            store, "is not there", "check the URL: bucket or computer, and directory", code="url.missing"
+        )
+    elif number in (errno.ENOSPC, errno.EDQUOT):
+        problem = "does not fit into the temporary directory"
+        failure = CellError(store, problem, "set TMPDIR to a directory with more space", code="disk.full")
+    elif kinds & _LOST or (type(error) is OSError and number in _UNREACHABLE):
+        problem = f"the store does not answer: {message}"
+        failure = StoreLost(
+            store, problem, "check the network and the store, then repeat this command", code="store.silent"
+        )
+    else:
+        remedy = "check the URL, the store and the settings of fsspec"
+        failure = FileError(store, f"cannot be read: {message}", remedy, code="store.unreadable")
+    return failure
 
 
 def _reason(error: Exception) -> str:

@@ -13,7 +13,6 @@ import pytest
 
 from analysis.runs.loading import measured_of
 from daq.store import Run, read_run
-from rigs.errors import FileError
 from tests.support.recorded_lap import recorded
 from tests.support.refusals import refused
 
@@ -36,26 +35,25 @@ def with_column(stream: str, column: str, rows: Any, value: Any) -> Run:
 
 
 @pytest.mark.parametrize(
-    ("column", "row", "value", "said"),
+    ("column", "row", "value", "named"),
     [
-        ("first_byte_ns", 40, -7, "row 41 of {} has an impossible stamp"),
-        ("first_byte_ns", 0, FIRST, "row 1 of {} has an impossible stamp"),
-        ("last_byte_ns", -1, LAST, "has an impossible stamp"),
-        ("last_byte_ns", 40, 0, "row 41 of {} has a first byte later than the last"),
-        ("requested_ns", 40, LAST, "row 41 of {} has a request later than the answer"),
-        ("last_byte_ns", 40, 2**60, "row 42 of {} has a timestamp earlier than the timestamp of the previous row"),
-        ("size", 40, -1, "row 41 of {} has an impossible message size"),
-        ("size", 40, 2**31 - 1, "row 41 of {} has an impossible message size"),
+        ("first_byte_ns", 40, -7, "row 41 "),
+        ("first_byte_ns", 0, FIRST, "row 1 "),
+        ("last_byte_ns", -1, LAST, "row "),
+        ("last_byte_ns", 40, 0, "row 41 "),
+        ("requested_ns", 40, LAST, "row 41 "),
+        ("last_byte_ns", 40, 2**60, "row 42 "),
+        ("size", 40, -1, "row 41 "),
+        ("size", 40, 2**31 - 1, "row 41 "),
     ],
 )
 @pytest.mark.parametrize("stream", ["g2", "robot"])
 def test_stamps_that_rigd_cannot_have_written_are_refused(
-    stream: str, column: str, row: int, value: int, said: str
+    stream: str, column: str, row: int, value: int, named: str
 ) -> None:
-    what = "the robot" if stream == "robot" else f"gauge {stream}"
-    with pytest.raises(FileError, match=said.format(what) + "; restore the run from a copy") as refused:
+    with refused("run.impossible_row") as error:
         measured_of(with_column(stream, column, row, value))
-    assert len(refused.value.lines()) == 1
+    assert error.value.what.startswith(named)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1.7e308, -2e5, 200.0])
