@@ -17,7 +17,7 @@ import numpy as np
 import pyarrow as pa
 
 from analysis.robot.kinematics.arm import Array
-from analysis.runs.csv_tables import LARGEST
+from analysis.runs.table_format import LARGEST
 from analysis.runs.table_layout import COUNTS, SOCKET, WORDS, Layout
 from analysis.runs.written_files import as_it_was
 from daq.store.chunk import ColumnType

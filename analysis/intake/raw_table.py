@@ -26,7 +26,7 @@ from analysis.intake.cells import Problems, TableFileError, TableProblem, value
 from analysis.intake.read import DECIMAL_COMMAS, refuse_other_formats
 from analysis.intake.table_map import SEPARATORS, FileLayout, Separator
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.runs.csv_tables import LARGEST
+from analysis.runs.table_format import LARGEST
 from daq.store.chunk import array_of
 from rigs.distribution import to_install
 from rigs.errors import FileError

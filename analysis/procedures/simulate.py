@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from analysis.procedures.shared.test_kind import Noise, Simulation, kind_of
-from analysis.runs.csv_tables import columns_of
 from analysis.runs.loading import SIMULATED, Measured, measured_of, rig_of
+from analysis.runs.table_format import columns_of
 from analysis.runs.tables import Table
 from daq.store import table_run
 from rigs.effects import Effect

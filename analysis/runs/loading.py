@@ -22,7 +22,6 @@ from analysis.runs.controller_poses import (
     controller_poses,
     rig_as_recorded,
 )
-from analysis.runs.csv_tables import columns_of, table_from, u_lag_s_of
 from analysis.runs.joint_turns import beyond_limits, without_whole_turns
 from analysis.runs.noise.certificate import (
     NO_CERTIFICATE,
@@ -35,7 +34,7 @@ from analysis.runs.noise.certificate import (
 from analysis.runs.noise.certificate import doubts_of as certificate_doubts
 from analysis.runs.robot_condition import NOT_SHOWN, Condition, condition_of
 from analysis.runs.stands import average_standstills
-from analysis.runs.table_format import format_of
+from analysis.runs.table_format import columns_of, format_of, table_from, u_lag_s_of
 from analysis.runs.table_layout import RAIL
 from analysis.runs.tables import CircleTable, PoseTable, Table
 from analysis.runs.tabular import Tabular

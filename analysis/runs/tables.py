@@ -1,7 +1,7 @@
 """Tables of docs/tables.md in memory: the common input of evaluation, simulation and fits.
 
 Recorded runs are aligned to tables, and imported ones are read from files. Simulations produce the same tables. Angles
-are in rad and lengths in mm, but files contain degrees and mm (`analysis.runs.csv_tables`).
+are in rad and lengths in mm, but files contain degrees and mm (`analysis.runs.table_format`).
 """
 
 from __future__ import annotations

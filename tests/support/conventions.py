@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from analysis.procedures.shared.finding import Finding
-from analysis.runs.csv_tables import columns_of
 from analysis.runs.loading import Measured, measured_of
+from analysis.runs.table_format import columns_of
 from analysis.runs.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from daq.store import table_run
 from rigs.load import load, parse

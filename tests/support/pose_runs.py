@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from analysis.runs.csv_tables import columns_of
 from analysis.runs.loading import Measured, measured_of, rig_of
+from analysis.runs.table_format import columns_of
 from analysis.runs.tables import PoseTable
 from daq.store import table_run
 from rigs.load import load

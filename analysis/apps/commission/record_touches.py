@@ -15,7 +15,7 @@ from analysis.apps.commission.touched_ball import RestDetector, Touching
 from analysis.procedures.shared.simulated_touches import touch_of
 from analysis.robot.geometry.pose_setup import moved_by
 from analysis.robot.kinematics.arm import Array, arm_of
-from analysis.runs.csv_tables import columns_of
+from analysis.runs.table_format import columns_of
 from analysis.runs.table_layout import joint_columns
 from analysis.runs.tables import TouchTable
 from analysis.runs.written_files import refuse_existing

@@ -18,8 +18,8 @@ from analysis.apps.commission.circle_motion import DRIVEN, Binned, FoundCircle
 from analysis.robot.geometry.circle import CircleFrame, circles_through, deviations, largest_deviations, nearest_circle
 from analysis.robot.kinematics.arm import Arm, Array, Mask, arm_of, forward
 from analysis.runs.align import align, robot_only
-from analysis.runs.csv_tables import table_from
 from analysis.runs.stands import FLICKER_DEG, stands_of
+from analysis.runs.table_format import table_from
 from analysis.runs.tables import TargetTable, TouchTable
 from daq.store import Run
 from rigs.edit import Values

@@ -37,9 +37,9 @@ from analysis.robot.geometry.pose_setup import (
     socket_residuals,
 )
 from analysis.robot.kinematics.arm import Arm, Array, Mask, arm_of, forward, without_setup
-from analysis.runs.csv_tables import table_from
 from analysis.runs.loading import Measured
 from analysis.runs.stands import rows_per_standstill
+from analysis.runs.table_format import table_from
 from analysis.runs.tables import CircleTable, PoseTable, Table
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, Hemisphere

@@ -14,7 +14,7 @@ from analysis.apps.interchange.bags import MCAP_MAGIC as MAGIC
 from analysis.intake.cells import TableFileError
 from analysis.intake.read import MOST_BYTES, parse_csv, read_file
 from analysis.procedures.checks.units import unit_findings
-from analysis.runs.csv_tables import table_from
+from analysis.runs.table_format import table_from
 from rigs.errors import FileError
 from rigs.schema.vocabulary import Direction, TestName
 from tests.support.nightly import examples

@@ -13,8 +13,8 @@ from analysis.procedures.checks.check_runs import doubts_of
 from analysis.procedures.shared.test_kind import evaluate
 from analysis.robot.geometry.driven_programs import repeatability_stops, stops
 from analysis.runs.align import align
-from analysis.runs.csv_tables import columns_of
 from analysis.runs.loading import measured_of
+from analysis.runs.table_format import columns_of
 from analysis.runs.tables import CircleTable, RepeatabilityTable
 from analysis.runs.written_files import write_csv, write_new
 from daq.protocol.conversation import NO_TIME, Sample

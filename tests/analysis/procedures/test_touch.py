@@ -12,7 +12,7 @@ from analysis.procedures.shared.simulated_touches import planned_touches, simula
 from analysis.procedures.touch import evaluate
 from analysis.robot.kinematics.arm import forward
 from analysis.robot.model.predict import model_of
-from analysis.runs.csv_tables import columns_of, table_from
+from analysis.runs.table_format import columns_of, table_from
 from analysis.runs.tables import TouchTable
 from rigs.arms import load_arm
 from rigs.errors import FileError

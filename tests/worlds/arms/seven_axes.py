@@ -13,8 +13,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.runs.csv_tables import columns_of
 from analysis.runs.loading import Measured, measured_of
+from analysis.runs.table_format import columns_of
 from analysis.runs.tables import PoseTable, TouchTable
 from daq.store import table_run
 from rigs.rig import Rig

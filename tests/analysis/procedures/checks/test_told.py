@@ -10,7 +10,7 @@ import pytest
 
 from analysis import calibrate, diagnose, evaluate, read_table
 from analysis.procedures.checks.check_runs import findings_of
-from analysis.runs.csv_tables import columns_of
+from analysis.runs.table_format import columns_of
 from analysis.runs.tables import CircleTable, PoseTable
 from analysis.runs.written_files import write_csv
 from rigs.effects import Backlash

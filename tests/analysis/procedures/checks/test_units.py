@@ -17,7 +17,7 @@ from analysis.procedures.shared.finding import Finding
 from analysis.procedures.shared.test_kind import findings_against
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import arm_of, forward
-from analysis.runs.csv_tables import table_from
+from analysis.runs.table_format import table_from
 from analysis.runs.tables import CircleTable, Table
 from rigs.load import load
 from rigs.rig import Rig
