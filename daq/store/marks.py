@@ -146,7 +146,7 @@ def relabel(
     try:
         lock = durable.try_lock(run)
         if lock is None and unchanged.exit_status == "recording":
-            raise FileError(str(run), *BEING_RECORDED)
+            raise FileError(str(run), *BEING_RECORDED, code="run.in_use")
         if lock is None:
             raise FileError(
                 str(run),

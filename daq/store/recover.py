@@ -74,7 +74,7 @@ def recover(path: Path) -> Recovery:
             raise no_run(path)
         lock = durable.try_lock(path)
         if lock is None:
-            raise FileError(str(path), *BEING_RECORDED)
+            raise FileError(str(path), *BEING_RECORDED, code="run.in_use")
         try:
             return _repaired(path)
         finally:

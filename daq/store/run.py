@@ -72,7 +72,7 @@ def closed_manifest(path: Path) -> Manifest:
     recording = manifest.exit_status == "recording"
     try:
         if recording and is_locked(path):
-            raise FileError(str(path), *BEING_RECORDED)
+            raise FileError(str(path), *BEING_RECORDED, code="run.in_use")
     except OSError as error:
         raise unreadable(path, error) from None
     if recording or any(path.glob("*.arrow")):

@@ -14,7 +14,6 @@ import pytest
 from daq.store import RunWriter, load_manifest, read_run, recover, verify
 from daq.store.ledger import Ledger
 from daq.store.stream_writer import StreamWriter
-from rigs.errors import CellError, FileError
 from tests.support.refusals import refused
 from tests.support.store_cases import assert_holds, crash, finished, record, samples, sync
 
@@ -230,7 +229,7 @@ def test_kill_9_keeps_all_that_was_synced(tmp_path: Path, lines: int) -> None:
         path = Path(child.stdout.readline().strip())
         for _ in range(lines):
             child.stdout.readline()
-        with pytest.raises(FileError, match="is being recorded"):
+        with refused("run.in_use"):
             recover(path)
         child.kill()
         synced = max(4 * lines, *(int(line) for line in child.stdout if line.endswith("\n")), 0)
@@ -332,7 +331,7 @@ def test_failed_fsync_condemns_the_writer(tmp_path: Path, monkeypatch: pytest.Mo
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     monkeypatch.setattr(os, "fsync", broken)
-    with pytest.raises(CellError, match=f"{writer.path}: cannot be written: Input/output error"):
+    with refused("run.not_writable"):
         writer.sync()
     monkeypatch.undo()
     with refused("run.not_writable"):
@@ -349,7 +348,7 @@ def test_a_run_that_could_not_be_closed_is_not_complete(tmp_path: Path, monkeypa
         writer.close("complete", "told to stop", {"g1": {"samples": 12}})
     monkeypatch.undo()
     assert load_manifest(writer.path).exit_status == "failed"
-    with pytest.raises(FileError, match="rig recover"):
+    with refused("run.not_closed"):
         read_run(writer.path)
     recover(writer.path)
     assert_recovered(writer.path, 12)

@@ -15,7 +15,6 @@ from analysis.runs.loading import load_measured
 from daq.store import durable, judge, load_manifest, read_run, recover, relabel, survey, table_run, write_table_run
 from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST
-from rigs.errors import FileError
 from rigs.load import load
 from tests.support.refusals import refused
 from tests.support.store_cases import crash, finished, record
@@ -80,7 +79,7 @@ def test_what_makes_no_sense_is_refused_and_changes_nothing(run: Path) -> None:
 
 def test_a_run_being_recorded_or_not_closed_is_refused(tmp_path: Path) -> None:
     writer = record(tmp_path)
-    with pytest.raises(FileError, match="is being recorded"):
+    with refused("run.in_use"):
         relabel(writer.path, direction="acw")
     path = crash(writer)
     with refused("run.not_closed"):

@@ -15,10 +15,10 @@ from daq.apps.commission.cell_finding import STOPS
 from daq.apps.commission.robots import joints_of, search_robot
 from daq.apps.emulate.network_ports import TcpPort
 from daq.protocol.conversation import ConversationStep, Device
-from rigs.errors import CellError
 from rigs.schema.condition import ProgramState, SafetyState
 from rigs.schema.feedback import Feedback, OPCUARobotics
 from tests.support.drivers import OPC_UA, opc_ua, rtde
+from tests.support.refusals import refused
 from tests.support.unknown_cells import ROBOTS, switched_on
 
 DEGREES = [0.5, -70.0, 100.0, 55.25, 84.5, 107.75]
@@ -151,7 +151,7 @@ def test_joints_of_a_robot_that_has_gone() -> None:
     with switched_on("tesa", "fanuc") as unknown:
         report = search_robot(unknown.robot)
     assert report.feedback is not None
-    with pytest.raises(CellError, match="refused"):
+    with refused("port.refused"):
         joints_of(report.feedback)
 
 
