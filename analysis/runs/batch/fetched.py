@@ -48,8 +48,9 @@ def _errors_name(run: Path, copy: Path) -> Iterator[None]:
         yield
     except RigError as error:
         kind = FileError if isinstance(error, FileError) else CellError
-        texts = (restore_run_path(text, copy, run) for text in (error.where, error.what, error.remedy))
-        raise kind(*texts, code=error.code) from None
+        texts = (error.where, error.what, error.remedy)
+        where, what, remedy = (restore_run_path(text, copy, run) for text in texts)
+        raise kind(where, what, remedy, code=error.code) from None
 
 
 def restore_run_path(text: str, copy: Path, run: Path) -> str:
