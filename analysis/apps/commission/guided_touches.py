@@ -22,7 +22,6 @@ from analysis.movement.inference import MOST_MM, Reference, compare
 from analysis.movement.linearise import tool_places
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import Measured
-from analysis.runs.table_format import columns_of
 from analysis.runs.tables import TouchTable
 from daq import clock
 from daq.store import MovementCheck, mark_moved
