@@ -95,7 +95,7 @@ def test_a_new_figure_of_a_test_with_stops_has_its_label_and_its_uncertainty(
 def test_a_new_maker_passes_the_checks_and_drives_corrects_and_enters(tmp_path: Path) -> None:
     files = followed(MAKER, tmp_path)
     checked(tmp_path, files)
-    tests = ("tests/analysis/apps/makers/test_acme.py", "tests/analysis/apps/makers/programs/test_paths.py")
+    tests = ("tests/analysis/apps/makers/test_acme.py", "tests/analysis/apps/programs/test_paths.py")
     assert "26 passed" in output(tmp_path, *PYTEST, "-m", "nightly or not nightly", "-k", "acme", *tests)
     output(tmp_path, "lint-imports", "--no-cache", "--contract", "makers")
     said = output(tmp_path, "bash", "-ec", commands(MAKER, "rig correct"))

@@ -110,8 +110,11 @@ _APPS = {
     **dict.fromkeys(("circle", "doctor", "init", "moved"), "commission"),
     **dict.fromkeys(("compare", "fleet", "history", "versions"), "plant"),
     **dict.fromkeys(("analyse", "calibrate", "diagnose", "report"), "report"),
-    **dict.fromkeys(("correct", "plan", "postures", "program"), "makers"),
-    **{name: name for name in ("emulate", "live", "pair", "paper", "parts", "session", "window")},
+    **{
+        name: name for name in ("correct", "emulate", "live", "pair", "paper", "parts", "postures", "session", "window")
+    },
+    "plan": "planning",
+    "program": "programs",
 }
 """App that contains a module of commands, as cli_FILE; all other modules are in this package."""
 

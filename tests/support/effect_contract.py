@@ -9,8 +9,8 @@ from typing import get_args
 
 import numpy as np
 
-from analysis.apps.makers.corrected_constants import joint_zeros, link_constants
-from analysis.apps.makers.report import plan_report
+from analysis.apps.correct.corrected_constants import joint_zeros, link_constants
+from analysis.apps.planning import plan_report
 from analysis.apps.report.diagnosis_words import plain, size
 from analysis.correction.support import supports
 from analysis.diagnosis.evidence.blocks import blocks_of

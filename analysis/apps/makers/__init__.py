@@ -20,7 +20,7 @@ them. Without these, a change is stated in degrees of the reading.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -31,7 +31,6 @@ from rigs.errors import UseError
 from rigs.schema.vocabulary import MAKERS, MakerName, makers, offered_makers
 
 if TYPE_CHECKING:
-    from analysis.apps.makers.controller_entries import ControllerEntries
     from analysis.apps.makers.emulated import ProgramDriver
     from analysis.apps.makers.program_reader import ProgramReader
     from analysis.apps.makers.program_writer import ProgramWriter
@@ -89,7 +88,7 @@ class Controller:
     changes, rather than only the model of the arm. steps: instructions for the operator. source: public reference; (W)
     marks references other than a manual of the maker. missing: information not found in public. place: menu or file in
     which the operator enters the values. first_joint: number of the first joint. signs_tested: whether the values were
-    entered in a real controller. files: texts by name that enter the values of a rig.
+    entered in a real controller. files: texts by name that enter changes, by axis and key, into a controller of a rig.
     """
 
     maker: str
@@ -105,7 +104,7 @@ class Controller:
     constants: tuple[ConstantParameter, ...] = ()
     first_joint: int = 1
     signs_tested: bool = False
-    files: Callable[[Rig, ControllerEntries], dict[str, str]] | None = None
+    files: Callable[[Rig, Mapping[tuple[int, str], float]], dict[str, str]] | None = None
 
     def zero_of(self, axis: int) -> str:
         """Return the name of the zero of an axis of the rig file."""
@@ -152,11 +151,16 @@ class _PackageValue(Generic[T]):
         except Exception as error:
             if isinstance(error, AttributeError | ModuleNotFoundError) and error.name in (module, name):
                 raise UseError(
-                    maker.name, self.lacking, f"choose a different maker, or add {place} to the package"
+                    maker.name,
+                    self.lacking,
+                    f"choose a different maker, or add {place} to the package",
+                    code="maker.lacking",
                 ) from None
             if maker.name in MAKERS:
                 raise
-            raise UseError(maker.name, f"{module} cannot be used: {error}", f"correct {maker.package}") from error
+            raise UseError(
+                maker.name, f"{module} cannot be used: {error}", f"correct {maker.package}", code="maker.package"
+            ) from error
         return answer
 
 
@@ -185,7 +189,9 @@ def maker_by(name: MakerName) -> Maker:
     """Return a maker by name. Raises UseError if neither rig nor an installed package provides it."""
     package = f"analysis.apps.makers.{name}" if name in MAKERS else offered_makers().get(name)
     if package is None:
-        raise UseError(name, "is not a known maker of controllers", f"choose from {', '.join(makers())}")
+        raise UseError(
+            name, "is not a known maker of controllers", f"choose from {', '.join(makers())}", code="maker.unknown"
+        )
     return Maker(name, package)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.apps.makers.programs.program_text import fixed
+from analysis.apps.makers.program_text import fixed
 from analysis.apps.makers.target import Form, Number, Target
 from analysis.robot.kinematics.arm import Array, roll_pitch_yaw, transform
 from rigs.schema.robot import Pose

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from analysis.apps.makers.programs.motion_plan import Demand, MotionPlan
+from analysis.apps.makers.motion_plan import Demand, MotionPlan
 
 BY_ITSELF = "the controller provides the feedback without this program"
 

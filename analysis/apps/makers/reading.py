@@ -29,7 +29,7 @@ def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
     """
     maker = _maker_of_directory(path) if path.is_dir() else maker_of_file(path)
     if maker is None:
-        raise FileError(str(path), "is not a known kind of robot program", remedy_for(path))
+        raise FileError(str(path), "is not a known kind of robot program", remedy_for(path), code="program.unknown")
     files, data = maker.files, maker.files.data
     if path.is_dir():
         suffixes, is_of_maker = (*files.suffixes, data), maker.reader.is_of_maker
@@ -45,10 +45,12 @@ def _text(file: Path) -> str:
     try:
         content = read_bytes(file, MOST_BYTES)
     except OSError as error:
-        raise FileError(str(file), error.strerror or str(error), "check the path and the permissions") from None
+        raise FileError(
+            str(file), error.strerror or str(error), "check the path and the permissions", code="program.unreadable"
+        ) from None
     if b"\0" in content:
         remedy = "give the program as ASCII, Latin-1 or UTF-8 text"
-        raise FileError(str(file), "is a binary file or UTF-16 text", remedy)
+        raise FileError(str(file), "is a binary file or UTF-16 text", remedy, code="program.encoding")
     return content.decode(ENCODING)
 
 
@@ -57,7 +59,12 @@ def _maker_of_directory(path: Path) -> Maker:
     names = {maker.name for file in path.rglob("*") if file.is_file() and (maker := maker_of_file(file))}
     if len(names) != 1:
         problem = f"has programs of {', '.join(sorted(names))}" if names else "has no robot program"
-        raise FileError(str(path), problem, f"give a program {suffixes_in_words()}, or a directory of one controller")
+        raise FileError(
+            str(path),
+            problem,
+            f"give a program {suffixes_in_words()}, or a directory of one controller",
+            code="program.unknown",
+        )
     return maker_by(names.pop())
 
 
@@ -83,6 +90,7 @@ def _tree(root: Path, suffixes: Sequence[str], *, deep: bool = True) -> dict[str
             str(root),
             f"has more than {_MOST_FILES} files, or {MOST_BYTES // 1_000_000} MB, that the program could use",
             "put the program with its files into a separate directory",
+            code="program.too_large",
         )
     return {file.relative_to(root).as_posix(): file for file in found}
 
@@ -108,7 +116,7 @@ def read_program(path: Path, neutral: Sequence[str] = ()) -> tuple[Maker, Progra
     read_beside = {name: content.decode(ENCODING) for name, content in data.items() if b"\0" not in content}
     if neutral and not reader.empty:
         problem = f"is not possible for {maker.files.label}: a program is a single file"
-        raise UseError(f"--neutral {neutral[0]}", problem, "define the function in the program")
+        raise UseError(f"--neutral {neutral[0]}", problem, "define the function in the program", code="program.neutral")
     stems = {Path(name).stem.upper() for name in (*files, *read_beside)}
     empty = {f"{name}{reader.beside[0]}": reader.empty.format(name) for name in neutral if name.upper() not in stems}
     read_beside |= empty
@@ -128,7 +136,12 @@ def refuse_marked(path: Path) -> None:
             line = len(re.findall(r"\r\n|\r|\n", text[: mark.start()])) + 1
             problem = "is already corrected by rig; a second correction would add to the first"
             file = path / name if path.is_dir() else path.with_name(name)
-            raise FileError(f"{file}:{line}", problem, "give the original; --anyway corrects anyway")
+            raise FileError(
+                f"{file}:{line}",
+                problem,
+                "give the original; --anyway corrects anyway",
+                code="program.already_corrected",
+            )
 
 
 def mark_of(date: str) -> str:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from analysis.apps.makers import maker_by
+from analysis.apps.makers.motion_plan import Demand, MotionPlan
 from analysis.apps.makers.program_writer import BY_ITSELF
-from analysis.apps.makers.programs.motion_plan import Demand, MotionPlan
 from analysis.runs.written_files import Writer, holding, write_all_new
 from rigs.errors import FileError
 from rigs.schema.feedback import Feedback, ModbusJoints
@@ -32,10 +32,14 @@ def programs_of(maker: MakerName, plans: Sequence[tuple[MotionPlan, Demand]]) ->
     for plan, demand in plans:
         if unknown := [number for number in plan.signal_place.outputs if number not in outputs]:
             problem = f"digital output {unknown[0]} does not exist on a {maker} controller"
-            raise FileError(plan.name, problem, f"give --outputs from {outputs.start} to {outputs.stop - 1}")
+            raise FileError(
+                plan.name, problem, f"give --outputs from {outputs.start} to {outputs.stop - 1}", code="program.output"
+            )
         for name, text in writer.write(plan, demand).items():
             if files.setdefault(name, text) != text:
-                raise FileError(name, "would contain two programs", "give the rig file a shorter name")
+                raise FileError(
+                    name, "would contain two programs", "give the rig file a shorter name", code="program.twice"
+                )
     return files
 
 

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.makers.controller_entries import at_controller
-from analysis.apps.makers.correct_rig import correct_rig
-from analysis.apps.makers.programs.compensated import ahead_of_plays, compensated, targets_of
-from analysis.apps.makers.programs.motion_plan import Arc
-from analysis.apps.makers.report import controller_report, correction_report
+from analysis.apps.correct import controller_report, correction_report
+from analysis.apps.correct.controller_entries import at_controller
+from analysis.apps.correct.correct_rig import correct_rig
+from analysis.apps.makers.motion_plan import Arc
+from analysis.apps.programs.compensated import ahead_of_plays, compensated, targets_of
 from analysis.apps.report.texts import texts_of
 from analysis.apps.session.session_plan import FIXED, SessionProgram, programs_by_step, programs_for, stage_rig
 from analysis.apps.session.session_state import MAIN, ProgramStep, Session, SessionCorrection, Stage, Way

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.apps.makers.programs.motion_plan import Dwell, MotionPlan, Move, angles_along, end_of, start_of
+from analysis.apps.makers.motion_plan import Dwell, MotionPlan, Move, angles_along, end_of, start_of
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.stands import FLICKER_DEG
 

@@ -34,7 +34,7 @@ _FAR_MM = 3000.0
 _RATE_HZ = 100.0
 """Positions per second; trackers record ten times as many, without more information about a simulated arm."""
 _ACCELERATION_MM_S2 = 200.0
-"""Acceleration of the programs (analysis/apps/makers/programs/motion_plan.py)."""
+"""Acceleration of the programs (analysis/apps/makers/motion_plan.py)."""
 _STEPS = 2000
 """Steps along each path with linear joint interpolation: on the circles the deviation is below 1 µm."""
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analysis import calibrate, read_table
-from analysis.apps.makers.correct_rig import correct_rig
+from analysis.apps.correct.correct_rig import correct_rig
 from analysis.apps.report.diagnosis_report import write_model
 from analysis.robot.model.predict import model_of
 from rigs.load import load

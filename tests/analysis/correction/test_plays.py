@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import yaml
 
-from analysis.apps.makers.correct_rig import correct_rig
-from analysis.apps.makers.programs.compensated import ahead_of_plays, targets_of
-from analysis.apps.makers.programs.planned import plans_of
-from analysis.apps.makers.report.correction_report import write
+from analysis.apps.correct.correct_rig import correct_rig
+from analysis.apps.correct.correction_report import write
+from analysis.apps.programs.compensated import ahead_of_plays, targets_of
+from analysis.apps.programs.planned import plans_of
 from analysis.correction.support import known_plays
 from rigs.calibration import TIMES, CovarianceParameter, Term, packed_factor
 from rigs.effects import Backlash, Effect, JointOffset, size_field

@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from analysis.apps.makers.controller_entries import (
+from analysis.apps.correct.controller_entries import (
     Constant,
     ControllerEntries,
     Projection,
     _certain,  # private: rules of certainty without a whole diagnosis
     controller_entries,
 )
-from analysis.apps.makers.correct_rig import correct_rig
-from analysis.apps.makers.report.program_report import reached
+from analysis.apps.correct.correct_rig import correct_rig
+from analysis.apps.correct.program_report import reached
 from analysis.cli import app
 from analysis.correction.corrected_targets import corrected
 from analysis.correction.support import supports

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from analysis.apps.makers.correct_rig import correct_rig
+from analysis.apps.correct.correct_rig import correct_rig
 from analysis.correction.support import ANYWAY
 from rigs.calibration import ModelAssessment
 from rigs.load import load

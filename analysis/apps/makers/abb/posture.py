@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.apps.makers.programs.posture import beyond_stretch, wrist_in_front
+from analysis.apps.makers.posture import beyond_stretch, wrist_in_front
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 

@@ -11,8 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from analysis.apps.makers.program_writer import ProgramWriter
-from analysis.apps.makers.programs.motion_plan import (
+from analysis.apps.makers.motion_plan import (
     ACCELERATION_MM_S2,
     Arc,
     Demand,
@@ -24,7 +23,7 @@ from analysis.apps.makers.programs.motion_plan import (
     start_of,
     turns_with_path,
 )
-from analysis.apps.makers.programs.program_text import (
+from analysis.apps.makers.program_text import (
     DEG_DECIMALS,
     MM_DECIMALS,
     Words,
@@ -33,6 +32,7 @@ from analysis.apps.makers.programs.program_text import (
     identifier,
     listed,
 )
+from analysis.apps.makers.program_writer import ProgramWriter
 from analysis.robot.kinematics.arm import Array
 from rigs.schema.feedback import ABBEGM
 

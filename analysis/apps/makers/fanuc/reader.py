@@ -22,6 +22,7 @@ from analysis.apps.makers.external_axes import is_moved
 from analysis.apps.makers.fanuc.instructions import INSIDE, NOTHING, OPTIONS, SEARCH, switch_by
 from analysis.apps.makers.numbers import Decimals, frame_of
 from analysis.apps.makers.points import as_value
+from analysis.apps.makers.posture import agreeing, turns
 from analysis.apps.makers.program_machine import (
     HERE,
     OFF,
@@ -37,7 +38,6 @@ from analysis.apps.makers.program_machine import (
 )
 from analysis.apps.makers.program_parser import NUMBER, ProgramParser, arguments, number_at
 from analysis.apps.makers.program_reader import ProgramReader, Remark
-from analysis.apps.makers.programs.posture import agreeing, turns
 from analysis.apps.makers.target import Flags, Form, Parsed, ProgramTexts, Target
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask

@@ -18,8 +18,7 @@ from functools import partial
 
 import numpy as np
 
-from analysis.apps.makers.program_writer import BY_ITSELF, ProgramWriter
-from analysis.apps.makers.programs.motion_plan import (
+from analysis.apps.makers.motion_plan import (
     Arc,
     Demand,
     JointMove,
@@ -31,8 +30,8 @@ from analysis.apps.makers.programs.motion_plan import (
     percent_of_axes,
     start_of,
 )
-from analysis.apps.makers.programs.posture import posture_of, turns
-from analysis.apps.makers.programs.program_text import (
+from analysis.apps.makers.posture import posture_of, turns
+from analysis.apps.makers.program_text import (
     DEG_DECIMALS,
     MM_DECIMALS,
     Words,
@@ -41,6 +40,7 @@ from analysis.apps.makers.programs.program_text import (
     heading,
     identifier,
 )
+from analysis.apps.makers.program_writer import BY_ITSELF, ProgramWriter
 from analysis.robot.kinematics.arm import Arm
 from rigs.errors import FileError
 from rigs.schema.condition import CONDITION
@@ -96,7 +96,12 @@ def feed(plan: MotionPlan) -> dict[str, str]:
         return {}
     separator = plan.feedback.separator
     if not separator.isascii():
-        raise FileError("feedback", f"KAREL cannot print the separator {separator!r}", "choose one in ASCII")
+        raise FileError(
+            "feedback",
+            f"KAREL cannot print the separator {separator!r}",
+            "choose one in ASCII",
+            code="program.feedback",
+        )
     # Characters that cannot be quoted are written as numbers.
     parts = [char if char.isprintable() and char != "'" else f"', CHR({ord(char)}), '" for char in separator]
     literal = f"'{''.join(parts)}'".removeprefix("'', ").removesuffix(", ''")
@@ -120,7 +125,12 @@ def _field(name: str) -> str:
     if name == "_":
         return "'0'"
     if name in CONDITION:
-        raise FileError("feedback", f"the generated program cannot print {name}", "remove the field from `fields`")
+        raise FileError(
+            "feedback",
+            f"the generated program cannot print {name}",
+            "remove the field from `fields`",
+            code="program.feedback",
+        )
     joint = f"joints[{name[1]}]"
     return f"{joint}::12::4" if name.endswith("_deg") else f"{joint} * {_RAD_PER_DEG}::12::7"
 

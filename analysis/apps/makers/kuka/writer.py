@@ -13,8 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from analysis.apps.makers.program_writer import ProgramWriter
-from analysis.apps.makers.programs.motion_plan import (
+from analysis.apps.makers.motion_plan import (
     ACCELERATION_MM_S2,
     ZONE_MM,
     Arc,
@@ -28,7 +27,7 @@ from analysis.apps.makers.programs.motion_plan import (
     start_of,
     turns_with_path,
 )
-from analysis.apps.makers.programs.program_text import (
+from analysis.apps.makers.program_text import (
     DEG_DECIMALS,
     MM_DECIMALS,
     Words,
@@ -37,6 +36,7 @@ from analysis.apps.makers.programs.program_text import (
     heading,
     identifier,
 )
+from analysis.apps.makers.program_writer import ProgramWriter
 from analysis.robot.kinematics.arm import Arm, Array
 from rigs.schema.feedback import KUKARSI
 

@@ -7,7 +7,7 @@ to contain the present pins, and no constant that genserkins lacks.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from rigs.schema.feedback import LinuxCNC
@@ -16,18 +16,16 @@ from rigs.schema.robot import identity
 from rigs.schema.vocabulary import DRIVEN_AXES
 
 if TYPE_CHECKING:
-    from analysis.apps.makers.controller_entries import ControllerEntries
     from rigs.rig import Rig
 
 _PINS = {"a_mm": "A", "alpha_deg": "ALPHA", "d_mm": "D"}
 
 
-def value_files(rig: Rig, entries: ControllerEntries) -> dict[str, str]:
+def value_files(rig: Rig, added: Mapping[tuple[int, str], float]) -> dict[str, str]:
     """Return rig-arm.hal and home-offsets.ini, or a text with the reason why genserkins cannot describe the arm."""
     if reason := next(_beyond_genserkins(rig), ""):
         remedy = "describe the arm by its pins (rig init --arm FILE.ini), or correct programs with --program"
         return {"no-rig-arm.txt": f"There is no rig-arm.hal: {reason}; {remedy}.\n"}
-    added = {(entry.axis, entry.key): entry.add for entry in entries.entries}
     unit = rig.feedback.linear_units if isinstance(rig.feedback, LinuxCNC) else "mm"
     pins = [f"# genserkins of {rig.robot.name}, changed by rig correct. Lengths in {unit} (LINEAR_UNITS of [TRAJ])."]
     for key, pin in _PINS.items():

@@ -22,8 +22,7 @@ from functools import partial
 
 import numpy as np
 
-from analysis.apps.makers.program_writer import BY_ITSELF, ProgramWriter
-from analysis.apps.makers.programs.motion_plan import (
+from analysis.apps.makers.motion_plan import (
     Arc,
     Demand,
     JointMove,
@@ -36,7 +35,7 @@ from analysis.apps.makers.programs.motion_plan import (
     end_of,
     start_of,
 )
-from analysis.apps.makers.programs.program_text import (
+from analysis.apps.makers.program_text import (
     DEG_DECIMALS,
     MM_DECIMALS,
     Words,
@@ -45,7 +44,8 @@ from analysis.apps.makers.programs.program_text import (
     heading,
     identifier,
 )
-from analysis.apps.makers.programs.ways import ToolPath, circular_path, straight_path, turned
+from analysis.apps.makers.program_writer import BY_ITSELF, ProgramWriter
+from analysis.apps.makers.ways import ToolPath, circular_path, straight_path, turned
 from analysis.robot.geometry.circle import circles_through
 from analysis.robot.kinematics.arm import Array, transforms
 from rigs.errors import FileError
@@ -167,7 +167,12 @@ class _Program:
         while len(begins):
             if ends[0] - begins[0] < _SHORTEST:
                 problem = "B of the flange passes ±90°, where A and C have no definite values"
-                raise FileError(self.plan.name, problem, "turn the tool on the flange, or choose a different posture")
+                raise FileError(
+                    self.plan.name,
+                    problem,
+                    "turn the tool on the flange, or choose a different posture",
+                    code="path.singularity",
+                )
             middles = (begins + ends) / 2
             first, middle, last = np.split(self.flanges(path(np.concatenate([begins, middles, ends])).poses), 3)
             off = transforms(_middle_numbers(first, last)) - middle

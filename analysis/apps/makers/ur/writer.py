@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.apps.makers.program_writer import BY_ITSELF, ProgramWriter
-from analysis.apps.makers.programs.motion_plan import (
+from analysis.apps.makers.motion_plan import (
     ACCELERATION_MM_S2,
     ZONE_MM,
     Arc,
@@ -23,7 +22,8 @@ from analysis.apps.makers.programs.motion_plan import (
     ToolRotation,
     start_of,
 )
-from analysis.apps.makers.programs.program_text import Words, fixed, heading, identifier, listed
+from analysis.apps.makers.program_text import Words, fixed, heading, identifier, listed
+from analysis.apps.makers.program_writer import BY_ITSELF, ProgramWriter
 from analysis.robot.kinematics.arm import Array
 from rigs.schema.feedback import URRTDE
 

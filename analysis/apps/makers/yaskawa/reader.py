@@ -20,6 +20,7 @@ from functools import partial
 import numpy as np
 
 from analysis.apps.makers.numbers import Decimals
+from analysis.apps.makers.posture import agreeing
 from analysis.apps.makers.program_machine import (
     EXTERNAL,
     OFF,
@@ -37,7 +38,6 @@ from analysis.apps.makers.program_machine import (
 )
 from analysis.apps.makers.program_parser import ProgramParser, numbers_in, words
 from analysis.apps.makers.program_reader import ProgramReader, Remark
-from analysis.apps.makers.programs.posture import agreeing
 from analysis.apps.makers.target import Flags, Form, Notice, Parsed, ProgramTexts, Target
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask

@@ -16,8 +16,7 @@ from functools import partial
 
 import numpy as np
 
-from analysis.apps.makers.program_writer import ProgramWriter
-from analysis.apps.makers.programs.motion_plan import (
+from analysis.apps.makers.motion_plan import (
     Arc,
     Demand,
     JointMove,
@@ -30,8 +29,9 @@ from analysis.apps.makers.programs.motion_plan import (
     percent_of_axes,
     start_of,
 )
-from analysis.apps.makers.programs.posture import posture_of
-from analysis.apps.makers.programs.program_text import Words, fixed, fixed_xyz_deg, heading, identifier, listed
+from analysis.apps.makers.posture import posture_of
+from analysis.apps.makers.program_text import Words, fixed, fixed_xyz_deg, heading, identifier, listed
+from analysis.apps.makers.program_writer import ProgramWriter
 from analysis.robot.kinematics.arm import Arm
 
 _NAME_LENGTH = 32

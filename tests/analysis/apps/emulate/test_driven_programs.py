@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 import yaml
 
+from analysis.apps.correct import correction_report
+from analysis.apps.correct.correct_rig import correct_rig
 from analysis.apps.emulate.pendant import Pendant
 from analysis.apps.emulate.robot import Trace
-from analysis.apps.makers.correct_rig import correct_rig
-from analysis.apps.makers.programs.motion_plan import demand_of
-from analysis.apps.makers.programs.planned import plans_of
-from analysis.apps.makers.report import correction_report
+from analysis.apps.makers.motion_plan import demand_of
 from analysis.apps.makers.writing import programs_of, write_programs
+from analysis.apps.programs.planned import plans_of
 from analysis.robot.geometry.driven_programs import circle_program
 from rigs.effects import Effect, EffectProvenance, JointOffset, LinkGeometry
 from rigs.errors import FileError

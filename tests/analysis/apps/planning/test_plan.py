@@ -13,8 +13,8 @@ from rich.console import Console
 from scipy.optimize import minimize_scalar
 from typer.testing import CliRunner
 
-from analysis.apps.makers.report.plan_report import as_table
 from analysis.apps.planning.detectability import CapabilityOfTests, detectabilities_of, plan
+from analysis.apps.planning.plan_report import as_table
 from analysis.cli import app
 from analysis.diagnosis.evidence.observation import observe_run, rms
 from analysis.diagnosis.evidence.setups import fit_run_setups

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from analysis.apps.makers.report.proposal_report import write
 from analysis.apps.planning import proposal as proposals
 from analysis.apps.planning.proposal import (
     CircleCandidate,
@@ -19,6 +18,7 @@ from analysis.apps.planning.proposal import (
     circle_candidates,
     propose,
 )
+from analysis.apps.planning.proposal_report import write
 from analysis.cli import app
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.plan.expected import FormInformation, expected_posterior, planned_blocks

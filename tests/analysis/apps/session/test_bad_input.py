@@ -9,7 +9,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from analysis.apps.makers.programs.motion_plan import demand_of
+from analysis.apps.makers.motion_plan import demand_of
 from analysis.apps.makers.writing import programs_of
 from analysis.apps.session.session_plan import BY_HAND, FIXED, minutes_of, planned, programs_of_steps
 from analysis.apps.session.session_state import Aim, Emulated, SessionDirectory, Try

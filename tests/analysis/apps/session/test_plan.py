@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.apps.makers.programs.motion_plan import Arc
+from analysis.apps.makers.motion_plan import Arc
 from analysis.apps.session.session_plan import (
     BY_HAND,
     ELSEWHERE,

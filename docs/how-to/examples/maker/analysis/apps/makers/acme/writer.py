@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from analysis.apps.makers.program_writer import ProgramWriter
-from analysis.apps.makers.programs.motion_plan import (
+from analysis.apps.makers.motion_plan import (
     Arc,
     Demand,
     JointMove,
@@ -17,7 +17,7 @@ from analysis.apps.makers.programs.motion_plan import (
     ToolRotation,
     start_of,
 )
-from analysis.apps.makers.programs.program_text import (
+from analysis.apps.makers.program_text import (
     DEG_DECIMALS,
     MM_DECIMALS,
     Words,

@@ -1,0 +1,1 @@
+"""Corrections of a rig: zeros and constants of a controller, targets, and programs; the command `rig correct`."""

@@ -1,0 +1,492 @@
+"""Corrections in the notation of a controller: parameters to change, the benefit of each change, and the remaining
+error.
+
+The difference of the model from the constants that the controller has now, over the work area, is projected onto the
+parameters of the controller. The work area is always taken from the rig file, never from a path. Each rig file
+therefore has a single set of entries, and targets computed for a controller with these entries stay valid.
+
+Zeros and lengths of a controller cannot represent a compliant joint or a gear error, but can absorb part of their
+effect on the tool. The constants are fitted to the error of the tool at the postures of the work area, position and
+orientation together:
+
+- Postures of the work area have the largest weight. Others, spread over the joint angles covered by the model, have
+  enough weight to prevent constants fitted to the work area from being wrong outside.
+- A rotation of the tool counts as the displacement of the tool tip, or of a point at 100 mm for a short tool.
+- Each constant has a prior of a few usual sizes. The error not represented by constants counts as scatter of the
+  postures, so a large value is never chosen for a small gain.
+- Constants with equal effects at these postures (d2 and d3 of parallel axes) share the error in proportion to their
+  usual sizes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.apps.makers import CHECK_LENGTH, Controller, maker_by
+from analysis.correction.corrected_targets import CorrectedTargets
+from analysis.correction.pose_uncertainty import places_u_mm, pose_uncertainty
+from analysis.correction.support import CERTAIN_U, Support
+from analysis.correction.work import (
+    TaughtFrame,
+    base_u_um,
+    left_out_mm,
+    real_model,
+    rest_effects,
+    rest_mm,
+    rms_um,
+    spread_angles,
+    tool_places,
+    tool_poses,
+    used_effects,
+    work_or_spread,
+)
+from analysis.robot.kinematics.arm import Array, Mask, arm_of, controller_robot, pose_error, reported_angles
+from analysis.robot.model.predict import model_of
+from rigs.effects import Effect, changed, turned
+from rigs.errors import UseError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import MakerName
+from rigs.text import numbers_in
+
+_LEVER_MM = 100.0
+"""Minimum lever of a rotation of the tool. Chosen: about half a hand's width from a flange."""
+_USUAL = 3.0
+"""Prior of a constant, in healthy sizes. Chosen: an arm that needs correction is not quite healthy."""
+_LEAST_MM = 1e-3
+"""Minimum rms effect over the work area, in mm, of an entered constant, and of a determined combination of constants
+of the expected sizes. Chosen: 1 µm, below the repeatability of any robot."""
+_CRUMB = 0.01
+"""Minimum share of the error for an entered constant: manual entries should be worthwhile."""
+_OUTSIDE_WEIGHT = 0.1
+"""Total weight of the postures outside the work area; all weights add up to 1. Tried on ur10e with a compliant joint
+and a gear error: 0 left 93 µm in the work area and 696 µm outside (582 before), 0.1 left 134 and 329, 0.5 left
+178 and 239."""
+_SHARE = 0.3
+"""Minimum share of a constant in an undetermined combination to be named as part of it."""
+_ROUNDS = 4
+"""Number of linear steps. Chosen: each leaves about a thousandth, because constants are wrong by about a thousandth."""
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A constant of a controller: axis from 1, and key as in the rig file. `q_deg` is the zero of a joint."""
+
+    axis: int
+    key: str
+
+    def effect(self, value: float) -> Effect:
+        """Return the effect of a change by `value`, in mm or degrees."""
+        return turned(self.axis, value) if self.key == "q_deg" else changed(self.axis, self.key, value)
+
+    @property
+    def usual(self) -> float:
+        """Expected size of a change, in mm or degrees."""
+        return _USUAL * self.effect(0.0).healthy
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Constants (m) with changes `values` (m,) in mm or degrees that represent most of the error of a model.
+
+    worth_mm (m,): rms tool displacement by each change over the work area. operator (m, 6n): maps the tool error,
+    weighted by weights (n, 6), to changes. twins: indices of constants with equal effects.
+    """
+
+    constants: tuple[Constant, ...]
+    values: Array
+    worth_mm: Array
+    operator: Array
+    weights: Array
+    twins: tuple[tuple[int, ...], ...]
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Changes as effects of the arm in the controller, as it computes afterwards."""
+        return tuple(
+            constant.effect(value) for constant, value in zip(self.constants, self.values.tolist(), strict=True)
+        )
+
+    def changes(self, moves: Array) -> Array:
+        """Return the changes (k, m), in mm or degrees, for displacements (k, n, 6) mm and rad of the tool.
+
+        For displacements of one standard uncertainty each, the sums of squares are the variances.
+        """
+        weighted = (moves * self.weights).reshape(len(moves), self.weights.size)  # including zero displacements
+        return np.asarray(weighted @ self.operator.T)
+
+    def without(self, out: Sequence[int], changes: Array) -> tuple[Projection, Array]:
+        """Return the projection with some changes set to zero, and the standard uncertainties (m,) in mm or degrees.
+
+        changes (k, m): result of `changes`. The other changes are computed on the condition that these are zero. If
+        only the sum of two changes is certain, the remaining change becomes the sum. Independent changes stay the same.
+        """
+        kept = [k for k in range(len(self.constants)) if k not in out]
+        share = np.linalg.pinv(changes[:, out], 1e-9) @ changes[:, kept]
+        values = self.values[kept] - self.values[list(out)] @ share
+        projection = replace(
+            self,
+            constants=tuple(self.constants[k] for k in kept),
+            values=values,
+            worth_mm=self.worth_mm[kept] * np.abs(values / self.values[kept]),
+            operator=self.operator[kept],
+            twins=tuple(tuple(map(kept.index, group)) for group in self.twins if {*group} <= {*kept}),
+        )
+        return projection, np.linalg.norm(changes[:, kept] - changes[:, out] @ share, axis=0)
+
+    def gains(self, fewer: Projection, rig: Rig, used: Sequence[Effect], q: Array, moves: Array) -> bool:
+        """Return whether this projection certainly leaves less position error than a projection with fewer changes.
+
+        The comparison is over the work area q (n, 6) rad, in the robot's base or with frame and tool taught. moves (k,
+        n and more, 6): argument of `changes`.
+        """
+        now = at_controller(rig)
+        real, nominal = tool_places(rig, used, q), tool_poses(model_of(now, ()), q)
+        off_mm = [real - tool_places(now, projection.effects, q) for projection in (fewer, self)]
+        in_base, frame = np.concatenate([off_mm, moves[:, : len(q), :3]]), TaughtFrame(nominal)
+        for without, full, *by_u in (in_base, frame.remove_motions(in_base, nominal, frame.motions(in_base))):
+            u = 2.0 * math.hypot(*(float((move * (without - full)).sum()) for move in by_u))
+            if float((without**2).sum() - (full**2).sum()) > CERTAIN_U * u:
+                return True
+        return False
+
+
+def at_controller(rig: Rig) -> Rig:
+    """Return the rig with the arm in the controller."""
+    return rig.model_copy(update={"robot": controller_robot(rig.robot)})
+
+
+def project(
+    rig: Rig, effects: Sequence[Effect], constants: Sequence[Constant], work: Array, spread: Array
+) -> Projection:
+    """Return the changes of constants that represent most of the effects on the tool.
+
+    work (n, 6), spread (k, 6): joint angles in rad inside and outside the work area. Constants without influence are
+    omitted.
+    """
+    lever = max(_LEVER_MM, float(np.linalg.norm(rig.robot.tool.xyz_mm)))
+    shares = np.repeat([(1 - _OUTSIDE_WEIGHT) / len(work), _OUTSIDE_WEIGHT / len(spread)], [len(work), len(spread)])
+    weights = np.sqrt(shares)[:, None] * [1, 1, 1, lever, lever, lever]
+    q, real = np.concatenate([work, spread]), tool_poses(real_model(rig, effects), np.concatenate([work, spread]))
+    rig = at_controller(rig)
+    base = tool_poses(model_of(rig, ()), q)
+    least_mm = max(_LEAST_MM, _CRUMB * float(np.linalg.norm(pose_error(base, real) * weights)))
+    first = _solved(rig, real, constants, q, weights)
+    moves = [pose_error(base, tool_poses(model_of(rig, [effect]), q)) * weights for effect in first.effects]
+    kept = [constant for constant, move in zip(first.constants, moves, strict=True) if np.linalg.norm(move) >= least_mm]
+    solved = _solved(rig, real, kept, q, weights)
+    each = [tool_poses(model_of(rig, [effect]), work) - base[: len(work)] for effect in solved.effects]
+    worth_mm = [float(np.linalg.norm(move[:, :3, 3])) / np.sqrt(len(work)) for move in each]
+    return replace(solved, worth_mm=np.array(worth_mm))
+
+
+def _solved(rig: Rig, real: Array, constants: Sequence[Constant], q: Array, weights: Array) -> Projection:
+    base = tool_poses(model_of(rig, ()), q)
+    usual = np.array([constant.usual for constant in constants])
+    columns = np.zeros((6 * len(q), len(constants)))
+    for k, constant in enumerate(constants):
+        columns[:, k] = (
+            pose_error(base, tool_poses(model_of(rig, [constant.effect(constant.usual)]), q)) * weights
+        ).ravel()
+    u, s, vt = np.linalg.svd(columns, full_matrices=False)
+    determined = s > _LEAST_MM
+    error = (pose_error(base, real) * weights).ravel()
+    explained = u[:, determined] @ (u[:, determined].T @ error)
+    scatter = float(((error - explained) ** 2).sum()) / len(q)
+    shrunk = s[determined] / (s[determined] ** 2 + scatter)
+    operator = (vt[determined].T * shrunk) @ u[:, determined].T
+    sizes = np.zeros(len(constants))
+    for _ in range(_ROUNDS):
+        now = tool_poses(model_of(rig, [c.effect(v) for c, v in zip(constants, usual * sizes, strict=True)]), q)
+        residual = (pose_error(now, real) * weights).ravel()
+        sizes = operator @ (residual + columns @ sizes)
+    return Projection(
+        tuple(constants),
+        usual * sizes,
+        np.zeros(len(constants)),
+        operator * usual[:, None],
+        weights,
+        _twins(vt, determined, len(constants)),
+    )
+
+
+def _twins(vt: Array, determined: Mask, count: int) -> tuple[tuple[int, ...], ...]:
+    """Return the groups of constants of which only a combination is determined."""
+    # Directions with no effect are determined up to a rotation among themselves, so they form a single group.
+    unknown = vt[~determined]
+    shared = unknown.T @ unknown
+    groups: list[tuple[int, ...]] = []
+    for k in range(count):
+        group = tuple(int(j) for j in np.flatnonzero(np.abs(shared[k]) > _SHARE * shared[k, k]))
+        if shared[k, k] > _SHARE and len(group) > 1 and group not in groups:
+            groups.append(group)
+    return tuple(groups)
+
+
+_NO_MOVE_MM = 1e-9
+"""Tool displacement, in mm, below which an entry has no effect."""
+
+
+@dataclass(frozen=True)
+class ControllerChange:
+    """A change at the controller: add `add` ± `u` (standard uncertainty) `unit` to `parameter` of an axis from 1.
+
+    key: the constant as in the rig file, or `q_deg` for the zero of the joint. now: previous size, if only the growth
+    is stated. reading_deg: change of the axis reading at an unchanged posture, after all changes. worth_um: rms tool
+    displacement by the change over the work area. leaves_um: part of worth_um remaining because of the uncertainty.
+    """
+
+    axis: int
+    key: str
+    parameter: str
+    add: float
+    u: float
+    unit: str
+    now: float | None
+    reading_deg: float
+    worth_um: float
+    leaves_um: float
+
+
+@dataclass(frozen=True)
+class NotEntered:
+    """An effect represented by neither constants nor targets, and the rms tool displacement over the work area."""
+
+    effect: Effect
+    worth_um: float
+
+
+@dataclass(frozen=True)
+class ControllerEntries:
+    """All changes at a controller, and the remaining error.
+
+    readings_deg (6,): changes of all axis readings at an unchanged posture. They include axes without an entry, if the
+    controller computes their reading from several drives.
+
+    effects: changes as effects of the arm in the controller; empty if they remove no error. before_um, after_um: rms
+    position error of the tool over the work area before and after the changes. by_targets_um: the same with corrected
+    targets. All three include the uncorrectable error, the latter two also the uncertainty of the model.
+    elsewhere_um: error of the model before and after the changes, at postures spread over the joint angles of the
+    work area or the runs. All refer to a frame taught with the robot at these postures. base_u_um: contribution of
+    the position of the arm on its base to the uncertainty. twins: parameters of which only a combination is
+    determined.
+    """
+
+    name: MakerName
+    controller: Controller
+    entries: tuple[ControllerChange, ...]
+    readings_deg: tuple[float, ...]
+    effects: tuple[Effect, ...]
+    twins: tuple[tuple[str, ...], ...]
+    not_entered: tuple[NotEntered, ...]
+    before_um: float
+    after_um: float
+    by_targets_um: float
+    elsewhere_um: tuple[float, float]
+    base_u_um: float
+    steps: tuple[str, ...]
+
+    @property
+    def carried_um(self) -> float:
+        """Error removed by the entries."""
+        return self.before_um - self.after_um
+
+    @property
+    def carried_by_targets_um(self) -> float:
+        """Error removed by corrected targets."""
+        return self.before_um - self.by_targets_um
+
+
+def controller_entries(
+    rig: Rig, supported: Sequence[Support], name: MakerName, scale: Sequence[float] | None = None
+) -> ControllerEntries:
+    """Return the changes at a controller that represent most of the model of a rig.
+
+    scale (6,): counts per degree or gear ratios of the axes. Raises UseError if the controller uses no scale.
+    """
+    controller = maker_by(name).controller
+    if scale and not controller.scale:
+        raise UseError(
+            "--scale",
+            f"must be omitted: {controller.maker} uses {controller.unit}, without a scale",
+            "remove it",
+            code="controller.scale",
+        )
+    used, uncorrected, uncertainty = (
+        used_effects(rig, supported),
+        rest_effects(rig, supported),
+        pose_uncertainty(rig, supported),
+    )
+    spread, q = spread_angles(rig, uncertainty.joints_rad), work_or_spread(rig, uncertainty.joints_rad)
+    moves = uncertainty.pose_displacements(np.concatenate([q, spread]))
+    larger = _significant(rig, used, controller, (q, spread), moves)
+    projection, u = _certain(rig, used, larger, q, moves)
+    sizes = zip(projection.values.tolist(), u.tolist(), (1e3 * projection.worth_mm).tolist(), strict=True)
+    readings_deg = _readings_deg(rig, controller, projection)
+    entries = [
+        _entry(rig, controller, scale, readings_deg, constant, size)
+        for constant, size in zip(projection.constants, sizes, strict=True)
+    ]
+    left_mm = np.linalg.norm(left_out_mm(rig, uncorrected, q), axis=1)
+    in_base_mm, u_mm = places_u_mm(rig, uncertainty, q, q)
+    doubt_mm = np.hypot(u_mm, left_mm)
+    before_um = rms_um(np.hypot(_apart_mm(rig, used, (), q), left_mm))
+    after_um = rms_um(np.hypot(_apart_mm(rig, used, projection.effects, q), doubt_mm))
+    effects, twins = projection.effects, projection.twins
+    if after_um >= before_um:
+        entries, effects, twins, after_um, readings_deg = [], (), (), before_um, np.zeros(6)
+    lengths = (CHECK_LENGTH,) if any(entry.now is not None for entry in entries) else ()
+    steps = (*controller.steps, *_coupled_step(entries, readings_deg), *lengths, controller.check) if entries else ()
+    return ControllerEntries(
+        name,
+        controller,
+        tuple(entries),
+        tuple(readings_deg.tolist()),
+        effects,
+        tuple(tuple(entries[k].parameter for k in group) for group in twins),
+        tuple(NotEntered(effect, rms_um(left_out_mm(rig, [effect], q)[:, 0])) for effect in uncorrected),
+        before_um,
+        after_um,
+        rms_um(doubt_mm),
+        (rms_um(_apart_mm(rig, used, (), spread)), rms_um(_apart_mm(rig, used, effects, spread))),
+        base_u_um(in_base_mm, u_mm),
+        steps,
+    )
+
+
+def _significant(
+    rig: Rig, used: Sequence[Effect], controller: Controller, postures: tuple[Array, Array], moves: Array
+) -> Projection:
+    """Return the projection onto constants of a controller with changes above the standard uncertainty.
+
+    Insignificant changes are removed in turn, the least certain first, because a removal may make the others certain.
+    """
+    constants, axes = [Constant(axis, "q_deg") for axis in range(1, 7)], controller_robot(rig.robot).axes
+    for parameter in controller.constants:
+        constants += [
+            Constant(axis, parameter.key)
+            for axis in parameter.axes
+            if not parameter.by_size or getattr(axes[axis - 1], parameter.key)
+        ]
+    while True:
+        projection = project(rig, used, constants, *postures)
+        u, sizes = np.linalg.norm(projection.changes(moves), axis=0), np.abs(projection.values)
+        if (sizes > u).all():
+            return projection
+        least = int(np.argmin(np.where(sizes > u, np.inf, sizes / u)))
+        constants = [constant for k, constant in enumerate(projection.constants) if k != least]
+
+
+def _certain(rig: Rig, used: Sequence[Effect], every: Projection, q: Array, moves: Array) -> tuple[Projection, Array]:
+    """Return a projection reduced to certain changes, and their standard uncertainties (m,) in mm or degrees.
+
+    A change is certain if it exceeds its uncertainty and certainly reduces the error. Changes are removed in turn, the
+    least certain first. q (n, 6): joint angles of the work area in rad. moves (k, n and more, 6): independent
+    displacements of the tool by a standard uncertainty each.
+    """
+    changes, needed, out = every.changes(moves), list[int](), list[int]()
+    while True:
+        projection, u = every.without(out, changes)
+        kept = np.setdiff1d(np.arange(len(every.constants)), out)
+        times_u = np.where(u > 0, np.abs(projection.values) / np.where(u > 0, u, 1.0), np.inf)
+        if (times_u < 1.0).any():  # After the removal of other changes it is smaller than its uncertainty.
+            out.append(int(kept[np.argmin(times_u)]))
+            continue
+        undecided = [k for k in kept[np.argsort(times_u)].tolist() if k not in needed]
+        if not undecided:
+            return projection, u
+        fewer, _ = every.without([*out, undecided[0]], changes)
+        (needed if every.gains(fewer, rig, used, q, moves) else out).append(undecided[0])
+
+
+def as_entered(rig: Rig, targets: CorrectedTargets, at: ControllerEntries) -> CorrectedTargets:
+    """Return corrected targets for a controller with the entries: joint readings for the same postures, and poses
+    computed by the controller."""
+    q, T, done = targets.q.copy(), targets.T.copy(), targets.done
+    q[done] += np.radians(at.readings_deg)
+    T[done] = tool_poses(model_of(at_controller(rig), at.effects), targets.q[done])
+    return replace(targets, q=q, T=T)
+
+
+def _apart_mm(rig: Rig, effects: Sequence[Effect], others: Sequence[Effect], q: Array) -> Array:
+    """Return the distance (n,) mm of the real tool, with effects of the arm in the rig file, from the pose that the
+    controller computes with other changes, at angles q (n, 6) rad with frame and tool taught.
+    """
+    return rest_mm(tool_places(rig, effects, q), tool_poses(model_of(at_controller(rig), others), q))
+
+
+_SAME_READING_DEG = 5e-5
+"""Change of a reading that rounds to zero in the display."""
+
+
+def _readings_deg(rig: Rig, controller: Controller, projection: Projection) -> Array:
+    """Return the changes (6,) of the axis readings at an unchanged posture by entered zeros.
+
+    If the model is changed instead of the zeros, the readings of the robot stay.
+    """
+    of_drives = np.zeros(6)
+    for constant, value in zip(projection.constants, projection.values, strict=True):
+        of_drives[constant.axis - 1] += value * (constant.key == "q_deg" and controller.changes_reading)
+    return reported_angles(arm_of(rig.robot), of_drives)
+
+
+def _coupled_step(entries: Sequence[ControllerChange], readings_deg: Array) -> tuple[str, ...]:
+    """Return the instruction for axes whose readings change with the zero of another drive."""
+    entered = {entry.axis for entry in entries if entry.key == "q_deg"}
+    follow = [k for k in np.flatnonzero(np.abs(readings_deg) >= _SAME_READING_DEG).tolist() if k + 1 not in entered]
+    if not follow:
+        return ()
+    changes = " and ".join(f"of axis {k + 1} by {readings_deg[k]:+z.4f}°" for k in follow)
+    return (f"The reading {changes} changes with the zeros above: leave the zero of this axis.",)
+
+
+def _entry(
+    rig: Rig,
+    controller: Controller,
+    scale: Sequence[float] | None,
+    readings_deg: Array,
+    constant: Constant,
+    size: tuple[float, float, float],
+) -> ControllerChange:
+    """Return the entry of a change. size: change and its u in mm or degrees, and the benefit in µm."""
+    value, u, worth_um = size
+    add, reading_deg, now = value, 0.0, None
+    if constant.key != "q_deg":
+        parameter = next(
+            each for each in controller.constants if each.key == constant.key and constant.axis in each.axes
+        )
+        name, unit, per_unit = parameter.of(constant.axis), parameter.unit, parameter.per_unit
+        if parameter.by_size:
+            nominal = float(getattr(controller_robot(rig.robot).axes[constant.axis - 1], constant.key))
+            per_unit, now = per_unit * np.sign(nominal), abs(per_unit * nominal)
+    else:
+        name, unit, per_unit = controller.zero_of(constant.axis), controller.unit, controller.per_deg
+        reading_deg = float(readings_deg[constant.axis - 1])
+        if controller.scale and scale:
+            per_unit *= scale[constant.axis - 1]
+        elif controller.scale:
+            name, unit, per_unit, add = f"reading of axis {constant.axis}", "deg", 1.0, reading_deg
+    leaves_um = worth_um * u / abs(value) if worth_um > 1e3 * _NO_MOVE_MM else 0.0
+    sizes = (per_unit * add, abs(per_unit) * u, unit, now, reading_deg, worth_um, leaves_um)
+    return ControllerChange(constant.axis, constant.key, name, *sizes)
+
+
+def scale_of(text: str | None) -> tuple[float, ...] | None:
+    """Parse the scale of each axis (6,) from a comma-separated list; None for None.
+
+    Raises UseError unless there are six non-zero numbers.
+    """
+    if text is None:
+        return None
+    scale = numbers_in(text)
+    if len(scale) != 6 or not all(scale):
+        raise UseError(
+            "--scale",
+            f"{text!r} is not a list of six nonzero numbers",
+            "give a number per axis, separated by commas",
+            code="controller.scale",
+        )
+    return scale

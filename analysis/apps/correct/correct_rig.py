@@ -1,0 +1,188 @@
+"""All corrections of a rig: zeros, link constants, targets of a path, and programs of the user."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from analysis.apps.correct.controller_entries import ControllerEntries, as_entered, controller_entries
+from analysis.apps.correct.corrected_constants import Correction, joint_zeros, link_constants
+from analysis.apps.correct.corrected_program import CorrectedProgram, Programs, correct_program
+from analysis.apps.makers import maker_by
+from analysis.apps.makers.reading import programs_at, refuse_marked
+from analysis.apps.programs.target_path import TargetPath, read_path, refuse_corrected_path
+from analysis.correction.corrected_targets import CorrectedTargets, WorkError, angles_for, corrected
+from analysis.correction.pose_uncertainty import covered, places_u_mm, pose_uncertainty
+from analysis.correction.reasons import how_to_state_controller
+from analysis.correction.support import Support, supports, supports_of_usual_size
+from analysis.correction.work import (
+    left_out_mm,
+    rest_effects,
+    rest_mm,
+    tool_places,
+    used_effects,
+    work_or_spread,
+)
+from analysis.robot.kinematics.arm import controller_arm, forward
+from analysis.robot.model.predict import model_of
+from rigs.errors import FileError, RigPlace, UseError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import DRIVEN_AXES, MakerName
+
+NO_PROGRAMS = Programs()
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """The possible corrections of a rig.
+
+    effects: effects with their use. zeros, constants: corrections of joints and links. work: error over the work area.
+    path: a table of targets with the corrected targets, computed for a controller with the entries if `entered`.
+    at_controller: entries in the notation of a controller. calibrated: effects that exist only in the calibration; the
+    zeros and constants above include them. If the constants of the controller are unknown, nothing is to be entered.
+    """
+
+    rig: Rig
+    effects: tuple[Support, ...]
+    zeros: tuple[Correction, ...]
+    constants: tuple[Correction, ...]
+    work: WorkError
+    path: tuple[Path, TargetPath, CorrectedTargets] | None
+    at_controller: ControllerEntries | None = None
+    entered: bool = False
+    programs: tuple[CorrectedProgram, ...] = ()
+    calibrated: tuple[Support, ...] = ()
+
+    @property
+    def errors(self) -> dict[Path, WorkError | None]:
+        """Error at the covered targets of the path and of each written program; None if no target is covered."""
+        programs = {program.path: program.error for program in self.programs if program.names and not program.held}
+        return ({self.path[0]: self.path[2].error} if self.path else {}) | programs
+
+    @property
+    def in_vain(self) -> dict[Path, str]:
+        """Paths and programs for which a gain is not certain, each with the reason."""
+        nothing, unknown = (
+            "corrected targets do not reduce the error there",
+            "the uncertainty of the targets is unknown",
+        )
+        judged = self.errors.items()
+        return {path: nothing if error else unknown for path, error in judged if not (error and error.gains)}
+
+
+def correct_rig(
+    rig: Rig,
+    path: Path | None,
+    controller: MakerName | None = None,
+    scale: Sequence[float] | None = None,
+    *,
+    entered: bool = False,
+    programs: Programs = NO_PROGRAMS,
+) -> Corrections:
+    """Return the corrections of a rig.
+
+    controller: also compute the entries for this maker. Entries and programs together would correct twice: if
+    `programs` are given, `controller` states their maker instead. scale (6,): counts per degree or gear ratios of the
+    axes. entered: the controller already has the entries, and the targets are computed accordingly.
+
+    Raises FileError for a rig with no effects, for a path that cannot be read or reached, and for a file that is not a
+    program, is already corrected or belongs to a different maker. Raises UseError if `entered` lacks a path or a
+    controller.
+    """
+    if not model_of(rig).effects:
+        remedy = "diagnose or calibrate the arm, and give the written rig file"
+        raise FileError(RigPlace.of(rig.name), "has no effects to correct", remedy, code="correct.no_effects")
+    arm = "an arm on a rail" if rig.robot.rail else f"{len(rig.robot.axes)} axes"
+    if not rig.takes_programs and (controller or programs.paths):
+        problem = f"{arm}: controller entries and programs are supported only for arms of six axes without a rail"
+        raise UseError("--for, --program", problem, "give joint targets with --path", code="correct.other_arm")
+    if entered and programs.paths:
+        problem = "applies to --path; --program is for a controller without entries"
+        raise UseError("--entered", problem, "give one of them", code="correct.entered")
+    if entered and not (path and controller):
+        raise UseError(
+            "--entered", "needs --path, and a maker from --for or the feedback", "give both", code="correct.entered"
+        )
+    if entered and rig.controller == "unknown":
+        problem = "the constants of the controller are unknown, so no values for it were computed"
+        raise FileError(RigPlace.of(rig.name), problem, how_to_state_controller(rig), code="controller.unknown")
+    supported, of_model = supports(rig), tuple(supports_of_usual_size(rig))
+    entries, zeros, constants = None, list[Correction](), list[Correction]()
+    if rig.controller != "unknown":
+        zeros, constants = joint_zeros(rig, [*supported, *of_model]), link_constants(rig, [*supported, *of_model])
+        if controller and not programs.paths:
+            entries = controller_entries(rig, supported, controller, scale)
+    targets = _targets(rig, supported, path, entries if entered else None) if path else None
+    paths = [program for path in programs.paths for program in programs_at(path)]
+    for unread in () if programs.again else paths:
+        refuse_marked(unread)
+    filtered = tuple(
+        correct_program(rig, supported, program, programs.frames, scale, whole=programs.whole, start=programs.start)
+        for program in paths
+    )
+    for program in filtered:
+        _require_same_maker(program, rig, controller or rig.maker)
+    work = _work(rig, supported)
+    effects, numbers = tuple(supported), (tuple(zeros), tuple(constants))
+    return Corrections(rig, effects, *numbers, work, targets, entries, entered, filtered, of_model)
+
+
+def _require_same_maker(program: CorrectedProgram, rig: Rig, maker: MakerName | None) -> None:
+    """Raise FileError for a program of a different maker."""
+    if maker and program.maker != maker:
+        of, robot = (maker_by(name).controller.maker for name in (program.maker, maker))
+        whose = "the robot of the rig file has" if maker == rig.maker else "--for gives"
+        problem = f"is a program for {of}, but {whose} {robot}"
+        remedy = f"give a program of this robot, or --for {program.maker} if such a controller is used"
+        raise FileError(str(program.path), problem, remedy, code="program.other_maker")
+
+
+def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
+    uncertainty = pose_uncertainty(rig, supported)
+    q = work_or_spread(rig, uncertainty.joints_rad)
+    stays_mm = np.linalg.norm(left_out_mm(rig, rest_effects(rig, supported), q), axis=1)
+    is_at, nominal = tool_places(rig, used_effects(rig, supported), q), forward(controller_arm(rig.robot), q)
+    off_mm, taught_mm = np.linalg.norm(is_at - nominal[:, :3, 3], axis=1), rest_mm(is_at, nominal)
+    sizes_mm = [off_mm, taught_mm, *places_u_mm(rig, uncertainty, q, q), stays_mm]
+    return WorkError.of(np.array(sizes_mm), covered(uncertainty, q))
+
+
+def _targets(
+    rig: Rig, supported: Sequence[Support], path: Path, entered: ControllerEntries | None
+) -> tuple[Path, TargetPath, CorrectedTargets]:
+    """Return a path and the corrected targets, for an unchanged controller or a controller with the entries `entered`.
+
+    Raises FileError if no target can be corrected.
+    """
+    axes = len(rig.robot.axes)
+    read = read_path(path, axes, rail=rig.robot.rail is not None)
+    if rig.robot.rail and not read.joints:
+        problem = "has poses but no joint angles, so the rail position is unknown"
+        raise FileError(str(path), problem, f"give q1_deg … q{axes}_deg and e1_mm", code="targets.need_joints")
+    if axes != DRIVEN_AXES and not read.joints:
+        free = f"do not determine the elbow of an arm of {axes} axes"
+        few = f"an arm of {axes} axes cannot reach exactly: its tool has only {axes - 3} rotational degrees of freedom"
+        problem = f"has poses, which {free if axes > DRIVEN_AXES else few}"
+        raise FileError(str(path), problem, f"give joint angles q1_deg … q{axes}_deg", code="targets.need_joints")
+    refuse_corrected_path(read, str(path))
+    q, unsolved = (read.angles(), []) if read.joints else angles_for(rig, read.poses())
+    targets = corrected(rig, supported, q, unsolved, None if read.joints else read.poses())
+    if not targets.done.any():
+        raise target_errors(rig, path, read, targets)[0]
+    return path, read, as_entered(rig, targets, entered) if entered else targets
+
+
+def target_errors(rig: Rig, path: Path, path_read: TargetPath, targets: CorrectedTargets) -> list[FileError]:
+    """Return an error for each target of a path that could not be corrected."""
+    return [
+        FileError(
+            f"{path}, line {path_read.lines[target.place]}",
+            target.what,
+            how_to_state_controller(rig) if target.reason == "controller_unknown" else "move the target",
+            code="targets.uncorrected",
+        )
+        for target in targets.left
+    ]

@@ -1,0 +1,344 @@
+"""The joint angles that a controller computes at the targets of a program.
+
+A pose has up to eight postures with different corrections, so a target with an uncertain posture is not corrected. The
+posture is determined, in this order, by joint angles in the program near the pose, by posture flags that only a single
+solution matches, or by the moves from all previous targets, along which the arm keeps the posture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from analysis.apps.makers.target import AT_BEGIN, Arc, Flags, Target, TargetMove, Way
+from analysis.apps.makers.ways import circular_path, straight_path
+from analysis.correction.reasons import Reason
+from analysis.robot.kinematics.arm import Arm, Array, Mask, forward
+from analysis.robot.kinematics.follow import follow
+from analysis.robot.kinematics.inverse import inverse
+from analysis.robot.kinematics.joint_limits import SAME_RAD, within_limits
+from analysis.robot.kinematics.newton import conditioning
+from rigs.errors import FileError
+
+_ROUNDING_RAD = np.radians(0.02)
+"""Tolerance for wrist angles of a pose with the decimals of a program, 0.001 mm and 0.001°. Near the end of a
+quadrant or a turn either flag agrees. Chosen."""
+
+
+def agreeing(arm: Arm, q: Array, flags: Flags, slack_rad: float = _ROUNDING_RAD) -> Mask:
+    """Return a mask (n,) of the solutions q (n, 6) rad that agree with flags.
+
+    slack_rad: tolerance of an angle relative to the limits of its sign, quadrant or turn.
+    """
+    return flags.agreeing(arm, q, flags.values, slack_rad) if len(q) else np.zeros(0, dtype=bool)
+
+
+_NEAR_RAD = np.radians(60.0)
+"""Largest joint rotation to the nearest solution that still identifies the solution. Chosen: in other postures a
+wrist joint differs by 180° less twice axis 5."""
+_CLOSEST_RAD = np.radians(150.0)
+"""The same for a controller that chooses the closest solution, if this solution is clearly the closest by the largest,
+the mean and the rms rotation. Chosen: the manual does not state the measure."""
+_CLEARLY, _CLOSER = 2.0, 1.5
+"""Minimum ratio of the distances to the second nearest and the nearest solution; below it, the solution is
+ambiguous. Chosen. The second is sufficient if several measures agree."""
+_ANY_MM_S = 100.0
+"""Speed for computing a path. The positions do not depend on the speed."""
+_PAST_SINGULARITY = 0.01
+"""Conditioning below which the posture after a straight line is uncertain.
+
+It corresponds to an angle of axis 5 below 2.3°, or to 4 mm at the wrist, which a robot passes between two set points of
+the controller. The controller then decides to which side the wrist turns.
+"""
+_HALF_TURN_RAD = np.radians(178.0)
+"""Rotation of the tool along a line above which its direction is uncertain: the smallest change of a target may reverse
+it, and axis 6 ends a turn away. Chosen: twice the largest correction of an orientation."""
+_SAME_ORIENTATION_RAD = np.radians(0.1)
+"""Tolerance for equal orientations. Chosen: it changes a correction of 1 mm by 2 µm."""
+_FLAT = 1e-4
+"""Sine of an angle below which three points of an arc count as collinear. Chosen: the radius is several hundred
+metres.
+"""
+_LONGEST_MM = 1e4
+"""Maximum length of a line of an arm: 10 m."""
+
+
+def solved(
+    arm: Arm,
+    targets: Sequence[Target],
+    poses: Array,
+    joint_angles: Array,
+    steps: Sequence[TargetMove],
+    start: Sequence[float] | None = None,
+    tips: Array | None = None,
+) -> tuple[Array, dict[int, Reason]]:
+    """Return joint angles (n, 6) rad of targets, and the reasons for missing angles.
+
+    poses (n, 4, 4): poses of the arm's tool in the world, NaN for joint targets. joint_angles (n, 6): in rad, NaN for
+    pose targets. start (6,): joint angles in rad of the arm at the start of the program, if known. tips (n, 3): points
+    in mm that the program moves, in the frame of the arm's tool.
+    """
+    q = np.vstack([joint_angles, np.full(6, np.nan) if start is None else start])  # The last row has index AT_BEGIN.
+    reasons: dict[int, Reason] = {}
+    poses = poses.copy()
+    asked = [k for k, target in enumerate(targets) if not target.joints and np.isfinite(poses[k]).all()]
+    lines = {step.target for step in steps if step.way == "line" and targets[step.target].joints}
+    by_line = [k for k in sorted(lines) if np.isfinite(q[k]).all()]  # A line to joint angles ends at their pose.
+    poses[by_line] = forward(arm, q[by_line])
+    branches = dict(zip([*asked, *by_line], _branches(arm, poses[[*asked, *by_line]]), strict=True))
+    for k in asked:
+        solutions, target = branches[k], targets[k]
+        if isinstance(solutions, str):
+            reasons[k] = solutions
+        elif target.near is not None:
+            _take(q, reasons, k, _nearest(solutions, np.array(target.near)))
+        elif target.flags:
+            mask = agreeing(arm, solutions, target.flags)
+            chosen = solutions[mask][0] if mask.sum() == 1 else None
+            _take(q, reasons, k, chosen if chosen is not None else ("ambiguous" if mask.any() else "other_flags"))
+    tips = np.zeros((len(targets), 3)) if tips is None else tips
+    ways = _Ways(arm, poses, branches, q, tips, [target.joints for target in targets])
+    _derive_postures(ways, targets, steps, reasons)
+    _take_from_approaches(ways, targets, steps, reasons)
+    for k in asked:
+        if k not in reasons and not np.isfinite(q[k]).all():
+            reasons[k] = "no_posture"
+    return q[:AT_BEGIN], reasons
+
+
+def _branches(arm: Arm, poses: Array) -> list[Array | Reason]:
+    """Return all solutions (m, 6) rad of each pose within the limits, including full turns, or the reason if there
+    are none."""
+    solutions = inverse(arm, poses)
+    every: list[Array | Reason] = []
+    for q, in_reach in zip(solutions.q, solutions.found, strict=True):
+        if not in_reach.any():
+            every.append("unreachable")
+            continue
+        allowed, _ = within_limits(arm, q[in_reach])
+        every.append(allowed if len(allowed) else "beyond_limits")
+    return every
+
+
+def _take(q: Array, reasons: dict[int, Reason], k: int, solution: Array | Reason) -> None:
+    if isinstance(solution, str):
+        reasons[k] = solution
+    else:
+        q[k] = solution
+
+
+def _nearest(solutions: Array, near: Array) -> Array | Reason:
+    """Return the solution (6,) rad nearest to angles (6,) rad, or the reason if it is ambiguous."""
+    away = np.abs(solutions - near).max(axis=1)
+    order = np.argsort(away)
+    if away[order[0]] > _NEAR_RAD or (len(order) > 1 and away[order[1]] < _CLEARLY * away[order[0]]):
+        return "ambiguous"
+    nearest: Array = solutions[order[0]]
+    return nearest
+
+
+def _closest(solutions: Array, stands: Array) -> Array | Reason:
+    """Return the solution (6,) rad that is the closest to angles (6,) rad by any measure, or the reason if none is."""
+    turns = np.abs(solutions - stands)
+    measures = np.array([turns.max(axis=1), turns.mean(axis=1), np.sqrt(np.mean(turns**2, axis=1))])
+    best = int(measures[0].argmin())
+    others = np.delete(measures, best, axis=1)
+    if measures[0, best] > _CLOSEST_RAD or (others < _CLOSER * measures[:, [best]]).any():
+        return "ambiguous"
+    closest: Array = solutions[best]
+    return closest
+
+
+def _derive_postures(
+    ways: _Ways, targets: Sequence[Target], steps: Sequence[TargetMove], reasons: dict[int, Reason]
+) -> None:
+    """Derive postures that are not stated from the previous targets, and reject targets with different postures on
+    different paths."""
+    branches, q = ways.branches, ways.q
+    free = {k for k, target in enumerate(targets) if not target.joints and target.near is None and target.flags is None}
+    waiting = [step for step in steps if step.target in free and step.target in branches]
+    solved_some = True
+    while solved_some:
+        solved_some, still = False, []
+        for step in waiting:
+            k = step.target
+            sources = [
+                source
+                for source in step.comes_from
+                if source is not None and ways.is_solved(source) and source not in reasons
+            ]
+            if ways.is_solved(k) or k in reasons:
+                continue
+            if not sources:
+                still.append(step)
+                continue
+            arrived = ways.reached(min(sources), k, step.way)
+            _take(q, reasons, k, arrived)
+            solved_some = True
+        waiting = still
+    bad: dict[int, Reason] | None = None
+    while bad is None or bad:
+        bad = {}
+        for step in steps:
+            if step.target in reasons:
+                continue
+            if why := _not_the_same(ways, step, free, reasons) or _turned(ways, step.arc, reasons):
+                bad[step.target] = why
+        reasons.update(bad)
+
+
+def _take_from_approaches(
+    ways: _Ways, targets: Sequence[Target], steps: Sequence[TargetMove], reasons: dict[int, Reason]
+) -> None:
+    """Determine the posture of points that the program reaches only with an offset: it is that of an approach."""
+    reached = {step.target for step in steps}
+    for approach, target in enumerate(targets):
+        k = target.of
+        if k is None or k in reached or k in reasons or isinstance(ways.branches.get(k, "unreachable"), str):
+            continue
+        if ways.is_solved(approach) and approach not in reasons and not ways.is_solved(k):
+            arrived = ways.reached(approach, k, "line")
+            if not isinstance(arrived, str):
+                ways.q[k] = arrived
+
+
+@dataclass
+class _Ways:
+    """Joint angles of the arm after a move from a target to another, computed once. q (n, 6) rad: filled in during
+    the search."""
+
+    arm: Arm
+    poses: Array
+    branches: dict[int, Array | Reason]
+    q: Array
+    tips: Array
+    joints: Sequence[bool]
+    arrivals: dict[tuple[bytes, bytes, Way], Array | Reason] = field(default_factory=dict)
+
+    def is_solved(self, k: int) -> bool:
+        return bool(np.isfinite(self.q[k]).all())
+
+    def reached(self, source: int, k: int, way: Way) -> Array | Reason:
+        """Return the joint angles (6,) rad at target k after a move from the target `source`, or the reason if they
+        are unknown."""
+        key = (self.q[source].tobytes(), self.poses[k].tobytes(), way)  # Programs repeat their positions.
+        if key not in self.arrivals:
+            solutions = self.branches[k]
+            assert not isinstance(solutions, str)  # noqa: S101 - those have a reason already
+            self.arrivals[key] = _reached(self.arm, self.q[source], self.poses[k], solutions, way)
+        return self.arrivals[key]
+
+
+def _not_the_same(ways: _Ways, step: TargetMove, free: set[int], reasons: dict[int, Reason]) -> Reason | None:
+    """Return a reason if a move may reach the target in a posture different from the corrected posture."""
+    k = step.target
+    if isinstance(ways.branches.get(k, "unreachable"), str) or not ways.is_solved(k):  # A joint target, or no posture
+        return None
+    if ways.joints[k] and step.way != "line":
+        return None
+    by_way = k in free or not step.by_flags
+    for source in step.comes_from:
+        if source is None or source in reasons or not ways.is_solved(source):
+            if by_way:
+                return "no_posture"
+            continue
+        if not by_way and step.way != "line":
+            continue
+        arrived = ways.reached(source, k, step.way)
+        if isinstance(arrived, str):
+            return arrived
+        if np.abs(np.sin((arrived - ways.q[k]) / 2) if not by_way else arrived - ways.q[k]).max() > SAME_RAD:
+            return "two_postures"
+    return None
+
+
+def _turned(ways: _Ways, arc: Arc | None, reasons: dict[int, Reason]) -> Reason | None:
+    """Return a reason if an arc that rotates the tool with the tangent does not produce the written orientations."""
+    if arc is None or not arc.tangent:
+        return None
+    places = [
+        k for k in (*arc.starts, arc.through, arc.end) if k is not None and k not in reasons and ways.is_solved(k)
+    ]
+    if arc.through is None or arc.end is None or len(places) < len(arc.starts) + 2:
+        return "arc_turns"
+    through, end = ways.poses[arc.through], ways.poses[arc.end]
+    if not np.isfinite([through, end]).all():  # Joint targets
+        return "arc_turns"
+    tip = np.append(ways.tips[arc.end], 1.0)
+    for start in places[:-2]:
+        begin = forward(ways.arm, ways.q[start][None])[0]
+        turns = _turns_on_arc(np.array([T @ tip for T in (begin, through, end)])[:, :3])
+        if turns is None:
+            return "arc_turns"
+        for R, T in zip(turns, (through, end), strict=True):
+            away = T[:3, :3].T @ R @ begin[:3, :3]
+            if np.trace(away) < 1 + 2 * np.cos(_SAME_ORIENTATION_RAD):
+                return "arc_turns"
+    return None
+
+
+def _turns_on_arc(places: Array) -> tuple[Array, Array] | None:
+    """Return the rotations (3, 3) along an arc through three positions (3, 3) mm, from the first to the second and to
+    the third.
+
+    None if the positions are collinear.
+    """
+    chord, second_chord = places[1] - places[0], places[2] - places[0]
+    normal = np.cross(chord, second_chord)
+    length = float(np.linalg.norm(normal))
+    if length < _FLAT * np.linalg.norm(chord) * np.linalg.norm(second_chord) or length == 0:
+        return None
+    to_centre = np.cross(normal, (second_chord @ second_chord) * chord - (chord @ chord) * second_chord) / (
+        2 * length**2
+    )
+    axis, radius = normal / length, -to_centre
+    angles = []
+    for place in places[1:]:
+        spoke = place - places[0] - to_centre
+        angles.append(float(np.arctan2(axis @ np.cross(radius, spoke), radius @ spoke)) % (2 * np.pi))
+    K = np.cross(axis, np.eye(3)).T  # K @ v is axis × v.
+    first, second = (np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K for angle in angles)
+    return first, second
+
+
+def arc_to_via(arm: Arm, stands: Array, poses: Array, tip: Array) -> Array | None:
+    """Return the angles (6,) rad at the via point of an arc with the orientation interpolated from start to end.
+
+    stands (6,): angles at the start in rad. poses (3, 4, 4): written poses of start, via point and end. tip (3,): point
+    in mm that follows the arc, in the frame of the arm's tool. None if the arm cannot follow the arc.
+    """
+    offset = np.eye(4)
+    offset[:3, 3] = tip
+    begin, via, end = poses @ offset
+    if np.linalg.norm(np.cross(via[:3, 3] - begin[:3, 3], end[:3, 3] - begin[:3, 3])) < _FLAT:
+        return None
+    way = circular_path(begin, via[:3, 3], end, _ANY_MM_S).poses
+    last = int(np.linalg.norm(way[:, :3, 3] - via[:3, 3], axis=1).argmin())
+    way[last, :3, 3] = via[:3, 3]
+    try:
+        angles: Array = follow(arm, way[: last + 1] @ np.linalg.inv(offset), stands, "an arc")[-1]
+    except FileError:
+        return None
+    return angles
+
+
+def _reached(arm: Arm, stands: Array, pose: Array, solutions: Array, way: Way) -> Array | Reason:
+    """Return the angles (6,) rad at a pose (4, 4) for an arm that starts at angles `stands` (6,) rad."""
+    if way != "line":
+        return _nearest(solutions, stands) if way == "joint" else _closest(solutions, stands)
+    begin = forward(arm, stands[None])[0]
+    if np.linalg.norm(pose[:3, 3] - begin[:3, 3]) > _LONGEST_MM:
+        return "unreachable"
+    if np.trace(begin[:3, :3].T @ pose[:3, :3]) < 1 + 2 * np.cos(_HALF_TURN_RAD):
+        return "ambiguous"
+    try:
+        line = straight_path(begin, pose, _ANY_MM_S).poses
+        path = follow(arm, line, stands, "a move")
+    except FileError:
+        return "ambiguous"
+    if conditioning(arm, path).min() < _PAST_SINGULARITY:
+        return "past_singularity"
+    end: Array = path[-1]
+    return solutions[np.abs(solutions - end).max(axis=1).argmin()] if len(solutions) else "unreachable"

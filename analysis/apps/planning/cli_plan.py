@@ -1,0 +1,249 @@
+"""`rig plan RIG`: report before any measurement which effects a set of tests can detect and distinguish.
+
+With --propose, find circles that detect the missing effects. With --poses, plan poses for a tracker, and write the
+program that drives through them.
+"""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from analysis.cli.commands import app, command
+from analysis.cli.console import say, say_json, say_written
+from analysis.cli.options import AsJson, RigArgument, maker_option
+from rigs.errors import FileError, UseError
+from rigs.schema.vocabulary import MakerName, TestName
+from rigs.text import as_argument, numbers_in
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from analysis.apps.planning.pose_plan import PlannedPoses
+    from analysis.apps.planning.pose_pool import Sight
+    from rigs.rig import Rig
+
+
+ToolAxis = Literal["x", "y", "z", "-x", "-y", "-z"]
+_LEAST_COLUMNS, _MINUTES = 80, 60.0
+
+
+@command(app, "rig plan cell.yaml --propose --minutes 60 -o circles")
+def plan(
+    rig_file: RigArgument,
+    tests: Annotated[
+        str | None,
+        typer.Option(
+            help="Tests, by commas: yaw, roll, radial, repeatability, touch; default: those set up in the rig file."
+        ),
+    ] = None,
+    runs: Annotated[int, typer.Option(min=1, max=1000, help="Number of runs per test, for circles per direction.")] = 3,
+    level: Annotated[
+        float,
+        typer.Option(
+            min=0.01,
+            max=10,
+            help="Size of all other errors of the arm, 1 is usual: the level of a diagnosis.",
+        ),
+    ] = 1.0,
+    propose: Annotated[
+        bool, typer.Option("--propose", help="Propose circles that make further effects detectable.")
+    ] = False,
+    minutes: Annotated[
+        float | None,
+        typer.Option(
+            min=1,
+            max=10_000,
+            help=f"With --propose: time for the proposed circles, including set-up; default: {_MINUTES:g}.",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="With --propose: directory for the rig files of the circles; default: none."
+        ),
+    ] = None,
+    poses: Annotated[
+        int | None,
+        typer.Option(
+            min=6, max=300, help="Number of poses for a tracker to plan instead; -o writes them; default: none."
+        ),
+    ] = None,
+    maker: Annotated[
+        MakerName | None,
+        maker_option("With --poses: maker of the controller for the program", "none"),
+    ] = None,
+    tracker: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="With --poses: position of the tracker, mm in the robot's base; default: all poses are visible.",
+        ),
+    ] = None,
+    faces: Annotated[
+        ToolAxis | None,
+        typer.Option(help="With --poses: viewing axis of the target in the tool; default: visible from everywhere."),
+    ] = None,
+    dwell_s: Annotated[float, typer.Option(min=0.5, max=600, help="With --poses: seconds at rest at each pose.")] = 5.0,
+    one_axis: Annotated[
+        bool,
+        typer.Option("--one-axis", help="With --poses: move one axis at a time, down, up and back."),
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Report which effects the tests can detect and distinguish, from which size on, and which test adds the most.
+
+    With --poses, plan the poses for a tracker that determine the arm best over
+    the workspace. All poses are visible to the tracker and clear of floor and
+    column.
+    """
+    if poses:
+        if tests or propose or minutes:
+            problem = "cannot be combined with --tests, --propose or --minutes"
+            raise typer.BadParameter(problem, param_hint="--poses")
+        _plan_poses(rig_file, poses, output, maker, tracker, faces, dwell_s, one_axis=one_axis, as_json=as_json)
+        return
+    if maker or tracker or faces or one_axis:
+        raise typer.BadParameter("--for, --tracker, --faces and --one-axis require --poses", param_hint="--poses")
+
+    from analysis.apps.planning.detectability import tests_named
+    from rigs.errors import UseError
+    from rigs.load import load, named_by
+
+    for option, value in (("--output", output), ("--minutes", minutes)):
+        if value is not None and not propose:
+            raise UseError(option, "is allowed only with --propose", "add --propose", code="plan.option")
+    rig, text = load(rig_file)
+    with named_by(rig_file, rig):
+        named = tests_named(rig, tests)
+        if propose:
+            _propose(rig, text, named, runs, minutes or _MINUTES, output, as_json=as_json)
+        else:
+            _plan(rig, named, runs, level, as_json=as_json)
+
+
+def _plan(rig: Rig, tests: Sequence[TestName], runs: int, level: float, *, as_json: bool) -> None:
+    from analysis.apps.planning import plan_report
+    from analysis.apps.planning.detectability import plan as planned
+    from analysis.cli.console import progress_of
+
+    with progress_of("simulating the tests"):
+        plan_made = planned(rig, tests, runs, level)
+    if as_json:
+        say_json(plan_report.as_object(plan_made))
+    else:
+        _print(plan_report.as_table(plan_made))
+
+
+def _propose(
+    rig: Rig, text: str, tests: Sequence[TestName], runs: int, minutes: float, output: Path | None, *, as_json: bool
+) -> None:
+    from analysis.apps.planning import proposal_report
+    from analysis.apps.planning.proposal import propose as proposed
+    from analysis.cli.console import progress_of
+
+    if output:
+        proposal_report.refuse_earlier_proposal(rig, output)
+    with progress_of() as progress:
+        proposal = proposed(rig, tests, runs, minutes, progress)
+    written = proposal_report.write(proposal, text, output) if output else []
+    if as_json:
+        say_json(proposal_report.as_object(proposal, written))
+    else:
+        _print(proposal_report.as_table(proposal))
+    say_written(written)
+    if written:
+        maker, *further = rig.makers
+        others = f"  # or {', '.join(further)}" if further else ""
+        file = as_argument(written[0])
+        say(f"next: rig program {file} --for {maker} --test yaw -o programs{others}", err=True)
+    elif proposal.circles:
+        say(f"next: {shlex.join(['rig', *sys.argv[1:]])} -o circles  # a rig file for each circle", err=True)
+
+
+def _print(table: RenderableType) -> None:
+    from analysis.cli.plain_console import PlainConsole
+
+    # In fewer columns a size would be split across two lines, and half of it could be mistaken for a complete size.
+    PlainConsole(width=max(_LEAST_COLUMNS, PlainConsole().width)).print(table)
+
+
+def _plan_poses(
+    rig_file: str,
+    count: int,
+    output: Path | None,
+    maker: MakerName | None,
+    tracker: str | None,
+    faces: str | None,
+    dwell_s: float,
+    *,
+    one_axis: bool,
+    as_json: bool,
+) -> None:
+    """Plan poses, print the expected results, and write poses and program if a directory is given."""
+    from analysis.apps.planning.pose_plan import planned_poses
+    from analysis.cli.console import progress_of
+    from rigs.load import load, named_by
+
+    if maker and not output:
+        raise UseError("--for", "needs an output directory", "add -o DIR", code="plan.option")
+    rig, _ = load(rig_file)
+    sight = _sight(tracker, faces)
+    with named_by(rig_file, rig), progress_of("looking for poses"):
+        planned = planned_poses(rig, count, sight, one_axis=one_axis)
+    written = _write(rig, planned, output, maker, dwell_s) if output else []
+    if as_json:
+        say_json({**planned.to_dict(), "files": [str(path) for path in written]})
+        return
+    for line in planned.lines():
+        say(line)
+    say_written(written)
+    if written:
+        say(
+            "next: run the program at reduced speed, measure a row at each pose in order, and import the rows:",
+            err=True,
+        )
+        say(f"  rig import TRACKER.csv {written[0]} --join rows --rig {rig_file} --test pose -o runs/poses", err=True)
+
+
+def _sight(tracker: str | None, faces: str | None) -> Sight | None:
+    import numpy as np
+
+    from analysis.apps.planning.pose_pool import Sight
+
+    if tracker is None:
+        if faces:
+            raise UseError("--faces", "needs the position of the tracker", "add --tracker X,Y,Z", code="plan.option")
+        return None
+    place = np.array(numbers_in(tracker))
+    if place.shape != (3,):
+        raise UseError(
+            "--tracker", f"{tracker!r} is not a position", "write X,Y,Z in mm, such as 2500,0,800", code="plan.tracker"
+        )
+    axis = None
+    if faces:
+        axis = np.zeros(3)
+        axis["xyz".index(faces[-1])] = -1.0 if faces.startswith("-") else 1.0
+    return Sight(place, axis)
+
+
+def _write(rig: Rig, planned: PlannedPoses, directory: Path, maker: MakerName | None, dwell_s: float) -> list[Path]:
+    """Write the table of the poses, to be joined row by row with the table of a tracker, and the program."""
+    from analysis.apps.makers.motion_plan import demand_of
+    from analysis.apps.makers.writing import encoded_programs, programs_of
+    from analysis.apps.programs.planned import poses_plan
+    from analysis.runs.written_files import holding, write_all_new
+
+    files = {"poses.csv": holding(planned.csv().encode())}
+    if maker:
+        plan = poses_plan(rig, planned.q, dwell_s)
+        files |= encoded_programs(maker, programs_of(maker, [(plan, demand_of(plan))]))
+    try:
+        return write_all_new(directory, files)
+    except FileError as error:
+        raise FileError(error.where, error.what, "choose a different --output", code=error.code) from None

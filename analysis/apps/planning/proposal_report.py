@@ -1,0 +1,146 @@
+"""A proposal on the screen, as a JSON object, and as rig files with the proposed circles."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Column, Table
+from rich.text import Text
+
+from analysis.apps.planning.detectability import Judgement
+from analysis.apps.planning.plan_report import noise_in_words
+from analysis.apps.planning.proposal import SET_UP_MIN, CircleProposal, ProposedCircle
+from analysis.cli.plain_console import fold_long_words, right
+from analysis.runs.written_files import refuse_existing
+from rigs.edit import Keys, Value, with_values
+from rigs.effect_names import name_in_words, names_in_words
+from rigs.rig import Rig
+from rigs.schema.vocabulary import CIRCLES
+
+_MOST_REASONS = 3
+_MOST_NAME = 63
+"""Maximum length of a rig name, from the schema."""
+_MOST_DIGITS = 2
+"""Maximum number of digits in a circle number."""
+
+
+def as_table(proposal: CircleProposal) -> RenderableType:
+    """Return the proposed circles, their benefit, and the effects that stay untestable."""
+    head = (
+        f"Circles within {proposal.minutes:g} min, in addition to {proposal.runs} runs of {', '.join(proposal.tests)}"
+    )
+    parts: list[RenderableType] = [Text(head, style="bold"), Text(noise_in_words(CIRCLES))]
+    reasons = ", ".join(f"{count} {reason}" for reason, count in list(proposal.refused.items())[:_MOST_REASONS])
+    tried = proposal.feasible + sum(proposal.refused.values())
+    parts.append(Text(f"{proposal.feasible} of {tried} circles can be driven" + (f" ({reasons})" if reasons else "")))
+    if proposal.circles:
+        title = f"{proposal.used_min:.0f} min in total, including {SET_UP_MIN:g} min to set up each circle"
+        columns = ("circle", right("min"), Column("also detects", ratio=1), Column("separates", ratio=1))
+        table = Table(*columns, title=title, title_style="dim")
+        for number, circle in enumerate(proposal.circles, start=1):
+            pairs = "; ".join(" and ".join(map(name_in_words, pair)) for pair in _separated(proposal, circle))
+            names = names_in_words(_testable(proposal, circle))
+            table.add_row(
+                f"{number}. {circle.candidate.words}", f"{circle.candidate.minutes:.0f}", names or "–", pairs or "–"
+            )
+        parts.append(fold_long_words(table))
+    else:
+        parts.append(Text("Within this time, no further circle makes more errors detectable.", style="yellow"))
+    judgements = {"before": proposal.before} | ({"with these circles": proposal.after} if proposal.circles else {})
+    for when, judgement in judgements.items():
+        count, hidden = len(judgement.names), len(judgement.undetectable)
+        alike = "1 pair looks" if len(judgement.pairs) == 1 else f"{len(judgement.pairs) or 'no'} pairs look"
+        parts.append(Text(f"{when}: {count - hidden} of {count} errors are detectable, {alike} alike"))
+    if proposal.after.undetectable:
+        parts.append(Text(f"still not detectable: {names_in_words(proposal.after.undetectable)}", style="yellow"))
+    return Group(*parts)
+
+
+def _testable(proposal: CircleProposal, circle: ProposedCircle) -> list[str]:
+    """Return the effects that a circle makes testable, confirmed by the full judgement of all circles, which fits
+    shapes.
+    """
+    return [name for name in circle.testable if name not in proposal.after.undetectable]
+
+
+def _separated(proposal: CircleProposal, circle: ProposedCircle) -> list[tuple[str, str]]:
+    alike = {frozenset(pair.names) for pair in proposal.after.pairs}
+    return [pair for pair in circle.separated if frozenset(pair) not in alike]
+
+
+def as_object(proposal: CircleProposal, written: list[Path]) -> dict[str, Any]:
+    """Return the proposal as a JSON object."""
+    return {
+        "tests": list(proposal.tests),
+        "runs": proposal.runs,
+        "minutes": proposal.minutes,
+        "driveable": proposal.feasible,
+        "refused": dict(proposal.refused),
+        "circles": [
+            {
+                "words": circle.candidate.words,
+                "minutes": circle.candidate.minutes,
+                "testable": _testable(proposal, circle),
+                "separated": [list(pair) for pair in _separated(proposal, circle)],
+                "tool_xyz_mm": list(circle.candidate.rig.robot.tool.xyz_mm),
+                "circle": _circle(circle.candidate.rig),
+            }
+            for circle in proposal.circles
+        ],
+        "before": _judgement(proposal.before),
+        "after": _judgement(proposal.after),
+        "files": [str(path) for path in written],
+    }
+
+
+def _judgement(judgement: Judgement) -> dict[str, Any]:
+    return {
+        "not_testable": list(judgement.undetectable),
+        "alike": [list(pair.names) for pair in judgement.pairs],
+        "effects": [
+            {"name": sight.name, "sd": sight.sd if not sight.hidden else None} for sight in judgement.detectabilities
+        ],
+    }
+
+
+def _circle(rig: Rig) -> dict[str, Any]:
+    assert rig.tests.circle is not None  # noqa: S101 - a proposed circle
+    return rig.tests.circle.model_dump(mode="json")
+
+
+def refuse_earlier_proposal(rig: Rig, directory: Path) -> None:
+    """Raise FileError if a directory already contains proposed circles of a rig. Call it first: a proposal takes
+    minutes.
+    """
+    for path in sorted(directory.glob(f"{_stem(rig, '')}*.yaml")):
+        refuse_existing(path)
+
+
+def write(proposal: CircleProposal, text: str, directory: Path) -> list[Path]:
+    """Write a rig file for each proposed circle: the given text with the values of the circle.
+
+    Raises FileError if a file exists.
+    """
+    from analysis.runs.written_files import holding, write_all_new  # noqa: PLC0415 - slow to import
+
+    files = {}
+    for number, circle in enumerate(proposal.circles, start=1):
+        rig = circle.candidate.rig.model_copy(update={"name": _stem(proposal.rig, str(number))})
+        name = f"{rig.name}.yaml"
+        # The values that differ between the proposed and the original rig
+        before, after = _circle(proposal.rig), _circle(rig)
+        changes: dict[Keys, Value] = {("name",): rig.name}
+        changes |= {("tests", "circle", key): value for key, value in after.items() if value != before[key]}
+        if proposal.rig.robot.tool != rig.robot.tool:
+            changes["robot", "tool", "xyz_mm"] = list(rig.robot.tool.xyz_mm)
+        changed = with_values(text, changes, rig, str(directory / name))
+        files[name] = holding(changed.encode())
+    return write_all_new(directory, files)
+
+
+def _stem(rig: Rig, number: str) -> str:
+    """Return the name of a rig with a proposed circle, or with an empty number the common prefix."""
+    room = _MOST_NAME - len("-circle-") - _MOST_DIGITS
+    return f"{rig.name[:room]}-circle-{number}"

@@ -1,0 +1,1 @@
+"""Programs of the tests of a rig: motion plans, targets as tables, and the command `rig program`."""

@@ -1,0 +1,224 @@
+"""Programs with corrected targets, for a controller that cannot represent the effects of its arm.
+
+The targets of a test form a table, which `rig correct --path` corrects. A row is a target, in the order in which the
+programs first reach them. A program with the corrected table moves to the corrected targets in the same steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from analysis.apps.makers.motion_plan import (
+    Arc,
+    Comment,
+    JointMove,
+    MotionPlan,
+    Move,
+    PlannedTarget,
+    Step,
+    StraightMove,
+    ToolRotation,
+    end_of,
+    in_base,
+)
+from analysis.apps.makers.ways import ToolPath, circular_path, rotation_vector, straight_path, turned
+from analysis.correction.support import known_plays
+from analysis.robot.kinematics.arm import Array, Integers, reported_angles
+from analysis.robot.kinematics.follow import follow
+from analysis.robot.model.motion import Motion
+from analysis.robot.model.predict import Path, driven, model_of
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+_FURTHEST_MM, _FURTHEST_DEG = 20.0, 5.0
+"""Largest distance from the nominal target. A larger value indicates a different test or arm: a zero wrong by 1°
+moves a tool at 1 m by 17 mm, and neighbours on a circle of 50 mm are 38 mm apart."""
+_OTHER_POSTURE_DEG = 45.0
+"""Largest angle of a joint from the nominal angle. A larger value indicates a different posture. Chosen: near a
+singularity the wrist turns by several degrees for a small correction."""
+_AFTER_TURN_MM_S = 10.0
+"""Speed from the end of a turn to the corrected position, fractions of a millimetre away."""
+_SAME_PLACE_MM = 1e-3
+"""Smallest distance from the end of a turn to its target for which a line is added: below the resolution of a gauge."""
+_REMEDY = "give the table of rig program --targets for this rig file and test, corrected by rig correct --path"
+
+
+def targets_of(plan: MotionPlan) -> list[PlannedTarget]:
+    """Return the targets of a plan without repetitions, in the order in which the program first reaches them."""
+    return list({id(target): target for target in reached(plan)}.values())
+
+
+def reached(plan: MotionPlan) -> list[PlannedTarget]:
+    """Return the targets of a plan in program order, including repetitions."""
+    return [
+        target
+        for step in plan.steps
+        if isinstance(step, Move)
+        for target in ((step.via, step.end) if isinstance(step, Arc) else (step.target,))
+    ]
+
+
+def table_of(plans: Sequence[MotionPlan]) -> str:
+    """Return the targets of the programs of a test as a CSV table for `rig correct --path`."""
+    head = "program," + ",".join(f"q{axis}_deg" for axis in range(1, 7))
+    rows = [
+        f"{plan.name}," + ",".join(f"{angle:.7f}" for angle in np.degrees(target.q) + 0.0)
+        for plan in plans
+        for target in targets_of(plan)
+    ]
+    return "\n".join([head, *rows, ""])
+
+
+def compensated(
+    plans: Sequence[MotionPlan], q: Array, poses: Array, lines: Sequence[int], where: str
+) -> list[MotionPlan]:
+    """Return the plans with targets at the joint angles q (n, 6) rad.
+
+    poses (n, 4, 4): tool poses of the controller's model at these angles, with positions in mm in the world frame.
+    lines: line number of each target in the table `where`. Raises FileError if the table does not match the plans, and
+    for joint angles beyond the limits.
+    """
+    counts = [len(targets_of(plan)) for plan in plans]
+    if len(q) != sum(counts):
+        raise FileError(
+            where, f"has {len(q)} rows, but this test has {sum(counts)} targets", _REMEDY, code="targets.other_test"
+        )
+    ends = np.cumsum([0, *counts])
+    return [
+        _with_targets(
+            plan,
+            [PlannedTarget(T, at) for T, at in zip(in_base(plan.arm, poses[rows]), q[rows], strict=True)],
+            lines[rows],
+            where,
+        )
+        for plan, rows in zip(plans, map(slice, ends[:-1], ends[1:]), strict=True)
+    ]
+
+
+def _with_targets(plan: MotionPlan, targets: Sequence[PlannedTarget], lines: Sequence[int], where: str) -> MotionPlan:
+    old = targets_of(plan)
+    farthest = _require_small_correction(old, targets, lines, where)
+    for line, target in zip(lines, targets, strict=True):
+        for axis in np.flatnonzero((target.q < plan.arm.limits[:, 0]) | (target.q > plan.arm.limits[:, 1])):
+            at_deg, (low, high) = np.degrees(target.q[axis]), np.degrees(plan.arm.limits[axis])
+            problem = f"axis {axis + 1} would be at {at_deg:.3f}°, beyond the limits {low:g}° and {high:g}°"
+            raise FileError(f"{where}, line {line}", problem, "move the test away from the limit", code="path.limits")
+    new = {id(old_target): new_target for old_target, new_target in zip(old, targets, strict=True)}
+    steps: list[Step] = [Comment(f"the targets are corrected by up to {farthest:.2f} mm")]
+    moved_by_ends: dict[tuple[int, int], tuple[Step, ...]] = {}  # Laps and visits repeat identical moves.
+    at = old[0]
+    for step in plan.steps:
+        if not isinstance(step, Move):
+            steps.append(step)
+            continue
+        key = id(at), id(step)
+        if key not in moved_by_ends:
+            moved_by_ends[key] = tuple(_moved(plan, step, new[id(at)], new))
+        steps += moved_by_ends[key]
+        at = end_of(step)
+    return replace(plan, steps=tuple(steps))
+
+
+def _moved(plan: MotionPlan, step: Move, begin: PlannedTarget, new: dict[int, PlannedTarget]) -> Iterator[Step]:
+    """Yield a move to the corrected targets, from the corrected start `begin`."""
+    match step:
+        case Arc(via, end):
+            via, end = new[id(via)], new[id(end)]
+            q = _followed(plan, circular_path(begin.T, via.T[:3, 3], end.T, step.speed_mm_s), begin)
+            # An arc that turns with the path would end along its tangent, which corrected positions rotate.
+            yield replace(step, via=via, end=end, with_path=False, q=q)
+        case ToolRotation(target):
+            # The two orientations have different corrections. A turn about a fixed point would therefore miss the
+            # second position.
+            end = new[id(target)]
+            T = end.T.copy()
+            T[:3, 3] = begin.T[:3, 3]
+            q = _followed(plan, turned(begin.T, T, step.speed_rad_s), begin)
+            turned_target = PlannedTarget(T, q[-1])
+            yield replace(step, target=turned_target, angle=float(np.linalg.norm(rotation_vector(begin.T, T))), q=q)
+            if np.linalg.norm(end.T[:3, 3] - begin.T[:3, 3]) > _SAME_PLACE_MM:
+                yield _line(plan, turned_target, end, _AFTER_TURN_MM_S)
+        case StraightMove(target, speed_mm_s):
+            end = new[id(target)]
+            # The line to the start serves a controller with a different tool position at the joint angles.
+            on_the_spot = end is begin
+            yield replace(step, target=end) if on_the_spot else _line(plan, begin, end, speed_mm_s)
+        case JointMove(target):
+            yield replace(step, target=new[id(target)])
+
+
+def _line(plan: MotionPlan, begin: PlannedTarget, end: PlannedTarget, speed_mm_s: float) -> StraightMove:
+    return StraightMove(end, speed_mm_s, q=_followed(plan, straight_path(begin.T, end.T, speed_mm_s), begin))
+
+
+def _followed(plan: MotionPlan, way: ToolPath, begin: PlannedTarget) -> Array:
+    """Return the joint angles (n, 6) rad along a path.
+
+    Raises FileError if the arm cannot follow, or a joint is too slow.
+    """
+    arm, where = plan.arm, f"the corrected program {plan.name}"
+    q = follow(arm, arm.T_world_base @ way.poses, begin.q, where)
+    for axis in np.flatnonzero(way.joint_speeds(q) > arm.speed):
+        raise FileError(
+            where,
+            f"axis {axis + 1} is too slow for the path",
+            "move the test away from the singularity",
+            code="path.speed",
+        )
+    return q
+
+
+def _require_small_correction(
+    old: Sequence[PlannedTarget], targets: Sequence[PlannedTarget], lines: Sequence[int], where: str
+) -> float:
+    """Return the largest distance in mm of the targets from the nominal targets.
+
+    Raises FileError if a distance is too large for a correction.
+    """
+    farthest = 0.0
+    for line, nominal, target in zip(lines, old, targets, strict=True):
+        mm = float(np.linalg.norm(target.T[:3, 3] - nominal.T[:3, 3]))
+        deg = float(np.degrees(np.linalg.norm(rotation_vector(nominal.T, target.T))))
+        joint_deg = float(np.degrees(np.abs(target.q - nominal.q).max()))
+        if mm > _FURTHEST_MM or deg > _FURTHEST_DEG or joint_deg > _OTHER_POSTURE_DEG:
+            problem = (
+                f"is {mm:.0f} mm and {deg:.0f}° from the target of this test, with a joint difference of "
+                f"{joint_deg:.0f}°: too large for a correction"
+            )
+            raise FileError(f"{where}, line {line}", problem, _REMEDY, code="targets.other_test")
+        farthest = max(farthest, mm)
+    return farthest
+
+
+_BETWEEN = 16
+"""Intermediate positions for detecting joint reversals between two targets."""
+
+
+def ahead_of_plays(rig: Rig, plan: MotionPlan) -> Array:
+    """Return the lead (n, 6) rad of the joints at the targets of a plan, in the order of `targets_of`.
+
+    With this lead the links reach the targets despite the backlash in the rig file.
+    """
+    targets = targets_of(plan)
+    model = model_of(rig, known_plays(rig))
+    if not model.effects:
+        return np.zeros((len(targets), 6))
+    places = {id(target): number for number, target in enumerate(targets)}
+    visits = [places[id(target)] for target in reached(plan)]
+    q, rows = interpolate_moves([targets[number].q for number in 2 * visits])
+    motion = Motion(np.arange(len(q), dtype=float), q)
+    scene = driven(model, Path(motion, rows))
+    lag = reported_angles(model.arm, scene.link_q - scene.q)[rows]
+    last = {number: row for row, number in enumerate(2 * visits)}
+    return -np.array([lag[last[number]] for number in range(len(targets))])
+
+
+def interpolate_moves(q: Sequence[Array]) -> tuple[Array, Integers]:
+    """Return joint angles (m, 6) rad on linear moves between positions q (6,) rad, and the indices of the positions."""
+    share = np.arange(_BETWEEN) / _BETWEEN
+    ways = [begin + share[:, None] * (end - begin) for begin, end in pairwise(q)]
+    return np.concatenate([*ways, q[-1][None]]), _BETWEEN * np.arange(len(q))

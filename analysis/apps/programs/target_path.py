@@ -1,0 +1,245 @@
+"""Paths: targets in a CSV table, as joint angles or as poses, in the columns of docs/tables.md.
+
+Other columns are preserved as text in their positions.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from analysis.apps.makers.motion_plan import Comment, MotionPlan
+from analysis.apps.makers.reading import MARK
+from analysis.apps.programs.compensated import compensated
+from analysis.correction.corrected_targets import CorrectedTargets
+from analysis.correction.reasons import how_to_state_controller
+from analysis.correction.support import ANYWAY, require_usable_model, why_nothing
+from analysis.intake.cells import TableFileError, TableProblem, value
+from analysis.intake.read import MOST_BYTES
+from analysis.robot.kinematics.arm import RAIL_MM, Array, roll_pitch_yaw, transforms
+from analysis.runs.table_layout import JOINTS, PLACE, RAIL, TURN, joint_columns
+from rigs.errors import FileError
+from rigs.files import read_bytes
+from rigs.rig import Rig
+
+POSES = (*PLACE, *TURN)
+ADDED = ("missed_mm", "left_out_mm", "u_um", "u_frame_um", "covered", "corrected")
+"""Columns added to a corrected path.
+
+These are: error of the uncorrected arm at the target, error of uncorrected effects, standard uncertainty of the
+corrected position including these effects, in the robot's base and with frame and tool taught with the robot, whether
+all joints are within the range of the runs (yes, no or unknown), and whether the target was corrected (yes or no).
+"""
+
+AGAINST = "against_verdict"
+"""Column of a path corrected against the verdict."""
+
+
+@dataclass(frozen=True)
+class TargetPath:
+    """The targets of a table.
+
+    columns: columns of the file by name. lines (n,): line numbers of the rows. values (n, axes or 6): values of the
+    columns `names`, in mm and degrees.
+    """
+
+    columns: dict[str, list[str]]
+    names: tuple[str, ...]
+    lines: tuple[int, ...]
+    values: Array
+
+    @property
+    def joints(self) -> bool:
+        """True for joint angles; otherwise the targets are poses."""
+        return self.names != POSES
+
+    def angles(self) -> Array:
+        """Return the joint angles (n, axes) rad of joint targets, followed by the rail position in m, if any."""
+        units = [1 / RAIL_MM if name == RAIL else np.radians(1.0) for name in self.names]
+        return np.asarray(self.values * units)
+
+    def poses(self) -> Array:
+        """Return the poses (n, 4, 4) of pose targets, in the world of the rig file."""
+        return transforms(self.values)
+
+
+def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
+    """Read the targets of an arm, as joint angles if the table contains them, and the rail position.
+
+    Raises FileError for an invalid path, and TableFileError with every bad cell.
+    """
+    names, rows = _rows(path)
+    joints = (*joint_columns(axes), RAIL) if rail else joint_columns(axes)
+    required, others = (joints, POSES) if set(joints) <= set(names) else (POSES, joints)
+    is_corrected = not {*ADDED, AGAINST}.isdisjoint(names)  # Reported later
+    if not is_corrected and set(required) <= set(names) and (both := [name for name in others if name in names]):
+        what = (
+            f"has the columns {required[0]} … {required[-1]} and {both[0]}: joint angles and poses cannot be combined"
+        )
+        raise FileError(str(path), what, "remove or rename the columns that are not targets", code="targets.mixed")
+    return _targets(path, names, rows, required, f"give {','.join(joints)}, or {','.join(POSES)}")
+
+
+def read_corrected_path(path: Path) -> tuple[TargetPath, TargetPath]:
+    """Read a path written by `rig correct`: joint angles of the targets, and the poses computed there by the
+    controller.
+
+    Raises the same errors as `read_path`.
+    """
+    names, rows = _rows(path)
+    remedy = "give the table corrected-….csv from rig correct --path"
+    return _targets(path, names, rows, JOINTS, remedy), _targets(path, names, rows, POSES, remedy)
+
+
+def compensated_plans(
+    plans: Sequence[MotionPlan], path: Path, rig: Rig, rig_file: str, *, anyway: bool
+) -> list[MotionPlan]:
+    """Return the plans with the targets of a corrected path.
+
+    Raises FileError if the model of the rig or the path must not be used for correction, unless `anyway`, and the
+    errors of `read_path` and `compensated`.
+    """
+    require_usable_model(rig, rig_file, anyway=anyway)
+    if rig.controller == "unknown":
+        problem = "the program has poses, and the constants with which the controller computes poses are unknown"
+        raise FileError(rig_file, problem, how_to_state_controller(rig), code="controller.unknown")
+    joints, poses = read_corrected_path(path)
+    against = AGAINST in joints.columns
+    if against and not anyway:
+        raise FileError(
+            str(path),
+            f"was {ANYWAY}",
+            "use the nominal targets, or add --anyway; the programs then contain a warning",
+            code="targets.against_verdict",
+        )
+    made = compensated(plans, np.radians(joints.values), poses.poses(), joints.lines, str(path))
+    remarks = [Comment(f"{MARK}: do not correct twice")]
+    remarks += [Comment(ANYWAY)] if against or why_nothing(rig) else []
+    return [replace(plan, steps=(*remarks, *plan.steps)) for plan in made]
+
+
+def _targets(
+    path: Path, names: list[str], rows: list[tuple[int, list[str]]], required: tuple[str, ...], remedy: str
+) -> TargetPath:
+    missing = [name for name in required if name not in names]
+    if missing:
+        raise FileError(str(path), f"has no column {', '.join(missing)}", remedy, code="targets.column")
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise FileError(str(path), f"has two columns {twice}", "rename one of them", code="targets.column")
+    if not rows:
+        raise FileError(str(path), "has a header but no rows", "give the targets", code="targets.empty")
+    problems = [
+        TableProblem(line, "", f"has {len(row)} fields, but the header has {len(names)}")
+        for line, row in rows
+        if len(row) != len(names)
+    ]
+    values = np.zeros((len(rows), len(required)))
+    for k, (line, row) in enumerate(rows):
+        for column, name in enumerate(required):
+            if len(row) == len(names):
+                try:
+                    values[k, column] = value(name, row[names.index(name)])
+                except ValueError as error:
+                    problems.append(TableProblem(line, name, str(error)))
+    if problems:
+        raise TableFileError(str(path), problems)
+    columns = {name: [row[place] for _, row in rows] for place, name in enumerate(names)}
+    return TargetPath(columns, required, tuple(line for line, _ in rows), values)
+
+
+def refuse_corrected_path(path: TargetPath, where: str) -> None:
+    """Raise FileError for a path with the columns of a corrected one."""
+    if added_columns := [
+        name for name in (*ADDED, AGAINST, "u_mm") if name in path.columns
+    ]:  # u_mm: in tables of earlier versions
+        raise FileError(
+            where,
+            f"already has a column {added_columns[0]}",
+            "rename the column; or is the path already corrected?",
+            code="targets.already_corrected",
+        )
+
+
+def corrected_columns(path: TargetPath, corrected: CorrectedTargets, against: str = "") -> pa.Table:
+    """Return the table with corrected targets, as joint angles and as poses, and their errors.
+
+    Uncorrected targets are unchanged, and unknown numbers are empty. against: text of the verdict against which the
+    path was corrected; empty if there is none.
+    """
+    columns: dict[str, list[str] | list[float]] = dict(path.columns)
+    # A program uses both: the joint angles select the posture of a pose.
+    rail = RAIL in path.names
+    axes = corrected.q.shape[1] - rail
+    names = (*joint_columns(axes), *((RAIL,) if rail else ()), *POSES)
+    names = names if np.isfinite(corrected.T).any() else names[: -len(POSES)]  # unknown constants of the controller
+    values = np.concatenate(
+        [
+            np.degrees(corrected.q[:, :axes]),
+            RAIL_MM * corrected.q[:, axes:],
+            np.concatenate([corrected.T[:, :3, 3], np.degrees(roll_pitch_yaw(corrected.T))], axis=1),
+        ],
+        axis=1,
+    )
+    values = values[:, : len(names)]
+    values[np.ix_(~corrected.done, np.isin(names, path.names))] = path.values[~corrected.done]
+    columns |= {
+        name: _cells(np.round(column, 7) + 0.0)  # no -0.0
+        for name, column in zip(names, values.T, strict=True)
+    }
+    added = (
+        corrected.missed_mm,
+        np.linalg.norm(corrected.left_out_mm, axis=1),
+        1e3 * corrected.u_mm,
+        1e3 * corrected.u_frame_mm,
+    )
+    columns |= {name: _cells(np.round(column, 6)) for name, column in zip(ADDED, added, strict=False)}
+    inside = (
+        np.where(corrected.covered, "yes", "no")
+        if corrected.covered is not None
+        else np.full(len(corrected.q), "unknown")
+    )
+    covered = np.where(corrected.done, inside, "no")
+    columns["covered"] = covered.tolist()
+    columns["corrected"] = np.where(corrected.done, "yes", "no").tolist()
+    if against:
+        columns[AGAINST] = [against] * len(corrected.q)
+    return pa.table(columns)
+
+
+def _cells(values: Array) -> list[str] | list[float]:
+    """Return values (n,) as cells of a column, empty for NaN."""
+    cells: list[float] = values.tolist()
+    return cells if np.isfinite(values).all() else ["" if np.isnan(number) else repr(number) for number in cells]
+
+
+def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    try:
+        text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise FileError(
+            str(path), "is not UTF-8 text", "save the file as CSV in UTF-8", code="targets.encoding"
+        ) from None
+    except OSError as error:
+        raise FileError(
+            str(path), error.strerror or str(error), "check the path and the permissions", code="targets.unreadable"
+        ) from None
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    try:
+        rows = [(reader.line_num, fields) for fields in reader if fields]
+    except csv.Error as error:
+        raise FileError(
+            f"{path}, line {reader.line_num}",
+            f"cannot be split into fields: {error}",
+            "check the quotes",
+            code="targets.csv",
+        ) from None
+    if not rows:
+        raise FileError(str(path), "is empty", "give a table with a header line", code="targets.empty")
+    return [name.strip() for name in rows[0][1]], rows[1:]

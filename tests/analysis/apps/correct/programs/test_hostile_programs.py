@@ -1,0 +1,249 @@
+"""Files that are no programs, or programs that mean harm: one line, or what cannot be corrected is listed, in time."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from analysis.apps.correct.corrected_program import CorrectedProgram, correct_program, frames_of
+from analysis.apps.correct.program_report import lines
+from analysis.correction.reasons import WHY
+from analysis.correction.support import supports
+from rigs.edit import extended
+from rigs.effects import Backlash, Compliance, Effect, JointOffset
+from tests.support.command_line import ran
+from tests.support.stated_controller import load
+from tests.worlds.arms.faulty_arm import EFFECTS, found, known
+
+RIG = known(load("ur10e")[0])
+MANY = 10_000
+
+
+def _corrected(path: Path, *effects: Effect) -> CorrectedProgram:
+    rig = RIG.model_copy(update={"effects": effects or EFFECTS})
+    return correct_program(rig, supports(rig), path, frames_of(rig.robot, ["tcp=rig"], []), None)
+
+
+@pytest.fixture
+def cell(tmp_path: Path) -> Path:
+    path = tmp_path / "cell.yaml"
+    path.write_text(extended(load("ur10e")[1], list(EFFECTS), "cell"))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "told"),
+    [
+        ("a.txt", b"movej([0,0,0,0,0,0])", "is not a known kind of robot program"),
+        ("a.dat", b"DEFDAT A\nENDDAT\n", "is not a known kind of robot program"),
+        ("a.script", b"\x7fELF\x00\x00", "is a binary file"),
+        ("a.ls", "/PROG A".encode("utf-16"), "is a binary file or UTF-16 text"),
+        ("a.mod", b"x" * 10_000_001, "is larger than 10 MB"),
+        ("gone.jbi", None, "No such file"),
+    ],
+)
+def test_what_is_no_program_is_one_line(name: str, data: bytes | None, told: str, tmp_path: Path, cell: Path) -> None:
+    path = tmp_path / name
+    if data is not None:
+        path.write_bytes(data)
+    done = ran("correct", cell, "--program", path, "-o", tmp_path / "out")
+    assert done.returncode == 3 and told in done.stderr and done.stderr.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.script", "movej(" + "[" * MANY + "]" * MANY + ")\n"),
+        ("a.script", "movej(" * 10 * MANY),
+        ("a.script", "set_tcp(" * MANY + ")" * MANY),
+        ("a.script", "movej(" + "get_inverse_kin(" * MANY + ")" * MANY + ")"),
+        ("a.script", "movej([" + "1" * MANY * 100 + "])"),
+        ("a.mod", "a " * MANY * 10),
+        ("a.mod", "CONST robtarget p" + " " * MANY * 10 + "x;"),
+        ("a.src", " " * MANY * 10 + "\n$BASE=x" + " " * MANY * 10 + "x\nLIN x" + " " * MANY * 10 + "x\n"),
+        ("a.ls", "/MN\n" + " " * MANY * 10 + "\n 1:" + "P[1:" * MANY * 10 + "\n"),
+        ("a.jbi", " " * MANY * 10 + "\n///RCONF " + "9" * MANY + "\n//INST\n" + " " * MANY * 10),
+        ("a.script", "movel(p[1e999, nan, inf, 0, 0, 0])\nmovej([1e308, 0, 0, 0, 0, 1e999])\n"),
+        ("a.script", "movel(p[1e300, 0, 0, 0, 0, 0])\nmovel(p[0, 0, 0, 1e300, 0, 0])\n"),
+        ("a.script", "set_tcp(p[1e999, 0, 0, 0, 0, 0])\nmovej([0,-1,1,0,1,0])\nmovel(p[0.5,0,0,0,0,0])\n"),
+        ("a.mod", "CONST robtarget p:=" + "[" * MANY + "1" + "]" * MANY + ";\nMoveL p,v,z,t;\n"),
+        ("a.mod", "MoveL [[1e999,2,3],[0,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v1,fine,tool0;\n" + "IF " * MANY),
+        ("a.src", "DEF a()\nPTP {A1 1e999, A2 0, A3 0, A4 0, A5 0, A6 0}\nLIN " + "{" * MANY + "\nEND\n"),
+        (
+            "a.src",
+            "DEF a()\n$BASE={X 1e999, Y 0, Z 0, A 0, B 0, C 0}\nPTP {X 1, Y 2, Z 3, A 0, B 0, C 0, S 2, T 1e9}\n",
+        ),
+        ("a.ls", "/MN\n 1:J P[1] 1% FINE ;\n/POS\nP[1]{\n" + "{" * MANY + "}\nP[1]{\nGP1:\nJ1= 1e999 deg};\n"),
+        ("a.ls", "/MN\n 1:J P[99999999999] 1% FINE ;\n/POS\nP[1]{UF:0,UT:0,CONFIG:'N U T, 999999999, 0, 0',X=1 mm};\n"),
+        ("a.jbi", "///POSTYPE BASE\n///RECTAN\nC00000=1e999,nan,,,,\nC1=" + "1," * MANY + "\n//INST\nMOVJ C00000\n"),
+    ],
+)
+def test_a_hostile_program_is_read_to_its_end_and_stays_as_it_is(name: str, text: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_text(text)
+    assert _corrected(path).files[name] == text.encode() or name == "a.script"
+
+
+def test_no_text_of_a_program_reaches_the_terminal_raw(tmp_path: Path, cell: Path) -> None:
+    path = tmp_path / "a.script"
+    path.write_bytes(b"movej(\x1b[31mred\x1b[0m)\nmovej(evil\xe2\x80\xae)\n")
+    done = ran("correct", cell, "--program", path, "-o", tmp_path / "out")
+    assert done.returncode == 0 and "\x1b" not in done.stdout and "\x1b" not in done.stderr
+
+
+def test_a_correction_beyond_what_is_plausible_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.script"
+    path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
+    huge = JointOffset(axis=1, offset_deg=0.9, found=found(offset_deg=0.01))
+    refused = _corrected(path, huge)
+    assert [one.reason for one in refused.left] == ["too_large"]
+    assert refused.files["a.script"] == path.read_bytes()
+
+
+def test_gravity_is_corrected_and_a_target_outside_the_driven_range_is_marked(tmp_path: Path) -> None:
+    """Of the twist under gravity the correction takes as much as the model says; a joint zero is known elsewhere."""
+    path = tmp_path / "a.script"
+    path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\nmovej([1.5,-1.4,1.7,-0.3,1.4,0])\n")
+    driven = ((-20.0, 20.0), *(((-180.0, 180.0),) * 5))
+    soft = Compliance(axis=2, deg_per_Nm=1e-3, payload_kg=10, found=found(deg_per_Nm=1e-5))
+    soft = soft.model_copy(update={"found": found(deg_per_Nm=1e-5).model_copy(update={"joints_deg": driven})})
+    done = _corrected(path, soft)
+    assert done.unknown[0] == "" and done.moved_mm.min() > 0.1
+    assert re.fullmatch(r"axis \d \(\w+\) at .*°, in the runs .*° to .*°", done.unknown[1])
+    assert f": {done.unknown[1]}" in "\n".join(lines(done))
+
+
+def test_an_arm_at_the_end_of_a_joint_or_out_of_reach_is_listed(tmp_path: Path) -> None:
+    path = tmp_path / "a.script"
+    path.write_text(
+        "movej([0,-1.4,1.7,-0.3,1.4,0])\nmovel(p[9,0,0,0,0,0])\nmovej([7,0,0,0,0,0])\nmovej([0,0,0,0,0,0])\n"
+    )
+    assert [(one.line, one.reason) for one in _corrected(path).left] == [
+        (2, "unreachable"),
+        (3, "beyond_limits"),
+        (4, "singular"),
+    ]
+
+
+def test_every_reason_completes_a_sentence() -> None:
+    assert all(
+        why.split()[0].strip(",") in ("is", "has", "can", "may", "would", "does", "belongs") for why in WHY.values()
+    )
+
+
+def test_the_command_writes_the_program_beside_what_it_says(tmp_path: Path, cell: Path) -> None:
+    path, out = tmp_path / "a.script", tmp_path / "out"
+    path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\nmovel(p[0.5,0.2,0.3,0,3.1,0])\nmovej(home)\n")
+    given = path.read_bytes()
+    done = ran("correct", cell, "--program", path, "-o", out)
+    assert done.returncode == 0, done.stderr
+    assert path.read_bytes() == given != (out / "a.script").read_bytes()
+    assert "1 target corrected, 2 places unchanged" in done.stdout
+    assert "movel (line 2)" in done.stdout
+    assert "rig did not send anything to a robot" in done.stderr and "reduced speed" in done.stderr
+    (held,) = yaml.safe_load((out / "corrections.yaml").read_text())["programs"]
+    assert held["corrected"] == 1 and [one["line"] for one in held["left"]] == [2, 3]
+    again = ran("correct", cell, "--program", path, "-o", out)
+    assert again.returncode == 3 and "exists already" in again.stderr
+    beside = ran("correct", cell, "--program", path, "-o", tmp_path)
+    assert beside.returncode == 3 and "exists already" in beside.stderr and path.read_bytes() == given
+    whole = ran("correct", cell, "--program", path, "-o", f"{out}2", "--json", "--all-or-nothing")
+    assert whole.returncode == 3 and "a.script" in whole.stderr and "next:" not in whole.stderr
+    found_json = json.loads(whole.stdout)
+    assert found_json["programs"][0]["targets"][0]["line"] == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--tool", "1"), "is not NAME=…"),
+        (("--tool", "1=1,2,3"), "is not six numbers"),
+        (("--frame", "1=nan,0,0,0,0,0"), "is not six numbers"),
+        (("--frame", "1=rig"), "is not six numbers"),
+    ],
+)
+def test_a_frame_that_is_none_is_one_line(words: tuple[str, str], told: str, tmp_path: Path, cell: Path) -> None:
+    path = tmp_path / "a.script"
+    path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
+    done = ran("correct", cell, "--program", path, "-o", tmp_path / "out", *words)
+    assert done.returncode == 2 and told in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_a_start_without_a_program_is_refused(tmp_path: Path, cell: Path) -> None:
+    done = ran("correct", cell, "-o", tmp_path / "out", "--start-joints", "0,0,0,0,0,0")
+    assert done.returncode == 2 and "give --program as well" in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_a_start_from_which_no_posture_comes_is_said(tmp_path: Path, cell: Path) -> None:
+    path = tmp_path / "a.script"
+    path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
+    done = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--start-joints", "0,-80,100,-20,80,0")
+    assert done.returncode == 0 and "a.script: --start-joints is not needed by any target" in done.stderr
+
+
+@pytest.mark.parametrize(("text", "reasons"), [("x=1\n", []), ("movej([0,-9,0,0,0,0])\n", ["beyond_limits"])])
+def test_a_program_of_which_nothing_is_corrected_is_read_beside_a_play(
+    text: str, reasons: list[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "a.script"
+    path.write_text(text)
+    done = _corrected(path, *EFFECTS, Backlash(axis=1, width_deg=0.2))
+    assert [target.reason for target in done.left] == reasons and not done.names and not len(done.u_mm)
+
+
+def test_programs_of_one_name_are_refused(tmp_path: Path, cell: Path) -> None:
+    paths = [tmp_path / name / "a.script" for name in ("x", "y")]
+    for path in paths:
+        path.parent.mkdir()
+        path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
+    done = ran("correct", cell, "--program", paths[0], "--program", paths[1], "-o", tmp_path / "out")
+    assert done.returncode == 3 and "would be written twice" in done.stderr
+
+
+def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path: Path, cell: Path) -> None:
+    path = tmp_path / "a.src"
+    path.write_text("DEF a()\nPTP {A1 0, A2 -80, A3 100, A4 -20, A5 80, A6 0}\nEND\n")
+    refused = ran("correct", cell, "--program", path, "-o", tmp_path / "out")
+    assert refused.returncode == 3 and "is a program for KUKA, but the robot of the rig file" in refused.stderr
+    other = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--for", "fanuc")
+    assert other.returncode == 3 and "is a program for KUKA, but --for gives FANUC" in other.stderr
+    assert not (tmp_path / "out").exists()
+    done = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--for", "kuka")
+    assert done.returncode == 0 and "a.src (kuka): 1 target corrected" in done.stdout, done.stderr
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [JointOffset(axis=3, offset_deg=0.0008, found=found(offset_deg=0.00079)), Backlash(axis=1, width_deg=0.02)],
+    ids=["a sound arm", "a play alone"],
+)
+def test_where_nothing_is_gained_no_program_is_written(effect: Effect, tmp_path: Path, cell: Path) -> None:
+    cell.write_text(extended(load("ur10e")[1], [effect], "cell"))
+    path, out = tmp_path / "a.script", tmp_path / "out"
+    path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
+    done = ran("correct", cell, "--program", path, "-o", out)
+    assert done.returncode == 3 and "do not reduce the error there, so no corrected targets were written" in done.stderr
+    assert "next:" not in done.stderr and [file.name for file in out.iterdir()] == ["corrections.yaml"]
+    assert yaml.safe_load((out / "corrections.yaml").read_text())["verdict"] == "nothing"
+    assert ran("correct", cell, "--program", path, "-o", tmp_path / "anyway", "--anyway").returncode == 0
+    assert "written although rig advises" in (tmp_path / "anyway" / "a.script").read_text()
+    assert "next:" not in ran("correct", cell, "-o", tmp_path / "bare", "--anyway").stderr
+
+
+def test_beside_a_corrected_program_there_are_no_values_to_enter(tmp_path: Path, cell: Path) -> None:
+    """Entered as well, they correct twice; the feedback of this cell names the maker."""
+    path, out = tmp_path / "a.script", tmp_path / "out"
+    path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
+    done = ran("correct", cell, "--program", path, "-o", out)
+    assert "calibration.conf" in ran("correct", cell, "-o", tmp_path / "entered").stdout
+    assert (
+        "calibration.conf" not in done.stdout
+        and "two methods would correct twice" in " ".join(done.stdout.split())
+        and "--for" not in done.stderr
+    )
+    assert yaml.safe_load((out / "corrections.yaml").read_text())["controller"] is None

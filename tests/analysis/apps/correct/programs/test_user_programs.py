@@ -1,0 +1,655 @@
+"""Programs as people have them, with what must not be touched, corrected for a wrong arm.
+
+Each is written here with targets at known joint angles; after the correction the numbers are read back by expressions
+of the test's own, and the wrong arm stands where the nominal one was sent.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from analysis.apps.correct.corrected_program import CorrectedProgram, correct_program, frames_of
+from analysis.apps.makers.numbers import replaced, written
+from analysis.apps.makers.posture import posture_of, turns
+from analysis.apps.makers.target import Number
+from analysis.correction.support import supports
+from analysis.robot.kinematics.arm import arm_of
+from rigs.rig import Rig
+from tests.worlds.arms.faulty_arm import flange_at, frame, hidden, joints_of, known
+from tests.worlds.arms.independent_arm import Array
+from tests.worlds.interpreters.arms import rig_of
+
+ReadBack = Callable[[str], Array]
+"""The flange (4, 4) that the controller is given by a line of a program."""
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+
+
+def _corrected(
+    rig: Rig, path: Path, tools: Sequence[str] = (), frames: Sequence[str] = (), scale: Sequence[float] | None = None
+) -> CorrectedProgram:
+    wrong = known(rig)
+    return correct_program(wrong, supports(wrong), path, frames_of(rig.robot, tools, frames), scale)
+
+
+def _lines(data: bytes) -> list[str]:
+    return data.decode("latin-1").split("\n")
+
+
+def _changed(given: bytes, data: bytes) -> set[int]:
+    """Numbers of the lines that changed; what is no number must not have."""
+    assert re.sub(rf" *{NUMBER}", "#", given.decode("latin-1")) == re.sub(rf" *{NUMBER}", "#", data.decode("latin-1"))
+    before, after = _lines(given), _lines(data)
+    assert len(before) == len(after), "\n".join(difflib.unified_diff(before, after, lineterm=""))
+    return {k for k, (one, other) in enumerate(zip(before, after, strict=True), start=1) if one != other}
+
+
+def _left_mm(rig: Rig, told: Array, q_deg: Sequence[float], tool: Array) -> float:
+    """Return the distance in mm between the tool of the imperfect arm and the nominal target, for a commanded flange
+    pose.
+    """
+    q = np.radians(q_deg)
+    real = flange_at(rig, joints_of(rig, told, q), hidden()) @ tool
+    return float(np.linalg.norm(real[:3, 3] - (flange_at(rig, q) @ tool)[:3, 3]))
+
+
+def _values(line: str) -> list[float]:
+    return [float(value) for value in re.findall(NUMBER, line)]
+
+
+def _why(found: CorrectedProgram) -> list[tuple[int, str]]:
+    return [(one.line, one.reason) for one in found.left]
+
+
+UR_TOOL = frame((0, 0, 145), Rotation.identity())
+UR = [
+    (0, -80, 100, -20, 80, 0),
+    (10, -75, 95, -25, 70, 15),
+    (14, -70, 95, -25, 70, 15),
+    (20, -85, 105, -30, 85, -10),
+    (25, -80, 100, -30, 85, -10),
+    (-5, -82, 101, -21, 81, 3),
+    (-8, -82, 101, -24, 81, 3),
+]
+UR_PROGRAM = """\
+# movej([0, 0, 0, 0, 0, 0]) was here: p[.1, .2, .3, 0, 0, 0]
+def pick_and_place():\r
+\tset_tcp(p[0.0, 0.0, 0.145, 0.0, 0.0, 0.0])  # Greifer \xe4\xf6
+  textmsg("movel(p[.1, .2, .3, 0, 0, 0])")
+  global Waypoint_1_p=p[{p1}]
+  global Waypoint_1_q=[{q1}]
+  home = [{q0}]
+  movej(home, a=1.4, v=1.05)
+  $ 3 "Waypoint_1 p[0, 0, 0, 0, 0, 0]" "breakAfter"
+  movej(get_inverse_kin(Waypoint_1_p, qnear=Waypoint_1_q), a=1.3962634015954636, v=1.0471975511965976)
+  movel(  p[{p2}] , a=1.2,
+        v=0.25)
+  movel(pose_add(get_actual_tcp_pose(), p[0, 0, 0.1, 0, 0, 0]), a=1.2, v=0.25)
+  movel(p[{p3}], a=1.2, v=0.25)
+  if (get_standard_digital_in(0)):
+    movej([{q3}], a=1.4, v=1.05)
+    movel(p[{p4}], a=1.2, v=0.25, r=0.002)
+  end
+  movej([0, d2r(-90), 0, 0, 0, 0])
+  movej([{q5}])
+  movec(p[{p6}], p[{p5}], a=1.2, v=0.1, mode=0)
+  movej(elsewhere)
+end
+pick_and_place()
+"""
+
+
+def ur_pose(T: Array) -> str:
+    """As PolyScope writes it: twelve decimals, and no zero before the point."""
+    values = [*(T[:3, 3] / 1e3), *Rotation.from_matrix(T[:3, :3]).as_rotvec()]
+    return ", ".join(re.sub(r"^(-?)0\.", r"\1.", f"{value:.12f}") for value in values)
+
+
+def _from_ur(line: str, tool: Array) -> Array:
+    values = _values(line[line.index("p[") :])[:6]
+    return frame(1e3 * np.array(values[:3]), Rotation.from_rotvec(values[3:])) @ np.linalg.inv(tool)
+
+
+def test_urscript(tmp_path: Path) -> None:
+    rig = rig_of("ur10e")
+    T = [flange_at(rig, np.radians(q)) @ UR_TOOL for q in UR]
+    poses = {f"p{k}": ur_pose(one) for k, one in enumerate(T)}
+    joints = {f"q{k}": ", ".join(repr(float(np.radians(angle))) for angle in q) for k, q in enumerate(UR)}
+    path = tmp_path / "pick.script"
+    path.write_bytes(UR_PROGRAM.format(**poses, **joints).encode("latin-1"))
+    found = _corrected(rig, path)
+    data = found.files["pick.script"]
+    assert _changed(path.read_bytes(), data) == {5, 7, 11, 16, 17, 20, 21}
+    assert _why(found) == [(13, "computed"), (14, "no_posture"), (19, "computed"), (22, "not_literal")]
+    lines = _lines(data)
+    for number, k in ((5, 1), (11, 2), (17, 4), (21, 6)):
+        assert _left_mm(rig, _from_ur(lines[number - 1], UR_TOOL), UR[k], UR_TOOL) < 1e-4
+    for number, k in ((7, 0), (16, 3), (20, 5)):
+        told = np.array(_values(lines[number - 1][lines[number - 1].index("[") :])[:6])
+        assert _left_mm(rig, flange_at(rig, told), UR[k], UR_TOOL) < 1e-4
+    assert lines[4].startswith("  global Waypoint_1_p=p[") and "0." not in lines[4]
+    assert found.rounded_um.max() < 0.1 and found.moved_mm.min() > 0.1
+
+
+def test_urscript_without_a_tool_leaves_poses_until_it_is_stated(tmp_path: Path) -> None:
+    rig, path = rig_of("ur10e"), tmp_path / "a.urscript"
+    q = ", ".join(str(float(np.radians(angle))) for angle in UR[0])
+    T = flange_at(rig, np.radians(UR[1])) @ UR_TOOL
+    path.write_text(f"movej([{q}])\nmovel(p[{ur_pose(T)}])\n")
+    assert _why(_corrected(rig, path)) == [(2, "unknown_tool")]
+    found = _corrected(rig, path, ["tcp=0,0,145,0,0,0"])
+    assert len(found.names) == 2 and not found.left
+    told = _from_ur(_lines(found.files["a.urscript"])[1], UR_TOOL)
+    assert _left_mm(rig, told, UR[1], UR_TOOL) < 1e-4
+
+
+FANUC_TOOL = frame((10, -20, 180), Rotation.from_euler("xyz", (0, 30, 10), degrees=True))
+FANUC_USER = frame((700, 100, 50), Rotation.from_euler("xyz", (0, 0, 30), degrees=True))
+FANUC = [
+    (20, 10, -30, 5, -70, 30),
+    (22, 12, -28, 8, -65, 40),
+    (15, 14, -26, -12, 60, 170),
+    (30, 5, -20, -20, 60, 200),
+]
+FANUC_PROGRAM = """\
+/PROG  PICK_PART\r
+/ATTR\r
+OWNER\t\t= MNEDITOR;\r
+COMMENT\t\t= "P[2] X = 1.0 mm";\r
+DEFAULT_GROUP\t= 1,*,*,*,*;\r
+/MN\r
+   1:  !J P[1] 100% FINE ;\r
+   2:  UFRAME_NUM=0 ;\r
+   2:  UTOOL_NUM=1 ;\r
+   3:J P[1] 100% FINE    ;\r
+   4:L P[2:"PICK"] 200mm/sec FINE    ;\r
+   5:  //L P[2] 200mm/sec CNT50 ;\r
+   6:L P[2:"PICK"] 50mm/sec FINE Offset,PR[5]    ;\r
+   7:  UFRAME_NUM=3 ;\r
+   7:C P[3]    \r
+    :  P[4] 100mm/sec CNT100    ;\r
+   8:  UFRAME_NUM=0 ;\r
+   8:L P[5] 100mm/sec FINE INC    ;\r
+   9:L PR[7] 100mm/sec FINE    ;\r
+  10:L PR[R[3]] 100mm/sec FINE    ;\r
+  11:  MESSAGE[P[4] X = 3.0 mm] ;\r
+  12:J P[6] 20% FINE    ;\r
+  13:L P[7] 20mm/sec FINE    ;\r
+  14:  UTOOL_NUM=2 ;\r
+  14:L P[8] 20mm/sec FINE    ;\r
+/POS\r
+{points}\r
+/END\r
+"""
+
+
+def fanuc_point(number: int, inside: str, frames: str) -> str:
+    name = ':"PICK"' if number == 2 else ""
+    return f"P[{number}{name}]{{\r\n   GP1:\r\n\t{frames}{inside}\r\n}};"
+
+
+def fanuc_pose(rig: Rig, q_deg: Sequence[float], base: Array) -> str:
+    q = np.radians(q_deg)
+    T = np.linalg.inv(base) @ flange_at(rig, q) @ FANUC_TOOL
+    stands, counts = posture_of(arm_of(rig.robot), q), [turns(float(angle)) for angle in q[3:]]
+    letters = f"{'F' if stands.flip else 'N'} {'U' if stands.up else 'D'} {'T' if stands.front else 'B'}"
+    x, y, z = T[:3, 3]
+    w, p, r = Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)
+    return (
+        f"\t\tCONFIG : '{letters}, {', '.join(map(str, counts))}',\r\n"
+        f"\tX ={x:10.3f}  mm,\tY ={y:10.3f}  mm,\tZ ={z:10.3f}  mm,\r\n"
+        f"\tW ={w:10.3f} deg,\tP ={p:10.3f} deg,\tR ={r:10.3f} deg"
+    )
+
+
+def fanuc_joints(q_deg: Sequence[float]) -> str:
+    one = [f"J{axis}={angle:10.3f} deg" for axis, angle in enumerate(q_deg, start=1)]
+    return "\r\n\t" + ",\t".join(one[:3]) + ",\r\n\t" + ",\t".join(one[3:])
+
+
+def test_fanuc(tmp_path: Path) -> None:
+    rig = rig_of("fanuc-m-10ia")
+    base = np.eye(4)
+    poses = [fanuc_pose(rig, q, base) for q in FANUC]
+    points = [
+        fanuc_point(1, fanuc_joints(FANUC[0]), "UF : 0, UT : 1,\t"),
+        fanuc_point(2, poses[1], "UF : 0, UT : 1,"),
+        fanuc_point(3, fanuc_pose(rig, FANUC[2], FANUC_USER), "UF : 3, UT : 1,"),
+        fanuc_point(4, fanuc_pose(rig, FANUC[3], FANUC_USER), "UF : 3, UT : 1,"),
+        fanuc_point(5, poses[1], "UF : 0, UT : 1,"),
+        fanuc_point(6, fanuc_joints(FANUC[0]) + ",\r\n\tE1=     0.000  mm", "UF : 0, UT : 1,\t"),
+        fanuc_point(7, poses[1].replace("0, 0, 0'", "0, 0, 3'"), "UF : 0, UT : 1,"),
+        fanuc_point(8, poses[1], "UF : 0, UT : 2,"),
+    ]
+    path = tmp_path / "PICK_PART.LS"
+    path.write_bytes(FANUC_PROGRAM.format(points="\r\n".join(points)).encode())
+    tool = "1=10,-20,180,0,30,10"
+    found = _corrected(rig, path, [tool], ["3=700,100,50,0,0,30"])
+    data, given = found.files["PICK_PART.LS"], path.read_bytes()
+    lines = _lines(data)
+    at = {
+        number: next(k for k, line in enumerate(lines) if line.startswith(f"P[{number}") and "{" in line)
+        for number in range(1, 9)
+    }
+    rows = {at[k] + row for k in (1, 2, 3, 4, 6) for row in (4, 5)}
+    assert _changed(given, data) == rows
+    assert [len(line) for line in lines] == [len(line) for line in _lines(given)]  # the columns stand as they stood
+    assert _why(found) == [
+        (13, "offset"),  # its register stands in the controller
+        (18, "relative"),
+        (19, "computed"),
+        (20, "computed"),
+        (at[5] + 1, "changed"),
+        (at[7] + 1, "other_flags"),
+        (at[8] + 1, "unknown_tool"),
+    ]
+    told = np.array([value for row in lines[at[1] + 3 : at[1] + 5] for value in _values(row.replace("J", "J_"))[1::2]])
+    assert _left_mm(rig, flange_at(rig, np.radians(told)), FANUC[0], FANUC_TOOL) < 0.02
+    for number, k in ((3, 2), (4, 3)):
+        x, y, z, w, p, r = (value for row in lines[at[number] + 3 : at[number] + 5] for value in _values(row))
+        X = frame((x, y, z), Rotation.from_euler("xyz", (w, p, r), degrees=True))
+        flange = FANUC_USER @ X @ np.linalg.inv(FANUC_TOOL)
+        # What is left is of the three decimals that a controller prints, in the given program and in the new one.
+        assert _left_mm(rig, flange, FANUC[k], FANUC_TOOL) < 0.02
+    assert 1 < found.rounded_um.max() < 20 and found.moved_mm.min() > 0.1
+
+
+KUKA_TOOL = frame((0, 50, 200), Rotation.from_euler("ZYX", (10, 20, 0), degrees=True))
+KUKA_BASE = frame((500, -100, 30), Rotation.from_euler("ZYX", (45, 0, 0), degrees=True))
+KUKA = [
+    (20, -80, 90, 30, 60, -20),
+    (25, -75, 95, -20, 50, 40),
+    (-30, -70, 100, 100, -55, 200),
+    (-25, -75, 95, 95, -60, 190),
+    (10, -60, 80, 10, 45, 5),
+]
+KUKA_SOURCE = """\
+&ACCESS RVP\r
+&REL 4\r
+DEF  pick( )\r
+;FOLD INI;%{PE}\r
+  BAS (#INITMOV,0 )\r
+;ENDFOLD (INI)\r
+PTP {A1 20.0, A2 -80, A3 90.000, A4 30, A5 60.0, A6 -20.0, E1 0.0}\r
+;FOLD PTP P1 Vel=100 % PDAT1 Tool[1]:Greifer Base[2]:Tisch;%{PE}%R 8.3.38\r
+PDAT_ACT=PPDAT1\r
+FDAT_ACT=FP1\r
+BAS(#PTP_PARAMS,100)\r
+SET_CD_PARAMS (0)\r
+PTP XP1 \r
+;ENDFOLD\r
+; LIN {X 1.0, Y 2.0, Z 3.0, A 0, B 0, C 0}\r
+PTP {A1 -28.0, A2 -72, A3 98.000, A4 98, A5 -57.0, A6 198.0}\r
+SLIN XP2 WITH $VEL = SVEL_CP(2.0, , LCPDAT1), $TOOL = STOOL2(FP1), $BASE = SBASE(FP1.BASE_NO), \
+$LOAD = SLOAD(FP1.TOOL_NO), $COLLMON_TOL_PRO[1] = USE_CM_PRO_VALUES(0), C_SPL\r
+LIN_REL {Z 100.0}\r
+LIN XP3\r
+CIRC XP3, XP4, CA 90\r
+PTP XHOME\r
+FDAT_ACT=FP9\r
+PTP XP5\r
+PTP P_OFF:XP1\r
+MsgNotify("PTP {A1 0, A2 0, A3 0, A4 0, A5 0, A6 0}")\r
+END\r
+"""
+
+
+def _status_turn(rig: Rig, q_deg: Sequence[float]) -> tuple[int, int]:
+    """S and T from the joint angles, for an arm whose elbow is far from stretched."""
+    T = flange_at(rig, np.radians(q_deg))
+    wrist = T[:3, 3] - 90 * T[:3, 2]
+    front = np.cos(np.arctan2(wrist[1], wrist[0]) + np.radians(q_deg[0])) > 0
+    assert abs(q_deg[2]) > 20
+    status = int(not front) + 2 * (q_deg[2] > 0) + 4 * (q_deg[4] <= 0)
+    return status, sum(1 << axis for axis, angle in enumerate(q_deg) if angle < 0)
+
+
+def kuka_pose(rig: Rig, q_deg: Sequence[float], *, status: int | None = None) -> str:
+    X = np.linalg.inv(KUKA_BASE) @ flange_at(rig, np.radians(q_deg)) @ KUKA_TOOL
+    values = [*X[:3, 3], *Rotation.from_matrix(X[:3, :3]).as_euler("ZYX", degrees=True)]
+    S, T = _status_turn(rig, q_deg)
+    pairs = [f"{name} {value:.6f}" for name, value in zip("XYZABC", values, strict=True)]
+    return ",".join([*pairs, f"S {S if status is None else status}", f"T {T}", "E1 0.0", "E2 0.0"])
+
+
+def test_kuka(tmp_path: Path) -> None:
+    rig = rig_of("kuka-kr-10-r1100-2")
+    path, data_path = tmp_path / "Pick.src", tmp_path / "Pick.dat"
+    path.write_bytes(KUKA_SOURCE.encode())
+    poses = [kuka_pose(rig, q) for q in KUKA]
+    declared = [
+        "&ACCESS RVP",
+        "DEFDAT  PICK",
+        "EXT  BAS (BAS_COMMAND  :IN,REAL  :IN )",
+        'DECL FDAT FP1={TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE,POINT2[] " ",TQ_STATE FALSE}',
+        'DECL FDAT FP9={TOOL_NO 9,BASE_NO 2,IPO_FRAME #BASE,POINT2[] " "}',
+        f"DECL E6POS XP1={{{poses[1]}}}",
+        f"DECL E6POS XP2={{{poses[2]}}}",
+        f"DECL E6POS XP3={{{poses[3].replace('E1 0.0', 'E1 150.0')}}}",
+        f"; DECL E6POS XP3={{{poses[3]}}}",
+        f"DECL E6POS XP4={{{poses[4]}}}",
+        f"DECL E6POS XP5={{{poses[4]}}}",
+        "ENDDAT",
+        "",
+    ]
+    data_path.write_bytes("\r\n".join(declared).encode())
+    found = _corrected(rig, path, ["1=0,50,200,0,20,10"], ["2=500,-100,30,0,0,45"])
+    # XP1 stands behind a geometric operator, too, so it is not changed.
+    assert _changed(path.read_bytes(), found.files["Pick.src"]) == {7, 16}
+    assert _changed(data_path.read_bytes(), found.files["Pick.dat"]) == {7}
+    assert [(one.file, one.line, one.reason) for one in found.left] == [
+        (0, 18, "relative"),
+        (0, 20, "arc"),
+        (0, 20, "arc"),
+        (0, 21, "not_literal"),
+        (0, 24, "computed"),
+        (1, 6, "changed"),
+        (1, 8, "external_axes"),
+        (1, 10, "changed"),
+        (1, 11, "unknown_tool"),
+    ]
+    a, *_ = ([float(v) for v in re.findall(rf"A\d ({NUMBER})", line)] for line in _lines(found.files["Pick.src"])[6:7])
+    assert _left_mm(rig, flange_at(rig, np.radians(a)), KUKA[0], KUKA_TOOL) < 1e-3
+    line = _lines(found.files["Pick.dat"])[6]
+    x, y, z, *turn = (float(value) for value in re.findall(rf"\b[XYZABC] ({NUMBER})", line))
+    told = KUKA_BASE @ frame((x, y, z), Rotation.from_euler("ZYX", turn, degrees=True)) @ np.linalg.inv(KUKA_TOOL)
+    assert _left_mm(rig, told, KUKA[2], KUKA_TOOL) < 1e-3
+
+
+@pytest.mark.parametrize("k", range(5))
+def test_kuka_status_and_turn_say_which_posture_is_meant(k: int, tmp_path: Path) -> None:
+    """The posture of a pose is that of its S and T; a different S has no solution."""
+    rig = rig_of("kuka-kr-10-r1100-2")
+    path, state = tmp_path / "a.src", ["1=0,50,200,0,20,10"]
+    base = ["2=500,-100,30,0,0,45"]
+    head = "DEF a()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[2]\nPTP "
+    path.write_text(f"{head}{{{kuka_pose(rig, KUKA[k])}}}\nEND\n")
+    found = _corrected(rig, path, state, base)
+    assert not found.left
+    line = _lines(found.files["a.src"])[3]
+    x, y, z, *turn = (float(value) for value in re.findall(rf"\b[XYZABC] ({NUMBER})", line))
+    told = KUKA_BASE @ frame((x, y, z), Rotation.from_euler("ZYX", turn, degrees=True)) @ np.linalg.inv(KUKA_TOOL)
+    assert _left_mm(rig, told, KUKA[k], KUKA_TOOL) < 1e-3
+    status = _status_turn(rig, KUKA[k])[0]
+    for bit in (1, 2):
+        path.write_text(f"{head}{{{kuka_pose(rig, KUKA[k], status=status ^ bit)}}}\nEND\n")
+        assert _why(_corrected(rig, path, state, base)) == [(4, "other_flags")]
+
+
+def test_a_line_that_arrives_in_another_posture_than_its_flags_is_left(tmp_path: Path) -> None:
+    """KUKA keeps the posture along a line, whatever S and T say: here the wrist stands turned over."""
+    rig, path = rig_of("kuka-kr-10-r1100-2"), tmp_path / "a.src"
+    turned = (-25, -75, 95, 95 - 180, 60, 190 - 180)  # what reaches the pose of the flags with its wrist turned over
+    for start, why in ((turned, ["two_postures"]), (KUKA[3], [])):
+        axes = ", ".join(f"A{axis} {angle}" for axis, angle in enumerate(start, start=1))
+        lines = ["DEF a()", "$TOOL=TOOL_DATA[1]", "$BASE=BASE_DATA[2]", f"PTP {{{axes}}}"]
+        path.write_text("\n".join([*lines, f"LIN {{{kuka_pose(rig, KUKA[3])}}}", "END", ""]))
+        found = _corrected(rig, path, ["1=0,50,200,0,20,10"], ["2=500,-100,30,0,0,45"])
+        assert [one.reason for one in found.left] == why
+
+
+ABB_TOOL = frame((5, 0, 90), Rotation.from_euler("xyz", (0, 45, 0), degrees=True))
+ABB_OBJECT = frame((300, 50, 100), Rotation.from_euler("z", 20, degrees=True))
+ABB = [
+    (20, 10, 20, 30, 60, -40),
+    (25, 15, 15, -30, 50, 100),
+    (-30, 5, 25, -100, 55, 150),
+    (40, -10, 10, 15, 70, 20),
+]
+
+
+def quaternion(T: Array) -> str:
+    return ",".join(f"{value:.9g}" for value in Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True))
+
+
+def robtarget_of(rig: Rig, q_deg: Sequence[float], base: Array, external: str = "9E+09") -> str:
+    X = np.linalg.inv(base) @ flange_at(rig, np.radians(q_deg)) @ ABB_TOOL
+    cf = [int(q_deg[axis] // 90) for axis in (0, 3, 5)]
+    conf = ",".join(map(str, [*cf, int(q_deg[4] < 0)]))
+    place = ",".join(f"{value:.6g}" for value in X[:3, 3])
+    return f"[[{place}],[{quaternion(X)}],[{conf}],[{external},9E+09,9E+09,9E+09,9E+09,9E+09]]"
+
+
+ABB_PROGRAM = """\
+%%%\r
+  VERSION:1\r
+  LANGUAGE:ENGLISH\r
+%%%\r
+MODULE MainModule\r
+  ! MoveL [[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tGripper;\r
+  PERS tooldata tGripper:=[TRUE,[[5,0,90],[{tool}]],[1,[0,0,50],[1,0,0,0],0,0,0]];\r
+  PERS wobjdata wTable:=[FALSE,TRUE,"",[[300,50,100],[{object}]],[[0,0,0],[1,0,0,0]]];\r
+  CONST jointtarget jHome:=[[20,10,20,30,60,-40],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]];\r
+  CONST robtarget pPick:=\r
+    {pick};\r
+  LOCAL CONST robtarget pRail:={rail};\r
+  VAR robtarget pMoving:={pick};\r
+  PROC main()\r
+    TPWrite "MoveAbsJ [[0,0,0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]";\r
+    MoveAbsJ jHome\\NoEOffs,v1000,z50,tGripper;\r
+    MoveJ Offs(pPick,0,0,90),v1000,z10,tGripper\\WObj:=wTable;\r
+    MoveL pPick,v100,fine,tGripper\\WObj:=wTable;\r
+    Set doGrip;\r
+    MoveL {inline},\r
+      v100,fine,tGripper;\r
+    pMoving:=CRobT(\\Tool:=tGripper);\r
+    MoveL pMoving,v100,fine,tGripper;\r
+    MoveL pRail,v100,fine,tGripper\\WObj:=wTable;\r
+    MoveL pElsewhere,v100,fine,tGripper;\r
+    MoveJ {other},v100,fine,tOther;\r
+    IF diPart=1 THEN\r
+      Place;\r
+    ENDIF\r
+  ENDPROC\r
+  PROC Place()\r
+    Reset doGrip;\r
+  ENDPROC\r
+ENDMODULE\r
+"""
+
+
+def test_abb(tmp_path: Path) -> None:
+    rig, path = rig_of("abb-irb-120"), tmp_path / "MainModule.mod"
+    text = ABB_PROGRAM.format(
+        tool=quaternion(ABB_TOOL),
+        object=quaternion(ABB_OBJECT),
+        pick=robtarget_of(rig, ABB[1], ABB_OBJECT),
+        rail=robtarget_of(rig, ABB[1], ABB_OBJECT, "0.0"),
+        inline=robtarget_of(rig, ABB[2], np.eye(4)),
+        other=robtarget_of(rig, ABB[3], np.eye(4)),
+    )
+    path.write_bytes(text.encode())
+    found = _corrected(rig, path)
+    data = found.files["MainModule.mod"]
+    assert _changed(path.read_bytes(), data) == {9, 11, 12, 20}
+    assert _why(found) == [
+        (13, "changed"),
+        (25, "not_literal"),
+        (26, "unknown_tool"),
+    ]
+    lines = _lines(data)
+    assert _left_mm(rig, flange_at(rig, np.radians(_values(lines[8])[:6])), ABB[0], ABB_TOOL) < 1e-3
+    for number, k, base in ((20, 2, np.eye(4)),):
+        values = _values(lines[number - 1])
+        X = frame(values[:3], Rotation.from_quat(values[3:7], scalar_first=True))
+        # The given coordinates have six digits.
+        assert _left_mm(rig, base @ X @ np.linalg.inv(ABB_TOOL), ABB[k], ABB_TOOL) < 2e-3
+
+
+def test_abb_without_configuration_keeps_the_posture_of_the_way(tmp_path: Path) -> None:
+    rig, path = rig_of("abb-irb-120"), tmp_path / "a.mod"
+    pose = re.sub(r"\[-?\d+,-?\d+,-?\d+,\d\]", "[0,0,0,0]", robtarget_of(rig, ABB[3], np.eye(4)))
+    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
+    home = "MoveAbsJ [[20,10,20,30,60,-40],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,t;"
+    for off, before, left in (("ConfL\\Off;", home, []), ("ConfL\\Off;", "", [(6, "no_posture")])):
+        path.write_text(f"MODULE a\n{tool}\nPROC b()\n{off}\n{before}\nMoveL {pose},v9,fine,t;\nENDPROC\nENDMODULE\n")
+        found = _corrected(rig, path)
+        assert _why(found) == left
+    path.write_text(f"MODULE a\n{tool}\nPROC b()\nConfL\\Off;\n{home}\nMoveL {pose},v9,fine,t;\nENDPROC\nENDMODULE\n")
+    values = _values(_lines(_corrected(rig, path).files["a.mod"])[5])
+    X = frame(values[:3], Rotation.from_quat(values[3:7], scalar_first=True))
+    assert _left_mm(rig, X @ np.linalg.inv(ABB_TOOL), ABB[3], ABB_TOOL) < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("switch", "left"),
+    [
+        ("", []),
+        ("ConfJ\\Off;", []),
+        ("WHILE reg1<5 DO\nConfJ\\Off;\nENDWHILE", ["two_postures"]),
+    ],
+)
+def test_abb_configuration_that_may_not_count_leaves_the_target(switch: str, left: list[str], tmp_path: Path) -> None:
+    """The arm stands with its wrist turned over: by the flags it turns back, without them it stays, and a loop that may
+    not run leaves open which."""
+    rig, path = rig_of("abb-irb-120"), tmp_path / "a.mod"
+    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
+    over = "MoveAbsJ [[-30,5,25,75,-50,-25],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,t;"
+    move = f"MoveJ {robtarget_of(rig, ABB[2], np.eye(4))},v9,fine,t;"
+    path.write_text(f"MODULE a\n{tool}\nPROC b()\n{over}\n{switch}\n{move}\nENDPROC\nENDMODULE\n")
+    assert [one.reason for one in _corrected(rig, path).left] == left
+
+
+def test_the_end_of_a_line_past_the_singularity_of_the_wrist_is_left(tmp_path: Path) -> None:
+    """Axis 5 comes within a degree of 0 on the way: a controller may leave on either side."""
+    rig, path = rig_of("ur10e"), tmp_path / "a.script"
+    begin, end = (18.38, -53.75, 61.05, 85.82, 9.19, -88.1), (-11.97, -55.13, 65.49, 78.83, -4.74, -104.68)
+    home = ", ".join(f"{angle:.9f}" for angle in np.radians(begin))
+    for joint, left in ((-4.74, ["past_singularity"]), (9.0, [])):
+        X = flange_at(rig, np.radians([*end[:4], joint, end[5]]))
+        path.write_text(f"set_tcp(p[0,0,0,0,0,0])\nmovej([{home}])\nmovel(p[{ur_pose(X)}])\n")
+        assert [one.reason for one in _corrected(rig, path).left] == left
+
+
+@pytest.mark.parametrize(("q_deg", "cfx"), [((20, 40, -50, 30, 60, -40), 0), ((20, 40, -105, 30, 60, -40), 2)])
+def test_abb_cfx_decides_between_elbows(q_deg: Sequence[float], cfx: int, tmp_path: Path) -> None:
+    """Both elbows are within the limits; a cfx of the other wrist has no solution."""
+    rig, path = rig_of("abb-irb-120"), tmp_path / "a.mod"
+    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
+    for conf, left in ((cfx, []), (cfx + 1, ["other_flags"])):
+        pose = re.sub(r"(\[-?\d+,-?\d+,-?\d+),\d\]", rf"\g<1>,{conf}]", robtarget_of(rig, q_deg, np.eye(4)))
+        path.write_text(f"MODULE a\n{tool}\nPROC b()\nMoveJ {pose},v9,fine,t;\nENDPROC\nENDMODULE\n")
+        found = _corrected(rig, path)
+        assert [one.reason for one in found.left] == left
+        if not left:
+            values = _values(_lines(found.files["a.mod"])[3])
+            X = frame(values[:3], Rotation.from_quat(values[3:7], scalar_first=True))
+            assert _left_mm(rig, X @ np.linalg.inv(ABB_TOOL), q_deg, ABB_TOOL) < 2e-3
+
+
+def test_a_point_that_the_program_assigns_again_or_reaches_in_two_postures_is_left(tmp_path: Path) -> None:
+    rig, path = rig_of("ur10e"), tmp_path / "a.script"
+    q = [", ".join(str(float(np.radians(angle))) for angle in UR[k]) for k in (0, 1)]
+    T = ur_pose(flange_at(rig, np.radians(UR[1])) @ UR_TOOL)
+    path.write_text(
+        f"set_tcp(p[0,0,0.145,0,0,0])\nhome=[{q[0]}]\nthere=p[{T}]\nmovej(home)\nmovel(there)\n"
+        f"while (True):\nmovel(there)\nend\nother=[{q[1]}]\nmovej(other)\nother=[{q[0]}]\n"
+    )
+    # A line from the place to itself keeps its posture, so it is one whichever way leads there.
+    assert _why(_corrected(rig, path)) == [(9, "changed")]
+    path.write_text(f"set_tcp(p[0,0,0.145,0,0,0])\nthere=p[{T}]\nif a:\nmovej([{q[0]}])\nend\nmovel(there)\n")
+    assert _why(_corrected(rig, path)) == [(2, "no_posture")]
+    turned = ", ".join(str(float(np.radians(angle))) for angle in (10, -75, 95, -25, 70 - 140, 15 + 150))
+    two = f"if a:\nmovej([{q[0]}])\nelse:\nmovej([{turned}])\nend\nmovel(there)\n"
+    path.write_text(f"set_tcp(p[0,0,0.145,0,0,0])\nthere=p[{T}]\n{two}")
+    assert _why(_corrected(rig, path)) == [(2, "two_postures")]
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "new"),
+    [
+        ("X =   999.990  mm", 1000.1234, "X =  1000.123  mm"),
+        ("X =  1000.001  mm", 999.9876, "X =   999.988  mm"),
+        ("X = 999.990 mm", -0.00001, "X = 0.000 mm"),
+        ("X = +1.5 mm", 1.6, "X = +1.600 mm"),
+        ("X = -.5 mm", -0.6, "X = -.600 mm"),
+        ("X = 1.5E+02 mm", 150.0001, "X = 150.0001000 mm"),
+        ("X = 90 mm", 90.0, "X = 90 mm"),
+        ("X = 1.23456789012 mm", 2.0, "X = 2.0000000 mm"),
+    ],
+)
+def test_a_number_keeps_its_style_and_its_column(text: str, value: float, new: str) -> None:
+    found = re.search(NUMBER, text)
+    assert found
+    number = Number(found.start(), found.end(), float(found[0]))
+    assert replaced(text, [(number, written(number, text, value, "roll_pitch_yaw", (3, 7)))]) == new
+
+
+YASKAWA_TOOL = frame((0, 0, 150), Rotation.identity())
+SCALE = (1365.3, -1137.8, 1000.0, 1024.0, -1024.0, 568.9)
+YASKAWA = [(20, 20, 15, 10, -65, -150), (25, 25, 10, -15, -70, -100), (-10, 15, 5, 20, -60, 30)]
+YASKAWA_PROGRAM = """\
+/JOB\r
+//NAME PICK\r
+//POS\r
+///NPOS 5,0,1,1,0,0\r
+///TOOL 3\r
+///POSTYPE PULSE\r
+///PULSE\r
+C00000={pulses}\r
+///POSTYPE USER\r
+///USER 4\r
+///RECTAN\r
+///RCONF {form},0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0\r
+C00001={pose1}\r
+C00002={pose2}\r
+C00003={pose2}\r
+C00004={pose2}\r
+EC00000=1000\r
+///POSTYPE PULSE\r
+///PULSE\r
+P00001=0,0,0,0,0,0\r
+//INST\r
+///DATE 2026/01/21 16:46\r
+///ATTR SC,RW\r
+///GROUP1 RB1\r
+NOP\r
+'MOVJ C00000 VJ=10.00\r
+MOVJ C00000 VJ=10.00\r
+MOVL C00001 V=100.0\r
+MOVL C00002 V=100.0 +MOVJ EC00000\r
+IMOV P001 V=10.0\r
+SFTON P002\r
+MOVL C00003 V=100.0\r
+SFTOF\r
+MOVJ P001 VJ=5.00\r
+MOVL C00004 V=100.0 'C00004=1,2,3,4,5,6\r
+END\r
+"""
+
+
+def yaskawa_pose(rig: Rig, q_deg: Sequence[float]) -> str:
+    T = flange_at(rig, np.radians(q_deg)) @ YASKAWA_TOOL
+    turn = Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)
+    return ",".join([*(f"{value:.3f}" for value in T[:3, 3]), *(f"{value:.4f}" for value in turn)])
+
+
+def test_yaskawa(tmp_path: Path) -> None:
+    rig, path = rig_of("yaskawa-gp7"), tmp_path / "PICK.JBI"
+    stands = [posture_of(arm_of(rig.robot), np.radians(q)) for q in YASKAWA]
+    assert len({(one.flip, one.up, one.front) for one in stands}) == 1
+    form = f"{int(not stands[0].flip)},{int(not stands[0].up)},{int(not stands[0].front)},0,0,0"
+    pulses = ",".join(str(round(angle * scale)) for angle, scale in zip(YASKAWA[0], SCALE, strict=True))
+    poses = {f"pose{k}": yaskawa_pose(rig, YASKAWA[k]) for k in (1, 2)}
+    path.write_bytes(YASKAWA_PROGRAM.format(pulses=pulses, form=form, **poses).encode())
+    listed = [(15, "displaced"), (20, "changed"), (30, "relative")]
+    without = _corrected(rig, path, ["3=0,0,150,0,0,0"], ["4=0"])
+    assert _why(without) == [(8, "no_scale"), *listed]
+    found = _corrected(rig, path, ["3=0,0,150,0,0,0"], ["4=0"], SCALE)
+    data = found.files["PICK.JBI"]
+    assert _changed(path.read_bytes(), data) == {8, 13, 14, 16}
+    assert _why(found) == listed
+    lines = _lines(data)
+    told = np.array(_values(lines[7][7:])) / SCALE
+    # A pulse is 0.001°, 15 µm at the tool; the given program has the same rounding.
+    assert _left_mm(rig, flange_at(rig, np.radians(told)), YASKAWA[0], YASKAWA_TOOL) < 0.05
+    for number, k in ((13, 1), (14, 2), (16, 2)):
+        x, y, z, *turn = _values(lines[number - 1][7:])
+        X = frame((x, y, z), Rotation.from_euler("xyz", turn, degrees=True))
+        assert _left_mm(rig, X @ np.linalg.inv(YASKAWA_TOOL), YASKAWA[k], YASKAWA_TOOL) < 5e-3

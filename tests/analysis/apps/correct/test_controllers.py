@@ -1,0 +1,319 @@
+"""Values for a controller's parameters: entered at an independent model of it, the arm's error is gone."""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+from typer.testing import CliRunner
+
+from analysis.apps.correct.correct_rig import correct_rig
+from analysis.apps.makers import maker_by
+from analysis.cli import app
+from rigs.edit import extended
+from rigs.effects import Backlash, Compliance, Effect, EffectProvenance, JointOffset, LinkGeometry
+from rigs.errors import UseError
+from rigs.schema.vocabulary import MAKERS, MakerName, maker_of
+from tests.support import command_line
+from tests.support.maker_controllers import NO_DELTA, Mastered, UniversalRobots
+from tests.support.stated_controller import load
+from tests.worlds.arms.independent_arm import Wrong as WrongArm
+from tests.worlds.arms.independent_arm import constants_of, flange
+
+Array = NDArray[np.float64]
+MASTERED: tuple[MakerName, ...] = ("kuka", "fanuc", "abb", "yaskawa")
+SCALE = np.array([4200.5, -3811.0, 4000.0, -2900.25, 3000.0, 1500.0])
+"""Counts per degree of an arm that exists nowhere, two of its motors mounted the other way round."""
+GEAR = SCALE / 30
+TARGETS_DEG = np.array([[0.0, 20, 10, 0, 60, 0], [10, 25, 40, 20, -70, 30], [-30, 5, -20, 100, 40, 100]])
+"""Away from the singularities of both arms."""
+
+
+def _found(**sd: float) -> EffectProvenance:
+    return EffectProvenance(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd=sd)
+
+
+ZEROS = [
+    JointOffset(axis=2, offset_deg=-0.08, found=_found(offset_deg=0.002)),
+    JointOffset(axis=4, offset_deg=0.05, found=_found(offset_deg=0.002)),
+]
+OFF_DEG = np.array([0, -0.08, 0, 0.05, 0, 0])
+
+
+def _cell(tmp_path: Path, rig: str, effects: Sequence[Effect]) -> Path:
+    cell = tmp_path / "cell.yaml"
+    text = load(rig)[1]
+    cell.write_text(extended(text, effects, "cell"), encoding="utf-8")
+    return cell
+
+
+def _printed(cell: Path, out: Path, *options: str) -> dict[str, Any]:
+    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(out), *options])
+    assert done.exit_code == 0, done.output
+    entries: dict[str, Any] = yaml.safe_load((out / "corrections.yaml").read_text(encoding="utf-8"))["controller"]
+    return entries
+
+
+def _paper_arm(q: Array) -> tuple[Array, Array]:
+    none = WrongArm(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
+    R, p = flange(constants_of("paper-fanuc"), none, q[None])
+    return R[0], p[0]
+
+
+def _mastered(name: MakerName) -> Mastered:
+    """The paper's arm at a controller that takes its zeros for right."""
+    at_zero = np.array([0.0, -90, 90, 0, 0, 0]) if name == "kuka" else np.zeros(6)
+    per_deg = np.radians(1) * GEAR if name == "abb" else SCALE
+    zero = np.array([1e5, -2e5, 3e4, 0, 7e3, -1e4]) * np.sign(per_deg)
+    return Mastered(_paper_arm, _paper_arm, zero, per_deg, at_zero, zero, at_zero + OFF_DEG)
+
+
+def _entered(controller: Mastered, entries: dict[str, Any]) -> Mastered:
+    """The controller after a person has entered the values."""
+    for one in entries["entries"]:
+        place = "at_zero" if entries["name"] == "kuka" else "zero"
+        changed = getattr(controller, place).copy()
+        changed[int(one["axis"]) - 1] += one["add"]
+        controller = replace(controller, **{place: changed})
+    return controller
+
+
+def _errors_mm(controller: Mastered | UniversalRobots, wanted: Sequence[tuple[Array, Array]]) -> Array:
+    sent = [controller.sent_to(R, p, near) for (R, p), near in zip(wanted, TARGETS_DEG, strict=True)]
+    return np.array([np.linalg.norm(p - goal) for (_, p), (_, goal) in zip(sent, wanted, strict=True)])
+
+
+@pytest.mark.parametrize("name", MASTERED)
+def test_zeros_entered_at_a_controller_that_counts_remove_the_error(tmp_path: Path, name: MakerName) -> None:
+    scale = {"kuka": [], "abb": ["--scale", ",".join(map(str, GEAR))]}.get(name, ["--scale", ",".join(map(str, SCALE))])
+    entries = _printed(_cell(tmp_path, "paper-fanuc", ZEROS), tmp_path / "out", "--for", name, *scale)
+    controller = _mastered(name)
+    wanted = [_paper_arm(np.radians(q)) for q in TARGETS_DEG]
+    before, after = _errors_mm(controller, wanted), _errors_mm(_entered(controller, entries), wanted)
+    assert before.min() > 0.3
+    assert after.max() < 1e-3
+    assert not {"delta_a", "delta_alpha"} & {one["parameter"].partition("[")[0] for one in entries["entries"]}
+    # What the program tells the person to check at an unchanged posture.
+    counts = controller.counts_at(TARGETS_DEG[1])
+    more_deg = _entered(controller, entries).reading_deg(counts) - controller.reading_deg(counts)
+    told_deg = np.zeros(6)
+    for one in entries["entries"]:
+        told_deg[one["axis"] - 1] += one["reading_deg"]
+    np.testing.assert_allclose(more_deg, told_deg, atol=1e-7)
+
+
+def _ur10e(real: dict[str, Array]) -> UniversalRobots:
+    """By the maker's table of the UR10e: support.universal-robots.com, DH parameters."""
+    a, d = np.array([0, -0.6127, -0.57155, 0, 0, 0]), np.array([0.1807, 0, 0, 0.17415, 0.11985, 0.11655])
+    alpha = np.array([np.pi / 2, 0, 0, np.pi / 2, -np.pi / 2, 0])
+    return UniversalRobots(a, alpha, d, NO_DELTA, NO_DELTA | real)
+
+
+def test_deltas_added_to_a_universal_robot_remove_the_error_of_zeros_and_offsets(tmp_path: Path) -> None:
+    faults: list[Effect] = [
+        *ZEROS,
+        LinkGeometry(axis=5, field="d", delta=-0.4, found=_found(delta=0.02)),
+    ]
+    real = {"delta_theta": np.radians(OFF_DEG), "delta_d": np.array([0, 0, 0, 0, -0.4e-3, 0])}
+    controller = _ur10e(real)
+    entries = _printed(_cell(tmp_path, "ur10e", faults), tmp_path / "out")
+    assert entries["name"] == "ur"
+    wanted = [controller.flange(np.radians(q), NO_DELTA) for q in TARGETS_DEG]
+    before = _errors_mm(controller, wanted)
+    for one in entries["entries"]:
+        parameter, _, index = one["parameter"].rstrip("]").partition("[")
+        assert one["reading_deg"] == 0
+        controller = controller.with_added(parameter, int(index), one["add"])
+    after = _errors_mm(controller, wanted)
+    assert before.min() > 0.3
+    assert after.max() < 1e-3
+
+
+@pytest.mark.parametrize("rig", ["paper-fanuc", "ur10e"])
+def test_a_path_for_a_controller_with_its_entries_holds_the_rest(tmp_path: Path, rig: str) -> None:
+    """With zeros entered and a compliant joint, corrected joint angles reach the same place as the complete
+    correction alone.
+    """
+    soft = Compliance(axis=3, deg_per_Nm=2e-4, found=_found(deg_per_Nm=1e-5))
+    cell = load(rig)[0].model_copy(update={"effects": (*ZEROS, soft)})
+    path = tmp_path / "path.csv"
+    rows = [",".join(map(str, q)) for q in TARGETS_DEG]
+    path.write_text("\n".join(["q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg", *rows]) + "\n")
+    name = maker_of(cell.feedback.interface) or "fanuc"
+    alone, entered = (correct_rig(cell, path, name, entered=flag).path for flag in (False, True))
+    assert alone and entered
+    more_deg = np.degrees(entered[2].q - alone[2].q)
+    found = correct_rig(cell, path, name).at_controller
+    assert found and len(found.entries) > 2, "zeros and lengths hold a part of the soft joint too"
+    reading_deg = np.zeros(6)
+    for one in found.entries:
+        reading_deg[one.axis - 1] += one.reading_deg
+    assert maker_by(name).controller.changes_reading == reading_deg.any()
+    np.testing.assert_allclose(more_deg, np.tile(reading_deg, (3, 1)), atol=1e-9)
+
+
+def test_what_no_constant_holds_is_listed_with_what_it_does(tmp_path: Path) -> None:
+    play = Backlash(axis=1, width_deg=0.05, found=_found(width_deg=0.001))
+    base = LinkGeometry(axis=1, field="d", delta=0.5, found=_found(delta=0.003))
+    entries = _printed(_cell(tmp_path, "ur10e", [ZEROS[0], base, play]), tmp_path / "out")
+    assert [one["parameter"] for one in entries["entries"]] == ["delta_theta[2]", "delta_d[1]"]
+    assert entries["entries"][1]["add"] == pytest.approx(0.5e-3, rel=1e-3)
+    assert entries["entries"][1]["worth_um"] == pytest.approx(500, rel=1e-3), "d1 moves the tool by itself, everywhere"
+    (left,) = entries["not_entered"]
+    assert left["name"] == "backlash 1" and left["worth_um"] > 100
+    assert entries["after_um"] == pytest.approx(np.hypot(left["worth_um"], 3), rel=0.05)
+    assert entries["corrected_targets_um"] == pytest.approx(entries["after_um"], rel=1e-3)
+
+
+def test_a_value_that_is_no_larger_than_its_uncertainty_is_not_entered(tmp_path: Path) -> None:
+    """Two diagnoses found a zero of axis 4, one after the other: each is sure, and their sum is not."""
+    twice = [JointOffset(axis=4, offset_deg=deg, found=_found(offset_deg=0.02)) for deg in (0.05, -0.03)]
+    entries = _printed(_cell(tmp_path, "ur10e", [ZEROS[0], *twice]), tmp_path / "out")
+    assert [entry["parameter"] for entry in entries["entries"]] == ["delta_theta[2]"]
+    assert all(abs(entry["add"]) > entry["u"] for entry in entries["entries"])
+
+
+def test_an_entry_that_gains_nothing_for_certain_is_not_made(tmp_path: Path) -> None:
+    """A zero with a size of 2.2 u is not entered together with the zero of a fault. Of many equally uncertain zeros,
+    enough
+    are entered that the omitted ones together have no significant gain.
+    """
+    fault = JointOffset(axis=3, offset_deg=0.05, found=_found(offset_deg=0.004))
+    unsure = [JointOffset(axis=axis, offset_deg=0.033, found=_found(offset_deg=0.015)) for axis in (2, 4, 5)]
+    entered = _printed(_cell(tmp_path, "paper-fanuc", [fault, unsure[0]]), tmp_path / "out", "--for", "fanuc")
+    assert [one["parameter"] for one in entered["entries"]] == ["reading of axis 3"]
+    many = [one.model_copy(update={"found": _found(offset_deg=0.009)}) for one in unsure]
+    entered = _printed(_cell(tmp_path, "paper-fanuc", [fault, *many]), tmp_path / "all", "--for", "fanuc")
+    assert 1 < len(entered["entries"]) < 4
+
+
+def test_a_soft_joint_is_held_in_part_and_said_to_be(tmp_path: Path) -> None:
+    """At a controller without lengths, where a soft joint was `not entered` before."""
+    soft = Compliance(axis=2, deg_per_Nm=2e-4, found=_found(deg_per_Nm=1e-5))
+    cell = _cell(tmp_path, "paper-fanuc", [soft])
+    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--for", "abb"])
+    entries = yaml.safe_load((tmp_path / "out" / "corrections.yaml").read_text(encoding="utf-8"))["controller"]
+    before, after, targets = (entries[name] for name in ("before_um", "after_um", "corrected_targets_um"))
+    assert targets < 0.1 * before < after < 0.95 * before
+    told = " ".join(done.stdout.split())
+    assert told.startswith("Enter the ")
+    assert f"falls from {before:.0f} to {after:.0f} µm rms with frame and tool taught with the robot" in told
+    assert f"(corrected targets: {targets:.0f} µm)" in told
+    assert f"entries correct {before - after:.0f} of {before:.0f} µm rms over the work area" in told
+
+
+def test_twins_share_what_is_known_of_their_sum(tmp_path: Path) -> None:
+    """d2, d3 and d4 of three parallel axes do the same to every posture."""
+    cell = _cell(tmp_path, "ur10e", [LinkGeometry(axis=2, field="d", delta=0.3, found=_found(delta=0.03))])
+    entries = _printed(cell, tmp_path / "out")
+    assert [one["parameter"] for one in entries["entries"]] == ["delta_d[2]", "delta_d[3]", "delta_d[4]"]
+    assert [one["add"] for one in entries["entries"]] == pytest.approx([1e-4] * 3, rel=1e-3)
+    assert [one["u"] for one in entries["entries"]] == pytest.approx([1e-5] * 3, rel=1e-3)
+    assert entries["known_only_together"] == [["delta_d[2]", "delta_d[3]", "delta_d[4]"]]
+    # The whole arm stands elsewhere by most of it, which a frame taught with the robot does not show.
+    assert entries["after_um"] == pytest.approx(entries["before_um"] / 10, rel=0.01)
+    assert entries["before_um"] < 150 and 20 < entries["base_u_um"] < 30
+
+
+def test_without_a_scale_counts_are_degrees_of_the_reading(tmp_path: Path) -> None:
+    cell = _cell(tmp_path, "paper-fanuc", ZEROS)
+    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--for", "fanuc"])
+    assert "with --scale, six counts per degree" in " ".join(done.stdout.split())
+    entries = yaml.safe_load((tmp_path / "out" / "corrections.yaml").read_text(encoding="utf-8"))["controller"]
+    assert [(one["parameter"], round(one["add"], 6), one["unit"]) for one in entries["entries"]] == [
+        ("reading of axis 2", -0.08, "deg"),
+        ("reading of axis 4", 0.05, "deg"),
+    ]
+
+
+J3_SHOWN = np.eye(6)
+J3_SHOWN[2, 1] = -1
+
+
+@pytest.mark.parametrize("unit", ["counts", "deg"])
+@pytest.mark.parametrize("elbow_deg", [0.0, 0.11])
+def test_zeros_remove_the_error_if_the_controller_couples_the_displayed_angles(
+    tmp_path: Path, unit: str, elbow_deg: float
+) -> None:
+    zeros = [*ZEROS, JointOffset(axis=3, offset_deg=elbow_deg, found=_found(offset_deg=0.002))]
+    text = load("paper-fanuc")[1].replace("    - [0, 0, -1, 0, 0, 0]", "    - [0, -1, -1, 0, 0, 0]")
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(extended(text, zeros if elbow_deg else ZEROS, "cell"), encoding="utf-8")
+    scale = ["--scale", ",".join(map(str, SCALE))] if unit == "counts" else []
+    entries = _printed(cell, tmp_path / "out", "--for", "fanuc", *scale)
+    controller = replace(
+        _mastered("fanuc"),
+        model=lambda q: _paper_arm(np.linalg.solve(J3_SHOWN, q)),
+        true_at_zero=OFF_DEG + elbow_deg * np.eye(6)[2],
+        shown=J3_SHOWN,
+    )
+    wanted = [_paper_arm(np.radians(q)) for q in TARGETS_DEG]
+    counts, mastered = controller.counts_at(TARGETS_DEG[1]), controller
+    for one in entries["entries"]:
+        zero, k = mastered.zero.copy(), one["axis"] - 1
+        more_deg = mastered.reading_deg(counts)[k] - controller.reading_deg(counts)[k]
+        assert one["unit"] == unit
+        zero[k] += one["add"] if unit == "counts" else -SCALE[k] * (one["add"] - more_deg)
+        mastered = replace(mastered, zero=zero)
+    assert _errors_mm(controller, wanted).min() > 0.3
+    assert _errors_mm(mastered, wanted).max() < 1e-3
+    read_deg = mastered.reading_deg(counts) - controller.reading_deg(counts)
+    np.testing.assert_allclose(read_deg, entries["readings_deg"], atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--for", "kuka", "--scale", "1,2,3,4,5,6"], "--scale: must be omitted: KUKA uses deg, without a scale"),
+        (["--for", "abb", "--scale", "1,2,3"], "--scale: '1,2,3' is not a list of six nonzero numbers"),
+        (["--for", "abb", "--scale", "1,2,3,4,5,0"], "is not a list of six nonzero numbers"),
+        (["--entered"], "--entered: needs --path, and a maker from --for"),
+    ],
+)
+def test_wrong_use_is_one_line(tmp_path: Path, options: list[str], told: str) -> None:
+    cell = _cell(tmp_path, "paper-fanuc", ZEROS)
+    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), *options])
+    assert isinstance(done.exception, UseError)
+    (line,) = done.exception.lines()
+    assert told in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unknown_maker_is_refused_with_the_known_ones(tmp_path: Path) -> None:
+    cell = _cell(tmp_path, "paper-fanuc", ZEROS)
+    done = command_line.ran("correct", cell, "-o", tmp_path / "out", "--for", "cuca")
+    assert done.returncode == 2 and "'cuca' is not a known maker of controllers; give ur, fanuc" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_feedback_that_serves_several_makers_names_no_controller(tmp_path: Path) -> None:
+    assert maker_of(load("paper-fanuc")[0].feedback.interface) is None
+    cell = _cell(tmp_path, "paper-fanuc", ZEROS)
+    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--json"])
+    assert json.loads(done.stdout)["controller"] is None
+    assert f"next: rig correct {cell} --for fanuc -o {tmp_path / 'out-fanuc'}  # " in done.stderr
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_effects_that_nobody_measured_are_entered_nowhere_and_the_table_says_why(tmp_path: Path, name: str) -> None:
+    cell = _cell(tmp_path, "paper-fanuc", [JointOffset(axis=3, offset_deg=0.05)])
+    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--controller", name.upper()])
+    assert done.exit_code == 0, done.output
+    first = "None of the tool error over the work area (682 µm rms) can be corrected; the table gives the reasons."
+    assert " ".join(done.stdout.split()).startswith(first)
+    assert "has no provenance" in done.stdout
+    assert not yaml.safe_load((tmp_path / "out" / "corrections.yaml").read_text())["controller"]["entries"]
+
+
+def test_every_controller_says_where_its_words_come_from() -> None:
+    for name in MAKERS:
+        controller = maker_by(name).controller
+        assert controller.source and controller.missing and controller.steps, name

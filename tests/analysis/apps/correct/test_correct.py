@@ -1,0 +1,431 @@
+"""Corrections: the real arm reaches the nominal target, and errors that no target can correct are left unchanged."""
+
+from __future__ import annotations
+
+import csv
+import datetime as dt
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+import yaml
+from rich.console import Console
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from analysis.apps.correct.correct_rig import correct_rig
+from analysis.apps.correct.corrected_constants import joint_zeros, link_constants
+from analysis.apps.correct.correction_report import as_table, write
+from analysis.cli import app
+from analysis.correction.corrected_targets import corrected
+from analysis.correction.support import supports
+from analysis.correction.work import tool_poses
+from analysis.intake.cells import TableFileError
+from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward
+from analysis.robot.kinematics.inverse import inverse
+from analysis.robot.model.predict import model_of
+from rigs.calibration import JointPortions, Portion
+from rigs.edit import extended
+from rigs.effects import (
+    VOCABULARY,
+    Backlash,
+    ClockRate,
+    Compliance,
+    Effect,
+    EffectProvenance,
+    JointOffset,
+    JointScale,
+    LinkGeometry,
+    ReversalSpike,
+    ServoLag,
+    ThermalGrowth,
+    TransmissionError,
+    size_field,
+)
+from rigs.errors import FileError
+from rigs.load import load
+from rigs.rig import Rig
+from tests.support.command_line import ran
+
+RIG = load("paper-fanuc")[0].model_copy(update={"effects": ()})
+HEAD = "name,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"
+TARGETS = np.array([[0, 20, 10, 0, 60, 0], [10, 25, 0, 20, -70, 30], [-30, 5, -20, 100, 40, 100]], dtype=float)
+
+
+def _found(**sd: float) -> EffectProvenance:
+    return EffectProvenance(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd=sd)
+
+
+ZERO_3 = JointOffset(axis=3, offset_deg=0.05, found=_found(offset_deg=0.002))
+A2 = LinkGeometry(axis=3, field="a", delta=0.4, found=_found(delta=0.03))
+ALPHA3 = LinkGeometry(axis=4, field="alpha", delta=0.03, found=_found(delta=0.002))
+GEAR_1 = TransmissionError(axis=1, order=2, amplitude_deg=0.02, phase_deg=30, found=_found(amplitude_deg=0.001))
+PLAY_1 = Backlash(axis=1, width_deg=0.05, found=_found(width_deg=0.001))
+
+
+def _rig(*effects: Effect) -> Rig:
+    return RIG.model_copy(update={"effects": effects})
+
+
+def _path(tmp_path: Path, rows: list[str] | None = None, head: str = HEAD) -> Path:
+    rows = rows or [f"P{k}," + ",".join(map(str, row)) for k, row in enumerate(TARGETS)]
+    path = tmp_path / "path.csv"
+    path.write_text("\n".join([head, *rows]) + "\n")
+    return path
+
+
+def _written(path: Path, names: tuple[str, ...]) -> Array:
+    with path.open(encoding="utf-8") as file:
+        return np.array([[float(row[name]) for name in names] for row in csv.DictReader(file)])
+
+
+def _real_arm() -> Arm:
+    """An arm with a2 and alpha3 wrong, its constants changed by hand."""
+    arm = arm_of(RIG.robot)
+    a, alpha = arm.a.copy(), arm.alpha.copy()
+    a[2] += 0.4
+    alpha[3] += np.radians(0.03)
+    return replace(arm, a=a, alpha=alpha)
+
+
+def _real_joints(q: Array) -> Array:
+    """Link side of reported angles (n, 6) rad: axis 3's zero, axis 1's gear."""
+    link = q.copy()
+    link[:, 2] += np.radians(0.05)
+    link[:, 0] += np.radians(0.02) * np.sin(2 * q[:, 0] + np.radians(30))
+    return link
+
+
+def test_given_the_corrected_angles_the_real_arm_stands_where_it_was_sent(tmp_path: Path) -> None:
+    found = correct_rig(_rig(ZERO_3, A2, ALPHA3, GEAR_1, PLAY_1), _path(tmp_path))
+    *_, path = write(found, tmp_path / "out")
+    told = np.radians(_written(path, tuple(HEAD.split(",")[1:])))
+    wanted = forward(arm_of(RIG.robot), np.radians(TARGETS))
+    real = forward(_real_arm(), _real_joints(told))
+    np.testing.assert_allclose(real, wanted, atol=1e-5)
+    missed = np.linalg.norm(
+        forward(_real_arm(), _real_joints(np.radians(TARGETS)))[:, :3, 3] - wanted[:, :3, 3], axis=1
+    )
+    assert missed.min() > 0.3
+    np.testing.assert_allclose(_written(path, ("missed_mm",))[:, 0], missed, atol=1e-5)
+
+
+def test_a_controller_given_corrected_poses_brings_the_real_arm_to_the_poses(tmp_path: Path) -> None:
+    wanted = forward(arm_of(RIG.robot), np.radians(TARGETS[:2]))
+    turns = Rotation.from_matrix(wanted[:, :3, :3]).as_euler("xyz", degrees=True)
+    values = np.concatenate([wanted[:, :3, 3], turns], axis=1)
+    names = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
+    rows = [",".join(map(repr, row)) for row in values.tolist()]
+    found = correct_rig(_rig(ZERO_3, A2, ALPHA3, GEAR_1), _path(tmp_path, rows, ",".join(names)))
+    *_, path = write(found, tmp_path / "out")
+    told = _written(path, names)
+    T = np.tile(np.eye(4), (len(told), 1, 1))
+    T[:, :3, :3] = Rotation.from_euler("xyz", told[:, 3:], degrees=True).as_matrix()
+    T[:, :3, 3] = told[:, :3]
+    # The controller solves with its nominal constants, in the posture in which the path was given.
+    branches = inverse(arm_of(RIG.robot), T).q
+    nearest = np.nanargmin(np.abs(branches - np.radians(TARGETS[:2])[:, None]).max(axis=2), axis=1)
+    real = forward(_real_arm(), _real_joints(branches[np.arange(2), nearest]))
+    np.testing.assert_allclose(real, wanted, atol=1e-4)
+
+
+def test_one_target_is_corrected_by_a_model_that_knows_the_clocks(tmp_path: Path) -> None:
+    """A target has neither a time nor servo lag, although the calibration contains clock and lag effects."""
+    late = ServoLag(axis=2, lag_s=0.001, found=_found(lag_s=0.0001))
+    portions = JointPortions(portions=(Portion(of=late.model_copy(update={"found": None}), times=2.0),))
+    rig = _rig(ZERO_3, ClockRate(ppm=200.0, found=_found(ppm=20.0)), late, portions)
+    one, three = (np.radians(TARGETS[:count]) for count in (1, 3))
+    np.testing.assert_array_equal(tool_poses(model_of(rig), one), tool_poses(model_of(_rig(ZERO_3)), three)[:1])
+    found = correct_rig(rig, _path(tmp_path, ["P0," + ",".join(map(str, TARGETS[0]))]))
+    assert found.path and found.path[2].done.all() and np.isfinite(found.path[2].u_mm).all()
+    alone = correct_rig(_rig(ZERO_3), None)
+    assert found.work == alone.work, "a clock was an error of the tool: 229 µm of a sound arm"
+    assert not found.path[2].left_out
+
+
+def test_what_is_known_too_badly_is_not_said_to_be_uncorrectable(tmp_path: Path) -> None:
+    vague = [JointOffset(axis=axis, offset_deg=0.05, found=_found(offset_deg=0.049)) for axis in (2, 3, 5)]
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(extended(load("paper-fanuc")[1], vague, "cell"))
+    done = ran("correct", cell, "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert "joint zero" in done.stdout and "the table gives the reasons" not in " ".join(done.stdout.split())
+
+
+def test_uncertainty_of_a_target_is_that_of_the_effects_at_its_place(tmp_path: Path) -> None:
+    zero_1 = JointOffset(axis=1, offset_deg=0.05, found=_found(offset_deg=0.01))
+    targets = correct_rig(_rig(zero_1), _path(tmp_path)).path
+    assert targets
+    place = forward(arm_of(RIG.robot), np.radians(TARGETS))[:, :3, 3]
+    np.testing.assert_allclose(targets[2].u_mm, np.radians(0.01) * np.hypot(place[:, 0], place[:, 1]), rtol=1e-3)
+
+
+def test_what_only_the_sum_is_known_of_is_corrected_together_and_as_sure_as_the_sum(tmp_path: Path) -> None:
+    """Of d2 and d3, which do the same to any posture: each is known badly, their sum well."""
+
+    def half(axis: int, other: int) -> LinkGeometry:
+        twin = f"link_geometry {other}.d"
+        found = _found(delta=0.4).model_copy(update={"correlation": {twin: -0.999}, "together": (twin,)})
+        return LinkGeometry(axis=axis, field="d", delta=0.3, found=found)
+
+    found = correct_rig(_rig(half(2, 3), half(3, 2)), _path(tmp_path))
+    assert [one.use for one in found.effects] == ["link constant", "link constant"]
+    assert "only together with link_geometry 3.d" in found.effects[0].reason
+    assert found.path
+    np.testing.assert_allclose(found.path[2].u_mm, 0.4 * np.sqrt(2 * 0.001), rtol=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("effect", "joint_rad"),
+    [
+        (Backlash(axis=1, width_deg=0.05), np.radians(0.025)),
+        (ThermalGrowth(ppm=100), None),
+        (VOCABULARY["gauge_scale"].model_validate({"gauge": "g1", "relative": 0.1}), 0.0),
+    ],
+    ids=["play", "growth", "gauge"],
+)
+def test_what_is_left_out_goes_into_the_uncertainty(tmp_path: Path, effect: Effect, joint_rad: float | None) -> None:
+    targets = correct_rig(_rig(ZERO_3, effect), _path(tmp_path)).path
+    sure = correct_rig(_rig(ZERO_3), _path(tmp_path)).path
+    assert targets and sure
+    place = forward(arm_of(RIG.robot), targets[2].q)[:, :3, 3]
+    # Warm in half of all cases: 100 ppm of the distance from the base, over the square root of two.
+    turned = np.hypot(place[:, 0], place[:, 1])
+    wanted = np.linalg.norm(place, axis=1) * 1e-4 / np.sqrt(2) if joint_rad is None else joint_rad * turned
+    left_out_mm = targets[2].left_out_mm[:, 0]
+    np.testing.assert_allclose(left_out_mm, wanted, rtol=0.15, atol=1e-6)
+    np.testing.assert_allclose(targets[2].u_mm, np.hypot(sure[2].u_mm, left_out_mm), rtol=1e-6)
+
+
+def _stands_mm(q_deg: Array) -> Array:
+    """Where the ball of the paper's arm stands (3,), by the table of Craig's constants in its rig file."""
+    robot = yaml.safe_load(load("paper-fanuc")[1])["robot"]
+    T, theta_deg = np.eye(4), np.array(robot["coupling"]) @ q_deg
+    for axis, turned_deg in zip(robot["axes"], theta_deg, strict=True):
+        ca, sa = (turn(np.radians(axis.get("alpha_deg", 0.0))) for turn in (np.cos, np.sin))
+        c, s = (turn(np.radians(turned_deg + axis.get("offset_deg", 0.0))) for turn in (np.cos, np.sin))
+        d = axis.get("d_mm", 0.0)
+        T = T @ np.array(
+            [
+                [c, -s, 0, axis.get("a_mm", 0.0)],
+                [s * ca, c * ca, -sa, -d * sa],
+                [s * sa, c * sa, ca, d * ca],
+                [0, 0, 0, 1],
+            ]
+        )
+    place: Array = (T @ [*robot["tool"]["xyz_mm"], 1.0])[:3]
+    return place
+
+
+def test_the_command_reports_what_a_play_that_it_leaves_out_does_to_each_target(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a forward kinematics of its own: half the play either way, at the angles that the cell is given."""
+    play = Backlash(axis=2, width_deg=0.1, found=_found(width_deg=0.002))
+    cell, path, out = tmp_path / "cell.yaml", _path(tmp_path), tmp_path / "out"
+    cell.write_text(extended(load("paper-fanuc")[1], [ZERO_3, play], "cell"))
+    monkeypatch.setenv("COLUMNS", "300")
+    done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(out)])
+    assert done.exit_code == 0, done.output
+    told = _written(out / "corrected-path.csv", tuple(HEAD.split(",")[1:]))
+    half, off = np.eye(6)[1] * 0.05, np.eye(6)[2] * 0.05
+    away = [[np.linalg.norm(_stands_mm(q + off + way * half) - _stands_mm(q + off)) for way in (1, -1)] for q in told]
+    play_mm = np.sqrt(np.mean(np.square(away), axis=1))
+    assert play_mm.max() > 0.5
+    left_out_mm = _written(out / "corrected-path.csv", ("left_out_mm",))[:, 0]
+    np.testing.assert_allclose(left_out_mm, play_mm, rtol=0.01)
+    u_mm = [np.linalg.norm(_stands_mm(q + off * 1.04) - _stands_mm(q + off)) for q in told]
+    np.testing.assert_allclose(
+        _written(out / "corrected-path.csv", ("u_um",))[:, 0], 1e3 * np.hypot(play_mm, u_mm), rtol=0.01
+    )
+    stands = [np.linalg.norm(_stands_mm(q + off) - _stands_mm(sent)) for q, sent in zip(told, TARGETS, strict=True)]
+    assert max(stands) < 1e-4
+    assert f"uncorrected effects leave {left_out_mm.max():.3f} mm" in done.stdout
+    assert f"play of axis 2 (W) {left_out_mm.max():.3f} mm" in done.stdout
+    found = json.loads(
+        CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", f"{out}2", "--json"]).stdout
+    )
+    assert found["path"]["left_out_mm"]["backlash 2"] == pytest.approx(play_mm.max(), rel=0.01)
+
+
+def test_a_spike_that_is_left_out_counts_with_what_is_left_of_it_on_arrival(tmp_path: Path) -> None:
+    left = {}
+    for decay_s in (0.02, 0.1):
+        spike = ReversalSpike(axis=1, amplitude_deg=0.05, decay_s=decay_s)
+        targets = correct_rig(_rig(ZERO_3, spike), _path(tmp_path)).path
+        assert targets
+        place = forward(arm_of(RIG.robot), targets[2].q)[:, :3, 3]
+        left[decay_s] = targets[2].left_out_mm[:, 0] / (np.radians(0.05) * np.hypot(place[:, 0], place[:, 1]))
+    assert (left[0.1] > 0.2).all() and (left[0.1] < 1).all() and (left[0.02] < 0.5 * left[0.1]).all()
+
+
+def test_targets_where_nothing_was_measured_are_doubted(tmp_path: Path) -> None:
+    near = _found(offset_deg=0.002).model_copy(update={"joints_deg": ((-40.0, 20.0), *[(-180.0, 180.0)] * 4, (0, 5.0))})
+    targets = correct_rig(_rig(ZERO_3.model_copy(update={"found": near})), _path(tmp_path)).path
+    assert targets and len(targets[2].doubts) == 2
+    assert "2 of 3 targets are at places without a known uncertainty" in targets[2].doubts[0]
+    assert "axis 6 is at 0.0° to 100.0°, 2 of 3 outside 0.0° to 5.0°" in targets[2].doubts[1]
+    assert targets[2].covered is not None and targets[2].covered.tolist() == [True, False, False]
+    assert np.isnan(targets[2].u_mm).tolist() == np.isnan(targets[2].u_frame_mm).tolist() == [False, True, True]
+
+
+def test_effects_on_one_constant_add_up_and_their_uncertainties_in_quadrature() -> None:
+    more = JointOffset(axis=3, offset_deg=-0.02, found=_found(offset_deg=0.0015))
+    rig = _rig(ZERO_3, more, A2)
+    (zero,) = joint_zeros(rig, supports(rig))
+    assert (zero.axis, zero.delta, zero.u) == (3, pytest.approx(0.03), pytest.approx(0.0025))
+    (constant,) = link_constants(rig, supports(rig))
+    assert (constant.key, constant.corrected, constant.u) == ("a_mm", pytest.approx(695.4), 0.03)
+
+
+def _of_size(name: str, value: float, **sd: float) -> Effect:
+    needed = {"axis": 1, "field": "a", "gauge": "g1", "from_axis": 4, "to_axis": 5, "order": 2, "lobes": 2}
+    needed |= {"period_mm": 1.0, "frequency_hz": 5.0}
+    model = VOCABULARY[name]
+    if "way" in model.model_fields:
+        needed["way"] = get_args(model.model_fields["way"].annotation)[0]
+    fields = {key: field for key, field in needed.items() if key in model.model_fields}
+    bare = model.model_validate(fields)
+    effect: Effect = bare.model_copy(update={size_field(bare): value, "found": _found(**sd)})
+    return effect
+
+
+@pytest.mark.parametrize("name", sorted(VOCABULARY))
+def test_each_effect_is_corrected_only_where_a_target_can_and_the_uncertainty_allows(name: str) -> None:
+    field = size_field(_of_size(name, 0.0))
+    postural = {"joint_offset", "link_geometry", "compliance", "link_bending", "transmission_error", "wrist_coupling"}
+    postural |= {"joint_scale", "strain_wave", "rail_line", "base_yields", "base_sags"}
+    (sure,) = supports(_rig(_of_size(name, 0.004, **{field: 0.001})))
+    assert (sure.use != "none") == (name in postural)
+    for doubtful in (_of_size(name, 0.004, **{field: 0.004}), _of_size(name, 0.004)):
+        (support,) = supports(_rig(doubtful))
+        assert support.use == "none" and support.reason
+
+
+def test_an_effect_that_was_not_measured_is_not_corrected() -> None:
+    (support,) = supports(_rig(JointOffset(axis=2, offset_deg=0.1)))
+    assert support.use == "none" and "has no provenance" in support.reason
+
+
+def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = load("paper-fanuc")[1]
+    cell = tmp_path / "cell.yaml"
+    soft = Compliance(axis=2, deg_per_Nm=2e-4, found=_found(deg_per_Nm=1e-5))
+    cell.write_text(extended(text, [ZERO_3, A2, soft, PLAY_1], "cell"))
+    path, out = _path(tmp_path), tmp_path / "out"
+    monkeypatch.setenv("COLUMNS", "200")
+    done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "approach every target from the same side" in done.stdout
+    assert "master axis 3 so that the reading at the same position is +0.0500° (± 0.0020°) larger" in done.stdout
+    assert {file.name for file in out.iterdir()} == {"corrections.yaml", "dh.csv", "corrected-path.csv"}
+    held = yaml.safe_load((out / "corrections.yaml").read_text())
+    assert held["joint_zeros"] == [{"axis": 3, "add_deg": 0.05, "u_deg": 0.002}]
+    assert [one["corrected_as"] for one in held["effects"]] == ["joint zero", "link constant", "targets only", None]
+    assert _written(out / "dh.csv", ("a_mm",))[:, 0].tolist() == [0, 254.5, 695.4, 142.4, 0, 0]
+    with (out / "corrected-path.csv").open() as file:
+        assert [row["name"] for row in csv.DictReader(file)] == ["P0", "P1", "P2"]
+
+    again = CliRunner().invoke(app, ["correct", str(cell), "-o", str(out)])
+    assert isinstance(again.exception, FileError) and "exists already" in str(again.exception)
+    other = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "other"), "--json"])
+    found = json.loads(other.stdout)
+    assert found["path"] is None and found["link_constants"][0]["corrected"] == 695.4
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "told"),
+    [
+        (HEAD, "A,0,20,ten,0,60,0", "line 2, q3_deg: 'ten' is not a number"),
+        (HEAD, "A,0,20,10,0,60", "line 2: has 6 fields, but the header has 7"),
+        (HEAD, "A,0,20,10,0,200,0", "line 2: axis 5 would be at 200.000°, beyond the limits -140° and 140°"),
+        ("x_mm,y_mm,z_mm", "900,0,0", "has no column rx_deg, ry_deg, rz_deg"),
+        ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", "9000,0,0,0,180,0", "line 2: is out of the nominal arm's reach"),
+        (f"{HEAD},u_um", "A,0,20,10,0,60,0,1", "is the path already corrected?"),
+        (HEAD, "", "has a header but no rows"),
+    ],
+)
+def test_a_bad_path_is_refused_with_its_line(tmp_path: Path, head: str, row: str, told: str) -> None:
+    with pytest.raises(FileError) as refused:
+        correct_rig(_rig(ZERO_3), _path(tmp_path, [row], head))
+    assert any(told in line for line in refused.value.lines()), refused.value.lines()
+
+
+def test_every_bad_cell_is_reported(tmp_path: Path) -> None:
+    with pytest.raises(TableFileError) as refused:
+        correct_rig(_rig(ZERO_3), _path(tmp_path, ["A,0,,10,0,60,0", "B,nan,20,10,0,60,0"]))
+    assert [problem.line for problem in refused.value.problems] == [2, 3]
+
+
+def test_a_rig_without_effects_has_nothing_to_correct() -> None:
+    with pytest.raises(FileError, match="has no effects to correct"):
+        correct_rig(_rig(), None)
+
+
+def test_a_target_that_cannot_be_corrected_stays_as_it_was_and_the_others_are_corrected(tmp_path: Path) -> None:
+    """The arm is shorter than its rig file says, so that a stretched one does not reach where it should."""
+    cell, path, out = tmp_path / "cell.yaml", tmp_path / "path.csv", tmp_path / "out"
+    cell.write_text(extended(load("ur10e")[1], [A2], "cell"))
+    good = "A,0,-80,100,-20,80,0", "D,10,-85,90,-20,70,30"
+    path.write_text(f"{HEAD}\n{good[0]}\nB,0,-80,0,-20,80,0\nC,0,-80,100,-20,400,0\n{good[1]}\n")
+    done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(out)])
+    assert done.exit_code == FileError.exit_code
+    assert "line 3: cannot be corrected: the arm is at a singularity" in done.stderr
+    assert "line 4: axis 5 would be at 400.000°" in done.stderr
+    with (out / "corrected-path.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["corrected"] for row in rows] == ["yes", "no", "no", "yes"]
+    assert [row["covered"] for row in rows] == ["unknown", "no", "no", "unknown"]
+    assert (
+        [bool(row["u_um"]) for row in rows] == [bool(row["u_frame_um"]) for row in rows] == [True, False, False, True]
+    )
+    assert [float(rows[1][name]) for name in HEAD.split(",")[1:]] == [0, -80, 0, -20, 80, 0]
+    held = yaml.safe_load((out / "corrections.yaml").read_text())["not_corrected"]
+    assert [(one["line"], one["reason"]) for one in held] == [(3, "singular"), (4, "beyond_limits")]
+    path.write_text("\n".join([HEAD, *good]) + "\n")
+    alone = correct_rig(load(str(cell))[0], path).path
+    assert alone
+    told = np.array([[float(row[name]) for name in HEAD.split(",")[1:]] for row in (rows[0], rows[3])])
+    np.testing.assert_allclose(told, np.degrees(alone[2].q), atol=1e-6)
+
+
+def test_what_moves_the_whole_arm_is_not_in_the_uncertainty_of_a_taught_frame(tmp_path: Path) -> None:
+    rows = [
+        f"P{k}," + ",".join(map(str, row))
+        for k, row in enumerate([*TARGETS, *(TARGETS + np.array([20, -5, 5, 0, 5, 0]))])
+    ]
+    base = correct_rig(_rig(JointOffset(axis=1, offset_deg=0.05, found=_found(offset_deg=0.01))), _path(tmp_path, rows))
+    assert base.path and base.path[2].u_mm.min() > 0.05 and base.path[2].u_frame_mm.max() < 1e-3
+    assert base.work.base_u_um == pytest.approx(base.work.base.u_um, rel=1e-3) and base.work.u_um < 1
+    both = correct_rig(
+        _rig(JointOffset(axis=1, offset_deg=0.05, found=_found(offset_deg=0.01)), ZERO_3), _path(tmp_path, rows)
+    )
+    elbow = correct_rig(_rig(ZERO_3), _path(tmp_path, rows))
+    assert both.path and elbow.path
+    np.testing.assert_allclose(both.path[2].u_frame_mm, elbow.path[2].u_frame_mm, rtol=1e-2)
+    assert (elbow.path[2].u_frame_mm < elbow.path[2].u_mm).all() and elbow.path[2].u_frame_mm.min() > 0
+
+
+def test_a_frame_taught_at_the_targets_removes_error_and_never_adds_it() -> None:
+    """Fifteen targets in nearly one orientation hardly determine the shift of the tool."""
+    rig = _rig(ZERO_3)
+    q = np.radians(TARGETS[0] + np.random.default_rng(1).normal(0, 0.2, (15, 6)))
+    error, few = corrected(rig, supports(rig), q).error, corrected(rig, supports(rig), q[:4]).error
+    assert error is not None and not error.taught_elsewhere and error.before_um < error.base.before_um
+    assert few is not None and few.taught_elsewhere
+
+
+def test_a_value_to_check_in_the_controller_is_named_before_the_correction(capsys: pytest.CaptureFixture[str]) -> None:
+    """A wrong gear ratio was corrected in the targets, and only the diagnosis said to check the controller first."""
+    for effect, is_checked in (
+        (JointScale(axis=3, relative=-0.03, found=_found(relative=0.0001)), True),
+        (ZERO_3, False),
+    ):
+        corrections = correct_rig(_rig(effect), None)
+        Console(width=200).print(as_table(corrections))
+        text = capsys.readouterr().out
+        assert ("First check this value in the controller: angle scale of axis 3" in text) == is_checked
+        assert not is_checked or text.index("First check") < text.index("Move the robot to corrected targets")

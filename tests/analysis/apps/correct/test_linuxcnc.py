@@ -1,0 +1,126 @@
+"""The arm of a LinuxCNC configuration, and the values of a correction in the form of its files."""
+
+from __future__ import annotations
+
+import datetime as dt
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from analysis.apps.correct.controller_entries import controller_entries
+from analysis.apps.makers.linuxcnc.values import value_files
+from analysis.apps.makers.motion_plan import demand_of
+from analysis.apps.makers.writing import programs_of
+from analysis.apps.programs.planned import plans_of
+from analysis.correction.support import supports
+from analysis.robot.description.linuxcnc_configuration import configured_robot
+from analysis.robot.kinematics.arm import arm_of, forward, without_setup
+from rigs.effects import Effect, EffectProvenance, JointOffset, LinkGeometry
+from rigs.errors import FileError
+from rigs.load import SHIPPED, parse
+from rigs.rig import Rig
+from tests.worlds.linuxcnc.arm import TOOL, TOOL_MM, tool_at
+from tests.worlds.linuxcnc.machine import write_configuration
+
+CIRCLE = {
+    "centre_mm": [500, 150, 450],
+    "normal": [0, 0, 1],
+    "zero": [1, 0, 0],
+    "radius_mm": 70,
+    "posture_deg": [2, 45, -3, 180, 42.1, 2],
+}
+
+
+def rig_at(tmp_path: Path, unit: str = "mm", effects: tuple[Effect, ...] = ()) -> Rig:
+    """Return a rig with the arm of the configuration of the cell, with a horizontal circle."""
+    robot = configured_robot(write_configuration(tmp_path)).model_dump(mode="json", exclude_defaults=True)
+    tool = {"xyz_mm": TOOL_MM.tolist(), "rpy_deg": [0, 90, 0]}
+    shipped = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))
+    feedback = {"interface": "linuxcnc", "port": "tcp://127.0.0.1:5480", "linear_units": unit}
+    changed = {"name": "puma", "robot": robot | {"tool": tool}, "feedback": feedback, "tests": {"circle": CIRCLE}}
+    return parse(yaml.safe_dump(shipped | changed), "puma").model_copy(update={"effects": effects})
+
+
+def test_configuration_gives_the_arm_with_its_limits(tmp_path: Path) -> None:
+    robot = rig_at(tmp_path).robot
+    q = np.array([[2, 45, -3, 180, 42, 2], [-60, 20, 30, -40, 50, 60]], dtype=float)
+    T, (R, p) = forward(without_setup(arm_of(robot)), np.radians(q)), tool_at(q)
+    assert T[:, :3, :3] @ TOOL == pytest.approx(R, abs=1e-9)
+    assert T[:, :3, 3] + R @ TOOL.T @ TOOL_MM == pytest.approx(p, abs=1e-6)
+    assert [axis.limits_deg for axis in robot.axes][4:] == [(-300, 300), (-800, 800)]
+
+
+def test_configuration_in_inches_gives_millimetres(tmp_path: Path) -> None:
+    ini = write_configuration(tmp_path)
+    ini.write_text(ini.read_text().replace("LINEAR_UNITS = mm", "LINEAR_UNITS = inch"))
+    hal = tmp_path / "arm.hal"
+    hal.write_text(re.sub(r"(A-2|D-\d) (\S+)", lambda pin: f"{pin[1]} {float(pin[2]) / 25.4!r}", hal.read_text()))
+    robot = configured_robot(ini)
+    assert robot.axes[2].a_mm == pytest.approx(431.8) and robot.axes[0].d_mm == pytest.approx(671.8)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("KINEMATICS = genserkins", "KINEMATICS = trivkins coordinates=XYZABC"),
+        ("LINEAR_UNITS = mm", "LINEAR_UNITS = cubit"),
+        ("ANGULAR_UNITS = deg", "ANGULAR_UNITS = rad"),
+        ("HALFILE = arm.hal", "HALFILE = other.hal"),
+        ("MIN_LIMIT = -800", ""),
+        ("HALFILE = arm.hal", "HALFILE = arm.hal\nHALCMD = setp genserkins.unrotate-2 1"),
+        ("HALFILE = arm.hal", "HALFILE = arm.hal\nHALCMD = setp genserkins.A-2 [ARM](A2)"),
+    ],
+)
+def test_configuration_that_rig_cannot_read_as_an_arm_is_refused(tmp_path: Path, old: str, new: str) -> None:
+    ini = write_configuration(tmp_path)
+    assert old in ini.read_text()
+    ini.write_text(ini.read_text().replace(old, new))
+    with pytest.raises(FileError):
+        configured_robot(ini)
+
+
+def found(**sd: float) -> EffectProvenance:
+    return EffectProvenance(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd=sd)
+
+
+@pytest.mark.parametrize(("unit", "per_mm"), [("mm", 1.0), ("inch", 1 / 25.4)])
+def test_values_set_all_pins_with_the_change_and_count_joints_from_zero(
+    tmp_path: Path, unit: str, per_mm: float
+) -> None:
+    effects = (
+        JointOffset(axis=3, offset_deg=0.2, found=found(offset_deg=0.001)),
+        LinkGeometry(axis=3, field="a", delta=1.5, found=found(delta=0.01)),
+    )
+    rig = rig_at(tmp_path, unit, effects)
+    entries = controller_entries(rig, supports(rig), "linuxcnc")
+    files = value_files(rig, {(entry.axis, entry.key): entry.add for entry in entries.entries})
+    pins = dict(re.findall(r"^setp genserkins\.(\S+) (\S+)", files["rig-arm.hal"], re.M))
+    assert len(pins) == 18
+    added = {(entry.axis, entry.key): entry.add for entry in entries.entries}
+    assert {(3, "a_mm"), (3, "q_deg")} <= set(added)
+    assert float(pins["A-2"]) == pytest.approx((431.8 + added[3, "a_mm"]) * per_mm)
+    assert float(pins["D-3"]) == pytest.approx((433.0 + added.get((4, "d_mm"), 0.0)) * per_mm)
+    assert float(pins["ALPHA-1"]) == pytest.approx(np.pi / 2 + added.get((2, "alpha_deg"), 0.0))
+    offsets = dict(re.findall(r"\[JOINT_(\d)\]\n# HOME_OFFSET = (\S+)", files["home-offsets.ini"]))
+    zeros = {str(axis - 1): change for (axis, key), change in added.items() if key == "q_deg"}
+    assert {joint: float(change) for joint, change in offsets.items()} == pytest.approx(zeros, abs=1e-6)
+
+
+def test_arm_with_joint_offsets_has_no_hal_file(tmp_path: Path) -> None:
+    rig = rig_at(tmp_path, effects=(JointOffset(axis=3, offset_deg=0.2, found=found(offset_deg=0.001)),))
+    axes = (*rig.robot.axes[:5], rig.robot.axes[5].model_copy(update={"offset_deg": 90.0}))
+    turned = rig.model_copy(update={"robot": rig.robot.model_copy(update={"axes": axes})})
+    assert set(value_files(turned, {})) == {"no-rig-arm.txt"}
+
+
+def test_horizontal_circle_is_arcs_and_inch_machine_gets_joints_in_its_unit(tmp_path: Path) -> None:
+    for unit in ("mm", "inch"):
+        rig = rig_at(tmp_path, unit)
+        plan = plans_of(rig, "yaw", 3.0)[0]
+        (text,) = programs_of("linuxcnc", [(plan, demand_of(plan))]).values()
+        assert len(re.findall(r"^G17 G3 .* C\S+ I\S+ J\S+ F\S+$", text, re.M)) >= 5
+        joint_move = re.search(r"M68 E3 Q1\nM66 E0 L0\n(G20\n)?G1 [^\n]*\nM68 E3 Q0\nM66 E0 L0\n(G21\n)?", text)
+        assert joint_move and [bool(code) for code in joint_move.groups()] == [unit == "inch"] * 2

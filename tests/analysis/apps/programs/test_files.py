@@ -1,0 +1,147 @@
+"""The files of a program: names and lines that a controller takes, and a command that writes all of them or none."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from analysis.apps.makers.motion_plan import Demand, MotionPlan, demand_of
+from analysis.apps.makers.program_text import fixed, identifier, wrapped
+from analysis.apps.makers.writing import programs_of
+from analysis.apps.programs.planned import plans_of
+from rigs.errors import FileError
+from rigs.load import SHIPPED, parse
+from rigs.schema.vocabulary import MAKERS, MakerName
+from tests.support.command_line import ended
+
+LONG = "a-cell-with-a-name-of-sixty-three-characters-which-is-the-most-"
+LONGEST: dict[MakerName, int] = {"ur": 60, "fanuc": 36, "kuka": 24, "abb": 32, "yaskawa": 32}
+"""Letters of a program's name that a controller takes, of the makers whose manual states it."""
+
+
+@pytest.fixture(scope="module")
+def planned() -> list[tuple[MotionPlan, Demand]]:
+    """Both directions of a circle, for a rig of the longest name."""
+    rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8")) | {"name": LONG[:63]}
+    return [(plan, demand_of(plan)) for plan in plans_of(parse(yaml.safe_dump(rig), "long"), "yaw", 3.0)]
+
+
+@pytest.mark.parametrize("dialect", LONGEST)
+def test_names_fit_the_controller_and_differ_between_directions(
+    dialect: MakerName, planned: list[tuple[MotionPlan, Demand]]
+) -> None:
+    files = programs_of(dialect, planned)
+    names = {name.rpartition(".")[0] for name in files}
+    assert len(names) == 2
+    assert all(re.fullmatch(r"[A-Za-z]\w*", name) and len(name) <= LONGEST[dialect] for name in names)
+
+
+@pytest.mark.parametrize("dialect", MAKERS)
+def test_the_first_comment_is_the_override_and_the_clearance(
+    dialect: MakerName, planned: list[tuple[MotionPlan, Demand]]
+) -> None:
+    text = next(iter(programs_of(dialect, planned).values()))
+    comments = re.findall(r"^\s*(?:\d+:)?\s*(?:[#;'!] ?)(.*?)(?: ;)?$", text, re.M)
+    first = " ".join(comments[:8])
+    assert first.startswith("CHECK: override 10 % in the first run, 100 % to measure. Keep X ")
+    assert "mm (base frame) clear" in first and text.isascii()
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(-1e-9, "0.000"), (0.0, "0.000"), (-0.0005001, "-0.001"), (1e6, "1000000.000")]
+)
+def test_a_number_has_no_exponent_and_no_negative_zero(value: float, text: str) -> None:
+    assert fixed(value, 3) == text
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_number_that_is_none_is_never_written(value: float) -> None:
+    with pytest.raises(FileError):
+        fixed(value, 3)
+
+
+def test_identifiers_and_comments() -> None:
+    assert identifier("circle acw ur-10.e--x", 20) == "circle_acw_ur_10_e_x"
+    assert identifier("circle acw ur", 11) == "circle_acw"
+    assert wrapped("5° of Größe … and more", 12) == ["5 deg of", "Gr??e to and", "more"]
+
+
+def test_the_command_writes_both_directions_and_nothing_twice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    order = ("program", "ur10e", "--for", "kuka", "--test", "yaw", "-o", tmp_path / "out")
+    assert ended(*order) == 0
+    said = capsys.readouterr()
+    names = ["yaw_acw_ur10e.dat", "yaw_acw_ur10e.src", "yaw_cw_ur10e.dat", "yaw_cw_ur10e.src"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
+    assert sorted(Path(line).name for line in said.out.split()) == names
+    assert "axis 6 (wrist 3) turns from" in said.err and "provide it yourself" in said.err
+    before = {path: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    (tmp_path / "out" / names[0]).unlink()
+    assert ended(*order) == 3
+    assert "exists already" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in (tmp_path / "out").iterdir()} == {
+        path: data for path, data in before.items() if path.name != names[0]
+    }
+
+
+def _commands() -> list[str]:
+    page = (SHIPPED.parent / "docs" / "robot-programs.md").read_text(encoding="utf-8")
+    return [line.split("#")[0] for line in re.findall(r"^rig program .*$", page, re.M)]
+
+
+@pytest.mark.parametrize("line", _commands())
+def test_the_commands_of_the_page_run(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))
+    fields = ["t_ms", *(f"q{axis}_deg" for axis in range(1, 7)), "signal"]
+    rig["feedback"] = {"interface": "line_feed", "port": "tcp://192.168.1.10:59002", "fields": fields}
+    directions = enumerate(("acw", "cw"), start=1)
+    rules = [{"when": {"signal": number}, "test": "roll", "direction": one} for number, one in directions]
+    rig["tests"]["iso9283"] = {}
+    (tmp_path / "cell.yaml").write_text(yaml.safe_dump(rig | {"automatic": {"rules": rules}}), encoding="utf-8")
+    assert ended(*line.split()[1:]) == 0
+    assert list((tmp_path / "programs").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (("--for", "kuka", "--test", "circle"), 2, "'circle' is not one of 'yaw', 'roll', 'radial', 'repeatability'"),
+        (("--for", "comau", "--test", "yaw"), 2, "--for"),
+        (("--for", "ur", "--test", "yaw", "--outputs", "a"), 2, "not a list of numbers"),
+        (("--for", "ur", "--test", "yaw", "--outputs", "1,1"), 2, "different outputs"),
+        (("--for", "ur", "--test", "radial", "--dwell-s", "0"), 2, "--dwell-s"),
+    ],
+)
+def test_wrong_use_is_one_line(
+    words: tuple[str, ...], code: int, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ended("program", "ur10e", *words, "-o", tmp_path / "out") == code
+    said = capsys.readouterr().err
+    assert says in said and said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_directory_that_cannot_be_made_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").touch()
+    for output in (tmp_path / "file", tmp_path / "file" / "below"):
+        assert ended("program", "ur10e", "--for", "ur", "--test", "repeatability", "-o", output) == 3
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(f"error: {output}: ") and line.endswith("; choose a different --output")
+
+
+def test_a_rig_without_the_test_and_one_out_of_reach_write_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))
+    far = rig | {"tests": {"circle": rig["tests"]["circle"] | {"centre_mm": [-1500, -200, 250]}}}
+    (tmp_path / "far.yaml").write_text(yaml.safe_dump(far), encoding="utf-8")
+    for test, says in (("yaw", "out of reach"), ("radial", "the rig file has no tests.hemisphere; add")):
+        assert ended("program", tmp_path / "far.yaml", "--for", "abb", "--test", test, "-o", tmp_path / "out") == 3
+        said = capsys.readouterr().err
+        assert says in said and said.count("\n") == 1
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,195 @@
+"""The plan of a test: what is checked on it, and the signal and feedback of the rig file."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from analysis.apps.makers import maker_by
+from analysis.apps.makers.emulated import OperatorPause, RegisterOutput, Switched
+from analysis.apps.makers.motion_plan import Hold, MotionPlan, Signal, demand_lines, demand_of
+from analysis.apps.makers.ways import circular_path
+from analysis.apps.makers.writing import feedback_note, programs_of
+from analysis.apps.programs.planned import plans_of
+from analysis.robot.kinematics.arm import Array
+from daq.apps.robot_drivers import line_feed
+from daq.protocol.conversation import Sample
+from rigs.errors import FileError
+from rigs.load import SHIPPED, parse
+from rigs.rig import Rig
+from rigs.schema.vocabulary import MakerName
+from tests.worlds.interpreters.driven import run
+
+RULES = [
+    {"when": {"signal": 1}, "test": "yaw", "direction": "cw"},
+    {"when": {"signal": 2}, "test": "yaw", "direction": "acw"},
+    {"when": {"signal": 3}, "test": "repeatability"},
+]
+LINES = {
+    "interface": "line_feed",
+    "port": "tcp://192.168.1.10:59002",
+    "fields": ["t_ms", *(f"q{axis}_deg" for axis in range(1, 7)), "signal"],
+}
+RTDE = {"interface": "ur_rtde", "port": "tcp://robot:30004"}
+
+
+def rig_with(name: str = "ur10e", **changes: Any) -> Rig:
+    text = (SHIPPED / f"{name}.yaml").read_text(encoding="utf-8")
+    return parse(yaml.safe_dump(yaml.safe_load(text) | changes), "changed.yaml")
+
+
+def files_of(rig: Rig, dialect: MakerName, plan: MotionPlan) -> dict[str, str]:
+    newline = maker_by(dialect).writer.newline
+    files = programs_of(dialect, [(plan, demand_of(plan))])
+    return {name: text.replace("\n", newline) for name, text in files.items()}
+
+
+def test_a_rule_of_the_rig_file_gives_the_signal_and_takes_the_pause() -> None:
+    rig = rig_with(feedback=RTDE | {"signal": {"outputs": [4, 9]}}, automatic={"rules": RULES})
+    acw, cw = plans_of(rig, "yaw", 3.0)
+    assert [step.value for step in acw.steps if isinstance(step, Signal)] == [2, 0]
+    assert [step.value for step in cw.steps if isinstance(step, Signal)] == [1, 0]
+    assert not any(isinstance(step, Hold) for step in acw.steps)
+    events = run("ur", files_of(rig, "ur", acw), rig)
+    assert [event for event in events if isinstance(event, Switched | OperatorPause)] == [
+        Switched(4, False),
+        Switched(9, True),
+        Switched(4, False),
+        Switched(9, False),
+    ]
+
+
+def test_a_test_without_a_rule_waits_for_a_person() -> None:
+    rig = rig_with(feedback=RTDE | {"signal": {"outputs": [4, 9]}}, automatic={"rules": RULES})
+    plan, _ = plans_of(rig, "roll", 3.0)
+    assert any(isinstance(step, Hold) for step in plan.steps)
+    assert not any(isinstance(step, Signal) for step in plan.steps)
+
+
+def test_a_register_of_rtde_shows_the_signal() -> None:
+    rig = rig_with(feedback=RTDE | {"signal": {"int_register": 24}}, automatic={"rules": RULES})
+    events = run("ur", files_of(rig, "ur", plans_of(rig, "yaw", 3.0)[1]), rig)
+    assert [event for event in events if isinstance(event, RegisterOutput)] == [
+        RegisterOutput(24, 1),
+        RegisterOutput(24, 0),
+    ]
+
+
+@pytest.mark.parametrize(("dialect", "names"), [("fanuc", (9, 10)), ("kuka", (9, 10)), ("yaskawa", (9, 10))])
+def test_other_controllers_switch_the_outputs_that_were_named(dialect: MakerName, names: tuple[int, ...]) -> None:
+    rig = rig_with(feedback=LINES, automatic={"rules": RULES})
+    (plan,) = plans_of(rig, "repeatability", 3.0, names)
+    switched = [event for event in run(dialect, files_of(rig, dialect, plan), rig) if isinstance(event, Switched)]
+    assert [(event.output, event.on) for event in switched] == [(9, True), (10, True), (9, False), (10, False)]
+
+
+def test_nothing_is_switched_that_was_not_named() -> None:
+    rig = rig_with(feedback=LINES, automatic={"rules": RULES})
+    with pytest.raises(FileError, match="signal 3 does not fit into 1 outputs; give --outputs"):
+        plans_of(rig, "repeatability", 3.0, (9,))
+    with pytest.raises(FileError, match="0 outputs"):
+        plans_of(rig, "yaw", 3.0)
+
+
+@pytest.mark.parametrize(("dialect", "number"), [("ur", 18), ("fanuc", 0), ("yaskawa", 5000)])
+def test_an_output_that_the_controller_does_not_have_is_refused(dialect: MakerName, number: int) -> None:
+    rig = rig_with(feedback=LINES, automatic={"rules": RULES})
+    plan = plans_of(rig, "yaw", 3.0, (number, 1))[0]
+    with pytest.raises(
+        FileError, match=f"digital output {number} does not exist on a {dialect} controller; give --outputs"
+    ):
+        files_of(rig, dialect, plan)
+
+
+def test_the_lines_that_karel_prints_are_read_by_the_line_feed() -> None:
+    rig = rig_with("paper-fanuc", feedback=LINES, automatic={"rules": RULES})
+    files = files_of(rig, "fanuc", plans_of(rig, "yaw", 3.0, (9, 10))[0])
+    text = files["RIGFEED.KL"]
+    assert "$HOSTS_CFG[3].$SERVER_PORT', 59002" in text
+    assert re.findall(r"IF DOUT\[(\d+)\] THEN\s+signal = signal \+ (\d+)", text) == [("9", "1"), ("10", "2")]
+    host = line_feed.host(rig.feedback)  # type: ignore[arg-type]
+    host.connected(0)
+    (sample,) = host.received(printed(text), 1_000_000).items
+    assert isinstance(sample, Sample)
+    assert sample.values == (10.5, 11.5, 12.5, 13.5, 14.5, 15.5, 2.0) and sample.device_time_s == 0.123
+
+
+def test_a_condition_that_karel_cannot_print_is_refused() -> None:
+    feedback = {**LINES, "fields": [*LINES["fields"], "speed_percent"]}
+    rig = rig_with("paper-fanuc", feedback=feedback, automatic={"rules": RULES})
+    with pytest.raises(FileError, match="cannot print speed_percent; remove the field from"):
+        files_of(rig, "fanuc", plans_of(rig, "yaw", 3.0, (9, 10))[0])
+
+
+def printed(text: str) -> bytes:
+    """The line of a KAREL `WRITE`, whose items have a width and decimals after `::`; what CR sends is not known."""
+    (items,) = re.findall(r"WRITE client \((.*)\)", text)
+    line = ""
+    item = r"'([^']*)'|CHR\((\d+)\)|(clock|signal|joints\[\d\])::(\d+)(?:::(\d+))?"
+    assert re.fullmatch(rf"(?:{item})(?:, (?:{item}))*", items)
+    for literal, code, name, width, decimals in re.findall(item, items):
+        value = {"clock": 123, "signal": 2}.get(name) if name in ("clock", "signal") else None
+        if name.startswith("joints"):
+            value = 9.5 + int(name[7])
+        character = chr(int(code)) if code else literal
+        line += character if value is None else f"{value:{width}.{decimals or 0}f}"
+    return line.encode()
+
+
+@pytest.mark.parametrize(
+    ("dialect", "feedback", "words"),
+    [
+        ("kuka", {"interface": "kuka_rsi", "port": "udp://192.168.1.5:49152"}, ("RSI_ON(#RELATIVE)", "RSI_OFF()")),
+        ("abb", {"interface": "abb_egm", "port": "udp://192.168.1.5:6510"}, ("EGMStreamStart", "EGMStreamStop")),
+    ],
+)
+def test_the_program_starts_the_feedback_of_its_maker(
+    dialect: MakerName, feedback: dict[str, Any], words: tuple[str, ...]
+) -> None:
+    rig = rig_with(feedback=feedback)
+    files = files_of(rig, dialect, plans_of(rig, "yaw", 3.0)[0])
+    assert run(dialect, files, rig)
+    assert all(any(word in text for text in files.values()) for word in words)
+    assert "provide it yourself" in feedback_note("yaskawa", rig.feedback)
+
+
+def test_a_circle_that_the_robot_cannot_drive_is_refused_before_anything_is_written() -> None:
+    tests = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))["tests"]
+    tests["hemisphere"]["centre_mm"] = [-1800, -200, 0]
+    with pytest.raises(FileError, match="out of reach"):
+        plans_of(rig_with(tests=tests), "radial", 3.0)
+
+
+def test_the_turns_of_the_wrist_are_reported() -> None:
+    rig = rig_with()
+    plan = plans_of(rig, "yaw", 3.0)[0]
+    demand = demand_of(plan)
+    lines = demand_lines(plan, demand, [axis.name for axis in rig.robot.axes])
+    (turning,) = [line for line in lines if line.startswith("wrist 3")]
+    ways = 2 * 2 - 1
+    assert f"{ways * 384 / 360:.1f} turns in total" in turning
+    assert demand.distance_mm == pytest.approx([70, 70], abs=1e-3)
+
+
+def test_opposite_targets_are_joined_over_the_side_to_which_the_tool_leans() -> None:
+    tests = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))["tests"]
+    tests["repeatability"] = {"targets": [26, 32], "rounds": 1}  # 0° and 180° on the outermost ring
+    plan = plans_of(rig_with(tests=tests), "repeatability", 3.0)[0]
+    demand = demand_of(plan)
+    assert demand.distance_mm == pytest.approx([397, 403], abs=0.01) and demand.removals == 0
+
+
+def test_an_arc_goes_around_the_long_way_where_its_middle_lies_there() -> None:
+    def at(deg: float) -> Array:
+        T = np.eye(4)
+        T[:3, 3] = 100 * np.array([np.cos(np.radians(deg)), np.sin(np.radians(deg)), 0]) + [5, 6, 7]
+        return T
+
+    way = circular_path(at(0), at(150)[:3, 3], at(300), speed_mm_s=20.0)
+    assert way.seconds == pytest.approx(np.radians(300) * 100 / 20)
+    assert np.linalg.norm(way.poses[:, :3, 3] - [5, 6, 7], axis=1) == pytest.approx(100)
+    assert way.poses[len(way.poses) // 2, :3, 3] == pytest.approx(at(150)[:3, 3])
