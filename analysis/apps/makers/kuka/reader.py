@@ -15,10 +15,10 @@ from dataclasses import replace
 
 from analysis.apps.makers.kuka.closed_lists import is_file_of_maker, is_of_maker
 from analysis.apps.makers.kuka.copies import constants_in, copies_in
+from analysis.apps.makers.kuka.literals import EXTERNAL_AXES
 from analysis.apps.makers.kuka.statements import (
     CORRECTION,
     ELEMENT,
-    EXTERNAL_AXES,
     LINES,
     ROUTINE,
     KrlStatements,

@@ -10,182 +10,38 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from dataclasses import replace
 
-import numpy as np
-
-from analysis.apps.makers.numbers import Decimals, frame_of
-from analysis.apps.makers.points import as_value
-from analysis.apps.makers.program_machine import OFF, Blocks, Call, Elsewhere, End, Move, Ref, Value
-from analysis.apps.makers.program_parser import NUMBER, ProgramParser, arguments, brackets, numbers_in
+from analysis.apps.makers.numbers import Decimals
+from analysis.apps.makers.program_machine import OFF, Move, Value
+from analysis.apps.makers.program_parser import numbers_in
 from analysis.apps.makers.program_reader import ProgramReader, Remark
-from analysis.apps.makers.target import (
-    Form,
-    NamedFrame,
-    Notice,
-    Number,
-    Parsed,
-    ProgramTexts,
-    Target,
-    UncorrectedTarget,
-    Way,
-)
-from analysis.apps.makers.ur.derived_poses import DerivedPose, PoseReader, pairs_in
-from analysis.apps.makers.ur.functions import ELSEWHERE, NO_TARGETS, NOTHING, OF_LISTS, SWITCHES
-from analysis.apps.makers.ur.handed_points import (
-    NAME_OR_POSE,
-    Argument,
-    CallSite,
-    HandedPoints,
-    Routine,
-    parameter_key,
-    routines_in,
-    traced,
-)
-from analysis.correction.reasons import Reason
+from analysis.apps.makers.target import Notice, Parsed, ProgramTexts, UncorrectedTarget
+from analysis.apps.makers.ur.functions import NO_TARGETS, NOTHING, OF_LISTS
+from analysis.apps.makers.ur.handed_points import NAME_OR_POSE, HandedPoints, parameter_key, traced
+from analysis.apps.makers.ur.statements import KEEPS, WORD, UrStatements
 
 _DECIMALS = Decimals(place=(8, 10), turn=(8, 10))
 """Decimals of corrected numbers: 1e-8 m is 0.01 µm. PolyScope writes at least twelve decimals."""
-_QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
-_BLANK = re.compile(rf"#[^\n]*|{_QUOTED.pattern}|^[ \t]*\$[^\n]*", re.MULTILINE)
 _DECLARED = re.compile(
     r"^[ \t]*(?:global[ \t]+|local[ \t]+)?(?P<name>[A-Za-z_]\w*)[ \t]*=[ \t]*(?P<kind>p?)\[(?P<list>[^\[\]\n]*)\]"
     r"[ \t]*$",
     re.MULTILINE,
-)
-_NUMBER_DECLARED = re.compile(
-    rf"^[ \t]*(?:global[ \t]+|local[ \t]+)?([A-Za-z_]\w*)[ \t]*=[ \t]*({NUMBER})[ \t]*$", re.MULTILINE
 )
 _DERIVED = re.compile(
     r"^[ \t]*(?P<scope>global[ \t]+|local[ \t]+)?(?P<name>[A-Za-z_]\w*)[ \t]*=[ \t]*"
     r"(?P<pose>(?:pose_trans|pose_add)[ \t]*\(|p\[)",
     re.MULTILINE,
 )
-_REACHED = re.compile(
-    r"\b(?:movej|movel|movep|movec|servoj|servoc|optimovej|optimovel|get_inverse_kin)\s*\(\s*"
-    r"(?:\w+\s*=\s*)?([A-Za-z_]\w*)\s*[,)]"
-)
 _POSE = re.compile(r"(?<!\w)p\[([^\[\]]*)\]")
 _PART_DECLARED = re.compile(
     r"(?<![\w.])(?P<name>[A-Za-z_]\w*(?:\.\w+|\[[^\[\]\n]*\])+)[ \t]*=[ \t]*p?\[(?P<list>[^\[\]]*)\]"
 )
 """Numbers assigned to a part of a struct or of a list."""
-_EVENT = re.compile(
-    r"\b(?P<routine>def|thread|sec)[ \t]+(?P<name>[A-Za-z_]\w*)[ \t]*(?P<parameters>\([^()\n]*\))?[ \t]*:"
-    r"|\brun[ \t]+(?P<run>[A-Za-z_]\w*)"
-    r"|(?<![\w.])(?P<flow>(?:end|if|elif|else|while|return|break|continue|halt)(?!\w)"
-    r"|(?:for|switch|case|default)\b(?=[^\n=]*:[ \t]*$))"
-    r"|(?<![\w.])(?P<call>[A-Za-z_]\w*)[ \t]*\("
-    r"|(?P<mark>[:\n])"
-)
-_WRITTEN = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\s*(?:\[[^\[\]\n]*\]\s*|\.\w+\s*)*=(?!=)")
-_WAYS: dict[str, Way] = {
-    "movej": "joint", "movel": "line", "movep": "line", "movec": "line", "servoj": "joint", "servoc": "line",
-    "optimovej": "joint", "optimovel": "line",
-}  # fmt: skip
-_KEEPS = "posture of the way"
-"""Name of a part of the state that is always off.
-
-The text does not specify the posture at the end of a line, or of a joint move to a bare pose. The arm keeps the current
-posture, even on the way to a waypoint with taught joint angles.
-"""
-_MODE, _MODE_PLACE = re.compile(r"mode\s*=\s*(.*)", re.DOTALL), 5
-"""The mode of movec(pose_via, pose_to, a, v, r, mode)."""
-_STREAMED = ("servoj", "servoc")
-"""Moves that the next statement does not wait for: the arm has not reached the target yet."""
 _METHOD = re.compile(r"(?<![\w.])([A-Za-z_]\w*)[ \t]*\.[ \t]*([A-Za-z_]\w*)[ \t]*\(")
-_TARGET = re.compile(r"(?:q|pose|pose_via|pose_to|x)\s*=\s*")
-_INVERSE = re.compile(r"get_inverse_kin\s*\(")
-_WORD = re.compile(r"[A-Za-z_]\w*")
-_LONGEST = 1000
-"""Maximum length of a literal tool in characters; six numbers need less."""
-_AT_WORD = {
-    **dict.fromkeys(("elif", "case", "else", "default"), Blocks.other), **dict.fromkeys(("while", "for"), Blocks.loop),
-    "break": Blocks.leave, "continue": Blocks.again,
-}  # fmt: skip
-_AT_COLON = {
-    "if": Blocks.branch, "switch": Blocks.cases, **dict.fromkeys(("elif", "case"), Blocks.guard),
-    **dict.fromkeys(("while", "for"), Blocks.may_leave),
-}  # fmt: skip
-"""What a keyword does itself, and after the calls in its condition."""
 
 
-_Arc = tuple[str, bool, bool]
-"""Name of an arc, whether it rotates the tool with the tangent, and whether the target is the via point."""
-
-
-class _UrReader(ProgramParser):
-    """A script during parsing. Positions stand for what begins there."""
-
-    def __init__(self, program: ProgramTexts) -> None:
-        super().__init__(program, _BLANK)
-        if odd := re.search("[\"']", _QUOTED.sub(lambda quoted: " " * len(quoted[0]), self.texts[0])):
-            self._misread("a string does not end in its line", odd.start())
-        self.closes = brackets(self.texts[0])
-        self.text = text = _in_one_line(self.texts[0], self.closes)
-        self.texts = (text,)
-        self.events = list(_EVENT.finditer(text))
-        for event in self.events:
-            if event["routine"]:
-                self.defined.setdefault(event["name"], []).append(event["name"])
-        self.all_routines = routines_in(self.events, len(text))
-        self.outer: list[str] = []
-        """The routines that are in no other."""
-        self.sites: dict[str, CallSite] = {}
-        self.joints: dict[str, tuple[float, ...]] = {}
-        self.poses: dict[str, tuple[float, ...]] = {}
-        self.tools: dict[str, int] = {}
-        """Names passed to set_tcp, with a position."""
-        self.reached: set[str] = set()
-        """Names passed to moves."""
-        self.literals: set[int] = set()
-        """Poses in numbers that are points, tools, or listed."""
-        self.listed: set[int] = set()
-        """Lines with a listed place."""
-        self.derived: dict[str, DerivedPose] = {}
-        assignments = (assignment for assignment in _WRITTEN.finditer(text))
-        named = (one[1] for one in assignments if text[: one.start()].rstrip()[-1:] not in ("(", ","))
-        parameters = (name for event in self.events for name in _WORD.findall(event["parameters"] or ""))
-        self.written = Counter([*named, *parameters])
-        once = [found for found in _NUMBER_DECLARED.finditer(text) if self.written[found[1]] == 1]
-        numbers = {found[1]: float(found[2]) for found in once}
-        reached = frozenset(_REACHED.findall(text))
-        self.pose_reader = PoseReader(text, self.closes, numbers, self.poses, self._is_point, reached, pairs_in(text))
-
-    def scopes(self, name: str) -> tuple[str, ...]:
-        return (name,)
-
-    def list_left(self, reason: Reason, name: str, at: int | None = None) -> None:
-        self.listed.add(self.line(at))
-        super().list_left(reason, name, at)
-
-    def routine_at(self, at: int) -> Routine | None:
-        """The innermost routine at a position."""
-        return next((one for one in reversed(self.all_routines) if one.begin <= at < one.end), None)
-
-    def parameter(self, name: str, at: int) -> str:
-        """The key of the parameter with this name at a position, or an empty string."""
-        routine = self.routine_at(at)
-        is_parameter = routine and name in routine.parameters and len(self.named(routine.name)) == 1
-        return parameter_key(routine, name) if routine and is_parameter else ""
-
-    def _is_point(self, name: str, at: int) -> bool:
-        return bool(self.parameter(name, at)) or name in self.poses
-
-    def _misread(self, fault: str, at: int) -> None:
-        """Treat the complete state as unknown, because the text cannot be parsed."""
-        self.beside.append(Call("\0", self.why(fault, at)))
-
-    def literal(self, begin: int, end: int) -> tuple[str, tuple[Number, ...]] | None:
-        """Return "p" or "" and the six numbers of a literal; None for any other text."""
-        literal = re.compile(r"(p?)\[([^\[\]]*)\]").fullmatch(self.text, begin, end)
-        numbers = numbers_in(self.text, *literal.span(2)) if literal else None
-        return (literal[1], numbers) if literal and numbers and len(numbers) == 6 else None
-
-    def point(self, key: str, name: str, at: int, literal: tuple[str, tuple[Number, ...]]) -> None:
-        """Add a point with numbers."""
-        form: Form = "rotation_vector" if literal[0] else "joints_rad"
-        self.points.declare(key, Target(name, 0, self.line(at), form, literal[1], "tcp", "base"))
+class _UrReader(UrStatements):
+    """Adds the points: variables with numbers, what calls hand to routines, and what is used otherwise."""
 
     def declare(self) -> None:
         """Add the variables assigned with lists of six numbers. Only variables without other assignments are literals.
@@ -225,251 +81,10 @@ class _UrReader(ProgramParser):
                 fact = f"{name} belongs to a different program: rig assumes that it neither moves the robot nor sets a"
                 self.points.notices.append(Notice(0, self.line(call.start()), f"{fact} tool"))
 
-    def read(self) -> None:
-        """Parse the statements in the order of execution: a call follows the evaluation of the arguments."""
-        ordered = sorted(
-            self.events, key=lambda event: self.closes.get(event.end() - 1, 0) if event["call"] else event.start()
-        )
-        self.begin_routine("")
-        waiting = ""
-        for event in ordered:
-            self.at = event.start()
-            if event["routine"]:
-                if event["routine"] == "def" and not self.around:
-                    self.outer.append(event["name"])
-                self.open_routine(event["name"])
-                if event["routine"] == "sec":
-                    self.beside.append(Call(event["name"], self.why(f"{event['name']} runs beside")))
-            elif event["run"]:
-                self.runs_beside(event["run"])
-            elif event["call"]:
-                self._call(event)
-            elif event["flow"]:
-                waiting = self._flow(event["flow"], waiting)
-            elif event["mark"] == "\n" and waiting == "return":
-                self.add(End())
-                waiting = ""
-            elif event["mark"] == ":" and waiting != "return":
-                if waiting:
-                    _AT_COLON[waiting](self.blocks)
-                waiting = ""
-        if self.around or self.blocks.depth:
-            self._misread("the blocks end in the wrong place", len(self.text) - 1)
-        while self.around:
-            self.close_routine()
-        self.end_routine()
-
-    def _flow(self, word: str, waiting: str) -> str:
-        """Parse a keyword; return it if a colon or the end of the line has to complete it."""
-        if waiting == "return":
-            self.add(End())
-        if word in _AT_WORD:
-            _AT_WORD[word](self.blocks)
-        elif word == "halt":
-            self.add(End(halts=True))
-        elif word == "end":
-            if self.blocks.depth:
-                self.blocks.close()
-            elif self.around:
-                self.close_routine()
-            else:
-                self._misread("the blocks end in the wrong place", self.at)
-        return word if word in _AT_COLON or word == "return" else ""
-
-    def _call(self, event: re.Match[str]) -> None:
-        """Parse a call of a routine of the script, of a move, or of any other function."""
-        name, end = event["call"], self.closes.get(event.end() - 1)
-
-        def places() -> list[tuple[int, int]]:
-            return arguments(self.text, event.end(), end) if end else []
-
-        if name in self.defined:
-            before = self.text[self.text.rfind("\n", 0, self.at) + 1 : self.at]
-            called = self._site(name, places()) if end else name
-            self.blocks.evaluated(before, Call(called, self.why(f"{name} is called")))
-        elif name in _WAYS:
-            if end:
-                self._move(name, places())
-            else:
-                self.leave("computed", name)
-        elif name == "set_tcp":
-            self.set("tool", self._tool(event.end() - 1))
-        elif name in SWITCHES:
-            self.set(*SWITCHES[name])
-            self.add(Elsewhere())
-        elif name in ELSEWHERE:
-            self.add(Elsewhere())
-        elif name not in NOTHING:
-            self.not_known(name)
-            for place in places():
-                if self.literal(*place):
-                    self.literals.add(place[0])
-                    self.list_left("handed", self.text[slice(*place)], place[0])
-
-    def _site(self, name: str, places: list[tuple[int, int]]) -> str:
-        """Return the name of a call of an own routine. A call with points has its own name."""
-        routine = next(one for one in self.all_routines if one.name == name)
-        found: dict[str, Argument] = {}
-        for k, (begin, end) in enumerate(places):
-            named = re.compile(r"([A-Za-z_]\w*)\s*=\s*(?!=)").match(self.text, begin, end)
-            parameter = named[1] if named else routine.parameters[k] if k < len(routine.parameters) else ""
-            start = named.end() if named else begin
-            text = self.text[start:end]
-            key = f"\2{name} at {start}" if self.literal(start, end) else self.parameter(text, start)
-            key = key or (text if self.points.knows(text) else "")
-            if key and parameter in routine.parameters and routine.kind == "def" and len(self.named(name)) == 1:
-                found[parameter] = Argument(key, start)
-            elif key.startswith("\2"):
-                self.list_left("handed", text, start)
-        if not found:
-            return name
-        self.sites[f"\1{name} at {self.at}"] = CallSite(routine, found)
-        return f"\1{name} at {self.at}"
-
-    def _move(self, name: str, places: list[tuple[int, int]]) -> None:
-        """Parse a move with its arguments."""
-        named = [place for place in places if _TARGET.match(self.text, *place)]
-        named.sort(key=lambda place: not self.text.startswith("pose_via", place[0]))  # The via point is passed first.
-        is_arc = name == "movec" and len(places) > 1
-        arc, is_tangent = (f"arc at {self.at}", self._is_tangent(places)) if is_arc else ("", False)
-        for k, place in enumerate(named or places[: 1 + is_arc]):
-            self._target(name, *place, arc=(arc, is_tangent, k == 0))
-        if name in _STREAMED:
-            self.add(Elsewhere())
-
-    def _is_tangent(self, places: list[tuple[int, int]]) -> bool:
-        """Return whether a movec with these arguments keeps the orientation fixed to the tangent: mode 1.
-
-        A computed mode counts as mode 1.
-        """
-        texts = [self.text[slice(*place)] for place in places]
-        named = [mode[1] for text in texts if (mode := _MODE.fullmatch(text))]
-        number = named[0] if named else texts[_MODE_PLACE] if len(texts) > _MODE_PLACE else "0"
-        return not re.fullmatch(NUMBER, number) or float(number) != 0
-
-    def _tool(self, opening: int) -> Value:
-        """Return the tool of a set_tcp with the bracket at `opening`, or unknown."""
-        unknown, end = self.why("set_tcp sets a computed tool"), self.closes.get(opening, 0)
-        if not opening < end < opening + _LONGEST:
-            return unknown
-        begin, stop = arguments(self.text, opening + 1, end)[0]
-        if named := re.compile(r"pose\s*=\s*").match(self.text, begin, stop):
-            begin = named.end()
-        name, literal = self.text[begin:stop], self.literal(begin, stop)
-        values = tuple(number.value for number in literal[1]) if literal and literal[0] else self.poses.get(name)
-        if values is None or not np.isfinite(values).all():
-            return unknown
-        if literal:
-            self.literals.add(begin)
-        else:
-            self._use_as_numbers(name, begin)
-        value = as_value(frame_of("rotation_vector", values))
-        self.points.state(NamedFrame("tcp", "tool", 0, self.line(), value))
-        return value
-
-    def _use_as_numbers(self, name: str, at: int) -> None:
-        """Record that a variable is a tool, a frame or an offset: it is no target of moves."""
-        self.spent.add((0, at))
-        self.tools[name] = at
-        self.points.silent.add(name)
-
-    def _target(
-        self,
-        call: str,
-        begin: int,
-        end: int,
-        near: tuple[float, ...] | None = None,
-        *,
-        solved: bool = False,
-        arc: _Arc = ("", False, False),
-    ) -> None:
-        """Parse a target of a move.
-
-        solved: the target is inside get_inverse_kin, with the joint angles `near` (6,) rad.
-        """
-        line = self.line(begin)
-        if named := _TARGET.match(self.text, begin, end):
-            begin = named.end()
-        inverse = None if solved or "get_inverse_kin" in self.defined else _INVERSE.match(self.text, begin, end)
-        if inverse and arc[1]:
-            self.leave("arc_turns", self.text[begin:end], begin)
-        elif inverse:
-            self._inverse(call, inverse.end(), self.closes.get(inverse.end() - 1))
-        else:
-            name, way, pose = self.text[begin:end], _WAYS[call], self._derived(begin, end)
-            key = self._point(call, *((pose.begin, pose.end) if pose else (begin, end)))
-            is_joints = key[:1] not in ("", "\1") and self.points.target(key).joints
-            if not key or (pose and pose.offset and is_joints):
-                self.leave("not_literal" if _WORD.fullmatch(name) else "computed", name, begin)
-                return
-            near = near if way == "joint" else None
-            by_angles = way == "joint" and (near is not None or is_joints)
-            move = Move(
-                key, way, 0, line, Ref("tool"), needs=("shift", "tracking"), trusts=None if by_angles else _KEEPS,
-                near=near, arc=arc[0], tangent=arc[1], through=arc[2],
-            )  # fmt: skip
-            if pose and pose.offset:
-                move = replace(move, key=f"{name} of {key}", base=key, offset=pose.offset)
-            elif pose:
-                move = replace(move, frame=pose.frame)
-            self.add(move)
-
-    def _derived(self, begin: int, end: int) -> DerivedPose | None:
-        """Return the derived pose of an argument: written there, or in a variable."""
-        name = self.text[begin:end]
-        if pose := self.derived.get(name):
-            # A parameter has its value only while its routine runs.
-            of = self.parameter(self.text[pose.begin : pose.end], pose.begin)
-            if of and self.routine_at(begin) != self.routine_at(pose.begin):
-                return None
-            self.spent.add((0, begin))
-        elif not _WORD.fullmatch(name):
-            pose = self.pose_reader.derived(begin, end, self.why("the offset is computed", begin))
-        if pose:
-            self.literals.update(pose.literals)
-            for source in pose.sources:
-                self.spent.add((0, source))
-                word = _WORD.match(self.text, source)
-                if word and word[0] != self.text[pose.begin : pose.end]:  # The numbers of a frame or an offset
-                    self._use_as_numbers(word[0], source)
-        return pose
-
-    def _point(self, call: str, begin: int, end: int) -> str:
-        """Return the key of the point of a move: numbers in place, a variable or a parameter; empty for other text."""
-        name = self.text[begin:end]
-        if literal := self.literal(begin, end):
-            if begin not in self.literals:
-                self.literals.add(begin)
-                self.point(f"at {begin}", call, begin, literal)
-            return f"at {begin}"
-        key = self.parameter(name, begin)
-        if not key and self.points.knows(name):
-            key = name
-            self.reached.add(name)
-        if key:
-            self.spent.add((0, begin))
-        return key
-
-    def _inverse(self, call: str, begin: int, end: int | None) -> None:
-        """Parse get_inverse_kin(pose, qnear): a pose, with joint angles near the solution."""
-        places, near = arguments(self.text, begin, end) if end else [], None
-        if len(places) > 1:
-            start, stop = places[1]
-            if named := re.compile(r"q_?near\s*=\s*").match(self.text, start, stop):
-                start = named.end()
-            if literal := self.literal(start, stop):
-                near = tuple(number.value for number in literal[1])
-            elif near := self.joints.get(self.text[start:stop]):
-                self.spent.add((0, start))
-        if not places or (len(places) > 1 and near is None) or len(places) > 2:
-            self.leave("computed", call, begin)
-        else:
-            self._target(call, *places[0], near, solved=True)
-
     def hand(self) -> None:
         """Let the moves of each routine go to the points that its calls hand to it."""
         keys = traced(self.all_routines, self.sites, self.text, {at for _, at in self.spent})
-        mentions = Counter(word[0] for word in _WORD.finditer(self.text))
+        mentions = Counter(word[0] for word in WORD.finditer(self.text))
         calls = Counter(site.routine.name for site in self.sites.values())
         for site in self.sites.values():
             for name, argument in list(site.arguments.items()):
@@ -501,7 +116,7 @@ class _UrReader(ProgramParser):
         def joints(key: str) -> bool:
             return self.points.target(key).joints
 
-        self.routines = HandedPoints(self.routines, self.sites, joints, leave, _KEEPS).replaced(only - plain)
+        self.routines = HandedPoints(self.routines, self.sites, joints, leave, KEEPS).replaced(only - plain)
 
     def watch_points(self) -> None:
         """Mark the points that are tools as well, or that the script computes with."""
@@ -530,16 +145,6 @@ class _UrReader(ProgramParser):
 
     def initial(self, part: str) -> Value:
         return "tcp" if part == "tool" else OFF
-
-
-def _in_one_line(text: str, closes: dict[int, int]) -> str:
-    """Return a text of the same length with no line breaks inside brackets."""
-    parts, at = [], 0
-    for opening in sorted(closes):
-        if opening >= at:
-            parts += [text[at:opening], text[opening : closes[opening]].replace("\n", " ")]
-            at = closes[opening]
-    return "".join((*parts, text[at:]))
 
 
 def parse(program: ProgramTexts) -> Parsed:
