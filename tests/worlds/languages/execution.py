@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tests.worlds.languages.arms import Array, Cell, branches, chain, frame, placed, solved, turn_of
+from tests.worlds.languages.expressions import NotUnderstood
 
 Place = tuple[str, int]
 """File and line."""
@@ -24,6 +25,29 @@ _STEPS, _DEPTH, _AGAIN, _MOST_KEPT = 600, 8, 2, 20_000
 
 _NEAR_RAD, _PARTS = 0.9, 40
 """Joint angles closer than this belong to one posture; number of steps along a line in which a posture is followed."""
+
+
+class LineBlocks:
+    """Program text as lines with blocks, each statement on a line of its own."""
+
+    _lines: list[Any]
+    _at = 0
+
+    def _statement(self, line: Any) -> list[Any]:
+        raise NotImplementedError
+
+    def _block(self, ends: tuple[str, ...]) -> list[Any]:
+        """Statements up to a line that begins with one of the ends, or to the last one without ends."""
+        nodes: list[Any] = []
+        while self._at < len(self._lines):
+            line = self._lines[self._at]
+            if ends and line.text.strip().upper().startswith(ends):
+                return nodes
+            self._at += 1
+            nodes += self._statement(line)
+        if ends:
+            raise NotUnderstood("a block has no end")
+        return nodes
 
 
 class Ended(Exception):

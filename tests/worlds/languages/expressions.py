@@ -191,3 +191,19 @@ RAPID = Syntax(
     "rapid",
     fold=True,
 )
+
+
+def arithmetic(operator: str, a: Any, b: Any) -> Any:
+    """Sum, difference, product or quotient of two numbers; False for other values and operators."""
+    if not isinstance(a, float | int) or not isinstance(b, float | int):
+        return False
+    match operator:
+        case "+":
+            return a + b
+        case "-":
+            return a - b
+        case "*":
+            return a * b
+        case "/":
+            return a / b if b else 0.0
+    return False

@@ -23,6 +23,7 @@ from tests.worlds.languages.execution import (
     Ended,
     Goto,
     Label,
+    LineBlocks,
     Loop,
     Place,
     Robot,
@@ -32,7 +33,6 @@ from tests.worlds.languages.execution import (
     run_steps,
     steps_of,
 )
-from tests.worlds.languages.expressions import NotUnderstood
 from tests.worlds.languages.frames import angles_of, inverted, of_angles, shifted
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
@@ -73,7 +73,7 @@ class _Routine:
     tracks: bool
 
 
-class Program:
+class Program(LineBlocks):
     """The programs of a controller by their names."""
 
     def __init__(self, files: Mapping[str, str], main: str) -> None:
@@ -90,18 +90,6 @@ class Program:
             self.routines[head] = _Routine(steps_of(self._block(())), positions, tracks)
             if name == main:
                 self.main = head
-
-    def _block(self, ends: tuple[str, ...]) -> list[Any]:
-        nodes: list[Any] = []
-        while self._at < len(self._lines):
-            line = self._lines[self._at]
-            if ends and line.text.upper().startswith(ends):
-                return nodes
-            self._at += 1
-            nodes += self._statement(line)
-        if ends:
-            raise NotUnderstood("a block has no end")
-        return nodes
 
     def _statement(self, line: _Line) -> list[Any]:
         place, text = line.place, line.text

@@ -22,6 +22,7 @@ from tests.worlds.languages.execution import (
     Goto,
     Label,
     Leave,
+    LineBlocks,
     Loop,
     Place,
     Robot,
@@ -31,7 +32,6 @@ from tests.worlds.languages.execution import (
     run_steps,
     steps_of,
 )
-from tests.worlds.languages.expressions import NotUnderstood
 from tests.worlds.languages.frames import angles_of, inverted, of_angles, shifted
 
 SCALE = (1365.3, -1137.8, 1000.0, 1024.0, -1024.0, 568.9)
@@ -68,7 +68,7 @@ class _Line:
     text: str
 
 
-class Program:
+class Program(LineBlocks):
     """The jobs of a controller by their names."""
 
     def __init__(self, files: Mapping[str, str], main: str) -> None:
@@ -85,27 +85,15 @@ class Program:
     def _job(self, rows: list[_Line]) -> None:
         name = next(row.text[7:].strip() for row in rows if row.text.startswith("//NAME"))
         begin = next(k for k, row in enumerate(rows) if row.text == "//INST")
-        self._rows = [row for row in rows[begin + 1 :] if row.text and not row.text.startswith(("/", "'"))]
+        self._lines = [row for row in rows[begin + 1 :] if row.text and not row.text.startswith(("/", "'"))]
         self._at = 0
         robot = next((found[1] for row in rows if (found := re.match(r"///GROUP1 (\w+)", row.text))), "RB1")
         self.jobs[name] = _Job(_positions(rows[:begin]), steps_of(self._block(())), robot)
 
-    def _block(self, ends: tuple[str, ...]) -> list[Any]:
-        nodes: list[Any] = []
-        while self._at < len(self._rows):
-            row = self._rows[self._at]
-            if ends and row.text.strip().startswith(ends):
-                return nodes
-            self._at += 1
-            nodes += self._statement(row)
-        if ends:
-            raise NotUnderstood("a block has no end")
-        return nodes
-
     def _body(self, *ends: str) -> tuple[list[Any], str]:
         nodes = self._block(ends)
         self._at += 1
-        return nodes, self._rows[self._at - 1].text.strip()
+        return nodes, self._lines[self._at - 1].text.strip()
 
     def _statement(self, row: _Line) -> list[Any]:
         place, text = row.place, row.text.strip()

@@ -33,7 +33,7 @@ from tests.worlds.languages.execution import (
     run_steps,
     steps_of,
 )
-from tests.worlds.languages.expressions import KRL, NotUnderstood, Tree
+from tests.worlds.languages.expressions import KRL, NotUnderstood, Tree, arithmetic
 from tests.worlds.languages.frames import angles_of, inverted, of_angles, shifted
 
 Value = tuple[Any, frozenset[Place]]
@@ -610,15 +610,6 @@ def as_frame(T: Array) -> dict[str, Any]:
 
 
 def _binary(operator: str, a: Any, b: Any) -> Any:
-    if isinstance(a, bool | str) or not isinstance(a, float | int) or not isinstance(b, float | int):
+    if isinstance(a, bool) or not isinstance(a, float | int) or not isinstance(b, float | int):
         return a == b if operator == "==" else False
-    match operator:
-        case "+":
-            return a + b
-        case "-":
-            return a - b
-        case "*":
-            return a * b
-        case "/":
-            return a / b if b else 0.0
-    return False
+    return arithmetic(operator, a, b)

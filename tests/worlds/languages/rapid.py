@@ -15,7 +15,7 @@ import numpy as np
 
 from tests.worlds.languages.arms import Array, cell, chain, placed
 from tests.worlds.languages.execution import Ended, Place, Robot, Ways, World, copied, run_steps
-from tests.worlds.languages.expressions import NotUnderstood, Tree
+from tests.worlds.languages.expressions import NotUnderstood, Tree, arithmetic
 from tests.worlds.languages.frames import inverted, of_angles, of_quaternion, quaternion_of, shifted
 from tests.worlds.languages.rapid_text import Program, Value
 
@@ -431,18 +431,7 @@ def confdata(q: Array) -> list[float]:
 def _binary(operator: str, a: Any, b: Any) -> Any:
     if isinstance(a, list) and isinstance(b, list) and operator in "+-":
         return [x + (y if operator == "+" else -y) for x, y in zip(a, b, strict=False)]
-    if isinstance(a, bool | str) or not isinstance(a, float | int) or not isinstance(b, float | int):
-        return False
-    match operator:
-        case "+":
-            return a + b
-        case "-":
-            return a - b
-        case "*":
-            return a * b
-        case "/":
-            return a / b if b else 0.0
-    return False
+    return False if isinstance(a, bool) else arithmetic(operator, a, b)
 
 
 def _frame(pose: Any) -> Array:

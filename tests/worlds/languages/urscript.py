@@ -30,7 +30,7 @@ from tests.worlds.languages.execution import (
     run_steps,
     steps_of,
 )
-from tests.worlds.languages.expressions import UR, NotUnderstood, Tree
+from tests.worlds.languages.expressions import UR, NotUnderstood, Tree, arithmetic
 from tests.worlds.languages.frames import inverted, of_vector, vector_of
 
 Value = tuple[Any, frozenset[Place]]
@@ -293,18 +293,7 @@ class Machine:
             return type(a)(x + sign * y for x, y in zip(a, b, strict=False))
         if isinstance(a, list) and operator == "*":
             return type(a)(x * b for x in a)
-        if not isinstance(a, float | int) or not isinstance(b, float | int):
-            return False
-        match operator:
-            case "+":
-                return a + b
-            case "-":
-                return a - b
-            case "*":
-                return a * b
-            case "/":
-                return a / b if b else 0.0
-        return False
+        return arithmetic(operator, a, b)
 
     def _function(self, name: str, values: list[tuple[str, Value]], line: _Line) -> Value:
         if name in self.program.routines:
