@@ -72,6 +72,7 @@ JOBS = {
         "support it.",
         "pair": "Calibrate two arms by each other: a ball on the flange of one, a socket on the flange of the other.",
         "postures": "Rank all postures that reach each target by their expected error, and choose the best sequence.",
+        "certify": "Judge whether features of a program hold their tolerance: accept, reject or undecided at 5 % risk.",
         "versions": "List the calibrations of a robot, newest first, or restore an earlier one.",
     },
     "Look after runs and daemon": {
@@ -111,7 +112,8 @@ _APPS = {
     **dict.fromkeys(("compare", "fleet", "history", "versions"), "plant"),
     **dict.fromkeys(("analyse", "calibrate", "diagnose", "report"), "report"),
     **{
-        name: name for name in ("correct", "emulate", "live", "pair", "paper", "parts", "postures", "session", "window")
+        name: name
+        for name in ("certify", "correct", "emulate", "live", "pair", "paper", "parts", "postures", "session", "window")
     },
     "plan": "planning",
     "program": "programs",

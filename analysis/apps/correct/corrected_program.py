@@ -22,6 +22,7 @@ from analysis.apps.correct.shared_corrections import (
     add_offsets,
     add_vias,
 )
+from analysis.apps.makers import Maker
 from analysis.apps.makers.external_axes import is_moved
 from analysis.apps.makers.numbers import frame_numbers, frame_of, is_frame, joint_numbers, joints_of, replaced, written
 from analysis.apps.makers.program_reader import ProgramReader
@@ -141,21 +142,35 @@ class CorrectedProgram:
     """Routines that change nothing, as stated by the user."""
 
 
-def correct_program(
-    rig: Rig,
-    supported: Sequence[Support],
-    path: Path,
-    frames: Frames,
-    scale: Sequence[float] | None,
-    *,
-    whole: bool = False,
-    start: tuple[float, ...] | None = None,
-) -> CorrectedProgram:
-    """Return a program with all correctable targets corrected for the effects of a rig.
+@dataclass(frozen=True)
+class SolvedProgram:
+    """A program with the postures of its targets, as the controller reaches them.
 
-    whole: hold the program if any target of a move cannot be corrected. start (6,): joint angles in rad at the start of
-    the program. Raises FileError for an invalid program.
+    located (n,): tool and frame. tips (n, 3): points that the program moves, in mm in the frame of the arm's tool.
+    q (n, 6): joint angles in rad. nominal (n, 4, 4): poses that the controller computes there. wanted (n, 4, 4): poses
+    that the targets mean. offline: joint targets with two different ones. reasons: of targets that stay uncorrected.
     """
+
+    maker: Maker
+    texts: ProgramTexts
+    parsed: Parsed
+    located: list[_Located]
+    tips: Array
+    q: Array
+    nominal: Array
+    wanted: Array
+    offline: set[int]
+    reasons: dict[int, Reason]
+
+
+def solve_program(
+    rig: Rig,
+    path: Path,
+    frames: Frames = NO_FRAMES,
+    scale: Sequence[float] | None = None,
+    start: tuple[float, ...] | None = None,
+) -> SolvedProgram:
+    """Read a program, and determine the postures of its targets. Raises FileError for an invalid program."""
     maker, texts = read_program(path, frames.neutral)
     reader = maker.reader
     parsed = reader.parse(texts)
@@ -178,6 +193,29 @@ def correct_program(
         for step in parsed.steps
         if step.arc and step.arc.tangent and offline & step.arc.starts and step.target not in reasons
     }
+    return SolvedProgram(maker, texts, parsed, located, tips, q, nominal, wanted, offline, reasons)
+
+
+def correct_program(
+    rig: Rig,
+    supported: Sequence[Support],
+    path: Path,
+    frames: Frames,
+    scale: Sequence[float] | None,
+    *,
+    whole: bool = False,
+    start: tuple[float, ...] | None = None,
+) -> CorrectedProgram:
+    """Return a program with all correctable targets corrected for the effects of a rig.
+
+    whole: hold the program if any target of a move cannot be corrected. start (6,): joint angles in rad at the start of
+    the program. Raises FileError for an invalid program.
+    """
+    program = solve_program(rig, path, frames, scale, start)
+    maker, texts, parsed, located = program.maker, program.texts, program.parsed, program.located
+    arm, reader, targets = controller_arm(rig.robot), maker.reader, parsed.targets
+    q, nominal, wanted, tips, offline = program.q, program.nominal, program.wanted, program.tips, program.offline
+    reasons = dict(program.reasons)
     done = corrected(rig, supported, q, [NotCorrected(k, why, "") for k, why in reasons.items()], wanted)
     done = replace(done, T=forward(arm, done.q))
     moved_mm = np.linalg.norm(done.T[:, :3, 3] - nominal[:, :3, 3], axis=1)

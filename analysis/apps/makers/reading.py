@@ -144,6 +144,11 @@ def refuse_marked(path: Path) -> None:
             )
 
 
+def is_marked(path: Path) -> bool:
+    """Return whether a file of the program contains the remark of an earlier correction."""
+    return any(_MARKED.search(text) for text in program_texts(path)[1].values())
+
+
 def mark_of(date: str) -> str:
     """Return the remark for a program corrected on a date."""
     return f"{MARK} on {date}: do not correct twice"

@@ -174,8 +174,8 @@ def expected_errors(
             moves[:, len(taught) :], at_postures[first], frame.motions(moves[:, : len(taught)])
         )
         square += np.einsum("kni,kni->n", remaining, remaining)[of_all]
-    rising, falling = _plays(rig, q, typical=knowledge != "calibrated")
-    square += _time_square(rig, q)
+    rising, falling = play_moves(rig, q, typical=knowledge != "calibrated")
+    square += time_variance(rig, q)
     inside = covered(uncertainty, q) if knowledge != "typical" else np.zeros(len(q), dtype=bool)
     return PostureErrors(error, np.sqrt(square), rising, falling, inside)
 
@@ -235,7 +235,7 @@ def _growth(uncertainty: PoseUncertainty, q: Array) -> Array:
     return np.asarray(1 + (_MOST_GROWTH - 1) * share)
 
 
-def _plays(rig: Rig, q: Array, *, typical: bool) -> tuple[Array, Array]:
+def play_moves(rig: Rig, q: Array, *, typical: bool) -> tuple[Array, Array]:
     """Return the displacements (m, axes, 3) mm by the backlash of each drive approaching with a rising and a falling
     angle.
 
@@ -266,7 +266,7 @@ def _lag_rad(rig: Rig, effects: Sequence[Effect], q: Array, side: float) -> Arra
     return np.asarray((scene.link_q - scene.q)[path.rows][:, :axes])
 
 
-def _time_square(rig: Rig, q: Array) -> Array:
+def time_variance(rig: Rig, q: Array) -> Array:
     """Return the variance (m,) mm² of uncorrectable effects outside the joints, such as thermal growth."""
     effects = [effect for effect in rest_effects(rig, supports(rig)) if effect.STAGE != "joint"]
     if not effects or not len(q):

@@ -1,0 +1,160 @@
+"""Conformity of the features of a program, by JCGM 106:2012.
+
+A feature is accepted if it is inside its tolerance with a probability of 95 %, and rejected if it is outside with this
+probability, so both risks of a wrong decision are at most 5 %. Probabilities are shares of draws from the joint
+distribution of the target errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+
+from analysis.apps.certify.drift import Drift, Until, until
+from analysis.apps.certify.features import Feature
+from analysis.apps.certify.program import Listed
+from analysis.apps.planning.next_reading import NextReading, Reading, next_reading
+from analysis.apps.postures.expected_error import knowledge_of
+from analysis.apps.postures.target_errors import Cause, Work, causes_of, taught_at
+from analysis.correction.pose_uncertainty import covered, pose_uncertainty, why_unknown
+from analysis.correction.support import supports, why_nothing
+from analysis.robot.kinematics.arm import Array, Integers
+from rigs.rig import Rig
+
+RISK = 0.05
+"""Largest risk of accepting a feature that is outside, and of rejecting one that is inside."""
+_DRAWS, _DRAWS_OF_CAUSE = 8000, 1000
+"""Number of draws for a probability, with a standard error of 0.0025 at 95 %, and for comparing causes."""
+Verdict = Literal["accept", "reject", "undecided"]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Expected error of a feature with its standard uncertainty, in mm, probability inside the tolerance, and verdict.
+
+    u_mm and probability are None if the calibration does not cover a target.
+    """
+
+    expected_mm: float | None
+    u_mm: float | None
+    probability: float | None
+    verdict: Verdict
+
+
+@dataclass(frozen=True)
+class Certified:
+    """A feature now and after `rig correct`. cause: the largest contribution to the risk. next: the reading that would
+    reduce the uncertainty most, None if the feature is decided or no reading helps. why: reason for no decision. until:
+    day on which a growing figure of the history takes the feature out."""
+
+    feature: Feature
+    now: Judged
+    corrected: Judged
+    cause: str | None
+    next: NextReading | None
+    why: str
+    until: Until | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        feature = self.feature
+        return {
+            "name": feature.name, "kind": feature.kind, "tolerance_mm": feature.tolerance_mm, **asdict(self.now),
+            "corrected": asdict(self.corrected), "cause": self.cause,
+            "next": self.next.to_dict() if self.next else None, "why": self.why,
+            "until": self.until.to_dict() if self.until else None,
+        }  # fmt: skip
+
+
+def certify(
+    rig: Rig,
+    listed: Listed,
+    features: Sequence[Feature],
+    *,
+    rp_mm: float | None = None,
+    taught: tuple[Array, Array] | None = None,
+    drifts: Sequence[Drift] = (),
+) -> list[Certified]:
+    """Judge the features of a program for the arm of a rig file.
+
+    taught: postures and poses at which frame and tool are taught, by default the measured targets. drifts: growing
+    figures of the robot's history.
+    """
+    work, unknown = listed.work, listed.unknown
+    known = np.array([row not in unknown for row in range(len(work.q))], dtype=bool)
+    place, reasons = np.cumsum(known) - 1, dict(unknown)
+    at = Work(work.q[known], work.wanted[known], work.came_from[known], work.load_kg[known])
+    inside = np.ones(len(at.q), dtype=bool)
+    if knowledge_of(rig) == "typical":
+        unmeasured = why_nothing(rig) or "the arm was not measured, and its errors are those of a typical arm"
+    else:
+        unmeasured, uncertainty = "", pose_uncertainty(rig, supports(rig))
+        of_runs = covered(uncertainty, at.q)
+        inside = inside if of_runs is None else of_runs
+        outside = dict(zip(np.flatnonzero(known).tolist(), why_unknown(rig, uncertainty, at.q), strict=True))
+        reasons |= {row: f"outside the measured region: {why}" for row, why in outside.items() if why}
+    taught = taught or taught_at(rig, at, inside)
+    causes = causes_of(rig, at, taught, rp_mm) if len(at.q) else []
+    reading = Reading.of(rig, taught) if not unmeasured and len(at.q) else None
+
+    def judged(feature: Feature) -> Certified:
+        why = next((reasons[row] for row in feature.rows.tolist() if row in reasons), "") or unmeasured
+        if any(row in unknown for row in feature.rows.tolist()):
+            nothing = Judged(None, None, None, "undecided")
+            return Certified(feature, nothing, nothing, None, None, why)
+        rows = place[feature.rows]
+        q, poses, nominal = at.q[rows], at.wanted[rows], at.wanted[rows, :3, 3]
+        before, after, cause = _drawn(feature, nominal, causes, rows, is_corrected=listed.is_corrected)
+        is_known = not why or bool(unmeasured)
+        now, corrected = (_judged(feature, nominal, moved, why, is_known=is_known) for moved in (before, after))
+        proposed = None
+        if not is_known:
+            proposed = NextReading(q[~inside[rows]][0])
+        elif now.verdict == "undecided" and reading is not None:
+            proposed = next_reading(reading, q, poses, partial(feature.values, nominal), after - nominal)
+        of_feature, few = Work(q, poses, at.came_from[rows], at.load_kg[rows]), before[:_DRAWS_OF_CAUSE] - nominal
+        days = (until(rig, drift, of_feature, few, partial(_inside, feature, nominal)) for drift in drifts if is_known)
+        first = min(filter(None, days), key=lambda one: one.date, default=None)
+        return Certified(feature, now, corrected, cause, proposed, why, first)
+
+    return [judged(feature) for feature in features]
+
+
+def _drawn(
+    feature: Feature, nominal: Array, causes: Sequence[Cause], rows: Integers, *, is_corrected: bool
+) -> tuple[Array, Array, str | None]:
+    """Return draws (d, m, 3) mm of the positions of a feature now and after a correction, and the cause whose absence
+    would reduce the risk most."""
+    rng = np.random.default_rng(0)
+    drawn = [cause.draw(rows, _DRAWS, rng) for cause in causes]
+    means = [cause.mean[rows] if cause.nature == "correctable" else np.zeros_like(nominal) for cause in causes]
+    after = nominal + sum(drawn) - sum(means)
+    before = after if is_corrected else after + sum(means)
+    few, removed = before[:_DRAWS_OF_CAUSE], zip(drawn, means, strict=True)
+    rest = [few - part[:_DRAWS_OF_CAUSE] + (mean if is_corrected else 0.0) for part, mean in removed]
+    risks = [_risk(feature, nominal, moved) for moved in rest]
+    cause = causes[int(np.argmin(risks))].name if min(risks) < _risk(feature, nominal, few) else None
+    return before, after, cause
+
+
+def _judged(feature: Feature, nominal: Array, moved: Array, why: str, *, is_known: bool) -> Judged:
+    values = feature.values(nominal, moved)
+    expected = float(values.mean())
+    if not is_known:
+        return Judged(expected, None, None, "undecided")
+    probability = float(np.mean(np.abs(values) <= feature.tolerance_mm))
+    verdict: Verdict = "accept" if probability >= 1 - RISK else "reject" if probability <= RISK else "undecided"
+    return Judged(expected, float(values.std()), probability, "undecided" if why else verdict)
+
+
+def _inside(feature: Feature, nominal: Array, moves: Array) -> float:
+    return float(np.mean(np.abs(feature.values(nominal, nominal + moves)) <= feature.tolerance_mm))
+
+
+def _risk(feature: Feature, nominal: Array, moved: Array) -> float:
+    """Share of draws outside the tolerance, and among equal shares the mean square error in tolerances."""
+    values = feature.values(nominal, moved) / feature.tolerance_mm
+    return float(np.mean(np.abs(values) > 1)) + 1e-6 * float(np.mean(values**2))

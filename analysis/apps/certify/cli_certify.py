@@ -1,0 +1,149 @@
+"""`rig certify PROGRAM --rig RIG`: which features of a program hold their tolerance, before and after a correction."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analysis.cli.commands import app, command
+from analysis.cli.console import say, say_error, say_json, say_written
+from analysis.cli.options import AsJson, Calibration, rig_option
+from rigs.text import as_argument
+
+if TYPE_CHECKING:
+    from analysis.apps.certify.certificate import Certified
+    from rigs.rig import Rig
+
+_MOST_NOTES = 20
+
+
+@command(app, "rig certify part.script --rig found/cell.yaml --tolerance distance:hole1,hole2=0.1mm")
+def certify(
+    program: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PROGRAM", help="Robot program, directory of programs, or CSV of targets as for rig correct --path."
+        ),
+    ],
+    rig_file: Annotated[str, rig_option("Calibrated rig file of the robot.")],
+    tolerances: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--tolerance",
+            metavar="FEATURE=MM",
+            help="Tolerance with unit of a target (hole1=0.3mm), all targets (position:all), a distance (distance:A,B; "
+            "to a line or plane distance:A,B,C), flatness:A..D or straightness:A,B; repeatable; default: none.",
+        ),
+    ] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option("--features", help="CSV of features: name, kind, targets (A;B), tolerance_mm; default: none."),
+    ] = None,
+    tools: Annotated[
+        list[str] | None, typer.Option("--tool", metavar="NAME=FRAME", help="As for rig correct; default: none.")
+    ] = None,
+    frames: Annotated[
+        list[str] | None, typer.Option("--frame", metavar="NAME=FRAME", help="As for rig correct; default: none.")
+    ] = None,
+    start: Annotated[
+        str | None, typer.Option("--start-joints", metavar="DEGREES", help="As for rig correct; default: unknown.")
+    ] = None,
+    load_kg: Annotated[
+        float | None, typer.Option("--load", min=0.0, max=1e4, help="Payload in kg; default: that of the rig file.")
+    ] = None,
+    rp_mm: Annotated[
+        float | None,
+        typer.Option(
+            "--repeatability",
+            min=0.0,
+            max=10.0,
+            help="Pose repeatability RP (ISO 9283) in mm; default: as in the rig file.",
+        ),
+    ] = None,
+    history: Annotated[
+        Path | None,
+        typer.Option(
+            "--history",
+            metavar="DIR",
+            help="Runs of the robot: also state the day on which growing errors take a feature out; default: none.",
+        ),
+    ] = None,
+    calibration: Calibration = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Page to write, FILE.html; default: none.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Judge whether features of a program hold their tolerance: accept, reject or undecided at 5 % risk.
+
+    The exit code is 1 if a feature is not accepted."""
+    from analysis.apps.certify.certificate import certify as certified
+    from analysis.apps.certify.certificate_report import answer_of
+    from analysis.apps.certify.drift import drifts_of
+    from analysis.apps.certify.features import features_of, stated_features
+    from analysis.apps.certify.program import programmed_places, targets_of, with_lines
+    from analysis.apps.correct.corrected_program import frames_of, start_of
+    from analysis.apps.plant.collect import collect
+    from analysis.apps.plant.history import history_of
+    from analysis.apps.report.blocks import say_answer
+    from analysis.apps.report.html_page import check_page_file
+    from analysis.cli.console import progress_of
+    from analysis.cli.several import end_with, with_controller, worst
+    from rigs.load import load, named_by
+
+    if output:
+        check_page_file(output)
+    texts, errors = stated_features(tolerances or (), table)
+    rig, _ = load(with_controller(rig_file, calibration))
+    with named_by(rig_file, rig), progress_of("judging the features"):
+        of_user = frames_of(rig.robot, tools or (), frames or ())
+        listed = targets_of(program, rig, of_user, start_of(start), load_kg)
+        notes = [f"line {listed.lines[row]}: {listed.names[row]} {why}" for row, why in sorted(listed.unknown.items())]
+        features, wrong = features_of(texts, listed.names, listed.lines, programmed_places(listed))
+        listed, features, not_driven = with_lines(rig, listed, features)
+        drifts = drifts_of(history_of(collect(history, rig.name, lambda *_: None))) if history else ()
+        judged = certified(rig, listed, features, rp_mm=rp_mm, drifts=drifts)
+    errors += [*wrong, *not_driven]
+    if as_json:
+        counts = Counter(one.now.verdict for one in judged)
+        say_json({
+            "program": str(program), "rig": rig.name, "is_corrected": listed.is_corrected, **counts,
+            "features": [one.to_dict() for one in judged], "not_understood": notes,
+            "errors": [error.to_dict() for error in errors],
+        })  # fmt: skip
+    else:
+        say_answer(answer_of(judged))
+    for note in notes[:_MOST_NOTES]:
+        say(f"{program}: {note}", err=True, mark="note: ")
+    if output:
+        from analysis.apps.certify.certificate_page import write_page  # matplotlib takes half a second
+
+        write_page(judged, listed, output, program.name, rig.name)
+        say_written([output])
+    _say_next(rig, rig_file, program, judged)
+    for error in errors:
+        say_error(error)
+    end_with(worst(errors) or int(any(one.now.verdict != "accept" for one in judged)))
+
+
+def _say_next(rig: Rig, rig_file: str, program: Path, judged: Sequence[Certified]) -> None:
+    """Print the correction if it helps, and the next reading of a feature that stays undecided."""
+    from analysis.apps.makers import maker_of_file
+
+    if gains := sum(one.corrected.verdict == "accept" != one.now.verdict for one in judged):
+        option = "--program" if program.is_dir() or maker_of_file(program) else "--path"
+        line = f"rig correct {as_argument(rig_file)} {option} {as_argument(program)} -o corrected"
+        say(f"next: {line}  # then {gains} more features hold their tolerance", err=True)
+    undecided = [(one, one.next) for one in judged if one.next and one.corrected.verdict == "undecided"]
+    for one, reading in undecided[:1]:
+        angles = ", ".join(f"{angle:z.1f}" for angle in reading.to_dict()["q_deg"])
+        gain = f"{one.feature.name} is outside the measured region"
+        if reading.u_mm is not None:
+            gain = f"u of {one.feature.name} falls from {reading.u_mm:.3f} to {reading.after_mm:.3f} mm"
+        say(f"next: measure at joint angles {angles}°  # {gain}", err=True)
+    if rig.calibrated is None and any(one.why for one in judged):
+        say(f"next: rig plan {as_argument(rig_file)} --poses 40 -o poses  # measure this arm", err=True)

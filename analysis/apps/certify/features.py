@@ -1,0 +1,206 @@
+"""Features of a program with tolerances: position, distance, flatness and straightness of its targets.
+
+The tolerance of a position is the largest distance from the programmed position, that of a distance the largest
+deviation in either direction. Flatness and straightness are widths of the zone that contains the points (ISO 1101): the
+distance of two planes, or the diameter of a cylinder, both about the least-squares element.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, cast, get_args
+
+import numpy as np
+
+from analysis.robot.kinematics.arm import Array, Integers
+from rigs.errors import FileError, RigError, UseError
+from rigs.files import read_bytes
+
+Kind = Literal["position", "distance", "flatness", "straightness"]
+_FEWEST: dict[str, int] = {"position": 1, "distance": 2, "flatness": 4, "straightness": 2}
+_TOLERANCE = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*(mm|µm|um)")
+_SIGN = "FEATURE=0.2mm, such as hole1=0.2mm, distance:hole1,hole2=0.1mm or flatness:P1..P8=0.3mm"
+_COLUMNS = ("name", "kind", "targets", "tolerance_mm")
+_MOST_BYTES = 1_000_000
+_NOMINAL_MM = 0.01
+"""Largest nominal width of a plane or line: the decimals of a program, 0.001 mm, many times over."""
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A tolerance on targets, which are rows of the program's target list (m,)."""
+
+    name: str
+    kind: Kind
+    tolerance_mm: float
+    rows: Integers
+
+    def values(self, nominal: Array, moved: Array) -> Array:
+        """Return the error (k,) mm for nominal (m, 3) and k displaced sets of points (k, m, 3), in mm."""
+        if self.kind == "position":
+            return np.asarray(np.linalg.norm(moved[:, 0] - nominal[0], axis=1))
+        if self.kind == "distance":
+            return _distances(moved) - _distances(nominal[None])
+        return _widths(moved, self.kind == "flatness")
+
+
+def _distances(points: Array) -> Array:
+    """Distance (k,) mm of the first point from the datum of the others (k, m, 3): a point, a line or a plane."""
+    datum = points[:, 1:]
+    middle = datum.mean(axis=1)
+    away = points[:, 0] - middle
+    if (count := datum.shape[1]) > 1:
+        axes = np.linalg.eigh(_scatter(datum))[1]
+        away = np.einsum("ki,kia->ka", away, axes[:, :, :1] if count > 2 else axes[:, :, :2])
+    return np.asarray(np.linalg.norm(away, axis=1))
+
+
+def _widths(points: Array, is_plane: bool) -> Array:
+    """Width (k,) mm of the zone about the least-squares plane or line of points (k, m, 3)."""
+    axes = np.linalg.eigh(_scatter(points))[1]
+    across = (points - points.mean(axis=1, keepdims=True)) @ axes[:, :, : 1 if is_plane else 2]
+    return np.asarray(np.ptp(across[..., 0], axis=1) if is_plane else 2 * np.linalg.norm(across, axis=2).max(axis=1))
+
+
+def _scatter(points: Array) -> Array:
+    off = points - points.mean(axis=1, keepdims=True)
+    return np.asarray(off.transpose(0, 2, 1) @ off)
+
+
+@dataclass(frozen=True)
+class FeatureText:
+    """A feature as written: `where` for errors, name, kind, target names with ranges, and tolerance in mm."""
+
+    where: str
+    name: str
+    kind: str
+    targets: str
+    tolerance_mm: float
+
+
+def stated_features(tolerances: Sequence[str], table: Path | None) -> tuple[list[FeatureText], list[RigError]]:
+    """Parse arguments of --tolerance, and a table of features with the columns name, kind, targets and tolerance_mm.
+
+    Also return an error for each invalid one. Raises UseError if there are none, and FileError for another table.
+    """
+    if not tolerances and table is None:
+        remedy = "add --tolerance hole1=0.2mm, or --features TABLE.csv"
+        raise UseError("rig certify", "has no tolerance", remedy, code="certify.no_tolerance")
+    written = [(f"--tolerance {text}", "", text) for text in tolerances]
+    features, errors = list[FeatureText](), list[RigError]()
+    for where, name, text in [*written, *(_rows_in(table) if table else ())]:
+        try:
+            features.append(_stated(where, name, text))
+        except UseError as error:
+            errors.append(error)
+    return features, errors
+
+
+def _stated(where: str, name: str, text: str) -> FeatureText:
+    feature, equals, tolerance = (part.strip() for part in text.rpartition("="))
+    if not equals or not feature:
+        raise UseError(where, "is not FEATURE=MM", f"write {_SIGN}", code="certify.feature")
+    if not (match := _TOLERANCE.fullmatch(tolerance)):
+        is_number = re.fullmatch(r"[\d.]+", tolerance)
+        problem = f"{tolerance!r} has no unit" if is_number else f"{tolerance!r} is not a tolerance in mm or µm"
+        raise UseError(where, problem, f"write {_SIGN}", code="certify.tolerance")
+    size_mm = float(match[1]) * (1.0 if match[2] == "mm" else 1e-3)
+    kind, colon, targets = feature.partition(":")
+    return FeatureText(where, name or feature, kind if colon else "position", targets or feature, size_mm)
+
+
+def _rows_in(table: Path) -> list[tuple[str, str, str]]:
+    """Return place, name and text of the features in a table. Raises FileError for a table without the columns."""
+    rows = csv.DictReader(io.StringIO(read_bytes(table, _MOST_BYTES).decode("utf-8-sig", "replace"), newline=""))
+    if missing := [name for name in _COLUMNS if name not in (rows.fieldnames or ())]:
+        has_no_unit = "tolerance" in (rows.fieldnames or ())
+        problem = "has a column tolerance without unit" if has_no_unit else f"has no column {', '.join(missing)}"
+        remedy = f"give the columns {','.join(_COLUMNS)}, targets separated by ;"
+        raise FileError(str(table), problem, remedy, code="certify.columns")
+    return [
+        (
+            f"{table}, line {rows.line_num}", (row["name"] or "").strip(),
+            f"{row['kind']}:{(row['targets'] or '').replace(';', ',')}={row['tolerance_mm']} mm",
+        )
+        for row in rows
+    ]  # fmt: skip
+
+
+def features_of(
+    texts: Sequence[FeatureText], names: Sequence[str], lines: Sequence[int], places: Array
+) -> tuple[list[Feature], list[RigError]]:
+    """Return the features on targets with these names and line numbers, and an error for each that is not possible.
+
+    places (n, 3): programmed positions in mm, NaN if unknown. `position:all` is a feature for each target.
+    """
+    features, errors = list[Feature](), list[RigError]()
+    for text in texts:
+        try:
+            rows = _rows_of(text, names, lines)
+            if text.kind == "position" and text.targets.strip() == "all":
+                listed = list(zip(names, lines, strict=True))
+                unique = [name if names.count(name) == 1 else f"{name} in line {line}" for name, line in listed]
+                features += [Feature(unique[row], "position", text.tolerance_mm, np.array([row])) for row in rows]
+                continue
+            feature = Feature(text.name, cast("Kind", text.kind), text.tolerance_mm, np.array(rows))
+            _check(text, feature, places[feature.rows])
+            features.append(feature)
+        except RigError as error:
+            errors.append(error)
+    return features, errors
+
+
+def _check(text: FeatureText, feature: Feature, nominal: Array) -> None:
+    """Raise UseError for a feature that its targets cannot have."""
+    fewest, count = _FEWEST[feature.kind], len(feature.rows)
+    if count < fewest or (feature.kind == "position" and count > 1):
+        problem = f"has {count} targets, and a {feature.kind} needs {fewest}{' or more' * (feature.kind != 'position')}"
+        raise UseError(text.where, problem, f"write {_SIGN}", code="certify.feature")
+    is_form = feature.kind in ("flatness", "straightness") and np.isfinite(nominal).all()
+    if is_form and (width := float(_widths(nominal[None], feature.kind == "flatness")[0])) > _NOMINAL_MM:
+        element = "plane" if feature.kind == "flatness" else "straight line"
+        problem = f"its targets leave a {element} by {width:.3g} mm as programmed"
+        raise UseError(text.where, problem, "choose others", code="certify.form")
+
+
+def _rows_of(text: FeatureText, names: Sequence[str], lines: Sequence[int]) -> list[int]:
+    """Return the rows of the targets of a feature; `A..B` are all from A to B. Raises UseError."""
+    if text.kind not in get_args(Kind):
+        remedy = f"choose from {', '.join(get_args(Kind))}"
+        raise UseError(text.where, f"{text.kind!r} is no feature", remedy, code="certify.feature")
+    if not 0 < text.tolerance_mm < np.inf:
+        raise UseError(
+            text.where, f"the tolerance is {text.tolerance_mm:g} mm", "give more than 0 mm", code="certify.tolerance"
+        )
+    if text.targets.strip() == "all":
+        return list(range(len(names)))
+    rows: list[int] = []
+    for part in text.targets.split(","):
+        ends = [_row_of(text, end.strip(), names, lines) for end in part.split("..")]
+        rows += range(ends[0], ends[-1] + 1) or ends
+    if len(set(rows)) < len(rows):
+        problem, remedy = "names a target twice", "name each target once, in the order of the program"
+        raise UseError(text.where, problem, remedy, code="certify.feature")
+    return rows
+
+
+def _row_of(text: FeatureText, name: str, names: Sequence[str], lines: Sequence[int]) -> int:
+    of_name = [row for row, known in enumerate(names) if known.lower() == name.lower()]
+    line = re.fullmatch(r"(?:line )?(\d+)", name)
+    if not of_name and line:
+        of_name = [row for row, number in enumerate(lines) if number == int(line[1])]
+    if len(of_name) == 1:
+        return of_name[0]
+    problem, remedy = (
+        f"{name!r} names no target",
+        f"name a target ({', '.join(names[:6])}, …) or its line, such as line 6",
+    )
+    if of_name:
+        problem = f"{name!r} names {len(of_name)} targets"
+        remedy = f"name one by its line: {', '.join(f'line {lines[row]}' for row in of_name[:8])}"
+    raise UseError(text.where, problem, remedy, code="certify.no_target")

@@ -1,0 +1,181 @@
+"""Joint distribution of the errors of all targets of a program, by cause.
+
+Frame and tool are taught with the robot, so a rigid motion and a shift of the tool are no errors. The covariance of the
+calibrated model is common to all targets: errors of neighbouring targets are nearly equal, and cancel in a distance.
+Scatter and unexplained error differ from target to target.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from analysis.apps.postures.expected_error import knowledge_of, play_moves, time_variance
+from analysis.apps.postures.typical import typical_displacements
+from analysis.correction.pose_uncertainty import few_taught, pose_uncertainty
+from analysis.correction.support import supports
+from analysis.correction.work import (
+    FEWEST_TAUGHT,
+    TaughtFrame,
+    rest_moves_mm,
+    tool_places,
+    used_effects,
+    work_or_spread,
+)
+from analysis.robot.kinematics.arm import Array, Integers, arm_of, controller_arm, forward
+from rigs.rig import Rig
+from rigs.schema.effect import label_of
+from rigs.schema.limits import USUAL_RP_MM
+
+_RP_SIGMAS = 3.616
+"""Pose repeatability RP (ISO 9283: mean plus three standard deviations of the distance) over the standard deviation of
+a coordinate, of an equal normal scatter in three coordinates: 1.596 + 3 · 0.673."""
+Nature = Literal["correctable", "load", "approach", "model", "scatter"]
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A part of the error of n targets in mm: a mean (n, 3), independent displacements common to all targets
+    (k, n, 3), and independent displacements of each target (n, m, 3), all of one standard deviation."""
+
+    name: str
+    nature: Nature
+    mean: Array
+    common: Array
+    own: Array
+
+    def draw(self, rows: Integers, count: int, rng: np.random.Generator) -> Array:
+        """Return `count` draws (count, m, 3) mm of the error at the targets `rows` (m,)."""
+        drawn = np.tile(self.mean[rows], (count, 1, 1))
+        if len(self.common):
+            values, vectors = np.linalg.eigh(covariance_of(self.common[:, rows]))
+            root = vectors * np.sqrt(np.maximum(values, 0.0))
+            drawn += (rng.standard_normal((count, len(root))) @ root.T).reshape(count, -1, 3)
+        if self.own.shape[1]:
+            own = self.own[rows]
+            drawn += np.einsum("cnk,nki->cni", rng.standard_normal((count, *own.shape[:2])), own)
+        return drawn
+
+
+def covariance_of(moves: Array) -> Array:
+    """Covariance (3 n, 3 n) of independent displacements (k, n, 3)."""
+    flat = moves.reshape(len(moves), -1)
+    return np.asarray(flat.T @ flat)
+
+
+@dataclass(frozen=True)
+class Work:
+    """Postures q (n, axes) rad of targets, their programmed poses (n, 4, 4), the postures from which the program
+    reaches them (NaN if unknown), and the payload (n,) kg, NaN for that of the rig file."""
+
+    q: Array
+    wanted: Array
+    came_from: Array
+    load_kg: Array
+
+
+def taught_at(rig: Rig, work: Work, inside: Array) -> tuple[Array, Array]:
+    """Return the postures and poses at which frame and tool are taught: the measured targets, or the work area if these
+    are few, as for a correction."""
+    if inside.sum() >= FEWEST_TAUGHT:
+        return work.q[inside], work.wanted[inside]
+    q = work_or_spread(rig, pose_uncertainty(rig, supports(rig)).joints_rad)
+    return q, forward(controller_arm(rig.robot), q)
+
+
+def causes_of(rig: Rig, work: Work, taught: tuple[Array, Array], rp_mm: float | None) -> list[Cause]:
+    """Return the causes of the errors of targets.
+
+    taught: postures and poses of frame and tool. rp_mm: pose repeatability, None for the usual one.
+    """
+    knowledge, supported = knowledge_of(rig), supports(rig)
+    if knowledge == "typical":
+        rig, supported = rig.model_copy(update={"effects": ()}).with_calibration(None, None), []
+    count = len(work.q)
+    nothing = np.zeros((count, 3))
+
+    def cause(
+        name: str, nature: Nature, mean: Array = nothing, common: Array | None = None, own: Array | None = None
+    ) -> Cause:
+        return Cause(
+            name, nature, mean, np.zeros((0, count, 3)) if common is None else common,
+            np.zeros((count, 0, 3)) if own is None else own,
+        )  # fmt: skip
+
+    def isotropic(sd_mm: Array | float) -> Array:
+        return np.asarray(np.broadcast_to(np.asarray(sd_mm), count)[:, None, None] * np.eye(3))
+
+    causes = [cause(name, "correctable", mean) for name, mean in _correctable(rig, work, taught)]
+    causes += [cause("payload", "load", moved)] if (moved := _by_load(rig, work)).any() else []
+    uncertainty = pose_uncertainty(rig, supported)
+    few = few_taught(len(taught[0]))
+    q, frame = np.concatenate([taught[0][few], work.q]), TaughtFrame(taught[1][few])
+    moves = [] if knowledge == "typical" else [uncertainty.pose_displacements(q)[:, :, :3]]
+    moves += [] if knowledge == "calibrated" else [typical_displacements(rig, q)]
+    moved = np.concatenate(moves)
+    common = frame.remove_motions(moved[:, len(few) :], work.wanted, frame.motions(moved[:, : len(few)]))
+    causes.append(
+        cause(
+            "unknown part of the arm" if knowledge == "typical" else "uncertainty of the calibration",
+            "model",
+            common=common,
+        )
+    )
+    causes += [
+        cause(name, "approach", mean, own=own)
+        for name, mean, own in _approaches(rig, work, typical=knowledge != "calibrated")
+    ]
+    scatters = {
+        "unexplained error": uncertainty.unexplained_mm / np.sqrt(3.0),
+        "effects of time": np.sqrt(time_variance(rig, work.q) / 3),
+        "repeatability": (rp_mm or rig.limits.data_sheet_rp_mm or USUAL_RP_MM) / _RP_SIGMAS,
+    }
+    return causes + [cause(name, "scatter", own=isotropic(sd)) for name, sd in scatters.items() if np.any(sd)]
+
+
+def _correctable(rig: Rig, work: Work, taught: tuple[Array, Array]) -> list[tuple[str, Array]]:
+    """Mean errors (n, 3) mm that corrected targets remove: of each effect in the rig file, and of all others."""
+    used = used_effects(rig, supports(rig))
+
+    def errors(without: int | None) -> Array:
+        effects = [effect for effect in used if id(effect) != without]
+        return rest_moves_mm(
+            tool_places(rig, effects, work.q), work.wanted, (tool_places(rig, effects, taught[0]), taught[1])
+        )
+
+    whole, in_file = errors(None), {id(effect) for effect in rig.effects}
+    named = [(label_of(effect), whole - errors(id(effect))) for effect in used if id(effect) in in_file]
+    others = whole - sum((mean for _, mean in named), np.zeros_like(whole))
+    return [*named, ("errors of usual size", others)] if used or others.any() else named
+
+
+def _by_load(rig: Rig, work: Work) -> Array:
+    """Displacement (n, 3) mm by payloads other than that of the rig file."""
+    moved, used = np.zeros((len(work.q), 3)), used_effects(rig, supports(rig))
+    for kg in np.unique(work.load_kg[np.isfinite(work.load_kg)]).tolist():
+        rows = work.load_kg == kg
+        loaded = rig.model_copy(update={"robot": rig.robot.model_copy(update={"payload_kg": kg})}).calibrated_as(rig)
+        moved[rows] = tool_places(loaded, used, work.q[rows]) - tool_places(rig, used, work.q[rows])
+    return moved
+
+
+def _approaches(rig: Rig, work: Work, *, typical: bool) -> Sequence[tuple[str, Array, Array]]:
+    """Mean (n, 3) and unknown part (n, 1, 3) mm of the error by the side from which each drive arrives, by drive."""
+    rising, falling = play_moves(rig, work.q, typical=typical)
+    half, axes = (rising - falling) / 2, rising.shape[1]
+    side = np.sign(np.nan_to_num(np.where(np.abs(away := (work.q - work.came_from)[:, :axes]) > 1e-9, away, 0.0)))
+    mean = (rising + falling) / 2 + side[..., None] * half
+    own = np.where(side[..., None] == 0, half, 0.0)
+    return [
+        (f"approach of {rig.robot.axis_words(axis + 1)}", mean[:, axis], own[:, axis, None])
+        for axis in range(axes)
+        if half[:, axis].any() or mean[:, axis].any()
+    ]
+
+
+def nominal_poses(rig: Rig, q: Array) -> Array:
+    """Poses (n, 4, 4) of the arm of the rig file, for targets in a table of joint angles."""
+    return forward(arm_of(rig.robot), q)

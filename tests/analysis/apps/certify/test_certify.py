@@ -1,0 +1,202 @@
+"""`rig certify`: features, their probabilities, verdicts, next readings, dates and bad input."""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from analysis.apps.certify.drift import Drift, drifts_of, until
+from analysis.apps.certify.features import Feature
+from analysis.apps.plant.collect import Collected
+from analysis.apps.plant.history import history_of
+from analysis.apps.plant.records import RunRecord
+from analysis.apps.postures.target_errors import Cause, Work
+from analysis.procedures.shared.quantity import Quantity
+from rigs.calibration import packed_factor
+from rigs.effects import Effect, JointOffset, TransmissionError
+from rigs.load import load
+from rigs.schema.limits import Limits
+from tests.support.command_line import ran
+from tests.support.handmade_calibration import calibrated_model, written
+
+ROWS = (("A", 0, 5), ("B", 2, 5), ("C", 4, 5), ("D", 4, 8), ("far", 80, 5))
+TARGETS = "name,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n" + "\n".join(
+    f"{name},{q1},{q2},-8,2,-15,5" for name, q1, q2 in ROWS
+)
+SHIFT: tuple[tuple[Effect, float], ...] = ((JointOffset(axis=5, offset_deg=0.3), 1.0),)
+"""Moves neighbouring targets alike."""
+RIPPLE: tuple[tuple[Effect, float], ...] = (
+    (TransmissionError(axis=1, order=90, amplitude_deg=0.02, phase_deg=90), 1.0),
+)
+"""Moves targets that are two degrees of axis 1 apart in opposite directions."""
+
+
+def certified(directory: Path, terms: tuple[tuple[Effect, float], ...], *words: str) -> dict[str, Any]:
+    """Return the JSON of a certificate by a model that is known almost exactly."""
+    count = len(terms) + 1
+    written(directory, calibrated_model(terms, factor=packed_factor(1e-3 * np.eye(count))))
+    (directory / "targets.csv").write_text(TARGETS)
+    done = ran(
+        "certify", "targets.csv", "--rig", "cell.yaml", "--repeatability", "0.02", "--json", *words, cwd=directory
+    )
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found | {"exit_code": done.returncode, "by_name": {one["name"]: one for one in found["features"]}}
+
+
+def test_common_error_is_rejected_for_positions_and_accepted_for_distances(tmp_path: Path) -> None:
+    asked = ("--tolerance", "A=0.7mm", "--tolerance", "distance:A,B=0.7mm", "--tolerance", "distance:A,D=0.7mm")
+    found = certified(tmp_path, SHIFT, *asked)
+    verdicts = {name: (one["verdict"], one["corrected"]["verdict"]) for name, one in found["by_name"].items()}
+    assert verdicts == {
+        "A": ("reject", "accept"),
+        "distance:A,B": ("accept", "accept"),
+        "distance:A,D": ("accept", "accept"),
+    }
+    assert found["exit_code"] == 1
+    assert found["by_name"]["A"]["expected_mm"] > 0.3
+    assert found["by_name"]["A"]["cause"] == "errors of usual size"
+
+
+def test_opposite_errors_are_accepted_for_positions_and_rejected_for_distances(tmp_path: Path) -> None:
+    asked = ("--tolerance", "A=0.9mm", "--tolerance", "B=0.9mm", "--tolerance", "distance:A,B=0.6mm")
+    found = certified(tmp_path, RIPPLE, *asked)["by_name"]
+    assert [found[name]["verdict"] for name in ("A", "B", "distance:A,B")] == ["accept", "accept", "reject"]
+
+
+def test_target_outside_the_measured_region_is_undecided_with_the_reason(tmp_path: Path) -> None:
+    found = certified(tmp_path, SHIFT, "--tolerance", "far=50mm", "--tolerance", "distance:A,far=50mm")
+    for feature in found["features"]:
+        assert (feature["verdict"], feature["probability"], feature["u_mm"]) == ("undecided", None, None)
+        assert "axis 1" in feature["why"]
+        assert feature["next"]["q_deg"][0] == pytest.approx(80)
+
+
+def test_straightness_of_two_targets_is_that_of_the_line_between_them(tmp_path: Path) -> None:
+    words = [word for targets in ("A,C", "A,far") for word in ("--tolerance", f"straightness:{targets}=0.1mm")]
+    line, beyond = certified(tmp_path, RIPPLE, *words)["features"]
+    assert 0.005 < line["expected_mm"] < 0.1, "two points alone are always straight"
+    assert (line["verdict"], beyond["verdict"]) == ("accept", "undecided")
+
+
+def test_unmeasured_arm_decides_nothing(tmp_path: Path) -> None:
+    (tmp_path / "targets.csv").write_text(TARGETS)
+    done = ran("certify", "targets.csv", "--arm", "ur10e", "--tolerance", "A=50mm", "--json", cwd=tmp_path)
+    feature = json.loads(done.stdout)["features"][0]
+    assert (done.returncode, feature["verdict"]) == (1, "undecided")
+    assert feature["probability"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "code"),
+    [
+        ("A=0.3", "certify.tolerance"),
+        ("A=0mm", "certify.tolerance"),
+        ("A", "certify.feature"),
+        ("Z=0.3mm", "certify.no_target"),
+        ("roundness:A,B=0.3mm", "certify.feature"),
+        ("distance:A=0.3mm", "certify.feature"),
+        ("distance:A,A=0.3mm", "certify.feature"),
+        ("flatness:A..far=0.3mm", "certify.form"),
+    ],
+)
+def test_wrong_feature_is_one_error_and_the_others_are_judged(tmp_path: Path, tolerance: str, code: str) -> None:
+    found = certified(tmp_path, SHIFT, "--tolerance", tolerance, "--tolerance", "B=5mm")
+    assert [error["code"] for error in found["errors"]] == [code]
+    assert (found["exit_code"], list(found["by_name"])) == (2, ["B"])
+
+
+def test_table_of_features_and_page(tmp_path: Path) -> None:
+    rows = "name,kind,targets,tolerance_mm\nedge,distance,A;B,0.3\n,position,all,90\nbad,distance,A;B,wide\n"
+    (tmp_path / "features.csv").write_text(rows)
+    found = certified(tmp_path, SHIFT, "--features", "features.csv", "-o", "page.html")
+    assert list(found["by_name"]) == ["edge", "A", "B", "C", "D", "far"]
+    assert [error["code"] for error in found["errors"]] == ["certify.tolerance"]
+    page = (tmp_path / "page.html").read_text()
+    assert page.count("<tr>") == 7
+    assert "data:image/png" in page
+    (tmp_path / "features.csv").write_text(rows.replace("tolerance_mm", "tolerance"))
+    done = ran("certify", "targets.csv", "--rig", "cell.yaml", "--features", "features.csv", "--json", cwd=tmp_path)
+    assert json.loads(done.stderr)["error"]["code"] == "certify.columns"
+
+
+PROGRAM = """def job():
+  set_tcp(p[0, 0, 0, 0, 0, 0])
+  movej([0, -1.57, 1.57, -1.57, -1.57, 0], a=1, v=0.5)
+  hole = p[-0.4, -0.17, 0.6, 0, 3.14, 0]
+  movel(p[-0.5, -0.17, 0.6, 0, 3.14, 0], a=1, v=0.1)
+  movel(hole, a=1, v=0.1)
+  popup_of_ours()
+  movej([0.1, -1.57, 1.57, -1.57, -1.57, 0], a=1, v=0.5)
+end
+"""
+
+
+def test_program_judges_understood_targets_and_lists_the_others(tmp_path: Path) -> None:
+    (tmp_path / "job.script").write_text(PROGRAM)
+    words = (
+        "--tolerance",
+        "position:all=90mm",
+        "--tolerance",
+        "straightness:3,5=90mm",
+        "--tolerance",
+        "straightness:3,8=1mm",
+    )
+    done = ran("certify", "job.script", "--arm", "ur10e", "--calibration", "data_sheet", "--json", *words, cwd=tmp_path)
+    found = json.loads(done.stdout)
+    names = [feature["name"] for feature in found["features"]]
+    assert len(names) == 5
+    assert sum(feature["probability"] is None for feature in found["features"]) == len(found["not_understood"]) == 1
+    assert [error["code"] for error in found["errors"]] == ["certify.no_line"]
+
+
+LEVEL = np.array([[0.0, 0, 0], [100, 0, 0], [0, 100, 0], [100, 100, 0]])
+
+
+@pytest.mark.parametrize(
+    ("kind", "count", "moved", "expected"),
+    [
+        ("position", 1, [[3, 4, 0]], 5.0),
+        ("distance", 2, [[-2, 0, 0], [1, 0, 0]], 3.0),
+        ("distance", 3, [[3, 3, 9], [0, 0, 0], [-9, 9, 0]], -3.636),
+        ("distance", 4, [[0, 0, 7], [0, 0, 0], [0, 0, 0], [0, 0, 0]], 7.0),
+        ("flatness", 4, [[0, 0, 1], [0, 0, -1], [0, 0, -1], [0, 0, 1]], 2.0),
+    ],
+)
+def test_error_of_a_feature_is_that_of_its_points(
+    kind: Any, count: int, moved: list[list[float]], expected: float
+) -> None:
+    nominal = LEVEL[:count]
+    values = Feature("", kind, 1.0, np.arange(count)).values(nominal, (nominal + np.array(moved))[None])
+    assert values == pytest.approx([expected], abs=1e-2)
+
+
+def test_draws_have_the_covariance_of_common_and_own_parts() -> None:
+    common, own = np.array([[[2.0, 0, 0], [2, 0, 0]]]), np.broadcast_to(np.eye(3), (2, 3, 3))
+    drawn = Cause("", "model", np.ones((2, 3)), common, own).draw(np.arange(2), 20_000, np.random.default_rng(0))
+    assert drawn.mean(axis=(0, 1)) == pytest.approx([1, 1, 1], abs=0.06)
+    assert np.var(drawn[:, 0, 0] - drawn[:, 1, 0]) == pytest.approx(2.0, rel=0.05), "the common part cancels"
+    assert np.var(drawn[:, 0, 0]) == pytest.approx(5.0, rel=0.05)
+
+
+def test_growing_error_gives_the_day_on_which_a_feature_leaves_its_tolerance() -> None:
+    runs = tuple(
+        RunRecord(
+            f"run-{day}", str(day), "r", (dt.datetime(2026, 1, 1, tzinfo=dt.UTC) + dt.timedelta(days=day)).isoformat(),
+            "pose", "", "", figures={"rms_mm": Quantity(0.1 + 0.002 * day + 0.001 * (day % 3), 0.001, "mm")},
+        )
+        for day in range(0, 100, 5)
+    )  # fmt: skip
+    (drift,) = drifts_of(history_of(Collected("r", runs, (), (), Limits())))
+    assert drift.rate == pytest.approx(0.002 / 0.29, rel=0.05)
+    moved, work = np.array([[[0.1, 0, 0]]]), Work(*(np.zeros((1, 6)) for _ in range(4)))
+    found = until(load("paper-fanuc")[0], drift, work, moved, lambda at: float(np.linalg.norm(at) < 0.2))
+    assert found is not None
+    assert found.date == dt.date(2026, 4, 6) + dt.timedelta(days=round(1 / drift.rate))
+    assert found.earliest < found.date < (found.latest or dt.date.max)
+    steady = Drift("play_j1_deg", 0, 1e-9, 0.0, dt.date(2026, 1, 1))
+    assert until(load("paper-fanuc")[0], steady, work, moved, lambda at: float(np.linalg.norm(at) < 0.2)) is None
