@@ -243,7 +243,7 @@ def test_a_remedy_can_be_copied_whatever_the_file_is_called(tmp_path: Path) -> N
 def test_the_foreign_data_of_others_are_refused_with_the_remedy(tmp_path: Path) -> None:
     foreign = tmp_path / "series.csv"
     foreign.write_text("Timestamp;Goal x;shoulder_pan_joint;elbow_joint\n2,0E+13;0,0001;-2,78E-05;-1,5\n")
-    with pytest.raises(FileError, match=r"separates columns by semicolons.* sed 'y/,;/\.,/' .*series\.csv"):
+    with refused("table.separator"):
         read_file(foreign, "pose", rig())
 
 
@@ -270,9 +270,9 @@ def test_a_file_that_is_no_table(tmp_path: Path, data: bytes, reason: str) -> No
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     for path in (tmp_path / "none.csv", tmp_path / "a\0b"):
-        with pytest.raises(FileError, match="check the path"):
+        with refused("file.unreadable"):
             read_file(path, "pose", rig())
-    with pytest.raises(FileError, match="is a directory; give a file; of a bag"):
+    with refused("file.is_directory"):
         read_file(tmp_path, "pose", rig())
 
 
@@ -280,7 +280,7 @@ def test_a_bag_that_is_too_large_is_told_what_to_keep(tmp_path: Path) -> None:
     with (tmp_path / "large.mcap").open("wb") as file:
         file.write(MAGIC)
         file.truncate(MOST_BYTES + 1)
-    with pytest.raises(FileError, match="a bag of more than 256 MB; keep the topics"):
+    with refused("bag.too_large"):
         read_file(tmp_path / "large.mcap", "yaw", rig())
 
 
@@ -327,7 +327,7 @@ def test_a_column_of_another_test_is_not_offered_for_a_missing_one(tmp_path: Pat
 @pytest.mark.parametrize("test", ["yaw", "repeatability"])
 def test_a_table_of_words_and_numbers_without_a_header_is_told(tmp_path: Path, test: TestName) -> None:
     (tmp_path / "t.csv").write_text(csv_text(plain(test)).partition("\n")[2])
-    with pytest.raises(FileError, match="lacks a header line"):
+    with refused("table.no_header"):
         import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test=test, direction=None, operator="")
 
 

@@ -14,11 +14,11 @@ from analysis.intake.imports import poses_of_controller, propose_map
 from analysis.runs.controller_places import controller_places
 from analysis.runs.loading import load_measured
 from rigs.arms import load_arm
-from rigs.errors import FileError
 from rigs.load import parse
 from tests.support.command_line import ran
 from tests.support.drawn_tables import Array, constants, seen_by_tracker
 from tests.support.foreign_tables import Poses, rows, text
+from tests.support.refusals import refused
 from tests.worlds.arms.independent_arm import flange, none
 
 JOINTS = [f"J{axis}" for axis in range(1, 7)]
@@ -213,7 +213,7 @@ def test_a_map_with_more_units_than_columns_is_refused(tmp_path: Path) -> None:
 def test_a_table_without_a_fitting_place_is_refused(tmp_path: Path) -> None:
     p, other = measured("ur10e", 10), measured("ur5e", 10)
     written(tmp_path, "ur10e", [*JOINTS, *axes_of("{}1"), *axes_of("{}2")], np.degrees(p.q), other.xyz_mm, other.xyz_mm)
-    with pytest.raises(FileError, match="does not fit"):
+    with refused("table.fits_no_reading"):
         propose_map([tmp_path / "t.csv"], tmp_path / "arm.yaml")
 
 

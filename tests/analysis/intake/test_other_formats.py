@@ -18,6 +18,7 @@ from analysis.intake.read import parse_csv
 from analysis.runs.written_files import as_it_was, no_formula, write_csv, write_xlsx
 from rigs.errors import FileError
 from rigs.load import load
+from tests.support.refusals import refused
 from tests.support.table_cases import csv_text, plain
 
 RIG = load("ur10e")[0]
@@ -48,7 +49,7 @@ def test_an_element_of_many_attributes_is_refused_at_once(tmp_path: Path) -> Non
     attributes = " ".join(f'a{number}="1"' for number in range(200_000))
     (tmp_path / "arm.urdf").write_text(f'<robot name="a"><link name="b" {attributes}/></robot>')
     begun = time.process_time()
-    with pytest.raises(FileError, match="more than 10000 attributes"):
+    with refused("urdf.too_large"):
         import_urdf(tmp_path / "arm.urdf")
     assert time.process_time() - begun < 10
 
@@ -87,7 +88,7 @@ def test_no_cell_and_no_header_of_a_workbook_is_a_formula_or_a_link() -> None:
 
 
 def test_more_rows_than_a_sheet_has_are_refused() -> None:
-    with pytest.raises(FileError, match="export the run as csv or parquet"):
+    with refused("output.form"):
         write_xlsx(pa.table({"a": np.zeros(1_048_576)}), io.BytesIO())
 
 

@@ -180,5 +180,5 @@ def test_an_import_that_never_held_its_table(tmp_path: Path) -> None:
         read_run(tmp_path / "r")
     recover(tmp_path / "r")
     assert verify(tmp_path / "r") == [f"{tmp_path / 'r'}: the table is not there; import t.csv again"]
-    with pytest.raises(FileError, match="the table has no rows; import the table again"):
+    with refused("table.columns"):
         measured_of(read_run(tmp_path / "r"))

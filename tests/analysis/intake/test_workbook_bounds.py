@@ -10,7 +10,7 @@ import pytest
 
 from analysis.intake import raw_table
 from analysis.intake.raw_table import sheets_of
-from rigs.errors import FileError
+from tests.support.refusals import refused
 
 _HEAD = '<worksheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main">'
 _FAR = '<row r="1"><c r="A1"><v>1</v></c></row><row r="1048576"><c r="XFD1048576"><v>1</v></c></row>'
@@ -35,7 +35,7 @@ def test_a_workbook_of_too_many_cells_is_refused_while_it_is_read(
     monkeypatch: pytest.MonkeyPatch, dimension: str, rows: str
 ) -> None:
     monkeypatch.setattr(raw_table, "_MOST_SHEET_CELLS", 3000)  # private: 500 000 cells take seconds
-    with pytest.raises(FileError, match="book: has more than 3000 cells, in the sheet 'Sheet' at the latest"):
+    with refused("workbook.too_large"):
         sheets_of(_workbook(dimension, rows), "book")
 
 
@@ -45,5 +45,5 @@ def test_a_sheet_that_was_formatted_as_a_whole_has_the_cells_that_it_has() -> No
 
 def test_what_unpacks_to_too_much_is_not_unpacked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(raw_table, "_MOST_UNPACKED", 10_000)  # private: 40 MB take seconds
-    with pytest.raises(FileError, match="unpacks to more than"):
+    with refused("workbook.too_large"):
         sheets_of(_workbook("A1:B2000", _ROWS), "book")

@@ -22,6 +22,7 @@ from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
 from rigs.rig import Rig
 from tests.support.bags import BEGIN_NS, JOINTS, MS, NUMBER, STATE, bag, joint_state, number, rig
+from tests.support.refusals import refused
 
 
 def states(times_ms: Sequence[int]) -> list[tuple[str, str, int, bytes]]:
@@ -102,17 +103,17 @@ def test_a_topic_in_another_encoding_is_not_taken_for_cdr() -> None:
     channel = writer.register_channel("/joint_states", "json", writer.register_schema(STATE, "jsonschema", b""))
     writer.add_message(channel, BEGIN_NS, b'{"position": [0, 0, 0, 0, 0, 0]}', BEGIN_NS)
     writer.finish()  # type: ignore[no-untyped-call]
-    with pytest.raises(FileError, match="JointState as json"):
+    with refused("bag.too_large"):
         read(out.getvalue())
 
 
 def test_a_bag_whose_recorder_was_killed_is_told_how_to_mend_it() -> None:
-    with pytest.raises(FileError, match=r"is truncated.*mcap recover"):
+    with refused("bag.damaged"):
         read(bag(*WHOLE)[:-30])
 
 
 def test_a_rig_without_ros_is_told_what_to_write() -> None:
-    with pytest.raises(FileError, match="ros2_joint_states"):
+    with refused("bag.joint_name"):
         read(bag(*WHOLE), parse((SHIPPED / "ur10e.yaml").read_text(), "ur10e.yaml"))
 
 
@@ -136,7 +137,7 @@ def test_a_bag_that_stands_for_more_than_a_memory_holds_is_not_unpacked(
     lying = data.replace(struct.pack("<Q", _largest_chunk(data)), struct.pack("<Q", 10), 1)
     assert len(data) < 200_000 and lying != data
     for one in (data, lying):
-        with pytest.raises(FileError, match=r"expands to more than 0\.001 GB"):
+        with refused("bag.too_large"):
             read(one)
     assert len(read(bag(*WHOLE, compression=compression))[1]) > 10
 

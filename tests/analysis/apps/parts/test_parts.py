@@ -14,10 +14,10 @@ from analysis.apps.parts.sheet import drawing, purchases, sheet
 from analysis.apps.parts.sizes import Bought, PrintedPart, parts_of, remarks_of, seat_of
 from analysis.apps.parts.solid import turned
 from rigs.arms import load_arm
-from rigs.errors import UseError
 from rigs.load import load, parse
 from rigs.rig import Rig
 from tests.support.command_line import ran
+from tests.support.refusals import refused
 
 TOUCH = "{sockets: [A, B, C, D], ball_mm: [30, 0, -90], distances: [{between: [A, B], distance_mm: 120}]}"
 TEXT = f"name: so\n{load_arm('so-101').text}\ntests: {{touch: {TOUCH}}}\n"
@@ -98,11 +98,11 @@ def test_the_magnet_never_touches_the_ball_and_the_cone_holds_it() -> None:
     seat = seat_of(Bought())
     assert seat.centre - 10 - seat.magnet_top == pytest.approx(0.5)
     assert seat.bore < seat.contact < seat.rim
-    with pytest.raises(UseError, match="would not rest on the cone; choose a magnet of at most 12 mm"):
+    with refused("parts.impossible"):
         seat_of(Bought(magnet_mm=(20, 5)))
-    with pytest.raises(UseError, match="M5 does not fit through the bore"):
+    with refused("parts.impossible"):
         parts_of(rig_with(), Bought(screw="M5"))
-    with pytest.raises(UseError, match="M7 is not one of M3, M4, M5; give one of them"):
+    with refused("parts.unknown"):
         parts_of(rig_with(), Bought(screw="M7"))
 
 

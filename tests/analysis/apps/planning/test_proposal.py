@@ -29,6 +29,7 @@ from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import TestName
 from tests.support.made_once import made_once
+from tests.support.refusals import refused
 
 RIG, TEXT = load("paper-fanuc")
 CIRCLE: tuple[TestName, ...] = ("yaw", "roll")
@@ -172,7 +173,7 @@ def test_wrong_use_is_one_line(tmp_path: Path) -> None:
         assert isinstance(done.exception, UseError)
         (line,) = done.exception.lines()
         assert line.startswith(told)
-    with pytest.raises(FileError, match=r"needs tests\.circle as a start"):
+    with refused("plan.no_circle"):
         propose(_without_circle(), CIRCLE, 3, 60.0)
 
 
