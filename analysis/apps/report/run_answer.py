@@ -84,7 +84,8 @@ def answer_of(
         repeated = [means for means in pooled(group) if means.figures]
         blocks.append(Heading(f"{group[0].measured.rig.name} · {texts.test(group[0].test)}"))
         if not truths:
-            blocks.append(figure_table(columns_of(group, texts), texts))
+            columns = columns_of(group, texts)
+            blocks.append(figure_table(columns, texts, *([] if repeated else _facts(group, len(columns)))))
         if truths or (each and repeated):
             blocks.append(_runs_table(group, truth_of, texts))
         hint = "; --each shows the single runs" if repeated and not each else ""
@@ -106,10 +107,15 @@ def _runs_table(group: Sequence[Result], truth_of: Mapping[int, dict[str, TruthC
             if name in result.figures
         }
         columns.append(Column(f"{result.title}, {result.name}", result.figures, truths))
-    more = [("samples", *(f"{result.found.samples}" for result in group))]
+    return figure_table(columns, texts, *_facts(group, len(columns)))
+
+
+def _facts(group: Sequence[Result], columns: int) -> list[tuple[str, ...]]:
+    """The rows on the readings of runs, for a table with a column for each run before others."""
+    rows = [("samples", *(f"{result.found.samples}" for result in group))]
     if any(result.measured.u_lag_s for result in group):  # uncertainty of the time of the gauges relative to the robot
-        more.append(("time, gauges to robot", *(f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group)))
-    return figure_table(columns, texts, *more)
+        rows.append(("time, gauges to robot", *(f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group)))
+    return [(*row, *[""] * (columns - len(group))) for row in rows]
 
 
 def doubt_lines(doubts: Sequence[tuple[Result, str]], *, with_title: bool = False) -> list[str]:

@@ -6,6 +6,7 @@ import io
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,10 +18,10 @@ from analysis.apps.report.blocks import Sentence, Table, on_screen
 from analysis.apps.report.run_answer import answer_of
 from analysis.apps.report.run_object import as_object, compare
 from analysis.cli import app
-from analysis.procedures import circle
 from analysis.procedures.pooled import ONE_RUN, pooled
 from analysis.procedures.results import Result, by_test
 from analysis.robot.kinematics.arm import arm_of, forward
+from analysis.runs.table_format import format_of
 from rigs.errors import FileError
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
@@ -100,7 +101,8 @@ def test_runs_of_two_placements_are_not_pooled(tmp_path: Path) -> None:
 def test_a_kind_with_gauges_of_which_a_rig_file_has_no_part_is_of_one_place(
     laps: list[Result], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(circle, "LABELS", replace(circle.LABELS, part=""))
+    kind: Any = type(format_of("yaw"))
+    monkeypatch.setattr(kind, "labels", replace(kind.labels, part=""))
     assert len(by_test(laps)) == 1
 
 

@@ -52,7 +52,7 @@ def test_first_line_without_a_fault_is_green_only_within_the_limits() -> None:
         judged = replace(found.accuracy, standing=standing, limit="rig_file")
         assert summarise(replace(found, accuracy=judged)).tone == tone
     corrected = summarise(replace(found, accuracy=judged), driven=DRIVEN)
-    assert corrected.tone == "pass", "the limits before the correction do not apply"
+    assert corrected.tone == "pass"
     assert summarise(replace(found, condition="undecided", accuracy=judged)).tone == "unjudged"
 
 
@@ -145,7 +145,7 @@ def test_the_first_line_says_whether_the_cause_is_known_its_class_and_the_act(
     keys = [key for key in keys_of(summary.headline) if key in expected]
     assert keys == list(expected[1:])
     first, _, _ = summary.headline.partition(f"{summary.action}.")
-    assert first.endswith("; "), "the first sentence ends with the act"
+    assert first.endswith("; ")
 
 
 def test_the_headline_states_cause_size_and_share() -> None:
@@ -196,11 +196,11 @@ def test_an_assumed_noise_is_no_uncertainty_of_the_error() -> None:
         "undecided", repeated=False, shows_noise=False, train=noisy, effects=(replace(PLAY, doubt="usual"),)
     )
     small = replace(small, accuracy=replace(small.accuracy, place="used", calibrated_um=3.8))
-    assert AnswerWords(small).gap_cells(small.train)["gap_calibrated"] == "3.8", "not < 17, by no reading"
+    assert AnswerWords(small).gap_cells(small.train)["gap_calibrated"] == "3.8"
     step = replace(LOAD, removes_um=90.0, removes_u_um=1.0, remains_um=10.0, remains_u_um=4.0)
     for repeated in (True, False):
         sentence = ActWords(diagnosis("named", repeated=repeated, shows_noise=False, acts=(step,))).sentence(step)
-        assert ("± 4.0" in sentence) == repeated, "the step has the uncertainty of the tile"
+        assert ("± 4.0" in sentence) == repeated
     for changes in ({"repeated": True}, {"repeated": False, "shows_noise": True}):
         measured = summarise(diagnosis("named", **changes)).error  # type: ignore[arg-type]
         assert "±" in measured.now and EN("noise_assumed") not in measured.basis
@@ -297,7 +297,7 @@ def test_an_error_and_its_uncertainty_have_the_same_decimals() -> None:
     assert error_size(126.08, 2.64) == "126.1 ± 2.6"
     assert error_size(126.08, 12.4) == "126 ± 12"
     assert error_size(6.84, 12.4) == "6.8 ± 12.4"
-    assert error_size(2.84, 12.4) == "< 12", "as in the tables"
+    assert error_size(2.84, 12.4) == "< 12"
     assert error_size(34.2, 0.0) == "34"
     assert error_size(float("nan"), 1.0) == "–"
 
@@ -379,7 +379,7 @@ def test_an_error_has_one_value_in_tile_sentence_and_table(language: Language) -
     judged = replace(found.accuracy, place="used", calibrated_um=3.8, before_there_um=90.0, now_um=90.0)
     found = replace(found, train=replace(noisy, before_um=90.0), accuracy=judged)
     error, words = summarise(found, texts).error, AnswerWords(found, texts)
-    assert error.after == "< 17" and error.basis.endswith(texts("error_bounded")), "a bound has its reason"
+    assert error.after == "< 17" and error.basis.endswith(texts("error_bounded"))
     cells = words.gap_cells(found.train)
     assert cells["gap_calibrated"] == error.after
     assert error.now == "90 ± 17" and cells["gap_before"] == "90" and "90 µm" in words.accuracy
@@ -403,7 +403,7 @@ def test_a_small_undecided_part_does_not_hide_what_is_certain(language: Language
     fails = replace(found, accuracy=replace(found.accuracy, standing="fail", limit="rig_file"))
     assert summarise(fails, texts).tone == "fail"
     plain = found.to_dict()
-    assert plain["condition"] == "undecided", "a script reads the same condition"
+    assert plain["condition"] == "undecided"
     large = replace(found, budget=(replace(parts[0], share=0.8), replace(parts[1], share=0.15)))
     unsure = replace(found, effects=(replace(play, probability=0.6), wave))
     scatters = replace(found, unexplained=Unexplained(0.0, scatter_um=230.0))
