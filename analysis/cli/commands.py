@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from importlib import import_module
-from types import ModuleType
 from typing import Annotated, Any, TypeVar
 
 import typer
@@ -127,24 +125,8 @@ _HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 """Names of the help option of every command."""
 _OF_TYPER = ("help", "install_completion", "show_completion")
 """Flags added by typer."""
-_NEVER_SHOWN = {"rich.markdown": "Markdown", "rich.traceback": "Traceback"}
-"""Modules imported by typer for help pages, but not used by rig. They take more than half of that import time."""
 
 F = TypeVar("F", bound=Callable[..., Any])
-
-
-@contextmanager
-def _without_what_is_never_shown() -> Iterator[None]:
-    """Replace the modules in `_NEVER_SHOWN` by empty ones while typer's help pages are imported."""
-    absent = [name for name in _NEVER_SHOWN if name not in sys.modules]
-    for name in absent:
-        sys.modules[name] = ModuleType(name)
-        setattr(sys.modules[name], _NEVER_SHOWN[name], type(_NEVER_SHOWN[name], (), {}))
-    try:
-        yield
-    finally:
-        for name in absent:
-            del sys.modules[name]
 
 
 def _with_plain_flags(parameters: list[Any]) -> list[Any]:
@@ -174,10 +156,6 @@ class Command(TyperCommand):
         new_names = _OLD_OPTIONS.get(self.name or "", {})
         spelled = [word.partition("=") for word in args]
         return super().parse_args(ctx, ["".join((new_names.get(name, name), *value)) for name, *value in spelled])
-
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        with _without_what_is_never_shown():
-            super().format_help(ctx, formatter)
 
 
 def taking_all(option: str) -> type[Command]:
@@ -213,10 +191,6 @@ class CommandGroup(TyperGroup):
 
     def get_params(self, ctx: Any) -> list[Any]:
         return _with_plain_flags(super().get_params(ctx))
-
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        with _without_what_is_never_shown():
-            super().format_help(ctx, formatter)
 
 
 _MALLOC = {-3: 8 << 20, -1: 32 << 20}

@@ -24,7 +24,8 @@ finally:
     sys.stderr.write("modules " + json.dumps(sorted(set(sys.modules) - before)))
 """
 TYPER = {"typer", "annotated_doc", "rich", "shellingham", "click"}
-"""typer, and what lays out its help: no Markdown, no colours of code."""
+HELP = TYPER | {"markdown_it", "mdurl", "pygments", "attr"}
+"""Packages imported for laying out the help."""
 RIG_FILE = {"pydantic", "pydantic_core", "annotated_types", "typing_extensions", "typing_inspection", "yaml", "_yaml"}
 READING = TYPER | RIG_FILE | {"numpy", "pyarrow", "cloudpickle"}
 """Packages imported for reading tables. pyarrow imports cloudpickle if installed, for example with Dask."""
@@ -57,7 +58,7 @@ def packages(modules: list[str]) -> set[str]:
 
 def test_help_imports_nothing_that_works() -> None:
     modules = modules_of("--help")
-    assert packages(modules) <= TYPER | OURS
+    assert packages(modules) <= HELP | OURS
     ours = {module for module in modules if module.partition(".")[0] in OURS}
     below = {module for module in ours if not module.startswith("analysis.cli")}
     assert below <= WORDS, "lists of names alone"
@@ -107,7 +108,7 @@ def test_what_is_known_of_a_plant_imports_nothing_that_evaluates(run: Path, tmp_
 
 
 def test_help_of_a_command_imports_no_more(run: Path) -> None:
-    assert packages(modules_of("analyse", "--help")) <= TYPER | OURS
+    assert packages(modules_of("analyse", "--help")) <= HELP | OURS
     assert "pydantic" in packages(modules_of("analyse", run)), "it reads the rig file"
 
 
