@@ -51,12 +51,14 @@ def check(
     runs = [Path(argument) for argument in arguments if Path(argument).is_dir()]
     if runs and len(runs) < len(arguments):
         not_a_run = next(argument for argument in arguments if not Path(argument).is_dir())
-        raise UseError(not_a_run, "is not a directory with runs", "check a rig file by itself, or runs")
+        remedy = "check a rig file by itself, or runs"
+        raise UseError(not_a_run, "is not a directory with runs", remedy, code="check.mixed")
     if runs:
         _check_runs(runs, as_json=as_json)
         return
     if len(arguments) > 1 or as_json:
-        raise UseError(arguments[0], "is not a directory with runs", "check one rig file at a time, without --json")
+        remedy = "check one rig file at a time, without --json"
+        raise UseError(arguments[0], "is not a directory with runs", remedy, code="check.mixed")
     _check_rig(arguments[0], calibration)
 
 

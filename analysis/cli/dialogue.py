@@ -44,7 +44,8 @@ class Dialogue:
         """
         if not self.terminal:
             if usual is None:
-                raise UseError(option, "is missing, and rig cannot ask without a terminal", f"give {option}")
+                problem = "is missing, and rig cannot ask without a terminal"
+                raise UseError(option, problem, f"give {option}", code="answer.no_terminal")
             return read(usual)
         explained, _, asked = question.rpartition("\n")
         for line in explained.splitlines():  # `say` prints single lines and escapes line breaks

@@ -121,8 +121,10 @@ def _refuse_other_options(test: TestName, direction: Direction | None, topic: st
     from analysis.intake.table_map import MAPPED
 
     if direction and test not in CIRCLES:
-        raise UseError("--direction", f"a {test} test does not have a direction", "remove it")
+        raise UseError(
+            "--direction", f"a {test} test does not have a direction", "remove it", code="import.option_unused"
+        )
     if socket and SOCKET not in format_of(test).layout().required:
-        raise UseError("--socket", f"is of touches, and the test is {test}", "remove it")
+        raise UseError("--socket", f"is of touches, and the test is {test}", "remove it", code="import.option_unused")
     if topic and test != MAPPED:
-        raise UseError("--topic", f"is of poses, and the test is {test}", "remove it")
+        raise UseError("--topic", f"is of poses, and the test is {test}", "remove it", code="import.option_unused")

@@ -59,16 +59,20 @@ def mapped_run(
     if map_file:
         table_map = load_map(map_file)
         if topic:
-            raise UseError("--topic", "is already in the map (topic of a file)", "remove the option, or change the map")
+            problem = "is already in the map (topic of a file)"
+            raise UseError("--topic", problem, "remove the option, or change the map", code="import.in_map")
         if socket:
-            raise UseError("--socket", "is already in the map", "remove the option, or change the constants in the map")
+            remedy = "remove the option, or change the constants in the map"
+            raise UseError("--socket", "is already in the map", remedy, code="import.in_map")
         if join and join != table_map.join:
-            raise UseError("--join", f"is {join}, but the map joins by {table_map.join or 'nothing'}", "remove it")
+            problem = f"is {join}, but the map joins by {table_map.join or 'nothing'}"
+            raise UseError("--join", problem, "remove it", code="import.in_map")
     elif not join and needs_touch_map(files[0], test, socket):
         table_map = propose_touch_map(files[0], load(rig_file)[0], test, socket)
         _say_map(table_map)
     elif test != MAPPED:
-        raise UseError("--join", f"needs a map of a {test} table", "write one and give it with --map (docs/tables.md)")
+        remedy = "write one and give it with --map (docs/tables.md)"
+        raise UseError("--join", f"needs a map of a {test} table", remedy, code="import.no_map")
     else:
         table_map = _proposed(files, rig_file, join, run, topic=topic, yes=yes)
     with progress_of(f"reading {files[0]}"):
@@ -114,7 +118,8 @@ def _say_map(table_map: TableMap) -> None:
 def _answer_of(question: Question) -> Callable[[str], TableReading]:
     def read(text: str) -> TableReading:
         if not text.isdigit() or not 1 <= int(text) <= len(question.readings):
-            raise UseError(question.key, f"{text!r} is not a number in the list", f"give 1 to {len(question.readings)}")
+            problem = f"{text!r} is not a number in the list"
+            raise UseError(question.key, problem, f"give 1 to {len(question.readings)}", code="answer.choice")
         return question.readings[int(text) - 1]
 
     return read

@@ -165,7 +165,7 @@ def with_tables(paths: Iterable[Path], rig_file: str | None) -> list[Path]:
         refuse_arm_name(path)
         if path.suffix.lower() in _TABLES and not path.exists():
             remedy = f"check the path; accepted are run directories, and tables ({', '.join(_TABLES)}) with --rig"
-            raise FileError(str(path), "no such file or directory", remedy)
+            raise FileError(str(path), "no such file or directory", remedy, code="file.missing")
     return [_run_of(path, rig_file) if is_table(path) else path for path in paths]
 
 
@@ -181,7 +181,8 @@ def with_controller(rig_file: str | None, calibration: str | None) -> str | None
     if calibration is None:
         return rig_file
     if rig_file is None:
-        raise UseError("--calibration", "needs the arm that it belongs to", "give --arm NAME or --rig CELL.yaml too")
+        remedy = "give --arm NAME or --rig CELL.yaml too"
+        raise UseError("--calibration", "needs the arm that it belongs to", remedy, code="calibration.no_arm")
     from analysis.intake.controller_arm import rig_with_controller
     from analysis.runs.written_files import holding, write_new
     from rigs.load import find, load
@@ -219,7 +220,7 @@ def refuse_arm_name(path: Path) -> None:
 
     if str(path) in arm_names() and not path.exists():
         problem = "is an arm of the library, not a run"
-        raise UseError(str(path), problem, f"give runs or tables, and the arm as --rig {path}")
+        raise UseError(str(path), problem, f"give runs or tables, and the arm as --rig {path}", code="run.arm_name")
 
 
 def _run_of(table: Path, rig_file: str | None) -> Path:
@@ -229,7 +230,8 @@ def _run_of(table: Path, rig_file: str | None) -> Path:
 
     if rig_file is None:
         problem = "is a table without an arm"
-        raise FileError(str(table), problem, "give --rig CELL.yaml, or --arm NAME (listed by rig arms)")
+        remedy = "give --rig CELL.yaml, or --arm NAME (listed by rig arms)"
+        raise FileError(str(table), problem, remedy, code="table.no_arm")
     measured = read_table(table, rig_file)
     say(
         f"{table}: read as a {measured.run.manifest.test} table of {Path(rig_file).name}, according to the columns",

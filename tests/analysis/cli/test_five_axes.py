@@ -34,8 +34,7 @@ def test_touches_are_simulated_and_analysed(rig: Path, tmp_path: Path) -> None:
 def test_circles_and_programs_say_what_such_an_arm_lacks(rig: Path, tmp_path: Path) -> None:
     for command in (["simulate", str(rig), "--test", "yaw"], ["program", str(rig), "--for", "ur", "--test", "yaw"]):
         done = ran(*command, "-o", str(tmp_path / "out"))
-        assert done.returncode != 0
-        assert "is an arm of 5 axes, but circles, hemispheres and their programs need 6" in done.stderr
+        assert done.returncode == 3 and "5 axes" in done.stderr
 
 
 def test_corrected_targets_take_the_place_and_say_how_the_tool_stays_turned(rig: Path, tmp_path: Path) -> None:
@@ -45,13 +44,11 @@ def test_corrected_targets_take_the_place_and_say_how_the_tool_stays_turned(rig:
     rows = "\n".join(",".join(f"{angle:.3f}" for angle in row) for row in q)
     table.write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg\n" + rows + "\n", encoding="utf-8")
     done = ran("correct", str(rig), "--path", str(table), "-o", str(tmp_path / "corrected"), "--anyway")
-    assert done.returncode == 0
-    assert "an arm of 5 axes turns the tool in 2 ways" in " ".join((done.stdout + done.stderr).split())
+    assert done.returncode == 0 and "2 ways" in " ".join((done.stdout + done.stderr).split())
     poses = tmp_path / "poses.csv"
     poses.write_text("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n200,0,100,0,90,0\n", encoding="utf-8")
     done = ran("correct", str(rig), "--path", str(poses), "-o", str(tmp_path / "more"))
-    assert done.returncode != 0
-    assert "an arm of 5 axes cannot reach exactly" in " ".join(done.stderr.split())
+    assert done.returncode != 0 and "5 axes" in " ".join(done.stderr.split())
 
 
 def test_a_sixth_joint_of_touches_is_a_gripper_until_it_is_renamed(rig: Path, tmp_path: Path) -> None:
@@ -61,7 +58,6 @@ def test_a_sixth_joint_of_touches_is_a_gripper_until_it_is_renamed(rig: Path, tm
     table.write_text(header + "\nA,0,10,20,30,40,50\nA,0,11,20,30,40,50\n", encoding="utf-8")
     arguments = ["import", str(table), "--rig", str(rig), "--test", "touch", "-o", str(tmp_path / "run")]
     done = ran(*arguments)
-    assert done.returncode != 0
-    assert "the table has 6 joints, and the arm of the rig file 5; rename the column of a gripper" in done.stderr
+    assert done.returncode != 0 and "6 joints" in done.stderr
     table.write_text(table.read_text(encoding="utf-8").replace("q6_deg", "gripper"), encoding="utf-8")
     assert ran(*arguments).returncode == 0

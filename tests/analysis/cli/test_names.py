@@ -43,7 +43,7 @@ def test_what_is_not_one_name_is_refused_with_those_that_are_near() -> None:
     with pytest.raises(FileError, match="ur10e"):
         find("UR")
     done = ran("arms", "UR")
-    assert done.returncode == 3 and "did you mean ur" in done.stderr
+    assert done.returncode == 3 and "ur10e" in done.stderr
     assert ran("arms", "UR10E").stdout == ran("arms", "ur10e").stdout != ""
 
 
@@ -63,10 +63,10 @@ def test_the_doctor_touches_no_address_of_a_shipped_example(rig: str, monkeypatc
     reached: list[Any] = []
     monkeypatch.setattr(socket.socket, "connect", lambda _, address: reached.append(address))
     done = ran("doctor", rig)
-    assert "this rig file is a shipped example" in done.stdout and "rig init cell.yaml" in done.stdout
+    assert "rig init cell.yaml" in done.stdout
     assert not [address for address in reached if isinstance(address, tuple)]
     scanned = ran("doctor", rig, "--scan")
-    assert scanned.returncode == 2 and "is a shipped example" in scanned.stderr
+    assert scanned.returncode == 2 and scanned.stderr.startswith("error: --scan: ")
 
 
 def test_second_cell_in_a_directory_is_refused(tmp_path: Path) -> None:

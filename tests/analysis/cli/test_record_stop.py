@@ -24,11 +24,11 @@ CUT = "the robot was still moving when the recording ended"
             "acw",
             0.3,
             0.0,
-            [CUT, "cannot be analysed", "stop the next recording after the robot has been at rest"],
+            [CUT, "cannot be analysed", "3 s"],
             ["relabel"],
         ),
         ("acw", 0.6, 0.0, [CUT], ["cannot be analysed", "relabel"]),  # it unwinds: its lap is whole
-        ("cw", 0.35, 3.0, ["is labelled cw, but the robot moved acw", "rig relabel {run} --direction acw"], [CUT]),
+        ("cw", 0.35, 3.0, ["rig relabel {run} --direction acw"], [CUT]),
         ("cw", 0.35, 0.0, [CUT, "rig relabel {run} --direction acw"], []),
     ],
 )

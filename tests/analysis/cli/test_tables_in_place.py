@@ -27,18 +27,23 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_table_is_analysed_by_an_arm_of_the_library(folder: Path) -> None:
+def code_of(*words: str, cwd: Path) -> str:
+    """Code of the failure of a command."""
+    done = ran(*words, "--json", cwd=cwd)
+    assert done.returncode and not done.stdout, done.stdout
+    return str(json.loads(done.stderr.splitlines()[-1])["error"]["code"])
+
+
+def test_table_is_analysed_with_an_arm_of_the_library(folder: Path) -> None:
     done = ran("analyse", "poses.csv", "--arm", "ur5", "--json", cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert "poses.csv: read as a pose table of ur5, according to the columns" in done.stderr
+    assert "poses.csv: " in done.stderr and "ur5" in done.stderr
     (run,) = json.loads(done.stdout)["runs"]
     assert run["test"] == "pose" and run["figures"]["rms_mm"]["value"] < 0.2
 
 
-def test_a_table_without_an_arm_is_refused_in_a_line(folder: Path) -> None:
-    done = ran("diagnose", "poses.csv", cwd=folder)
-    assert done.returncode == 3
-    assert done.stderr.startswith("error: poses.csv: is a table without an arm; give --rig")
+def test_table_without_an_arm_is_refused(folder: Path) -> None:
+    assert code_of("diagnose", "poses.csv", cwd=folder) == "table.no_arm"
 
 
 @pytest.mark.parametrize("jobs", ["1", "2"])
@@ -46,29 +51,28 @@ def test_messages_name_the_table_and_not_its_temporary_run(folder: Path, jobs: s
     (folder / "again.csv").write_bytes((folder / "poses.csv").read_bytes())
     given = ("poses.csv", "again.csv", "--arm", "ur5", "--jobs", jobs)
     refused = ran("diagnose", *given, cwd=folder)
-    assert "error: again.csv: contains the same readings as poses.csv" in refused.stderr
+    assert "error: again.csv: " in refused.stderr and "poses.csv" in refused.stderr
     done = ran("analyse", *given, "--json", cwd=folder)
     assert [run["run"] for run in json.loads(done.stdout)["runs"]] == ["poses.csv", "again.csv"]
     assert "rig-" not in done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("command", ["analyse", "diagnose", "compare", "moved"])
-def test_a_missing_table_is_called_a_file_and_the_accepted_input_is_listed(folder: Path, command: str) -> None:
-    done = ran(command, "nofile.csv", "poses.csv", "--arm", "ur5", cwd=folder)
-    assert done.stderr.startswith("error: nofile.csv: no such file or directory; check the path; accepted are run dir")
+def test_missing_table_is_refused(folder: Path, command: str) -> None:
+    assert code_of(command, "nofile.csv", "poses.csv", "--arm", "ur5", cwd=folder) == "file.missing"
 
 
-def test_an_import_infers_its_test_and_says_it(folder: Path) -> None:
+def test_import_infers_the_test(folder: Path) -> None:
     done = ran("import", "poses.csv", "--arm", "ur5", "-o", "runs/poses", cwd=folder)
-    assert done.returncode == 0 and "poses.csv: a pose table according to the columns" in done.stderr
+    assert done.returncode == 0 and "poses.csv: a pose table" in done.stderr
     assert ran("analyse", "runs/poses", cwd=folder).returncode == 0
 
 
-def test_a_library_arm_is_a_rig_file_without_tests(folder: Path) -> None:
+def test_library_arm_counts_as_a_rig_file_without_tests(folder: Path) -> None:
     done = ran("check", "ur5", cwd=folder)
     assert done.returncode == 0 and "ready for: tables" in done.stdout and "not possible" not in done.stdout
     done = ran("simulate", "ur5", "--test", "yaw", "-o", "sim", cwd=folder)
-    assert done.stderr.startswith("error: ur5: has no gauges, which are needed for yaw, roll")
+    assert done.returncode == 3 and done.stderr.startswith("error: ur5: ")
     assert ran("export-urdf", "ur5", "-o", "arm.urdf", cwd=folder).returncode == 0
 
 
@@ -81,21 +85,17 @@ def test_two_arms_of_the_library_are_compared_on_a_table(folder: Path) -> None:
     assert gauges.returncode == 3 and "different build" in gauges.stderr
 
 
-def test_a_report_takes_a_table_and_an_arm_of_the_library(folder: Path) -> None:
+def test_report_takes_a_table_and_an_arm_of_the_library(folder: Path) -> None:
     done = ran("report", "poses.csv", "--arm", "ur5", "-o", "page.html", "--no-diagnosis", cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert "read as a pose table of ur5" in done.stderr and (folder / "page.html").is_file()
+    assert "ur5" in done.stderr and (folder / "page.html").is_file()
 
 
 @pytest.mark.parametrize("command", [("diagnose", "ur5", "poses.csv"), ("analyse", "ur5"), ("compare", "ur5")])
-def test_an_arm_in_place_of_a_run_is_named_as_such(folder: Path, command: tuple[str, ...]) -> None:
-    done = ran(*command, cwd=folder)
-    assert done.returncode == 2
-    assert done.stderr.startswith(
-        "error: ur5: is an arm of the library, not a run; give runs or tables, and the arm as"
-    )
+def test_arm_in_place_of_a_run_is_refused(folder: Path, command: tuple[str, ...]) -> None:
+    assert code_of(*command, cwd=folder) == "run.arm_name"
 
 
-def test_a_rig_file_that_is_missing_has_similar_arms(folder: Path) -> None:
+def test_missing_rig_file_has_similar_arms(folder: Path) -> None:
     done = ran("analyse", "poses.csv", "--rig", "ur5x", cwd=folder)
-    assert done.returncode == 3 and "no such rig file; did you mean" in done.stderr and "ur5" in done.stderr
+    assert done.returncode == 3 and "ur5" in done.stderr

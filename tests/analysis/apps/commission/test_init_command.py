@@ -253,7 +253,7 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "code"),
     [
-        ([], "usage"),
+        ([], "answer.no_terminal"),
         (["--robot", "tcp://127.0.0.1:1"], "robot.not_found"),
         (["--g2", "/dev/none"], "init.gauge_unnamed"),
         (["--key", "nonsense"], "init.key"),
