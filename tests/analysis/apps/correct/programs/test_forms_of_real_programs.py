@@ -10,7 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.analysis.apps.makers.corrected.test_safe_modules_and_jobs import (
+
+from analysis.apps.correct import program_report
+from analysis.apps.correct.corrected_program import CorrectedProgram, frames_of
+from analysis.apps.makers.posture import posture_of
+from analysis.robot.kinematics.arm import arm_of
+from rigs.errors import UseError
+from tests.analysis.apps.correct.programs.test_safe_modules_and_jobs import (
     BARE,
     J1,
     L2_,
@@ -28,7 +34,7 @@ from tests.analysis.apps.makers.corrected.test_safe_modules_and_jobs import (
     selecting,
     yaskawa_files,
 )
-from tests.analysis.apps.makers.corrected.test_safe_programs import (
+from tests.analysis.apps.correct.programs.test_safe_programs import (
     HEAD,
     KUKA_STATED,
     corrected_files,
@@ -36,13 +42,7 @@ from tests.analysis.apps.makers.corrected.test_safe_programs import (
     uncorrected,
     ur_files,
 )
-from tests.analysis.apps.makers.corrected.test_user_programs import fanuc_point, fanuc_pose
-
-from analysis.apps.correct import program_report
-from analysis.apps.correct.corrected_program import CorrectedProgram, frames_of
-from analysis.apps.makers.posture import posture_of
-from analysis.robot.kinematics.arm import arm_of
-from rigs.errors import UseError
+from tests.analysis.apps.correct.programs.test_user_programs import fanuc_point, fanuc_pose
 from tests.worlds.interpreters.arms import rig_of
 
 Named = list[tuple[str, str]]

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.analysis.apps.makers.corrected.test_safe_programs import HEAD, KUKA_STATED, kuka_files, uncorrected
-from tests.analysis.apps.makers.corrected.test_user_programs import KUKA
 
 from analysis.apps.correct.corrected_program import CorrectedProgram, correct_program, frames_of
 from analysis.apps.makers.reading import programs_at, refuse_marked
 from analysis.correction.support import supports
 from rigs.errors import FileError
+from tests.analysis.apps.correct.programs.test_safe_programs import HEAD, KUKA_STATED, kuka_files, uncorrected
+from tests.analysis.apps.correct.programs.test_user_programs import KUKA
 from tests.worlds.arms.faulty_arm import known
 
 CONFIG = (

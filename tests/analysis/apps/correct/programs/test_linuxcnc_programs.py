@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.analysis.apps.makers.corrected.test_safe_programs import Left, corrected_files, uncorrected, with_targets
 
+from tests.analysis.apps.correct.programs.test_safe_programs import Left, corrected_files, uncorrected, with_targets
 from tests.worlds.arms.faulty_arm import flange_at, frame, hidden, joints_of
 from tests.worlds.interpreters.arms import rig_of
 

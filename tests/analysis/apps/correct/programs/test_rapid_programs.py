@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.analysis.apps.makers.corrected.test_safe_modules_and_jobs import HAND, J0, L1, L2, abb_files, module_of
-from tests.analysis.apps.makers.corrected.test_safe_programs import Left, corrected_files, uncorrected
-from tests.analysis.apps.makers.corrected.test_user_programs import ABB, ABB_TOOL, quaternion, robtarget_of
 
 from analysis.apps.correct.corrected_program import correct_program, frames_of
 from analysis.apps.makers.abb.instructions import EFFECTS, FUNCTIONS, MOVE, SWITCHES
 from analysis.correction.support import supports
 from rigs.schema.robot import Rail
+from tests.analysis.apps.correct.programs.test_safe_modules_and_jobs import HAND, J0, L1, L2, abb_files, module_of
+from tests.analysis.apps.correct.programs.test_safe_programs import Left, corrected_files, uncorrected
+from tests.analysis.apps.correct.programs.test_user_programs import ABB, ABB_TOOL, quaternion, robtarget_of
 from tests.worlds.arms.faulty_arm import flange_at, hidden, joints_of, known
 from tests.worlds.interpreters.arms import rig_of
 

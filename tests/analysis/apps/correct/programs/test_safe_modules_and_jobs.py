@@ -9,8 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.analysis.apps.makers.corrected.test_safe_programs import Left, corrected_files, uncorrected, with_targets
-from tests.analysis.apps.makers.corrected.test_user_programs import (
+
+from analysis.apps.makers.posture import posture_of
+from analysis.robot.kinematics.arm import arm_of
+from rigs.rig import Rig
+from tests.analysis.apps.correct.programs.test_safe_programs import Left, corrected_files, uncorrected, with_targets
+from tests.analysis.apps.correct.programs.test_user_programs import (
     ABB,
     ABB_TOOL,
     FANUC,
@@ -22,10 +26,6 @@ from tests.analysis.apps.makers.corrected.test_user_programs import (
     robtarget_of,
     yaskawa_pose,
 )
-
-from analysis.apps.makers.posture import posture_of
-from analysis.robot.kinematics.arm import arm_of
-from rigs.rig import Rig
 from tests.worlds.interpreters.arms import rig_of
 
 

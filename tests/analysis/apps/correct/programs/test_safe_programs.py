@@ -13,19 +13,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.analysis.apps.makers.corrected.test_user_programs import (
-    KUKA,
-    UR,
-    UR_TOOL,
-    kuka_pose,
-    ur_pose,
-)
 
 from analysis.apps.correct import program_report
 from analysis.apps.correct.corrected_program import NO_FRAMES, CorrectedProgram, correct_program, frames_of
 from analysis.correction.support import supports
 from rigs.errors import UseError
 from rigs.rig import Rig
+from tests.analysis.apps.correct.programs.test_user_programs import (
+    KUKA,
+    UR,
+    UR_TOOL,
+    kuka_pose,
+    ur_pose,
+)
 from tests.worlds.arms.faulty_arm import flange_at, known
 from tests.worlds.interpreters.arms import rig_of
 

@@ -8,7 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.analysis.apps.makers.corrected.test_safe_modules_and_jobs import (
+
+from analysis.apps.correct.corrected_program import CorrectedProgram
+from rigs.rig import Rig
+from tests.analysis.apps.correct.programs.test_safe_modules_and_jobs import (
     L2_,
     ZERO,
     abb_files,
@@ -17,8 +20,8 @@ from tests.analysis.apps.makers.corrected.test_safe_modules_and_jobs import (
     module_of,
     selecting,
 )
-from tests.analysis.apps.makers.corrected.test_safe_programs import HEAD, KUKA_STATED, TCP, corrected_files
-from tests.analysis.apps.makers.corrected.test_user_programs import (
+from tests.analysis.apps.correct.programs.test_safe_programs import HEAD, KUKA_STATED, TCP, corrected_files
+from tests.analysis.apps.correct.programs.test_user_programs import (
     ABB,
     ABB_TOOL,
     FANUC,
@@ -33,9 +36,6 @@ from tests.analysis.apps.makers.corrected.test_user_programs import (
     robtarget_of,
     ur_pose,
 )
-
-from analysis.apps.correct.corrected_program import CorrectedProgram
-from rigs.rig import Rig
 from tests.worlds.arms.faulty_arm import Array, flange_at, frame, hidden, joints_of
 from tests.worlds.interpreters.arms import rig_of
 

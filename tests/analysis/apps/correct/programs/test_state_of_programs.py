@@ -13,7 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.analysis.apps.makers.corrected.test_safe_modules_and_jobs import (
+
+from analysis.apps.correct import program_report
+from analysis.apps.correct.corrected_program import doubts_of, frames_of
+from analysis.robot.kinematics.arm import arm_of, forward
+from analysis.robot.kinematics.inverse import inverse
+from rigs.errors import UseError
+from tests.analysis.apps.correct.programs.test_safe_modules_and_jobs import (
     J1,
     L2_,
     M1,
@@ -27,7 +33,7 @@ from tests.analysis.apps.makers.corrected.test_safe_modules_and_jobs import (
     selecting,
     yaskawa_files,
 )
-from tests.analysis.apps.makers.corrected.test_safe_programs import (
+from tests.analysis.apps.correct.programs.test_safe_programs import (
     HEAD,
     KUKA_STATED,
     TCP,
@@ -37,13 +43,7 @@ from tests.analysis.apps.makers.corrected.test_safe_programs import (
     uncorrected,
     ur_files,
 )
-from tests.analysis.apps.makers.corrected.test_user_programs import ABB, ABB_TOOL, NUMBER, UR, UR_TOOL, ur_pose
-
-from analysis.apps.correct import program_report
-from analysis.apps.correct.corrected_program import doubts_of, frames_of
-from analysis.robot.kinematics.arm import arm_of, forward
-from analysis.robot.kinematics.inverse import inverse
-from rigs.errors import UseError
+from tests.analysis.apps.correct.programs.test_user_programs import ABB, ABB_TOOL, NUMBER, UR, UR_TOOL, ur_pose
 from tests.worlds.arms.faulty_arm import flange_at, frame, hidden, joints_of
 from tests.worlds.interpreters.arms import rig_of
 

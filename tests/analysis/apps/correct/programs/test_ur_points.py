@@ -7,7 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.analysis.apps.makers.corrected.test_safe_programs import (
+
+from analysis.apps.makers.reading import program_texts
+from rigs.errors import FileError
+from tests.analysis.apps.correct.programs.test_safe_programs import (
     OTHER,
     TCP,
     Left,
@@ -15,9 +18,6 @@ from tests.analysis.apps.makers.corrected.test_safe_programs import (
     uncorrected,
     ur_files,
 )
-
-from analysis.apps.makers.reading import program_texts
-from rigs.errors import FileError
 
 _LISTED: dict[str, tuple[str, Left]] = {
     "of an own movel that computes with it": (
