@@ -29,7 +29,7 @@ from typing import Any, cast
 import numpy as np
 
 from analysis import save_run, simulate
-from analysis.apps.plant.seen import examine
+from analysis.apps.plant.collect import examine
 from daq.service.client import Client
 from daq.store import read_run
 from tests.support.command_cost import RIG, cost

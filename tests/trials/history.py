@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis.apps.plant.changes import FALSE_ALARMS, Change
-from analysis.apps.plant.collect import collect
+from analysis.apps.plant.collect import Workers, collect
 from analysis.apps.plant.history import Series, history_of
 from tests.support.figure_histories import CIRCLES, GROWING, Growth, collected, drawn_history
 from tests.support.recorded_histories import recorded_history
@@ -88,7 +88,7 @@ def through_files(seed: int, begin: int) -> str:
     with tempfile.TemporaryDirectory() as name:
         figure = recorded_history(Path(name), seed, 20, begin)
         began = time.monotonic()
-        found = collect(Path(name), "ur10e", lambda done, total: None)
+        found = collect(Path(name), "ur10e", Workers(), lambda doing, done, total: None)
         took = time.monotonic() - began
         growth = f"grows at run {begin}" if begin < 20 else "does not grow"
         lines = [f"seed {seed}, {figure} {growth}; {len(found.runs)} runs, {took:.0f} s; changes:"]

@@ -9,7 +9,6 @@ contain 95.45 %. Because many figures are compared, the probability of a false f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -18,8 +17,8 @@ import numpy as np
 
 from analysis.apps.plant.changes import FALSE_ALARMS, trend_of
 from analysis.apps.plant.history import WATCHED, label_of, title_of
-from analysis.apps.plant.history_file import FILE, Unusable, read_records
 from analysis.apps.plant.records import RunRecord, fingerprint_of, in_time, record_of
+from analysis.apps.plant.store import FILE, read_records
 from analysis.procedures.shared.quantity import Quantity, student_factor
 from analysis.runs.loading import refuse_copies
 from analysis.runs.tabular import for_json
@@ -105,10 +104,8 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
     both = {run.resolve() for run in after} & {run.resolve() for run in before}
     for shared in sorted(both):
         raise FileError(str(shared), "is on both sides", "give the run either before or after --against")
-    histories: dict[Path, dict[str, RunRecord]] = {}
-    for directory in dict.fromkeys(Path(run).parent.resolve() for run in (*before, *after)):
-        with suppress(Unusable):
-            histories[directory] = read_records(directory / FILE)[0]
+    directories = {Path(run).parent.resolve() for run in (*before, *after)}
+    histories = {directory: read_records(directory / FILE) for directory in directories}
     now, then = ([_record(run, histories) for run in side] for side in (after, before))
     records = zip((*before, *after), (*then, *now), strict=True)
     refuse_copies((path, record.readings) for path, record in records)

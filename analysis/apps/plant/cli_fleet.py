@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -15,7 +14,7 @@ from analysis.cli.options import AsJson, Jobs, Scheduler, location
 
 if TYPE_CHECKING:
     from analysis.apps.plant.collect import Workers
-    from analysis.apps.plant.gather import Fleet, Progress
+    from analysis.apps.plant.gather import Fleet
 
 
 @command(app, "rig fleet /srv/plant -o plant.html")
@@ -49,10 +48,8 @@ def fleet(
 
     Runs in the same directory with the same rig name belong to one robot. The
     figures are stored in a catalogue, so unchanged runs are read only once."""
-    from analysis.apps.plant import catalogue as kept
+    from analysis.apps.plant import store
     from analysis.apps.plant.collect import Workers
-    from analysis.apps.plant.gather import gather
-    from rigs.errors import CellError
 
     if output:
         from analysis.apps.report.html_page import check_page_file
@@ -62,24 +59,9 @@ def fleet(
         from analysis.runs.written_files import refuse_foreign
 
         refuse_foreign(parquet, "--parquet")
-    if catalogue:
-        kept.refuse_foreign(catalogue)
-    workers, progress = Workers(jobs, scheduler), CountedProgress()
-    with ExitStack() as until_written:
-        file = catalogue or kept.default_path(directory)
-        if not catalogue:
-            try:
-                kept.require_writable(file)
-            except CellError as error:  # Use a temporary catalogue, which only saves time.
-                say(f"{error.where}: {error.what}; all runs must be read each time: give --catalogue FILE", err=True)
-                file = Path(until_written.enter_context(TemporaryDirectory())) / file.name
-        try:
-            with progress:
-                plant = gather(directory, file, workers, progress)
-            _write(plant, output, parquet, workers, progress)
-        except kept.Damaged:
-            kept.remove(file)  # The error message announces that the next start rebuilds it.
-            raise
+    workers = Workers(jobs, scheduler)
+    with store.usable(catalogue or store.default_path(directory), is_required=bool(catalogue)) as (file, notes):
+        plant = store.rebuilt_if_damaged(file, notes, partial(_gathered, directory, workers, output, parquet))
     from analysis.apps.plant import fleet_screen as screen
 
     if as_json:
@@ -90,8 +72,14 @@ def fleet(
         say_answer(screen.answer_of(plant))
 
 
-def _write(plant: Fleet, output: Path | None, parquet: Path | None, workers: Workers, progress: Progress) -> None:
-    """Write the requested files."""
+def _gathered(
+    directory: Path, workers: Workers, output: Path | None, parquet: Path | None, file: Path, notes: tuple[str, ...]
+) -> Fleet:
+    """Read the plant and write the requested files."""
+    from analysis.apps.plant.gather import gather
+
+    with (progress := CountedProgress()):
+        plant = gather(directory, file, notes, workers, progress)
     if parquet:
         from analysis.apps.plant.fleet_screen import write_figures
 
@@ -103,3 +91,4 @@ def _write(plant: Fleet, output: Path | None, parquet: Path | None, workers: Wor
         for line in write_pages(plant, output, workers, progress):
             say(f"warning: {line}", err=True)
         say_written([output])
+    return plant

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from datetime import datetime
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -13,9 +12,6 @@ from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import CountedProgress, say, say_json, say_written
 from analysis.cli.options import AsJson, Jobs, Scheduler, location
-
-if TYPE_CHECKING:
-    from analysis.apps.plant.collect import Collected, Workers
 
 
 @command(app, "rig history ur10e --since 2026-01-01 -o history.html")
@@ -53,7 +49,7 @@ def history(
     scheduler: Scheduler = None,
 ) -> None:
     """Show each figure of a robot over time, and report what changed by more than the scatter between its runs."""
-    from analysis.apps.plant.collect import Workers
+    from analysis.apps.plant.collect import Workers, collect
     from analysis.apps.plant.history import history_of
     from rigs.errors import UseError
     from rigs.load import load
@@ -68,7 +64,7 @@ def history(
     if Path(robot).is_dir() and runs == Path("runs") and (robot != Path(robot).name or not runs.is_dir()):
         remedy = f"give the name of the robot: rig history NAME --runs {as_argument(robot)}"
         raise UseError(robot, "is a directory, not the name of a robot", remedy)
-    collected = _collected(runs, robot, Workers(jobs, scheduler))
+    collected = collect(runs, robot, Workers(jobs, scheduler), CountedProgress())
     limits = load(rig_file)[0].limits if rig_file else None
     history_found = history_of(collected, figure, since.date() if since else None, limits)
     if output:
@@ -93,19 +89,3 @@ def history(
         from analysis.apps.report.blocks import say_answer
 
         say_answer(screen.answer_of(history_found))
-
-
-def _collected(data: Path, robot: str, workers: Workers) -> Collected:
-    """Return the runs of the robot. For a remote directory, unchanged runs are taken from the catalogue of `rig
-    fleet`."""
-    from analysis.runs.batch.remote_path import RemotePath
-
-    if isinstance(data, RemotePath):
-        from analysis.apps.plant.catalogue import default_path
-        from analysis.apps.plant.gather import collect_by_catalogue
-
-        return collect_by_catalogue(data, robot, default_path(data), workers, CountedProgress())
-    from analysis.apps.plant.collect import collect
-
-    shown = partial(CountedProgress(), "evaluating new and changed runs")
-    return collect(data, robot, shown, workers)

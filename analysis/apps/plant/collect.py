@@ -1,32 +1,47 @@
-"""Collection of the records of a robot from a directory of runs: new runs are evaluated and stored, others are read."""
+"""Records of runs: new and changed runs are evaluated and stored, the others are read from the file of figures.
+
+Runs are compared with the file by names, sizes and times of their files, without opening them. Remote stores provide a
+state of each file, such as the ETag of an object store.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import suppress
+import hashlib
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import TypeVar
 
-from analysis.apps.plant.history_file import FILE, Unusable, read_records, write_records
+from analysis.apps.plant import store
 from analysis.apps.plant.records import RunRecord, fingerprint_of, in_time, record_of, record_without_figures
+from analysis.apps.plant.store import Entry
 from analysis.runs.batch.each import each
-from analysis.runs.batch.outcomes import CompletedItem
+from analysis.runs.batch.fetched import fetched, restore_run_path
+from analysis.runs.batch.outcomes import FailedItem, Outcome
+from analysis.runs.batch.remote_path import RemotePath
+from analysis.runs.batch.remote_store import StoreLost, has_figures, remote_runs
 from analysis.runs.batch.run_directories import run_directories
-from daq.store import MovementCheck, RunInfo, survey
+from daq.store import MovementCheck, RunInfo
+from daq.store.manifest import load_manifest
+from daq.store.marks import load_marks
 from daq.store.retention import look
 from rigs.errors import FileError
 from rigs.load import parse
 from rigs.rig import Rig
 from rigs.schema.limits import Limits
 
-Progress = Callable[[int, int], None]
-"""A function called with the number of evaluated runs and the total."""
+T = TypeVar("T")
+Progress = Callable[[str, int, int], None]
+"""A function called with the current task, the finished number and the total."""
 _FEW = 4
 """Number of runs up to which they are evaluated in this process, unless jobs are specified."""
-_SAVED_EVERY = 50
-"""Number of runs between two saves: at most a minute of work can be lost."""
+_SAVED_EVERY_S = 5.0
+"""Interval between saves, which limits the loss by an interruption."""
 REASONS = {
     "damaged": "the manifest is missing, or it or the marks cannot be read",
     "crashed": "it was interrupted: rig recover makes it readable",
@@ -43,27 +58,13 @@ class Workers:
     scheduler: str | None = None
 
 
-_HERE = Workers()
-
-
-@dataclass(frozen=True)
-class Job:
-    """A run to evaluate, and its name in the history."""
-
-    run: RunInfo
-    name: str
-    fingerprint: str
-
-    def __str__(self) -> str:
-        return str(self.run.path)
-
-
 @dataclass(frozen=True)
 class MarkedCheck:
-    """A movement check stored with a run. when: start of the run, in the time zone of this computer."""
+    """A movement check stored with a run."""
 
     run: str
     when: datetime
+    """Start of the run, in the time zone of this computer."""
     check: MovementCheck
 
     @property
@@ -74,72 +75,81 @@ class MarkedCheck:
 
 @dataclass(frozen=True)
 class Collected:
-    """The runs of a robot in order of time, runs with no figures, notes about the file, the limits of the newest run,
-    and movement checks in order of time."""
+    """The runs of a robot in order of time."""
 
     robot: str
     runs: tuple[RunRecord, ...]
     broken: tuple[RunRecord, ...]
+    """Runs with no figures, by name."""
     notes: tuple[str, ...]
+    """On the file of figures, and on copies of runs."""
     limits: Limits
+    """Limits in the rig file of the newest run."""
     checks: tuple[MarkedCheck, ...] = ()
+    """Movement checks in order of time."""
 
 
-def collect(directory: Path, robot: str, progress: Progress, how: Workers = _HERE) -> Collected:
-    """Return the records of every run of a robot in or below a directory, by the name of the rig file or of the robot.
+def collect(directory: Path, robot: str, workers: Workers, progress: Progress) -> Collected:
+    """Collect the runs of a robot in or below a directory, by the name of the rig file or of the robot.
 
-    how: execution of evaluations. Raises FileError if the directory does not exist or contains no run of the robot.
+    Raises FileError if the directory does not exist or contains no run of the robot.
     """
-    file = directory / FILE
-    notes: list[str] = []
-    try:
-        records_before, why = read_records(file)
-        usable = True
-    except Unusable as error:
-        records_before, why, usable = {}, "", False
-        notes.append(_in_memory(file, str(error)))
-    if why:
-        notes.append(f"{file} {why}: the file is rebuilt from the runs")
-    runs = _runs_below(directory)
-    broken = [_broken(run, directory, REASONS["damaged"]) for run in runs if run.manifest is None]
-    mine = [
-        run for run in runs if run.manifest is not None and is_of(run.manifest.rig_name, run.manifest.rig_text, robot)
-    ]
-    if not mine:
-        raise no_run_of(robot, directory, {run.manifest.rig_name for run in runs if run.manifest})
-    records, jobs = _sorted_out(directory, mine, records_before, broken)
-    gone = sorted(records_before.keys() - {_name(run.path, directory) for run in runs})
-    for fresh in _evaluated(jobs, progress, how):
-        records += fresh
-        if usable and (fresh or gone or why):
-            try:
-                write_records(file, fresh, gone, from_new=bool(why))
-                gone, why = [], ""
-            except Unusable as error:
-                usable = False
-                notes.append(_in_memory(file, str(error)))
-    rig_texts = {_name(run.path, directory): run.manifest.rig_text for run in mine if run.manifest}
-    collected = collected_of(robot, [*broken, *records], notes, rig_texts.__getitem__)
-    return replace(collected, checks=_checks_of(mine, directory))
+    seen = runs_below(directory)
+    path = store.default_path(directory) if isinstance(directory, RemotePath) else directory / store.FILE
+    with store.usable(path) as (file, notes):
+        work = partial(_collected, directory, robot, seen, workers, progress)
+        return store.rebuilt_if_damaged(file, notes, work)
 
 
-def _checks_of(runs: Sequence[RunInfo], directory: Path) -> tuple[MarkedCheck, ...]:
-    """Return the movement checks of runs in order of time, a check of several runs once, with its first run."""
-    marked = []
-    for run in runs:
-        if run.manifest is not None and run.marks is not None and run.marks.moved is not None:
-            name = _name(run.path, directory)
-            marked.append(MarkedCheck(name, record_without_figures(run, "").when, run.marks.moved))
-    first: dict[MovementCheck, MarkedCheck] = {}
-    for check in sorted(marked, key=lambda check: (check.when.timestamp(), check.run)):
-        first.setdefault(check.check, check)
-    return tuple(first.values())
+def _collected(
+    directory: Path,
+    robot: str,
+    seen: Sequence[RunOnDisk],
+    workers: Workers,
+    progress: Progress,
+    file: Path,
+    notes: tuple[str, ...],
+) -> Collected:
+    others: set[str] = set()
+
+    def may_be_of_robot(path: Path) -> bool:
+        if isinstance(path, RemotePath):  # reading each manifest would cost a request
+            return True
+        try:
+            manifest = load_manifest(path)
+        except (OSError, FileError):
+            return True
+        if is_mine := _is_of(manifest.rig_name, manifest.rig_text, robot):
+            return is_mine
+        others.add(manifest.rig_name)
+        return False
+
+    known, _, _ = update(file, seen, workers, progress, may_be_of_robot)
+    records: list[RunRecord] = []
+    rig_texts: dict[str, str] = {}
+    is_known = False
+    keys = sorted({entry.key for entry in known.values()})
+    for folder, rig_name in keys:
+        of_robot, texts = store.records_of(file, (folder, rig_name))
+        for record in of_robot:
+            is_mine = bool(rig_name) and _is_of(rig_name, texts[record.name], robot)
+            if is_mine or not rig_name:  # A run of an unknown robot: the manifest is unreadable.
+                name = str(Path(folder, record.name))
+                records.append(replace(record, name=name))
+                rig_texts[name] = texts[record.name]
+                is_known |= is_mine
+    if not is_known:
+        names = sorted(others | {name for _, name in keys if name})
+        remedy = f"choose from {', '.join(names)}" if names else "give the directory with the runs: --runs DIR"
+        raise FileError(str(directory), f"contains no run of a robot named {robot}", remedy, code="history.no_robot")
+    checks = () if isinstance(directory, RemotePath) else _checks_of(directory, records)
+    return replace(collected_of(robot, records, notes, rig_texts), checks=checks)
 
 
 def collected_of(
-    robot: str, records: Sequence[RunRecord], notes: Sequence[str], rig_text_of: Callable[[str], str]
+    robot: str, records: Sequence[RunRecord], notes: Sequence[str], rig_texts: Mapping[str, str]
 ) -> Collected:
-    """Combine the records of a robot's runs, in any order. rig_text_of: returns the rig file of a run by name."""
+    """Combine the records of a robot's runs, in any order. rig_texts: rig files by name of run."""
     # Each run counts once, even after relabelling a copy or importing a table twice. The newest import of a table has
     # priority, because the rig file may have been corrected.
     kept: dict[str, RunRecord] = {}
@@ -152,87 +162,24 @@ def collected_of(
             copy_notes.append(f"{copy.name} is a copy of {original.name} and is ignored")
     runs = in_time(kept.values())
     broken = sorted((record for record in records if record.problem), key=lambda record: record.name)
-    rig = _rig_of(rig_text_of(runs[-1].name)) if runs else None
+    rig = _rig_of(rig_texts[runs[-1].name]) if runs else None
     return Collected(robot, tuple(runs), tuple(broken), (*notes, *copy_notes), rig.limits if rig else Limits())
 
 
-def _runs_below(directory: Path) -> list[RunInfo]:
-    """Return the facts about each run in or below a directory. Raises FileError if the directory does not exist."""
-    runs = list(survey(directory))
-    listed = {run.path.resolve() for run in runs}
-    for run in run_directories([directory]):
-        if run != directory and run.resolve() not in listed:
-            with suppress(FileNotFoundError, PermissionError):  # As in `survey`
-                runs.append(look(run))
-    return runs
+def _checks_of(directory: Path, records: Iterable[RunRecord]) -> tuple[MarkedCheck, ...]:
+    """Movement checks of runs in order of time, a check of several runs once, with its first run."""
+    marked = []
+    for record in records:
+        with suppress(FileError, OSError, ValueError):  # of a damaged run, which is listed as such
+            if check := load_marks(directory / record.name).moved:
+                marked.append(MarkedCheck(record.name, record.when, check))
+    first: dict[MovementCheck, MarkedCheck] = {}
+    for one in sorted(marked, key=lambda one: (one.when.timestamp(), one.run)):
+        first.setdefault(one.check, one)
+    return tuple(first.values())
 
 
-def _name(run: Path, directory: Path) -> str:
-    """Return the name of a run in the history: its path below the directory."""
-    return str(run.relative_to(directory))
-
-
-def _broken(run: RunInfo, directory: Path, problem: str) -> RunRecord:
-    return replace(record_without_figures(run, problem), name=_name(run.path, directory))
-
-
-def _in_memory(file: Path, why: str) -> str:
-    return f"{file} cannot be used ({why}): all runs must be evaluated each time"
-
-
-def _sorted_out(
-    directory: Path, runs: Sequence[RunInfo], records_before: dict[str, RunRecord], broken: list[RunRecord]
-) -> tuple[list[RunRecord], list[Job]]:
-    """Return the valid records, and the runs to evaluate. Unreadable runs are added to `broken`."""
-    records, jobs = [], []
-    for run in runs:
-        assert run.manifest is not None  # noqa: S101 - as chosen by the caller
-        name = _name(run.path, directory)
-        if run.status in REASONS:
-            broken.append(_broken(run, directory, REASONS[run.status]))
-            continue
-        try:
-            fingerprint = fingerprint_of(run.path)
-        except (OSError, FileError) as error:
-            broken.append(_broken(run, directory, str(error)))
-            continue
-        record = records_before.get(name)
-        if record is not None and record.fingerprint == fingerprint:
-            records.append(record)
-        else:
-            jobs.append(Job(run, name, fingerprint))
-    return records, jobs
-
-
-def _evaluated(jobs: Sequence[Job], progress: Progress, how: Workers) -> Iterator[list[RunRecord]]:
-    """Yield the records of runs in batches to save, at least one batch. Finished records are saved on Ctrl-C."""
-    piece: list[RunRecord] = []
-    outcomes = each(_record, jobs, jobs=1 if len(jobs) <= _FEW and not how.jobs else how.jobs, scheduler=how.scheduler)
-    try:
-        for done, outcome in enumerate(outcomes, 1):
-            # The record of a run; if processes were killed, it has no fingerprint and is therefore repeated later
-            record = (
-                outcome.value
-                if isinstance(outcome, CompletedItem)
-                else replace(record_without_figures(outcome.item.run, outcome.error.what), name=outcome.item.name)
-            )
-            piece.append(record)
-            progress(done, len(jobs))
-            if len(piece) == _SAVED_EVERY:
-                yield piece
-                piece = []
-    except KeyboardInterrupt:
-        yield piece
-        raise
-    yield piece
-
-
-def _record(job: Job) -> RunRecord:
-    assert job.run.manifest is not None  # noqa: S101 - as chosen in `_sorted_out`
-    return replace(record_of(job.run.path, job.run.manifest, job.fingerprint), name=job.name)
-
-
-def is_of(rig_name: str, rig_text: str, robot: str) -> bool:
+def _is_of(rig_name: str, rig_text: str, robot: str) -> bool:
     """Return whether a run belongs to a robot, by the name of its rig file or robot."""
     if robot == rig_name:
         return True
@@ -242,14 +189,157 @@ def is_of(rig_name: str, rig_text: str, robot: str) -> bool:
 
 @lru_cache(maxsize=64)
 def _rig_of(rig_text: str) -> Rig | None:
-    """Return the rig of a run, None if the rig file is unreadable."""
     try:
         return parse(rig_text, "rig file")
     except FileError:
         return None
 
 
-def no_run_of(robot: str, directory: Path, names: Collection[str]) -> FileError:
-    """Return the error for a directory with no run of a robot. names: rig files of the other runs."""
-    remedy = f"choose from {', '.join(sorted(names))}" if names else "give the directory with the runs: --runs DIR"
-    return FileError(str(directory), f"contains no run of a robot named {robot}", remedy)
+@dataclass(frozen=True)
+class RunOnDisk:
+    """A run below a directory."""
+
+    path: Path
+    run: str
+    """Path relative to the directory."""
+    signature: str
+    """Digest of the names, sizes and times of the files, empty if they cannot be listed or compared."""
+
+
+def runs_below(directory: Path) -> list[RunOnDisk]:
+    """List the runs below a directory in order of path.
+
+    Raises FileError if there are none, and CellError if a store does not respond.
+    """
+    if not isinstance(directory, RemotePath) and not directory.is_dir():
+        remedy = "give the directory with the plant's runs"
+        raise FileError(str(directory), "no such directory", remedy, code="file.missing")
+    if seen := list(_seen(directory)):
+        return seen
+    raise FileError(str(directory), "contains no runs", "give the directory with the plant's runs", code="run.none")
+
+
+def _seen(directory: Path) -> Iterator[RunOnDisk]:
+    if isinstance(directory, RemotePath):
+        for run in remote_runs(directory):
+            if run.path != directory:
+                files = [(file.name, file.size, file.stamp) for file in run.files or () if has_figures(file.name)]
+                signature = _digest(files) if files and all(stamp for _, _, stamp in files) else ""
+                yield RunOnDisk(run.path, "/".join(run.path.parts[len(directory.parts) :]), signature)
+        return
+    for path in run_directories([directory]):
+        if path != directory:  # It is returned itself if there are no runs.
+            signature = ""
+            with suppress(OSError), os.scandir(path) as entries:
+                stats = {entry.name: entry.stat() for entry in entries if has_figures(entry.name)}
+                signature = _digest([(name, stat.st_size, str(stat.st_mtime_ns)) for name, stat in stats.items()])
+            yield RunOnDisk(path, os.path.relpath(path, directory), signature)
+
+
+def _digest(files: Iterable[tuple[str, int, str]]) -> str:
+    lines = "".join(f"{name} {size} {stamp}\n" for name, size, stamp in sorted(files))
+    return hashlib.sha256(lines.encode("utf-8", "surrogateescape")).hexdigest()
+
+
+def update(
+    file: Path,
+    seen: Sequence[RunOnDisk],
+    workers: Workers,
+    progress: Progress,
+    is_wanted: Callable[[Path], bool] = lambda _: True,
+) -> tuple[dict[str, Entry], int, int]:
+    """Examine and store the new and changed runs, and forget deleted runs.
+
+    Return all stored runs by path, and the numbers of runs examined and forgotten. is_wanted: whether a new run is to
+    be examined. Raises store.Damaged, and StoreLost if a remote store stops responding: previous results are saved.
+    """
+    known = store.entries(file)
+    changed = [
+        run for run in seen if not run.signature or run.run not in known or known[run.run].signature != run.signature
+    ]
+    fresh = [run for run in changed if is_wanted(run.path)]
+    gone = sorted(known.keys() - {run.run for run in seen})
+    if gone:
+        store.forget(file, gone)
+    if not fresh:
+        return store.entries(file) if gone else known, 0, len(gone)
+    jobs = 1 if len(fresh) <= _FEW and not workers.jobs else workers.jobs
+    paths = [run.path.absolute() for run in fresh]  # A cluster worker has a different working directory.
+
+    def save(examined: Sequence[tuple[RunOnDisk, Examined | None]]) -> None:
+        store.forget(file, [run.run for run, one in examined if one is None])
+        stored = [(run, one) for run, one in examined if one is not None]
+        store.save(
+            file,
+            [(run.run, run.signature if one.is_evaluated else "", one.record, one.rig_text) for run, one in stored],
+        )
+
+    with closing(each(examine, paths, jobs=jobs, scheduler=workers.scheduler)) as outcomes:
+        examined = ((run, _examined_in(outcome)) for run, outcome in zip(fresh, outcomes, strict=True))
+        save_periodically(examined, save, lambda done: progress("reading runs", done, len(fresh)))
+    return store.entries(file), len(fresh), len(gone)
+
+
+def save_periodically(items: Iterable[T], keep: Callable[[Sequence[T]], None], progress: Callable[[int], None]) -> None:
+    """Save results periodically and at the end, also after an error."""
+    piece: list[T] = []
+    saved_s = time.monotonic()
+    try:
+        for done, item in enumerate(items, 1):
+            piece.append(item)
+            progress(done)
+            if time.monotonic() - saved_s > _SAVED_EVERY_S:
+                keep(piece)
+                piece, saved_s = [], time.monotonic()
+    finally:
+        keep(piece)
+
+
+@dataclass(frozen=True)
+class Examined:
+    """The record and rig file of a run."""
+
+    record: RunRecord
+    rig_text: str = ""
+    is_evaluated: bool = True
+    """Whether only a change requires a new examination."""
+
+
+def _examined_in(outcome: Outcome[Path, Examined | None]) -> Examined | None:
+    """The examination of a run, to be repeated if it killed a process or exhausted the memory. Raises StoreLost."""
+    if isinstance(outcome, FailedItem):
+        if isinstance(outcome.error, StoreLost):
+            raise outcome.error
+        return Examined(RunRecord(outcome.item.name, "", "", "", "", "", "", problem=outcome.error.what), "", False)
+    return outcome.value
+
+
+def examine(path: Path) -> Examined | None:
+    """Evaluate a run, and return the record with figures or the reason for failure; None if the run is gone.
+
+    Never raises for a bad run. Raises RigError for a remote run that cannot be fetched.
+    """
+    with fetched(path) as directory:
+        examined = _examine(directory)
+    if examined is None:
+        return None
+    problem = restore_run_path(examined.record.problem, directory, path)
+    return replace(examined, record=replace(examined.record, name=path.name, problem=problem))
+
+
+def _examine(path: Path) -> Examined | None:
+    try:
+        run = look(path)
+    except OSError as error:
+        if isinstance(error, FileNotFoundError) and not os.path.lexists(path):
+            return None
+        unreadable = RunInfo(path, None, None, "damaged", 0, 0.0)
+        return Examined(record_without_figures(unreadable, error.strerror or str(error)), is_evaluated=False)
+    rig_text = run.manifest.rig_text if run.manifest else ""
+    if run.manifest is None or run.status in REASONS:
+        return Examined(record_without_figures(run, REASONS[run.status]), rig_text, is_evaluated=False)
+    try:
+        fingerprint = fingerprint_of(run.path)
+    except (OSError, FileError) as error:
+        return Examined(record_without_figures(run, str(error)), rig_text, is_evaluated=False)
+    return Examined(record_of(run.path, run.manifest, fingerprint), rig_text)

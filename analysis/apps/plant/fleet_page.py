@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
-from analysis.apps.plant.catalogue import Damaged, Key
-from analysis.apps.plant.collect import Workers
+from analysis.apps.plant.collect import Progress, Workers
 from analysis.apps.plant.fleet_screen import answer_of
-from analysis.apps.plant.gather import Fleet, Progress, collected_in
+from analysis.apps.plant.gather import Fleet, collected_in
 from analysis.apps.plant.history import history_of
-from analysis.apps.plant.history_file import made_by
 from analysis.apps.plant.robot_state import FleetRobot
+from analysis.apps.plant.store import Damaged, Key, made_by
 from analysis.apps.report.html_page import answer_page, write_html
 from analysis.runs.batch.each import each
 from analysis.runs.batch.outcomes import FailedItem

@@ -13,12 +13,12 @@ from datetime import UTC
 from pathlib import Path
 from typing import Any
 
-from analysis.apps.plant.catalogue import Key
 from analysis.apps.plant.collect import Collected
 from analysis.apps.plant.gather import Fleet, collected_in
 from analysis.apps.plant.history_words import simulated_runs, without_figures
 from analysis.apps.plant.records import RunRecord
 from analysis.apps.plant.robot_state import ORDER, Attention, FleetRobot
+from analysis.apps.plant.store import Key
 from analysis.apps.report.blocks import Block, Cell, Sentence, Table, Tone
 from analysis.runs.tabular import for_json
 from daq.store import durable

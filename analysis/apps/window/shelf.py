@@ -12,8 +12,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from analysis.apps.plant.history_file import FILE, Unusable, read_records
 from analysis.apps.plant.records import RunRecord
+from analysis.apps.plant.store import FILE, read_records
 from analysis.apps.report.texts import LEADING, in_order
 from analysis.cli.listings import run_row
 from analysis.procedures.shared.quantity import Quantity
@@ -93,7 +93,7 @@ class Shelf:
         except FileError:  # the first recording creates the directory
             return [], 0
         matching.sort(key=lambda run: run.ended_s, reverse=True)
-        records = self._records()
+        records = read_records(self.directory / FILE)
         return [_shelf_run(run, records.get(run.path.name)) for run in matching[:MOST_SHOWN]], len(matching)
 
     def run(self, name: str) -> ShelfRun:
@@ -102,7 +102,7 @@ class Shelf:
         try:
             is_here = path.parent == self.directory and not name.startswith(".") and not path.is_symlink()
             if is_here and is_run(path):
-                return _shelf_run(look(path), self._records().get(name))
+                return _shelf_run(look(path), read_records(self.directory / FILE).get(name))
         except (OSError, ValueError):
             pass
         raise FileError(name, "is not a run in this directory", "choose a run from the list", code=UNKNOWN_RUN)
@@ -110,13 +110,6 @@ class Shelf:
     def robots(self) -> list[str]:
         """Return the names of all rigs with runs in the directory."""
         return sorted({str(run.about["rig"]) for run in self.runs()[0] if run.about["rig"]})
-
-    def _records(self) -> Mapping[str, RunRecord]:
-        """Return the history records; empty if the file is unreadable."""
-        try:
-            return read_records(self.directory / FILE)[0]
-        except Unusable:
-            return {}
 
 
 def _shelf_run(run: RunInfo, record: RunRecord | None) -> ShelfRun:

@@ -141,7 +141,7 @@ _KNOWN = {
     "apps/interchange/cli_export.py": "the directory of many exports, whose files write_new writes",
     "apps/emulate/cli_emulate.py": "the directory of many tables, whose files write_new writes",
     "runs/written_files.py": "the one place where files are made",
-    "apps/plant/catalogue.py": "a database, which has its own journal",
+    "apps/plant/store.py": "a database, which has its own journal",
     "apps/plant/fleet_screen.py": "the parent of a file that is renamed at the end",
     "apps/plant/history_page.py": "a picture in memory",
     "apps/report/diagnosis_report.py": "writers for write_all_over",

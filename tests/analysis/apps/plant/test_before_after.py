@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analysis.apps.plant import store
 from analysis.apps.plant.before_after import differences, headlines
-from analysis.apps.plant.collect import collect
-from analysis.apps.plant.history_file import FILE, write_records
-from analysis.apps.plant.records import RunRecord
+from analysis.apps.plant.records import RunRecord, fingerprint_of, record_of
 from analysis.procedures.shared.quantity import Quantity
+from daq.store.manifest import load_manifest
 from rigs.errors import FileError
 from tests.support.dated_runs import dated_run
 
@@ -54,10 +54,11 @@ def test_without_a_known_spread_it_is_not_said_that_nothing_differs(runs: list[P
 
 def test_a_history_beside_the_runs_lends_its_spread(tmp_path: Path) -> None:
     before, after = dated_run(tmp_path, 0, 0.01), dated_run(tmp_path, 20, 0.02)
-    one = collect(tmp_path, "ur10e", lambda done, total: None).runs[0]
+    one = record_of(before, load_manifest(before), fingerprint_of(before))
     rng = np.random.default_rng(1)
     others = [replace(one, name=f"earlier-{k}", fingerprint=str(k), figures=scattered(one, rng)) for k in range(30)]
-    write_records(tmp_path / FILE, others, [], from_new=False)
+    store.prepare(tmp_path / store.FILE)
+    store.save(tmp_path / store.FILE, [(other.name, "", other, "") for other in others])
     found = {one.figure: one for one in differences([after], [before])}
     assert found["play_j3_deg"].is_larger and np.isfinite(found["band_deg"].difference.u)
 

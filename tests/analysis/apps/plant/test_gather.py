@@ -10,18 +10,18 @@ from pathlib import Path
 
 import pytest
 
-from analysis.apps.plant import catalogue
-from analysis.apps.plant.collect import Collected, Workers
+from analysis.apps.plant import store
+from analysis.apps.plant.collect import REASONS, Collected, Progress, Workers
 from analysis.apps.plant.gather import Fleet, gather
 from analysis.apps.plant.history import history_of
 from analysis.apps.plant.records import RunRecord
 from analysis.apps.plant.robot_state import state_of
 from analysis.procedures.shared.quantity import Quantity
 from daq.store import mark_kept
-from rigs.errors import CellError, FileError
 from rigs.schema.limits import Limits
 from tests.support.dask_cluster import cluster
 from tests.support.plant_runs import known_robot, write_visits
+from tests.support.refusals import refused
 
 VISITS = 12
 
@@ -50,12 +50,18 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "catalogue.sqlite"
 
 
-def gathered(plant: Path, file: Path, jobs: int = 1) -> Fleet:
-    return gather(plant, file, Workers(jobs), silent)
-
-
 def silent(doing: str, done: int, total: int) -> None:
     pass
+
+
+def gathered(
+    plant: Path, file: Path, jobs: int = 1, progress: Progress = silent, scheduler: str | None = None
+) -> Fleet:
+    def work(path: Path, notes: tuple[str, ...]) -> Fleet:
+        return gather(plant, path, notes, Workers(jobs, scheduler), progress)
+
+    with store.usable(file, is_required=True) as (path, notes):
+        return store.rebuilt_if_damaged(path, notes, work)
 
 
 def runs_of(plant: Path, number: int) -> list[Path]:
@@ -121,16 +127,11 @@ def test_a_bad_run_costs_its_own_row(plant: Path, file: Path) -> None:
     healthy = next(one for one in found.robots if one.robot == "robot-001")
     assert healthy.runs == VISITS - 3
     assert [name for name, _ in healthy.without_figures] == [cut.name, unsealed.name]
-    assert "changed since the recording" in healthy.without_figures[0][1]
-    assert healthy.without_figures[1][1] == "it was interrupted: rig recover makes it readable"
-    assert found.strays == (
-        (str(unreadable.relative_to(plant)), "the manifest is missing, or it or the marks cannot be read"),
-    )
+    assert healthy.without_figures[1][1] == REASONS["crashed"]
+    assert found.strays == ((str(unreadable.relative_to(plant)), REASONS["damaged"]),)
     assert gathered(plant, file).robots == found.robots
     (unreadable / "manifest.json").unlink()
-    assert gathered(plant, file).strays == (
-        (str(unreadable.relative_to(plant)), "the manifest is missing, or it or the marks cannot be read"),
-    )
+    assert gathered(plant, file).strays == found.strays
     shutil.copytree(runs_of(plant, 1)[5], unsealed, dirs_exist_ok=True)
     mended = next(one for one in gathered(plant, file).robots if one.robot == "robot-001")
     assert [name for name, _ in mended.without_figures] == [cut.name] and mended.copies == 1
@@ -153,62 +154,21 @@ def test_a_name_in_two_directories_is_two_robots(plant: Path, file: Path) -> Non
     assert found[("other", "robot-002")] == VISITS
 
 
-@pytest.mark.parametrize("content", [b"", b"nonsense" * 2000], ids=["empty", "damaged"])
-def test_a_damaged_catalogue_is_made_again(plant: Path, file: Path, content: bytes) -> None:
-    first = gathered(plant, file)
-    file.write_bytes(content)
-    again = gathered(plant, file)
-    assert (again.robots, again.examined) == (first.robots, 3 * VISITS)
-    assert again.notes == ((f"{file} was damaged: the file was rebuilt from the runs",) if content else ())
-    assert gathered(plant, file).examined == 0
-
-
-def test_a_catalogue_damaged_within_is_made_again(plant: Path, file: Path) -> None:
+def test_a_catalogue_damaged_within_is_rebuilt(plant: Path, file: Path) -> None:
     first = gathered(plant, file)
     whole = bytearray(file.read_bytes())
     whole[8192:-4096] = b"\x7f" * (len(whole) - 8192 - 4096)
     file.write_bytes(whole)
     again = gathered(plant, file)
-    assert again.robots == first.robots and any("was damaged" in note for note in again.notes)
-
-
-def test_a_catalogue_of_another_version_is_made_again(plant: Path, file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with monkeypatch.context() as newer:
-        newer.setattr(catalogue, "VERSION", catalogue.VERSION + 1)
-        first = gathered(plant, file)
-    again = gathered(plant, file)
-    assert (again.robots, again.examined) == (first.robots, 3 * VISITS)
-    assert any("a different version" in note for note in again.notes)
-
-
-def test_a_file_of_somebody_else_is_left_alone(tmp_path: Path, plant: Path, file: Path) -> None:
-    for held in (b"a letter", b"SQLite format 3\0" + bytes(100)):
-        file.write_bytes(held)
-        with pytest.raises(FileError, match="is not a catalogue of rig fleet; choose a different --catalogue"):
-            catalogue.refuse_foreign(file)
-        assert file.read_bytes() == held
-    file.unlink()
-    os.mkfifo(file)
-    with pytest.raises(FileError, match="is not a regular file"):
-        catalogue.refuse_foreign(file)
-    file.unlink()
-    catalogue.refuse_foreign(file)
-    gathered(plant, file)
-    catalogue.refuse_foreign(file)
-
-
-def test_a_catalogue_that_cannot_be_made_is_one_line(plant: Path, tmp_path: Path) -> None:
-    (tmp_path / "blocked").write_text("")
-    with pytest.raises(CellError, match=r"catalogue cannot be written: .*; choose a different file: --catalogue FILE"):
-        gathered(plant, tmp_path / "blocked" / "catalogue.sqlite")
+    assert (again.robots, len(again.notes)) == (first.robots, 1)
+    assert gathered(plant, file).examined == 0
 
 
 def test_a_plant_without_runs_is_refused(tmp_path: Path, file: Path) -> None:
-    with pytest.raises(FileError, match="contains no runs"):
-        gathered(tmp_path, file)
-    with pytest.raises(FileError, match="no such directory"):
-        gathered(tmp_path / "nowhere", file)
-    assert not file.exists()
+    (tmp_path / "empty").mkdir()
+    for directory, code in ((tmp_path / "empty", "run.none"), (tmp_path / "nowhere", "file.missing")):
+        with refused(code):
+            gathered(directory, file)
 
 
 def test_several_processes_find_the_same(plant: Path, file: Path, tmp_path: Path) -> None:
@@ -229,7 +189,7 @@ def test_robots_that_another_command_finds_meanwhile_are_its_own(plant: Path, fi
             write(plant, 4, 0.0)
             gathered(plant, file)
 
-    found = gather(plant, file, Workers(1), another)
+    found = gathered(plant, file, progress=another)
     assert {one.robot for one in found.robots} == {f"robot-{number:03d}" for number in (1, 2, 3)}
     assert {(one.folder, one.robot) for one in found.robots} == found.digests.keys()
 
@@ -240,7 +200,7 @@ def test_what_was_read_before_an_end_is_kept(plant: Path, file: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        gather(plant, file, Workers(1), ended)
+        gathered(plant, file, progress=ended)
     assert gathered(plant, file).examined == 3 * VISITS - 5
 
 
@@ -249,7 +209,7 @@ def test_the_workers_of_a_cluster_find_the_same(plant: Path, file: Path, tmp_pat
     pytest.importorskip("distributed", reason="dask.distributed is an extra: pip install distributed")
     (tmp_path / "dask").mkdir()
     with cluster(tmp_path / "dask") as dask:
-        found = gather(plant, file, Workers(1, dask.address), silent)
+        found = gathered(plant, file, scheduler=dask.address)
     assert found.robots == gathered(plant, tmp_path / "other.sqlite").robots
 
 
