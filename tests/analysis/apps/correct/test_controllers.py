@@ -270,27 +270,26 @@ def test_zeros_remove_the_error_if_the_controller_couples_the_displayed_angles(
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "code"),
     [
-        (["--for", "kuka", "--scale", "1,2,3,4,5,6"], "--scale: must be omitted: KUKA uses deg, without a scale"),
-        (["--for", "abb", "--scale", "1,2,3"], "--scale: '1,2,3' is not a list of six nonzero numbers"),
-        (["--for", "abb", "--scale", "1,2,3,4,5,0"], "is not a list of six nonzero numbers"),
-        (["--entered"], "--entered: needs --path, and a maker from --for"),
+        (["--for", "kuka", "--scale", "1,2,3,4,5,6"], "controller.scale"),
+        (["--for", "abb", "--scale", "1,2,3"], "controller.scale"),
+        (["--for", "abb", "--scale", "1,2,3,4,5,0"], "controller.scale"),
+        (["--entered"], "correct.entered"),
     ],
 )
-def test_wrong_use_is_one_line(tmp_path: Path, options: list[str], told: str) -> None:
+def test_wrong_use_is_refused(tmp_path: Path, options: list[str], code: str) -> None:
     cell = _cell(tmp_path, "paper-fanuc", ZEROS)
     done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), *options])
     assert isinstance(done.exception, UseError)
-    (line,) = done.exception.lines()
-    assert told in line
+    assert done.exception.code == code
     assert not (tmp_path / "out").exists()
 
 
 def test_an_unknown_maker_is_refused_with_the_known_ones(tmp_path: Path) -> None:
     cell = _cell(tmp_path, "paper-fanuc", ZEROS)
     done = command_line.ran("correct", cell, "-o", tmp_path / "out", "--for", "cuca")
-    assert done.returncode == 2 and "'cuca' is not a known maker of controllers; give ur, fanuc" in done.stderr
+    assert done.returncode == 2 and all(word in done.stderr for word in ("cuca", "ur", "fanuc"))
     assert not (tmp_path / "out").exists()
 
 

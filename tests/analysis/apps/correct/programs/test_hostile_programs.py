@@ -36,22 +36,22 @@ def cell(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("name", "data", "told"),
+    ("name", "data", "code"),
     [
-        ("a.txt", b"movej([0,0,0,0,0,0])", "is not a known kind of robot program"),
-        ("a.dat", b"DEFDAT A\nENDDAT\n", "is not a known kind of robot program"),
-        ("a.script", b"\x7fELF\x00\x00", "is a binary file"),
-        ("a.ls", "/PROG A".encode("utf-16"), "is a binary file or UTF-16 text"),
-        ("a.mod", b"x" * 10_000_001, "is larger than 10 MB"),
-        ("gone.jbi", None, "No such file"),
+        ("a.txt", b"movej([0,0,0,0,0,0])", "program.unknown"),
+        ("a.dat", b"DEFDAT A\nENDDAT\n", "program.unknown"),
+        ("a.script", b"\x7fELF\x00\x00", "program.encoding"),
+        ("a.ls", "/PROG A".encode("utf-16"), "program.encoding"),
+        ("a.mod", b"x" * 10_000_001, "file.too_large"),
+        ("gone.jbi", None, "program.unreadable"),
     ],
 )
-def test_what_is_no_program_is_one_line(name: str, data: bytes | None, told: str, tmp_path: Path, cell: Path) -> None:
+def test_other_files_are_refused(name: str, data: bytes | None, code: str, tmp_path: Path, cell: Path) -> None:
     path = tmp_path / name
     if data is not None:
         path.write_bytes(data)
-    done = ran("correct", cell, "--program", path, "-o", tmp_path / "out")
-    assert done.returncode == 3 and told in done.stderr and done.stderr.count("\n") == 1
+    done = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--json")
+    assert done.returncode == 3 and json.loads(done.stderr)["error"]["code"] == code
     assert not (tmp_path / "out").exists()
 
 
@@ -159,24 +159,21 @@ def test_the_command_writes_the_program_beside_what_it_says(tmp_path: Path, cell
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "code"),
     [
-        (("--tool", "1"), "is not NAME=…"),
-        (("--tool", "1=1,2,3"), "is not six numbers"),
-        (("--frame", "1=nan,0,0,0,0,0"), "is not six numbers"),
-        (("--frame", "1=rig"), "is not six numbers"),
+        (("--tool", "1", "--program", "a.script"), "program.frame"),
+        (("--tool", "1=1,2,3", "--program", "a.script"), "program.frame"),
+        (("--frame", "1=nan,0,0,0,0,0", "--program", "a.script"), "program.frame"),
+        (("--frame", "1=rig", "--program", "a.script"), "program.frame"),
+        (("--start-joints", "0,0,0,0,0,0"), "program.option"),
     ],
 )
-def test_a_frame_that_is_none_is_one_line(words: tuple[str, str], told: str, tmp_path: Path, cell: Path) -> None:
-    path = tmp_path / "a.script"
-    path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
-    done = ran("correct", cell, "--program", path, "-o", tmp_path / "out", *words)
-    assert done.returncode == 2 and told in done.stderr and done.stderr.count("\n") == 1
-
-
-def test_a_start_without_a_program_is_refused(tmp_path: Path, cell: Path) -> None:
-    done = ran("correct", cell, "-o", tmp_path / "out", "--start-joints", "0,0,0,0,0,0")
-    assert done.returncode == 2 and "give --program as well" in done.stderr and done.stderr.count("\n") == 1
+def test_options_of_programs_without_a_value_or_a_program_are_refused(
+    words: tuple[str, ...], code: str, tmp_path: Path, cell: Path
+) -> None:
+    (tmp_path / "a.script").write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
+    done = ran("correct", cell, "-o", "out", "--json", *words, cwd=tmp_path)
+    assert done.returncode == 2 and json.loads(done.stderr)["error"]["code"] == code
 
 
 def test_a_start_from_which_no_posture_comes_is_said(tmp_path: Path, cell: Path) -> None:
@@ -201,17 +198,16 @@ def test_programs_of_one_name_are_refused(tmp_path: Path, cell: Path) -> None:
     for path in paths:
         path.parent.mkdir()
         path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
-    done = ran("correct", cell, "--program", paths[0], "--program", paths[1], "-o", tmp_path / "out")
-    assert done.returncode == 3 and "would be written twice" in done.stderr
+    done = ran("correct", cell, "--program", paths[0], "--program", paths[1], "-o", tmp_path / "out", "--json")
+    assert done.returncode == 3 and json.loads(done.stderr)["error"]["code"] == "program.twice"
 
 
 def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path: Path, cell: Path) -> None:
     path = tmp_path / "a.src"
     path.write_text("DEF a()\nPTP {A1 0, A2 -80, A3 100, A4 -20, A5 80, A6 0}\nEND\n")
-    refused = ran("correct", cell, "--program", path, "-o", tmp_path / "out")
-    assert refused.returncode == 3 and "is a program for KUKA, but the robot of the rig file" in refused.stderr
-    other = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--for", "fanuc")
-    assert other.returncode == 3 and "is a program for KUKA, but --for gives FANUC" in other.stderr
+    for words in ((), ("--for", "fanuc")):
+        refused = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--json", *words)
+        assert refused.returncode == 3 and json.loads(refused.stderr)["error"]["code"] == "program.other_maker"
     assert not (tmp_path / "out").exists()
     done = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--for", "kuka")
     assert done.returncode == 0 and "a.src (kuka): 1 target corrected" in done.stdout, done.stderr
