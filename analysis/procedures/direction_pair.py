@@ -85,17 +85,6 @@ _MOVED_MM = float(np.hypot(BALL_MM.middle, 1000.0 * np.radians(JOINT_DEG.middle)
 """Motion of a circle between runs: its ball, and a joint at the end of a one-metre arm."""
 
 
-@dataclass(frozen=True)
-class _Evidence:
-    """Evidence of one kind of curve: harmonics (h,) of acw - cw, harmonics of the response to a lag of one second,
-    and the noise: variance (h,) of real and imaginary part without backlash.
-    """
-
-    between: Complex
-    of_lag: Complex
-    noise: Array
-
-
 def lag_of(pairs: Sequence[tuple[LapCurve, LapCurve]], radii_mm: Sequence[float], samples: int) -> Quantity:
     """Lag in ms of the gauges behind the robot's feedback, from curves of an acw and a cw run of one circle.
 
@@ -108,24 +97,26 @@ def lag_of(pairs: Sequence[tuple[LapCurve, LapCurve]], radii_mm: Sequence[float]
     size: it is modelled as random, decreasing with the order as for a step, and determines the uncertainty, together
     with the repeatability of the robot. A single direction shows nothing: there a lag looks like a displaced ball.
     """
-    kinds = []
+    kinds = []  # harmonics (h,) of acw - cw and of the response to a lag of 1 s, and variance of each without backlash
     for (acw, cw), radius_mm in zip(pairs, radii_mm, strict=True):
         forth, back = _harmonics(acw.y), _harmonics(cw.y)
         speed, moved = abs(acw.rate) + abs(cw.rate), _MOVED_MM / radius_mm
         drawn = sum(np.mean(np.abs(_harmonics(curve.errors)) ** 2, axis=0) / 2 for curve in (acw, cw))
         of_lag = -speed * 1j * _HARMONICS * (forth + back) / 2
-        kinds.append(_Evidence(forth - back, of_lag, (moved / _HARMONICS) ** 2 + drawn))
+        kinds.append((forth - back, of_lag, (moved / _HARMONICS) ** 2 + drawn))
     spreads = [0.0] * len(kinds)
     value_s = u_s = 0.0
     for _ in range(_LAG_ROUNDS):
-        weights = [1 / (spread / _HARMONICS**2 + kind.noise) for kind, spread in zip(kinds, spreads, strict=True)]
-        information = sum(float(w @ np.abs(k.of_lag) ** 2) for w, k in zip(weights, kinds, strict=True))
-        pull = sum(float(w @ (k.of_lag.conj() * k.between).real) for w, k in zip(weights, kinds, strict=True))
+        information = pull = 0.0
+        for (between, of_lag, noise), spread in zip(kinds, spreads, strict=True):
+            weight = 1 / (spread / _HARMONICS**2 + noise)
+            information += float(weight @ np.abs(of_lag) ** 2)
+            pull += float(weight @ (of_lag.conj() * between).real)
         if not information > 0:
             return Quantity(0.0, float("inf"), "ms", samples)
         value_s, u_s = pull / information, information**-0.5
         # Variance of the first harmonic of direction-dependent effects other than lag.
-        beyond = [np.abs(kind.between - value_s * kind.of_lag) ** 2 / 2 - kind.noise for kind in kinds]
+        beyond = [np.abs(between - value_s * of_lag) ** 2 / 2 - noise for between, of_lag, noise in kinds]
         spreads = [float((np.maximum(power, 0.0) * _HARMONICS**2).mean()) for power in beyond]
     return Quantity(1e3 * value_s, 1e3 * u_s, "ms", samples)
 
