@@ -6,17 +6,19 @@ times or restarts.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import yaml
 
 from analysis.procedures.simulate import simulate
+from analysis.robot.kinematics.arm import arm_of, forward, roll_pitch_yaw, without_setup
 from analysis.runs.tables import CircleTable
 from daq.protocol.conversation import NO_TIME, SampleBlock
 from daq.store import RunWriter, new_manifest
 from rigs.load import load, load_hidden
+from rigs.schema.condition import POSE
 from rigs.schema.vocabulary import Direction
 
 GAUGE_HZ, ROBOT_HZ = 1000, 125
@@ -40,9 +42,19 @@ class Trouble:
 
 
 def streamed_circle(
-    runs: Path, rows: int, trouble: Trouble = Trouble(), *, driven: Direction = "cw", label: Direction = "cw"
+    runs: Path,
+    rows: int,
+    trouble: Trouble = Trouble(),
+    *,
+    driven: Direction = "cw",
+    label: Direction = "cw",
+    with_poses: bool = False,
 ) -> Path:
-    """Write a run directory with `rows` readings of each gauge, in chunks of 4000."""
+    """Write a run directory with `rows` readings of each gauge, in chunks of 4000.
+
+    with_poses: the controller also sends the poses of the flange, computed with the constants of the data sheet.
+    """
+    streams = STREAMS | ({"robot": (*STREAMS["robot"], *POSE)} if with_poses else {})
     rig, text = load("ur10e")
     table = simulate(load_hidden("ur10e").apply_to(rig), "yaw", driven, 3)
     assert isinstance(table, CircleTable)
@@ -60,12 +72,16 @@ def streamed_circle(
             rig_name="ur10e",
             rig_text=yaml.safe_dump(data),
             operator="",
-            streams=STREAMS,
+            streams=streams,
         ),
         chunk_rows=4000,
     )
     for stream in STREAMS:
         samples = _samples(stream, table, rows, trouble)
+        if with_poses and stream == "robot":
+            T = forward(without_setup(arm_of(rig.robot)), np.radians(samples.values))
+            poses = [[*frame[:3, 3], *np.degrees(roll_pitch_yaw(frame))] for frame in T]
+            samples = replace(samples, values=np.hstack([samples.values, poses]))
         for begin in range(0, len(samples), 4000):
             writer.append(stream, samples.chosen(slice(begin, begin + 4000)))
             writer.write()

@@ -54,3 +54,9 @@ def test_a_wrong_direction_is_named_as_of_the_whole(tmp_path: Path) -> None:
         with pytest.raises(DirectionError) as error:
             evaluate_path(run, with_rows=with_rows)
         assert error.value.drove == "acw"
+
+
+def test_poses_that_show_an_unknown_controller_are_read_as_a_whole(tmp_path: Path) -> None:
+    run = streamed_circle(tmp_path, 8_000, with_poses=True)
+    assert long_circle.long_circle(run, run) is None
+    assert evaluate_path(run, with_rows=False).measured.rig.controller == "data_sheet"
