@@ -87,7 +87,7 @@ def certify(
     from analysis.apps.certify.features import features_of, stated_features
     from analysis.apps.certify.program import programmed_places, targets_of, with_lines
     from analysis.apps.correct.corrected_program import frames_of, start_of
-    from analysis.apps.plant.collect import collect
+    from analysis.apps.plant.collect import Workers, collect
     from analysis.apps.plant.history import history_of
     from analysis.apps.report.blocks import say_answer
     from analysis.apps.report.html_page import check_page_file
@@ -105,7 +105,7 @@ def certify(
         notes = [f"line {listed.lines[row]}: {listed.names[row]} {why}" for row, why in sorted(listed.unknown.items())]
         features, wrong = features_of(texts, listed.names, listed.lines, programmed_places(listed))
         listed, features, not_driven = with_lines(rig, listed, features)
-        drifts = drifts_of(history_of(collect(history, rig.name, lambda *_: None))) if history else ()
+        drifts = drifts_of(history_of(collect(history, rig.name, Workers(), lambda *_: None))) if history else ()
         judged = certified(rig, listed, features, rp_mm=rp_mm, drifts=drifts)
     errors += [*wrong, *not_driven]
     if as_json:
