@@ -75,12 +75,11 @@ def live(
         return
 
     from analysis.apps.live.daemon_source import DaemonSource
-    from analysis.apps.live.loop import DaemonPlayer, print_lines, watch
+    from analysis.apps.live.loop import print_lines, watch
     from analysis.apps.live.view import LiveView
 
     with DaemonSource(socket) as source:
-        daemon = DaemonPlayer(source)
         if in_lines:
-            print_lines(daemon, LiveView(), say, as_json=as_json)
+            print_lines(source, LiveView(), say, as_json=as_json)
         else:
-            watch(daemon, LiveView())
+            watch(source, LiveView())

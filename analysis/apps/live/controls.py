@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import get_args
+from typing import Literal, get_args
 
 from analysis.apps.live.view import GaugeReading, LiveView
+from rigs.errors import UseError
 from rigs.schema.vocabulary import CIRCLES, OF_ISO9283, Direction, TestName
 
 REDRAW = "\x0c"
@@ -39,7 +40,7 @@ KEYS = (
 )
 _TESTS = tuple(test for test in get_args(TestName) if test not in OF_ISO9283)
 _ZEROED = "zero: an offset of this view, stored in a run started with s; recorded readings are unchanged"
-_LABEL = "a label is NAME TEST [acw or cw], for example: monday yaw acw"
+_REMEDY = f"type for example: monday yaw acw; tests: {', '.join(_TESTS)}"
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,18 @@ class RecordingLabel:
     test: str
     direction: Direction | None
 
+    @classmethod
+    def typed(cls, text: str) -> RecordingLabel:
+        """Parse a typed label. Raises UseError if it is invalid. The daemon checks the name."""
+        name, test, direction, *more = [*text.split(), "", "", ""]
+        if not test or test not in _TESTS:
+            raise UseError("label", f"{text!r} is not NAME TEST [acw or cw]", _REMEDY, code="live.label")
+        way: Direction | None = next((way for way in get_args(Direction) if way == direction), None)
+        if any(more) or (test in CIRCLES) != (way is not None) or bool(direction) != (way is not None):
+            rule = "needs a direction, acw or cw" if test in CIRCLES else "does not have a direction"
+            raise UseError("label", f"a {test} test {rule}", _REMEDY, code="live.label")
+        return cls(name, test, way)
+
     def fields(self) -> dict[str, str | None]:
         """Return the label as fields of a request."""
         return {"name": self.name, "test": self.test, "direction": self.direction}
@@ -59,74 +72,40 @@ class RecordingLabel:
 
 
 @dataclass(frozen=True)
-class Quit:
-    """Leave the view."""
-
-
-@dataclass(frozen=True)
 class StartRecording:
-    """Start a recording. zero_mm: zero offsets of the view; None if not set."""
+    """Start a recording, with the zero offsets of the view if there are any."""
 
     label: RecordingLabel
-    zero_mm: tuple[float, float] | None = None
+    zero_mm: tuple[float, float] = (0.0, 0.0)
 
     def request(self) -> dict[str, object]:
         """Return the request for the daemon."""
-        return {**self.label.fields(), **({"view_zero_mm": self.zero_mm} if self.zero_mm else {})}
+        return {**self.label.fields(), **({"view_zero_mm": self.zero_mm} if any(self.zero_mm) else {})}
 
 
-@dataclass(frozen=True)
-class StopRecording:
-    """Stop the recording."""
-
-
-@dataclass(frozen=True)
-class Restart:
-    """Reset extremes, curves and counts."""
-
-
-@dataclass(frozen=True)
-class Redraw:
-    """Redraw the entire screen."""
-
-
-@dataclass(frozen=True)
-class Pause:
-    """Pause or continue the playback."""
-
-
-@dataclass(frozen=True)
-class ChangeSpeed:
-    """Multiply the playback speed."""
-
-    factor: float
-
-
-Action = Quit | StartRecording | StopRecording | Restart | Redraw | Pause | ChangeSpeed
+Action = StartRecording | Literal["quit", "stop", "restart", "redraw", "pause", "faster", "slower"]
 _ACTIONS: dict[str, Action] = {
-    "q": Quit(),
-    "e": StopRecording(),
-    "r": Restart(),
-    " ": Pause(),
-    "+": ChangeSpeed(2.0),
-    "-": ChangeSpeed(0.5),
-    REDRAW: Redraw(),
+    "q": "quit",
+    "e": "stop",
+    "r": "restart",
+    " ": "pause",
+    "+": "faster",
+    "-": "slower",
+    REDRAW: "redraw",
 }
 
 
 @dataclass(frozen=True)
 class LiveControls:
-    """State of the controls.
-
-    zero_mm: zero offset of each gauge. prompt: partially typed label; None if not typing. starts: whether a recording
-    starts after the input.
-    """
+    """State of the controls."""
 
     units: Units = UNITS[0]
     zero_mm: tuple[float, float] = (0.0, 0.0)
     shows_help: bool = False
     prompt: str | None = None
+    """Partially typed label; None if not typing."""
     starts: bool = False
+    """Whether a recording starts after the input."""
     label: RecordingLabel | None = None
     message: str = ""
 
@@ -137,7 +116,7 @@ class LiveControls:
         controls = replace(self, message="", shows_help=False)
         match key:
             case "s" if self.label is not None:
-                return controls, controls._start(self.label)
+                return controls, StartRecording(self.label, self.zero_mm)
             case "s" | "l":
                 controls = replace(controls, prompt=str(self.label or ""), starts=key == "s")
             case "u":
@@ -162,37 +141,18 @@ class LiveControls:
         changed = (bool(before.lost), before.name) != (bool(view.lost), view.name)
         return replace(self, message="") if changed else self
 
-    def _start(self, label: RecordingLabel) -> StartRecording:
-        return StartRecording(label, self.zero_mm if any(self.zero_mm) else None)
-
     def _typed(self, key: str, prompt: str) -> tuple[LiveControls, Action | None]:
         match key:
             case _ if key == _ESCAPE:
                 return replace(self, prompt=None, message=""), None
             case "\r" | "\n":  # Enter
-                label, wrong = label_of(prompt)
-                if label is None:
-                    return replace(self, message=wrong), None
+                try:
+                    label = RecordingLabel.typed(prompt)
+                except UseError as error:
+                    return replace(self, message=str(error)), None
                 entered = replace(self, prompt=None, label=label, message="")
-                return entered, entered._start(label) if self.starts else None
+                return entered, StartRecording(label, self.zero_mm) if self.starts else None
             case "\x7f" | "\b":  # Backspace
                 return replace(self, prompt=prompt[:-1]), None
         typed = prompt + key if key.isprintable() and len(prompt) < _LONGEST_PROMPT else prompt
         return replace(self, prompt=typed, message=""), None
-
-
-def label_of(text: str) -> tuple[RecordingLabel | None, str]:
-    """Parse a typed label. Return None and the problem if it is invalid. The daemon checks the name."""
-    words = text.split()
-    if not 2 <= len(words) <= 3 or words[1] not in _TESTS:
-        return None, f"{_LABEL}; tests: {', '.join(_TESTS)}"
-    name, test, *direction_words = words
-    direction: Direction | None = next((way for way in get_args(Direction) if direction_words == [way]), None)
-    if (test in CIRCLES) != (direction is not None) or len(direction_words) != (direction is not None):
-        problem = (
-            f"a {test} test needs a direction, acw or cw"
-            if test in CIRCLES
-            else f"a {test} test does not have a direction"
-        )
-        return None, problem
-    return RecordingLabel(name, test, direction), ""

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from analysis.apps.live.controls import Action, StartRecording
 from analysis.apps.live.live_rows import GAUGES, NO_TRACKS, ROBOT, Joiner, LiveTrack, cell_of
 from analysis.apps.live.view import GaugeReading, Update
 from analysis.robot.kinematics.arm import Array
@@ -37,10 +38,7 @@ class Asking:
     """Connection to a daemon that converts responses to updates."""
 
     def __init__(self, client: Client, rig_lines: list[str] | None = None, signs: Sequence[int] = (1, 1)) -> None:
-        """Create a poller.
-
-        rig_lines: rig file of the previous connection, reused if equal. signs: signs of the gauges.
-        """
+        """rig_lines, signs: rig file and signs of the gauges of the previous connection, reused if equal."""
         self._client, self.rig_lines, self.signs = client, rig_lines, signs
         self._after: dict[str, int] = {}
         self._joiner: Joiner = NO_TRACKS
@@ -85,8 +83,10 @@ class Asking:
 class DaemonSource:
     """A daemon at a socket. It may disappear and return."""
 
+    ended = False
+
     def __init__(self, socket: Path | Callable[[], Path]) -> None:
-        """Create a source. socket: path of the socket, or a function that returns it or raises CellError."""
+        """socket: path of the socket, or a function that returns it or raises CellError."""
         self._find = socket if callable(socket) else lambda: socket
         self._updates: SimpleQueue[Update] = SimpleQueue()
         self._ended = threading.Event()
@@ -124,16 +124,24 @@ class DaemonSource:
             return [Update(lost=f"rigd has not answered for {now_s - self._heard_s:.0f} s")]
         return updates
 
-    def request(self, command: str, fields: Mapping[str, Any], notice_of: Callable[[dict[str, Any]], str]) -> None:
-        """Send a user request. The response or error becomes a notice."""
+    def handle_action(self, action: Action) -> str:
+        """Start or stop a recording. The response or error follows as a notice."""
+        if isinstance(action, StartRecording):
+            self._request("record_start", action.request(), "recording to {run}")
+            return f"starting {action.label}"
+        if action == "stop":
+            self._request("record_stop", {}, "ended: {run}")
+            return "ending the recording"
+        return "only played runs can be paused: rig live --run RUN"
 
+    def _request(self, command: str, fields: Mapping[str, Any], notice: str) -> None:
         def ask() -> None:
             try:
                 with Client(self._find()) as client:
-                    notice = notice_of(client.ask(command, **fields))
+                    words = notice.format(run=client.ask(command, **fields)["run"])
             except RigError as error:
-                notice = str(error)
-            self._updates.put(Update(notice=notice))
+                words = str(error)
+            self._updates.put(Update(notice=words))
 
         threading.Thread(target=ask, name=f"ask rigd to {command}", daemon=True).start()
 
@@ -205,14 +213,18 @@ def watched_motion(client: Client, where: str, show: Callable[[RobotMotion], Non
                 heard_s = now_s
             if now_s - heard_s > _SILENT_DAEMON_S:
                 problem = f"the robot has sent no joint angles for {now_s - heard_s:.0f} s"
-                raise CellError(where, problem, "check the connection with rig status, and restart")
+                raise CellError(
+                    where, problem, "check the connection with rig status, and restart", code="robot.no_joints"
+                )
             if now_s - shown_s > _SHOW_S and times:
                 shown_s = now_s
                 show(_motion(times, angles, where))
     except KeyboardInterrupt:
         if not times:
             problem = f"joint angles did not arrive within {time.monotonic() - begun_s:.0f} s"
-            raise CellError(where, problem, "check the robot's connection with rig status") from None
+            raise CellError(
+                where, problem, "check the robot's connection with rig status", code="robot.no_joints"
+            ) from None
         return _motion(times, angles, where)
 
 

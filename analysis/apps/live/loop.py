@@ -10,27 +10,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from types import FrameType
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
-from analysis.apps.live.controls import (
-    Action,
-    ChangeSpeed,
-    LiveControls,
-    Pause,
-    Quit,
-    Redraw,
-    Restart,
-    StartRecording,
-    StopRecording,
-)
+from analysis.apps.live.controls import Action, LiveControls
 from analysis.apps.live.figures import figures, plain_line
 from analysis.apps.live.played_run import PlayedRun
 from analysis.apps.live.screen import screen
 from analysis.apps.live.terminal import Painter, keys_of, size_of
 from analysis.apps.live.view import LiveView, Update
-
-if TYPE_CHECKING:
-    from analysis.apps.live.daemon_source import DaemonSource
 
 _TICK_S = 0.1
 _LINE_S = 1.0
@@ -39,41 +26,12 @@ _LINE_S = 1.0
 class LiveSource(Protocol):
     """Source of updates and receiver of user actions."""
 
-    def updates(self) -> Sequence[Update]:
-        """Return the updates since the last call."""
-
+    def updates(self) -> Sequence[Update]: ...
     def handle_action(self, action: Action) -> str:
         """Execute the action of a key and return a notice."""
 
     @property
-    def ended(self) -> bool:
-        """True if the data has ended."""
-
-
-class DaemonPlayer:
-    """A running daemon as a source."""
-
-    ended = False
-
-    def __init__(self, source: DaemonSource) -> None:
-        self._source = source
-
-    def updates(self) -> Sequence[Update]:
-        """Return the updates since the last call."""
-        return self._source.updates()
-
-    def handle_action(self, action: Action) -> str:
-        """Start or stop a recording. The response follows as a notice."""
-        match action:
-            case StartRecording(label):
-                self._source.request("record_start", action.request(), lambda answer: f"recording to {answer['run']}")
-                return f"starting {label}"
-            case StopRecording():
-                self._source.request("record_stop", {}, lambda answer: f"ended: {answer['run']}")
-                return "ending the recording"
-            case Pause() | ChangeSpeed():
-                return "only played runs can be paused: rig live --run RUN"
-        return ""
+    def ended(self) -> bool: ...
 
 
 class RunPlayer:
@@ -103,11 +61,11 @@ class RunPlayer:
     def handle_action(self, action: Action) -> str:
         """Pause, continue or change the speed."""
         match action:
-            case Pause():
+            case "pause":
                 self._run = replace(self._run, paused=not self._run.paused)
-            case ChangeSpeed(factor):
-                self._run = self._run.sped(factor)
-            case StartRecording() | StopRecording():
+            case "faster" | "slower":
+                self._run = self._run.sped(2.0 if action == "faster" else 0.5)
+            case _:
                 return "a played run cannot be recorded"
         return ""
 
@@ -123,11 +81,11 @@ def watch(source: LiveSource, view: LiveView, zero_mm: tuple[float, float] = (0.
             for key in keys.read_keys(_TICK_S):
                 controls, action = controls.pressed(key, view.readings)
                 match action:
-                    case Quit():
+                    case "quit":
                         return
-                    case Restart():
+                    case "restart":
                         view = view.restarted()
-                    case Redraw():
+                    case "redraw":
                         painter.invalidate_screen()
                     case None:
                         pass

@@ -6,12 +6,12 @@ import threading
 from collections.abc import Mapping
 from pathlib import Path
 
-from analysis.apps.live.controls import label_of
+from analysis.apps.live.controls import RecordingLabel
 from analysis.apps.session.child_processes import Child
 from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window.watcher import Watcher
 from analysis.apps.window.window_touches import WindowCheck
-from rigs.errors import CellError, UseError
+from rigs.errors import CellError
 from rigs.schema.vocabulary import MakerName, makers
 from rigs.text import plain
 
@@ -38,9 +38,8 @@ class WindowControls:
         watcher = self._watcher
         match action:
             case "start":
-                label, wrong = label_of(" ".join(form.get(key, "") for key in ("name", "test", "direction")))
-                if label is None:
-                    raise UseError("label", wrong, "give another", code="window.label")
+                typed = " ".join(form.get(key, "") for key in ("name", "test", "direction"))
+                label = RecordingLabel.typed(typed)
                 watcher.board.post("label", label.fields())
                 return watcher.start(label.name, label.test, label.direction)
             case "stop":

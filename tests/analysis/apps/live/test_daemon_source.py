@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis.apps.live.controls import UNITS, Pause, RecordingLabel, StartRecording, StopRecording
+from analysis.apps.live.controls import UNITS, RecordingLabel, StartRecording
 from analysis.apps.live.daemon_source import DaemonSource, tracks_of
 from analysis.apps.live.figures import figures, plain_line
-from analysis.apps.live.loop import DaemonPlayer
 from analysis.apps.live.view import LiveView
 from daq.store import load_manifest
 from rigs.errors import CellError
@@ -185,11 +184,9 @@ def test_a_refused_recording_is_a_notice(path: Path) -> None:
     refusal = {"ok": False, "where": "g1", "what": "no reading", "remedy": "fix it", "exit_code": 4}
     with fake(path) as daemon, DaemonSource(path) as source:
         daemon.answers = lambda request: refusal if request["command"].startswith("record") else daemon.usual(request)
-        player = DaemonPlayer(source)
-        assert "only played runs can be paused" in player.handle_action(Pause())
-        assert player.handle_action(StartRecording(RecordingLabel("lap", "radial", None))) and player.handle_action(
-            StopRecording()
-        )
+        assert source.handle_action("pause")
+        assert source.handle_action(StartRecording(RecordingLabel("lap", "radial", None)))
+        assert source.handle_action("stop")
         notices: list[str] = []
 
         def told(view: LiveView) -> bool:
@@ -230,7 +227,7 @@ def test_a_real_daemon_is_watched_recorded_lost_and_found_again(tmp_path: Path) 
             terminal.until(lambda text: "waiting for rigd" in text and "last known" in text, "loss")
             bench.start()
             terminal.until(lambda text: "waiting for rigd" not in text and "robot  connected" in text, "return")
-            text = terminal.until(lambda text: "recording lap was cut" in text, "cut")
+            text = terminal.until(lambda text: "recording lap was interrupted" in text, "cut")
             assert "recording to" not in text and "not recording" in text and "s start" in text
             terminal.type("q")
             assert terminal.ended() == 0 and terminal.is_as_before()

@@ -246,7 +246,7 @@ def test_recording_needs_a_valid_label(one: Served) -> None:
         "test=yaw&direction=acw",
     ):
         answer = one.post("/control/start", f"secret={secret}&{form}")
-        assert (answer.status, json.loads(answer.text)["code"]) == (409, "window.label"), form
+        assert (answer.status, json.loads(answer.text)["code"]) == (409, "live.label"), form
     assert one.post("/control/stop", f"secret={secret}").status == 409
     assert one.post("/control/explode", f"secret={secret}").status == 404
     assert one.post("/control/zero", f"secret={secret}").status == 200
