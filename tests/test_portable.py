@@ -69,5 +69,4 @@ def test_what_only_a_cell_needs_is_refused_in_one_line(command: tuple[str, ...])
     done = _rig(*command)
     assert done.returncode != 0
     (line,) = (line for line in done.stderr.splitlines() if "Warning" not in line and not line.startswith("  "))
-    assert line.startswith(f"error: rig {command[0]}: needs Linux")
-    assert line.endswith("; run the command on the computer of the cell; this computer analyses saved runs")
+    assert line.startswith(f"error: rig {command[0]}: ") and "Linux" in line

@@ -130,8 +130,6 @@ def joint_states(**changes: object) -> ROS2JointStates:
 
 OPC_UA = find_spec("asyncua") is not None
 """Whether the optional package `asyncua` is installed."""
-WITHOUT_PACKAGE = set[str]() if OPC_UA else {"opc_ua_robotics"}
-"""Interfaces that cannot be tested in this environment."""
 
 
 def opc_ua(**changes: object) -> OPCUARobotics:

@@ -77,7 +77,7 @@ def test_no_command_waits_for_or_swallows_what_is_no_file(
 
 
 def test_a_lock_that_is_a_link_is_not_followed(tmp_path: Path, run: Path) -> None:
-    outside = tmp_path / "made by another user's run"
+    outside = tmp_path / "another"
     replaced(run / ".lock", lambda lock: lock.symlink_to(outside))
     with pytest.raises(CellError, match="lock"):
         recover(run)
@@ -112,12 +112,12 @@ def many_equal_rows(rows: int) -> bytes:
 def test_a_small_file_that_stands_for_millions_of_rows_is_not_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
     data = many_equal_rows(120_000_000)
     assert len(data) < 1_000_000
-    monkeypatch.setattr("pyarrow.parquet.ParquetFile.read", lambda *_, **__: pytest.fail("it is decoded"))
+    monkeypatch.setattr("pyarrow.parquet.ParquetFile.read", lambda *_, **__: pytest.fail("decoded"))
     with pytest.raises(OSError, match="120000000 rows"):
         from_parquet(data)
 
 
-@pytest.mark.parametrize("is_repeated", [True, False], ids=["a text in many rows", "a long text"])
+@pytest.mark.parametrize("is_repeated", [True, False], ids=["repeated", "long"])
 def test_a_small_file_that_stands_for_much_text_is_not_decoded(
     is_repeated: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

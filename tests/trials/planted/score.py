@@ -17,8 +17,6 @@ from tests.worlds.planted import circles, poses, targets
 from tests.worlds.planted.cells import SINGLE
 from tests.worlds.planted.circles import Outcome, Size
 
-REPORTED = 50_000
-"""Seeds from here on are for the published table; those below are for development and for the tests."""
 TABLE = "table"
 LEAST, LEAST_OF_KIND, MOST, WIDEST, BIAS = 0.90, 0.90, 0.99, 2.5, 0.3
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tests.worlds.unknown.arms import Arm, Array, UnreachableError, inverse
-from tests.worlds.unknown.motion import Motion, lap, stops
+from tests.worlds.unknown.motion import Motion, lap
 
 LEAD_RAD = np.radians(12.0)
 SPEED_MM_S = 25.0
@@ -118,11 +118,6 @@ def _target_frame(place: Hemisphere, polar: float, azimuth: float, tilt: float) 
     T[:3, :3] = np.stack([x, c * y + s * z, c * z - s * y], axis=1)
     T[:3, 3] = place.centre + place.radius * (np.cos(polar) * up + np.sin(polar) * out)
     return T
-
-
-def hemisphere_motion(targets: Targets, begin_s: float) -> Motion:
-    """Visit the targets one after another."""
-    return stops(targets.q, begin_s)
 
 
 @dataclass(frozen=True)
