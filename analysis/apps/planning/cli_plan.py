@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from analysis.apps.planning.pose_plan import PlannedPoses
     from analysis.apps.planning.pose_pool import Sight
+    from analysis.robot.kinematics.arm import Array
     from rigs.rig import Rig
 
 
@@ -74,6 +75,14 @@ def plan(
             min=6, max=300, help="Number of poses for a tracker to plan instead; -o writes them; default: none."
         ),
     ] = None,
+    next_reading: Annotated[
+        bool,
+        typer.Option("--next", help="Propose the next reading of a tracker, or state that it is not worth its time."),
+    ] = False,
+    targets: Annotated[
+        Path | None,
+        typer.Option(help="With --next: CSV of targets, as for rig correct --path; default: the work area."),
+    ] = None,
     maker: Annotated[
         MakerName | None,
         maker_option("With --poses: maker of the controller for the program", "none"),
@@ -102,6 +111,14 @@ def plan(
     the workspace. All poses are visible to the tracker and clear of floor and
     column.
     """
+    if targets and not next_reading:
+        raise UseError("--targets", "is allowed only with --next", "add --next", code="plan.option")
+    if next_reading:
+        if poses or tests or propose or minutes:
+            problem = "cannot be combined with --poses, --tests, --propose or --minutes"
+            raise typer.BadParameter(problem, param_hint="--next")
+        _say_next_reading(rig_file, targets, _sight(tracker, faces), as_json=as_json)
+        return
     if poses:
         if tests or propose or minutes:
             problem = "cannot be combined with --tests, --propose or --minutes"
@@ -112,7 +129,6 @@ def plan(
         raise typer.BadParameter("--for, --tracker, --faces and --one-axis require --poses", param_hint="--poses")
 
     from analysis.apps.planning.detectability import tests_named
-    from rigs.errors import UseError
     from rigs.load import load, named_by
 
     for option, value in (("--output", output), ("--minutes", minutes)):
@@ -209,6 +225,61 @@ def _plan_poses(
             err=True,
         )
         say(f"  rig import TRACKER.csv {written[0]} --join rows --rig {rig_file} --test pose -o runs/poses", err=True)
+
+
+def _say_next_reading(rig_file: str, targets: Path | None, sight: Sight | None, *, as_json: bool) -> None:
+    """Print the act at the targets, and the next reading if it is worth its time."""
+    import numpy as np
+
+    from analysis.apps.planning.next_reading import MANY, next_step
+    from analysis.cli.console import progress_of
+    from rigs.families import families
+    from rigs.load import load, named_by
+
+    rig, _ = load(rig_file)
+    with named_by(rig_file, rig), progress_of("weighing the next reading"):
+        step = next_step(rig, _targets_of(rig, targets) if targets else None, sight)
+    if as_json:
+        say_json(step.to_dict())
+        return
+    now = "is unknown" if step.now_mm is None else f"is {step.now_mm:.3f} mm rms now"
+    say(f"The error at the targets {now}, and {step.corrected_mm:.3f} mm after a correction by the readings so far.")
+    later = f"{step.next_mm:.3f} mm after the next reading, {step.many_mm:.3f} mm after {MANY} more"
+    if step.act == "measure":
+        angles = ", ".join(f"{angle:z.1f}" for angle in np.degrees(step.q))
+        say(f"Measure at joint angles {angles}°: {later}.")
+    else:
+        change_mm = step.corrected_mm - step.many_mm
+        say(f"The readings decide: {_ACTS[step.act]}. {MANY} more would change {change_mm:.3f} mm.")
+    if step.now_mm is not None and step.of_family >= _SHOWN_OF_FAMILY:
+        family = next((one for one in families().families if one.maker == rig.maker), None)
+        arms = f"{max(row.arms for row in family.constants)} arms of {family.name}" if family else "arms of its design"
+        say(f"{step.of_family:.0%} of the mean square error is not determined by readings: typical sizes of {arms}.")
+
+
+def _targets_of(rig: Rig, path: Path) -> tuple[Array, Array]:
+    """Return postures and poses of the reachable targets of a table. Raises FileError if there are none."""
+    import numpy as np
+
+    from analysis.apps.programs.target_path import read_path
+    from analysis.correction.corrected_targets import angles_for
+    from analysis.robot.kinematics.arm import arm_of, forward
+
+    read = read_path(path, len(rig.robot.axes))
+    q = read.angles() if read.joints else angles_for(rig, read.poses())[0]
+    known = np.isfinite(q).all(axis=1)
+    if not known.any():
+        raise FileError(str(path), "has no target with a known posture", "give joint angles", code="plan.targets")
+    return q[known], forward(arm_of(rig.robot), q[known]) if read.joints else read.poses()[known]
+
+
+_ACTS = {
+    "correct": "correct the targets",
+    "repair": "repair the arm, most of the error is backlash or another error that no target corrects",
+    "nothing": "do nothing, a correction would not reduce the error",
+}
+_SHOWN_OF_FAMILY = 0.1
+"""Share of the mean square error that the readings leave unknown from which it is mentioned."""
 
 
 def _sight(tracker: str | None, faces: str | None) -> Sight | None:

@@ -8,20 +8,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from analysis.apps.planning.pose_pool import drawn_poses
+from analysis.apps.planning.pose_plan import Pool, pool_of
+from analysis.apps.planning.pose_pool import Sight, drawn_poses
+from analysis.correction.corrected_targets import corrected
 from analysis.correction.pose_uncertainty import PoseUncertainty, few_taught, pose_uncertainty
-from analysis.correction.support import supports
-from analysis.correction.work import TaughtFrame
+from analysis.correction.support import supports, why_nothing
+from analysis.correction.work import TaughtFrame, work_or_spread
 from analysis.robot.kinematics.arm import Array, arm_of, forward
+from rigs.errors import FileError, RigPlace
 from rigs.rig import Rig
 
 _CANDIDATES, _SEED = 150, 0
 _LINEARISED, _STEP_MM = 30, 1e-3
 """Number of draws at which a figure is linearised, and step of the slopes."""
+MANY, _GAIN_OF_MANY = 20, 0.1
+"""Number of further readings that are weighed, and the gain that is worth their time, relative to the error without a
+correction. Chosen: a reading takes a minute or two, so half an hour must remove a tenth of that error."""
 _WORTHWHILE = 0.02
 """Smallest relative reduction of u by a reading that is proposed. Chosen: a tenth needs about five readings."""
 
@@ -104,3 +110,77 @@ def _slopes(figure: Callable[[Array], Array], places: Array, errors: Array) -> A
     return np.array(
         [(figure(places + error + steps) - figure(places + error - steps)) / (2 * _STEP_MM) for error in errors]
     )
+
+
+@dataclass(frozen=True)
+class NextStep:
+    """Decision at targets, errors in mm rms.
+
+    act: `measure` if the next readings are worth their time, otherwise `correct`, `repair` if most of the error then
+    stays (backlash and other errors that no target corrects), or `nothing`. q (axes,): next posture in rad.
+    now_mm, corrected_mm: error now (None if not measured) and after a correction. next_mm, many_mm: the latter after
+    one and MANY further readings. of_family: share of the mean square error that the readings leave
+    unknown, for which the correction rests on the typical sizes of the family.
+    """
+
+    act: Literal["measure", "correct", "repair", "nothing"]
+    q: Array
+    now_mm: float | None
+    corrected_mm: float
+    next_mm: float
+    many_mm: float
+    of_family: float
+
+    def to_dict(self) -> dict[str, Any]:
+        names = ("act", "now_mm", "corrected_mm", "next_mm", "many_mm", "of_family")
+        return {"q_deg": np.degrees(self.q).round(3).tolist()} | {name: getattr(self, name) for name in names}
+
+
+def next_step(rig: Rig, targets: tuple[Array, Array] | None, sight: Sight | None = None) -> NextStep:
+    """Decide between measuring, correcting, repairing and doing nothing, with the next reading of a tracker.
+
+    targets: postures (n, axes) rad and poses (n, 4, 4), by default the work area.
+
+    Raises FileError for an arm on a rail, and for a calibration by touches, whose next reading must be at a socket.
+    """
+    if rig.robot.rail or (rig.calibrated is not None and rig.calibrated.reach_mm is not None):
+        problem = "has a rail" if rig.robot.rail else "was calibrated by touches"
+        remedy = "measure poses with a tracker at a fixed base, or touch sockets in other postures: rig record touch"
+        problem += ", but readings are proposed for a tracker"
+        raise FileError(RigPlace.of(rig.name), problem, remedy, code="plan.next")
+    arm, supported = arm_of(rig.robot), supports(rig)
+    is_known = rig.calibrated is not None and not why_nothing(rig)
+    joints = pose_uncertainty(rig, supported).joints_rad if is_known else None
+    q = work_or_spread(rig, joints) if targets is None else targets[0]
+    few = few_taught(len(q))[:_MOST_TARGETS]
+    q, wanted = q[few], None if targets is None else targets[1][few]
+    candidates = drawn_poses(arm, _CANDIDATES, sight, np.random.default_rng(_SEED))
+    possible, of_targets = np.arange(len(candidates)), len(candidates) + np.arange(len(q))
+    both = np.vstack([candidates, q])
+    stays_mm, now_mm = 0.0, None
+    if not is_known:
+        pool = pool_of(rig.model_copy(update={"effects": ()}).with_calibration(None, None), both)
+    else:
+        taught = work_or_spread(rig, joints)
+        reading = Reading.of(rig, (taught, forward(arm, taught)))
+        flat = reading.moves_at(both, forward(arm, both)).reshape(-1, 3 * len(both)) / reading.sd_mm
+        pool = Pool(both, flat.T @ flat, np.full(3 * len(both), reading.sd_mm))
+        error = corrected(rig, supported, q, (), wanted).error
+        if error is not None:
+            now_mm = error.before_um / 1e3
+            stays_mm = float(np.sqrt(max(error.after_um**2 - error.u_um**2, 0.0))) / 1e3
+    chosen = pool.choose(MANY, of_targets, possible)
+    u_mm, next_mm, many_mm = (
+        float(np.hypot(stays_mm, pool.u_mm(chosen[:count], of_targets))) for count in (0, 1, MANY)
+    )
+    act: Literal["measure", "correct", "repair", "nothing"] = "correct"
+    if now_mm is None or u_mm - many_mm > _GAIN_OF_MANY * now_mm:
+        act = "measure"
+    elif u_mm > (1 - _GAIN_OF_MANY) * now_mm:
+        act = "repair" if stays_mm > u_mm / 2 else "nothing"
+    of_family = 1.0 if now_mm is None else min(1.0, (pool.u_mm(chosen[:0], of_targets) / now_mm) ** 2)
+    return NextStep(act, candidates[chosen[0]], now_mm, u_mm, next_mm, many_mm, of_family)
+
+
+_MOST_TARGETS = 60
+"""Number of targets that are weighed. Chosen: their mean hardly changes with more."""

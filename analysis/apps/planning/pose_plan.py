@@ -9,6 +9,7 @@ of interest. Backlash is excluded, because it depends on the order of poses.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,28 +54,51 @@ class Pool:
     covariance: Array
     sd_mm: Array
 
-    def choose(self, count: int) -> Integers:
-        """Return the indices (count,) of the poses to measure, most informative first."""
-        covariance, chosen = self.covariance.copy(), list[int]()
-        for _ in range(min(count, len(self.q))):
-            # reduction of the total position variance by each pose (n,), mm²
-            rows = covariance.reshape(-1, 3, len(covariance))
-            seen = (rows * self.sd_mm**2) @ rows.transpose(0, 2, 1)
-            of_poses = np.stack([covariance[k : k + 3, k : k + 3] for k in range(0, len(covariance), 3)]) + np.eye(3)
-            gain = np.trace(np.linalg.solve(of_poses, seen), axis1=1, axis2=2)
-            gain[chosen] = -np.inf
-            chosen.append(int(np.argmax(gain)))
+    def choose(
+        self,
+        count: int,
+        targets: Integers | None = None,
+        among: Integers | None = None,
+        first: Sequence[int] = (),
+    ) -> Integers:
+        """Return the indices (count,) of the poses to measure, most informative about the targets first.
+
+        targets, among: indices of the poses of interest and of those that can be measured, by default all. first: poses
+        that are measured already; they are the first of the result.
+        """
+        covariance, chosen, size = self.covariance.copy(), list[int](), len(self.q)
+        of_targets = _coordinates(np.arange(size) if targets is None else targets)
+        may = np.isin(np.arange(size), np.arange(size) if among is None else among)
+        for number in range(min(count, int(may.sum()))):
+            if number < len(first):
+                chosen.append(int(first[number]))
+            else:
+                # reduction of the total variance of the target positions by each pose (n,), mm²
+                rows = covariance[:, of_targets].reshape(-1, 3, len(of_targets))
+                seen = (rows * self.sd_mm[of_targets] ** 2) @ rows.transpose(0, 2, 1)
+                own = np.stack([covariance[k : k + 3, k : k + 3] for k in range(0, len(covariance), 3)])
+                gain = np.where(may, np.trace(np.linalg.solve(own + np.eye(3), seen), axis1=1, axis2=2), -np.inf)
+                gain[chosen] = -np.inf
+                chosen.append(int(np.argmax(gain)))
             pose = slice(3 * chosen[-1], 3 * chosen[-1] + 3)
             across = covariance[:, pose]
             covariance -= across @ np.linalg.solve(across[pose] + np.eye(3), across.T)
         return np.array(chosen, dtype=np.int64)
 
-    def u_mm(self, chosen: Integers) -> float:
-        """Return the rms uncertainty in mm of the tool position over the pool after measuring the chosen poses (k,)."""
-        rows = (3 * chosen[:, None] + np.arange(3)).ravel()
-        across = self.covariance[rows]
-        explained = (across * np.linalg.solve(across[:, rows] + np.eye(len(rows)), across)).sum(axis=0)
-        return float(np.sqrt(3 * np.mean((np.diagonal(self.covariance) - explained) * self.sd_mm**2)))
+    def u_mm(self, chosen: Integers, targets: Integers | None = None) -> float:
+        """Return the rms uncertainty in mm of the tool position at targets, by default the pool, after measuring the
+        chosen poses (k,)."""
+        rows, of_targets = _coordinates(chosen), _coordinates(np.arange(len(self.q)) if targets is None else targets)
+        across = self.covariance[np.ix_(rows, of_targets)]
+        within = self.covariance[np.ix_(rows, rows)] + np.eye(len(rows))
+        explained = (across * np.linalg.solve(within, across)).sum(axis=0)
+        variance = np.diagonal(self.covariance)[of_targets] - explained
+        return float(np.sqrt(3 * np.mean(variance * self.sd_mm[of_targets] ** 2)))
+
+
+def _coordinates(poses: Integers) -> Integers:
+    """Indices (3 k,) of the coordinates of poses (k,)."""
+    return np.asarray((3 * poses[:, None] + np.arange(3)).ravel(), dtype=np.int64)
 
 
 @dataclass(frozen=True)
