@@ -47,9 +47,9 @@ def live(
     from rigs.errors import UseError
 
     if plain and as_json:
-        raise UseError("--plain and --json", "exclude each other", "give one of them")
+        raise UseError("--plain and --json", "exclude each other", "give one of them", code="live.option")
     if speed is not None and not run:
-        raise UseError("--speed", "is allowed only with --run", "give the run to play")
+        raise UseError("--speed", "is allowed only with --run", "give the run to play", code="live.option")
     in_lines = plain or as_json
     if run:
         from analysis.apps.live.loop import RunPlayer, print_lines, watch

@@ -103,7 +103,9 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
     """
     both = {run.resolve() for run in after} & {run.resolve() for run in before}
     for shared in sorted(both):
-        raise FileError(str(shared), "is on both sides", "give the run either before or after --against")
+        raise FileError(
+            str(shared), "is on both sides", "give the run either before or after --against", code="compare.both_sides"
+        )
     directories = {Path(run).parent.resolve() for run in (*before, *after)}
     histories = {directory: read_records(directory / FILE) for directory in directories}
     now, then = ([_record(run, histories) for run in side] for side in (after, before))
@@ -111,7 +113,9 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
     refuse_copies((path, record.readings) for path, record in records)
     robots = sorted({record.rig for record in (*now, *then)})
     if len(robots) > 1:
-        raise FileError(" and ".join(robots), "are different robots", "compare runs of the same robot")
+        raise FileError(
+            " and ".join(robots), "are different robots", "compare runs of the same robot", code="compare.other_robot"
+        )
     groups: list[tuple[Key, list[RunRecord], list[RunRecord]]] = [
         (key, [record for record in then if _key(record) == key], [record for record in now if _key(record) == key])
         for key in dict.fromkeys(map(_key, now))
@@ -119,7 +123,7 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
     picked = [(key, name, b, a) for key, b, a in groups if b for name in WATCHED if _all_have(name, [*b, *a])]
     if not picked:
         problem = "the two sides share no combination of test, direction, placement and program"
-        raise FileError("--against", problem, "give runs of the same test on both sides")
+        raise FileError("--against", problem, "give runs of the same test on both sides", code="compare.nothing_common")
     return [_difference(key, name, b, a, len(picked), histories) for key, name, b, a in picked]
 
 
@@ -130,12 +134,14 @@ def _record(run: Path, histories: dict[Path, dict[str, RunRecord]]) -> RunRecord
     try:
         fingerprint = fingerprint_of(path)
     except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "check the disk and the permissions") from None
+        raise FileError(
+            str(path), error.strerror or str(error), "check the disk and the permissions", code="file.unreadable"
+        ) from None
     record = histories.get(path.parent, {}).get(path.name)
     if record is None or record.fingerprint != fingerprint:
         record = record_of(path, manifest, fingerprint)
     if record.problem:
-        raise FileError(str(run), record.problem, "remove it, or see rig verify")
+        raise FileError(str(run), record.problem, "remove it, or see rig verify", code="run.no_figures")
     return record
 
 

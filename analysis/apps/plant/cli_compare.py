@@ -65,7 +65,7 @@ def compare(
 
     if len(runs) >= _ARMS and all(map(_is_arm, runs[:_ARMS])):
         if against or rig_file or plot or unseen:
-            raise UseError("ARM ARM", "accepts only runs and --json", "omit the other options")
+            raise UseError("ARM ARM", "accepts only runs and --json", "omit the other options", code="compare.option")
         arms, runs = runs[:_ARMS], runs[_ARMS:]
         table_arm = str(arms[0])
         (
@@ -78,7 +78,10 @@ def compare(
     if against:
         if rig_file or plot or unseen:
             raise UseError(
-                "--against", "compares recorded runs without a simulation", "omit --rig, --unseen and --plot"
+                "--against",
+                "compares recorded runs without a simulation",
+                "omit --rig, --unseen and --plot",
+                code="compare.option",
             )
         _before_and_after(runs, runs_below(against), as_json)
         return
@@ -172,7 +175,12 @@ def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:
     if not (is_of_library or is_urdf) and "name" in read_yaml(arm.read_text(encoding="utf-8"), str(arm))[1]:
         return load(arm)[0]
     if not all(facts_of(run.table.test).of_places for run in runs):
-        raise FileError(str(arm), "has no tool, but runs with gauges need a tool", "give the rig file of this arm")
+        raise FileError(
+            str(arm),
+            "has no tool, but runs with gauges need a tool",
+            "give the rig file of this arm",
+            code="compare.no_tool",
+        )
     if is_of_library:
         return _with_robot_of(runs[0].rig, load(arm)[0].robot)
     robot = import_urdf(arm).section.robot if is_urdf else chosen_arm(str(arm), "tracker").robot

@@ -115,9 +115,19 @@ def history_of(
     names = {name for run in runs for name in run.figures}
     if not runs:
         problem = "no run has figures" if since is None else f"runs since {since} have no results"
-        raise FileError(collected.robot, problem, "list the runs with rig runs, or give an earlier --since")
+        raise FileError(
+            collected.robot,
+            problem,
+            "list the runs with rig runs, or give an earlier --since",
+            code="history.no_figures",
+        )
     if figure is not None and figure not in names:
-        raise UseError("--figure", f"the runs have no quantity {figure!r}", f"choose from {', '.join(sorted(names))}")
+        raise UseError(
+            "--figure",
+            f"the runs have no quantity {figure!r}",
+            f"choose from {', '.join(sorted(names))}",
+            code="history.unknown_figure",
+        )
     tolerances = collected.limits if limits is None else limits
     picked = []
     for title, group in _programs(runs):

@@ -60,7 +60,7 @@ def versions(rig_file: Path, folder: Path) -> list[Version]:
     files = list(islice(folder.rglob("*.y*ml"), _MOST + 1))
     if len(files) > _MOST:
         problem = f"contains more than {_MOST} YAML files"
-        raise FileError(str(folder), problem, "give the folder of this robot: --in FOLDER")
+        raise FileError(str(folder), problem, "give the folder of this robot: --in FOLDER", code="versions.too_many")
     versions = []
     for path in files:
         try:
@@ -100,12 +100,16 @@ def roll_back(rig_file: Path, version: Path, now: dt.datetime) -> RolledBack:
     rig, text = load(rig_file)
     former, former_text = load(version)
     if rig_file.resolve() == version.resolve():
-        raise FileError(str(version), "is the rig file itself", "name a version that rig versions lists")
+        raise FileError(
+            str(version), "is the rig file itself", "name a version that rig versions lists", code="versions.itself"
+        )
     if former.calibration is None or former.calibrated is None:
-        raise FileError(str(version), "has no calibration", "name a version that rig versions lists")
+        raise FileError(
+            str(version), "has no calibration", "name a version that rig versions lists", code="versions.no_calibration"
+        )
     if _identity(former) != _identity(rig):
         problem = f"belongs to a different robot: {former.robot.name} {former.robot.serial}".rstrip()
-        raise FileError(str(version), problem, "name a version of this robot")
+        raise FileError(str(version), problem, "name a version of this robot", code="versions.other_robot")
     content = former.calibrated.content
     digest = hashlib.sha256(content).hexdigest()
     named = CalibrationFile(file=f"version-{digest[:12]}.calibration.json", sha256=digest)

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from analysis.apps.plant.versions import versions
-from rigs.errors import FileError
 from rigs.load import load
 from tests.support.command_line import ran
 from tests.support.handmade_calibration import calibrated_model, written
+from tests.support.refusals import refused
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def test_versions_are_listed_newest_first(robot: tuple[Path, Path]) -> None:
 
 def test_a_folder_of_very_many_files_is_refused(robot: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("analysis.apps.plant.versions._MOST", 1)  # private: ten thousand files take long to write
-    with pytest.raises(FileError, match="contains more than 1 YAML files"):
+    with refused("versions.too_many"):
         versions(robot[0], robot[0].parent)
 
 
@@ -63,7 +63,7 @@ def test_what_else_differs_is_said(robot: tuple[Path, Path]) -> None:
     march.write_text(text.replace("description: Elbow arm", "description: Another set-up"), encoding="utf-8")
     done = ran("versions", now, "--back-to", march)
     assert done.returncode == 0
-    assert "this also changed other keys of the rig file: description" in " ".join(done.stderr.split())
+    assert "description" in done.stderr
 
 
 def test_another_robot_is_refused(robot: tuple[Path, Path], tmp_path: Path) -> None:
@@ -73,7 +73,6 @@ def test_another_robot_is_refused(robot: tuple[Path, Path], tmp_path: Path) -> N
     before = now.read_bytes()
     done = ran("versions", now, "--back-to", march)
     assert done.returncode == 3
-    assert "a different robot" in done.stderr
     assert now.read_bytes() == before
     assert [one["path"] for one in json.loads(ran("versions", now, "--json").stdout)["versions"]] == [str(now)]
     assert ran("versions", now, "--back-to", now).returncode == 3

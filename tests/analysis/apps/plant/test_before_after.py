@@ -15,6 +15,7 @@ from analysis.procedures.shared.quantity import Quantity
 from daq.store.manifest import load_manifest
 from rigs.errors import FileError
 from tests.support.dated_runs import dated_run
+from tests.support.refusals import refused
 
 
 @pytest.fixture(scope="module")
@@ -71,9 +72,9 @@ def scattered(record: RunRecord, rng: np.random.Generator) -> dict[str, Quantity
 
 
 def test_runs_that_cannot_be_compared_are_refused(runs: list[Path], tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="is on both sides"):
+    with refused("compare.both_sides"):
         differences(runs[:2], runs[1:])
-    with pytest.raises(FileError, match="no combination of test, direction, placement and program"):
+    with refused("compare.nothing_common"):
         differences([dated_run(tmp_path, 0, 0.01, "cw")], runs[:1])
-    with pytest.raises(FileError, match="no such file or directory"):
+    with pytest.raises(FileError):
         differences([tmp_path / "nowhere"], runs[:1])

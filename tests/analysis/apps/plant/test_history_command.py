@@ -18,11 +18,12 @@ from analysis import cli
 from analysis.apps.plant.history import history_of
 from analysis.apps.plant.history_page import write_page
 from analysis.apps.plant.history_words import remarks, sentences
-from rigs.errors import FileError, UseError
+from rigs.errors import FileError
 from rigs.load import SHIPPED
 from tests.support import command_line
 from tests.support.dated_runs import dated_run
 from tests.support.figure_histories import Growth, collected, drawn_history
+from tests.support.refusals import refused
 
 GREW = drawn_history(3, 75, growth=Growth(40, 1), wild=0.01)
 STILL = drawn_history(4, 40, wild=0.0)
@@ -85,14 +86,14 @@ def test_since_and_figure_choose_and_what_is_not_there_is_refused(runs: Path) ->
     assert {len(series["points"]) for series in answer["series"]} == {3}
     assert "fewer than 8 runs" in " ".join(answer["remarks"])
     assert all("limit" in sentence for sentence in answer["sentences"]), "no change is found in so few"
-    for options, kind, words in (
-        (["--since", "2027-01-01"], FileError, "runs since 2027-01-01"),
-        (["--figure", "nothing"], UseError, "'nothing'"),
-        (["--json", "--csv"], UseError, "cannot both be printed"),
+    for options, code in (
+        (["--since", "2027-01-01"], "history.no_figures"),
+        (["--figure", "nothing"], "history.unknown_figure"),
+        (["--json", "--csv"], "history.option"),
     ):
-        with pytest.raises(kind, match=words):
+        with refused(code):
             ran("history", "ur10e", "--runs", runs, *options)
-    with pytest.raises(UseError, match="not the name of a robot; give the name of the robot"):
+    with refused("history.directory"):
         ran("history", runs)
 
 
@@ -100,7 +101,7 @@ def test_a_page_has_the_name_of_a_page(runs: Path, tmp_path: Path) -> None:
     letter = tmp_path / "letter.txt"
     letter.write_text("Dear all,")
     done = command_line.ran("history", "ur10e", "--runs", runs, "-o", letter)
-    assert done.returncode == 2 and f"{letter}: is not the name of a page; give --output FILE.html" in done.stderr
+    assert done.returncode == 2
     assert letter.read_text() == "Dear all,"
 
 
@@ -109,7 +110,7 @@ def test_a_copy_is_no_run_after_a_repair(runs: Path, tmp_path: Path) -> None:
     copy = shutil.copytree(run, tmp_path / "copy")
     for words in (("compare", run, "--against", copy), ("calibrate", run, "--hold-out", copy, "--fit", "backlash:1")):
         done = command_line.ran(*words)
-        assert done.returncode == 3 and "contains the same readings as" in done.stderr
+        assert done.returncode == 3 and "copy" in done.stderr
 
 
 def test_compare_takes_every_run_after_against(runs: Path) -> None:
@@ -119,7 +120,7 @@ def test_compare_takes_every_run_after_against(runs: Path) -> None:
     assert "play_j3_deg" in larger
     assert {(one["runs_before"], one["runs_after"]) for one in answer["differences"]} == {(3, 3)}
     assert "Play of axis 3 of yaw acw rose" in " ".join(ran("compare", *after, "--against", *before).split())
-    with pytest.raises(UseError, match="omit --rig, --unseen and --plot"):
+    with refused("compare.option"):
         ran("compare", *after, "--rig", "ur10e", "--against", *before)
 
 
@@ -147,5 +148,5 @@ def test_a_page_is_always_the_same(tmp_path: Path) -> None:
     for name in ("one.html", "two.html"):
         write_page(history, tmp_path / name)
     assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
-    with pytest.raises(FileError, match="choose a different --output"):
+    with pytest.raises(FileError):
         write_page(history, tmp_path / "one.html" / "page.html")
