@@ -159,6 +159,11 @@ def cases() -> dict[str, Case]:
             [*runs(cell), "--fit", EVIL],
             [*runs(cell), "--fit", "joint_offset", "-o", own / "out.yaml"],
         ],
+        "certify": lambda cell, own: [
+            [cell / EVIL.replace("/", "|"), "--rig", cell / "rig.yaml", "--tolerance", EVIL],
+            [cell / "rig.yaml", "--rig", cell / "rig.yaml", "--tolerance", "position:all=0.3mm"],
+            [cell / "rig.yaml", "--rig", EVIL, "--features", cell / "rig.yaml", "--history", cell / EVIL],
+        ],
         "check": lambda cell, own: [[cell / "rig.yaml"], [cell / EVIL.replace("/", "|")], [cell]],
         "circle fit": lambda cell, own: [
             [*runs(cell), "--rig", cell / "rig.yaml"],
