@@ -25,7 +25,7 @@ from analysis.correction.work import (
     used_effects,
     work_or_spread,
 )
-from analysis.robot.kinematics.arm import Array, Integers, arm_of, controller_arm, forward
+from analysis.robot.kinematics.arm import Array, Integers, controller_arm, forward
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
 from rigs.schema.limits import USUAL_RP_MM
@@ -174,8 +174,3 @@ def _approaches(rig: Rig, work: Work, *, typical: bool) -> Sequence[tuple[str, A
         for axis in range(axes)
         if half[:, axis].any() or mean[:, axis].any()
     ]
-
-
-def nominal_poses(rig: Rig, q: Array) -> Array:
-    """Poses (n, 4, 4) of the arm of the rig file, for targets in a table of joint angles."""
-    return forward(arm_of(rig.robot), q)
