@@ -7,18 +7,16 @@ share these sentences.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import partial
 
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import measured_u, micrometres, percent, with_uncertainty
 from analysis.apps.report.movement_words import act_after
-from analysis.apps.report.texts import Phrase, Texts, joined, keys_of, texts_of
+from analysis.apps.report.texts import Phrase, Texts, joined, keys_of
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.acts import FOUND, Act
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.plan.naming_tests import JOINED
-from rigs.effects import Effect, size_field
+from rigs.effects import size_field
 from rigs.rig import Rig
 from rigs.schema.effect import label_of, name_of
 
@@ -29,12 +27,8 @@ _KEYS = {
 """Text keys of the reasons for a measurement whose sentence depends on the reason only."""
 
 
-@dataclass(frozen=True)
-class ActWords:
+class ActWords(AnswerWords):
     """Sentences for the acts of a diagnosis in a given language."""
-
-    diagnosis: Diagnosis
-    texts: Texts = field(default_factory=partial(texts_of, "en"))
 
     @property
     def next(self) -> str:
@@ -121,11 +115,11 @@ class ActWords:
         sentences = []
         if act.effect is not None and act.with_before_um is None:
             # Parts that this effect cancels become visible in full once it is removed.
-            words, label = AnswerWords(self.diagnosis, self.texts), label_of(act.effect)
+            label = label_of(act.effect)
             lines = [line for k in act.parts for line in self.diagnosis.budget[k].shown_together]
             others = [line for line in lines if line.label != label]
             if 0 < len(others) < len(lines):
-                sentences.append(self.texts("act_uncovers", others="; ".join(words.describe_parts_alone(others))))
+                sentences.append(self.texts("act_uncovers", others="; ".join(self.describe_parts_alone(others))))
         sentences += [
             self.texts(
                 falls if act.removes else f"act_{key}", before=micrometres(before),
@@ -158,19 +152,14 @@ class ActWords:
                 phrases.append(texts(f"against_{remark.why}", names=names, count=count))
         return joined(phrases, "; ")
 
-    def noun(self, effect: Effect) -> str:
-        """Return the noun phrase for an effect within a sentence."""
-        return AnswerWords(self.diagnosis, self.texts).noun(effect)
-
     def parts(self, act: Act) -> str:
         """Return the parts of the error that an act reduces, separated by commas."""
-        words = AnswerWords(self.diagnosis, self.texts)
-        return ", ".join(words.part_name(self.diagnosis.budget[k]) for k in act.parts)
+        return ", ".join(self.part_name(self.diagnosis.budget[k]) for k in act.parts)
 
     def _check_stated(self) -> str:
-        made, words = self.diagnosis.contradictions, AnswerWords(self.diagnosis, self.texts)
+        made = self.diagnosis.contradictions
         keys = ", ".join(dict.fromkeys(contradiction.key for contradiction in made))
-        return self.texts("act_check_contradicted", constants="; ".join(map(words.constant_name, made)), keys=keys)
+        return self.texts("act_check_contradicted", constants="; ".join(map(self.constant_name, made)), keys=keys)
 
     def _measure(self, act: Act) -> str:
         texts, test = self.texts, act.test

@@ -16,7 +16,6 @@ from analysis.apps.report.diagnosis_words import (
     micrometres,
     other_parameters,
     percent,
-    remains_lines,
     remains_rows,
     runs_of,
     size,
@@ -71,10 +70,9 @@ def sections_of(
     diagnosis: Diagnosis, texts: Texts, acts: Sequence[Act] | None = None, *, corrected: bool = False
 ) -> Sections:
     """The sections after the summary. acts: the open acts, by default all; corrected: the robot drives corrected."""
-    words = AnswerWords(diagnosis, texts)
-    sentences = ActWords(diagnosis, texts)
+    words = ActWords(diagnosis, texts)
     open_acts = without_idle_mounts(diagnosis.acts) if acts is None else acts
-    steps = [Sentence(f"{k}. {sentences.sentence(act, corrected=corrected)}") for k, act in enumerate(open_acts, 1)]
+    steps = [Sentence(f"{k}. {words.sentence(act, corrected=corrected)}") for k, act in enumerate(open_acts, 1)]
     stairs = stairs_of(diagnosis, texts)
     is_sound = bool(diagnosis.next_act and diagnosis.next_act.why == "sound")
     sections: dict[str, tuple[str, Iterable[Block]]] = {
@@ -258,7 +256,8 @@ def _unexplained(words: AnswerWords) -> list[Block]:
         return blocks
     rows = tuple(remains_rows(diagnosis.remains, texts))
     table = Table((texts("remains_against"), texts("remains_share")), rows)
-    return [*blocks, *map(Sentence, remains_lines(diagnosis.remains, texts)), table]
+    noise = micrometres(diagnosis.remains.noise_um)
+    return [*blocks, Sentence(texts("remains", um=micrometres(diagnosis.remains.um), noise=noise)), table]
 
 
 def _inseparable(diagnosis: Diagnosis) -> Iterable[Block]:

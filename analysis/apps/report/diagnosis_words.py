@@ -129,17 +129,6 @@ and the shares are slightly optimistic.
 """
 
 
-def remains_lines(remains: ResidualSummary, texts: Texts) -> list[str]:
-    """Return sentences on the residual at the validation places, and the quantities correlated with it."""
-    shares = {texts(f"remains_{looked.subject}"): looked.share for looked in remains.looked if looked.share is not None}
-    shown = [f"{subject} {percent(share)}" for subject, share in shares.items() if share >= _FOUND]
-    none = [subject for subject, share in shares.items() if share < _FOUND]
-    goes_with = texts("remains_found", shares=", ".join(shown)) if shown else ""
-    against = texts("remains_none", subjects=", ".join(none)) if none else ""
-    whole = texts("remains", um=micrometres(remains.um), noise=micrometres(remains.noise_um))
-    return [whole, " ".join(filter(None, (goes_with, against)))]
-
-
 def remains_rows(remains: ResidualSummary, texts: Texts) -> list[tuple[str, str]]:
     """Return a row for each tested quantity: its share of the residual, or the reason for a missing share."""
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 
 from analysis.apps.report.act_words import ActWords, command, load_variant, without_idle_mounts
 from analysis.apps.report.answer_words import (
     HARMLESS,
-    AnswerWords,
     has_model,
     is_certain_except_small,
     is_complete,
@@ -117,17 +115,10 @@ class _Cause:
 
 
 @dataclass(frozen=True)
-class _SummaryWords:
-    """Sentences of a summary."""
+class _SummaryWords(ActWords):
+    """Sentences of a summary. judged_elsewhere: see `summarise`."""
 
-    diagnosis: Diagnosis
-    texts: Texts = field(default_factory=partial(texts_of, "en"))
     judged_elsewhere: tuple[float, float] | None = None
-
-    @property
-    def answer(self) -> AnswerWords:
-        """The sentences of the diagnosis."""
-        return AnswerWords(self.diagnosis, self.texts)
 
     @property
     def standing(self) -> str:
@@ -175,14 +166,14 @@ class _SummaryWords:
         The cause is omitted if the readings contradict a stated constant, because the constant must be checked first.
         """
         if self.diagnosis.contradictions:
-            return self.answer.preconditions
+            return self.preconditions
         is_shown = self._is_within_limits and self.diagnosis.standing
         remark = self.texts("fault_within_limits") if is_shown else ""
-        undecided = self.answer.usual_or_faults if is_certain_except_small(self.diagnosis) else ""
-        cause = [self._cause(causes), *filter(None, [remark, undecided, self.answer.unexplained_too])]
-        before = self.answer.preconditions
+        undecided = self.usual_or_faults if is_certain_except_small(self.diagnosis) else ""
+        cause = [self._cause(causes), *filter(None, [remark, undecided, self.unexplained_too])]
+        before = self.preconditions
         # A scatter that only repeats can separate from errors does not come before a certain cause.
-        is_found = any(known.is_certain for known in causes) and before == self.answer.unrepeated
+        is_found = any(known.is_certain for known in causes) and before == self.unrepeated
         return [*cause, *before] if is_found else [*before, *cause]
 
     def _cause(self, causes: Sequence[_Cause]) -> str:
@@ -197,9 +188,9 @@ class _SummaryWords:
         condition = self.diagnosis.condition
         is_unknown = condition in ("out_of_range", "outside_library") or (condition == "undecided" and names_open)
         if is_unknown or not causes or (self.standing == "undecided" and self.diagnosis.condition != "undecided"):
-            return self.answer.usual_or_faults or self.answer.condition_sentence
+            return self.usual_or_faults or self.condition_sentence
         is_minor = causes[0].is_fault or is_certain_except_small(self.diagnosis)
-        if (undecided := self.answer.usual_or_faults) and not is_minor:
+        if (undecided := self.usual_or_faults) and not is_minor:
             return undecided
         first, *others = causes
         words = first.words
@@ -233,11 +224,11 @@ class _SummaryWords:
         if part.index is not None:
             return self._effect(self.diagnosis.effects[part.index], part)
         usual = self.texts("size_usual") if part.rank == "usual" else ""
-        name = joined([self.answer.short_name(part), usual, self._share(part)], ", ")
+        name = joined([self.short_name(part), usual, self._share(part)], ", ")
         if not part.members or part.members[0].odds < _LIKELY:
             return name
         member = part.members[0]
-        return self.texts("probable_member", part=name, member=self.answer.noun(member.effect), odds=sure(member.odds))
+        return self.texts("probable_member", part=name, member=self.noun(member.effect), odds=sure(member.odds))
 
     def _effect(self, named: Named, part: BudgetPart | None, *, is_fault: bool = False) -> str:
         """Return an effect with size, class and share of the error, and the likely rivals.
@@ -246,15 +237,15 @@ class _SummaryWords:
         """
         share = self._share(part) if part else ""
         if named.probability < _LIKELY and likely_rivals(named):
-            causes = self.answer.likeliest_first(named)[: _MOST_RIVALS + 1]
-            likely = [f"{self.answer.noun(cause.effect)} ({sure(cause.probability)})" for cause in causes]
+            causes = self.likeliest_first(named)[: _MOST_RIVALS + 1]
+            likely = [f"{self.noun(cause.effect)} ({sure(cause.probability)})" for cause in causes]
             return joined([self.texts("one_of", causes=self.texts("or").join(likely)), share], ", ")
         odds = "" if named.probability >= CERTAIN_ODDS else self.texts("likely", odds=sure(named.probability))
         rank = "fault" if is_fault else part.rank if part and part.rank in ("usual", "difference") else ""
         kind = self.texts(f"size_{rank}") if rank else ""
-        first = joined([self.answer.noun(named.effect), size(named), odds, kind, share], ", ")
+        first = joined([self.noun(named.effect), size(named), odds, kind, share], ", ")
         others_too = (*named.twins, *(rival.effect for rival in likely_rivals(named)))
-        rivals = list(dict.fromkeys(map(self.answer.noun, others_too)))
+        rivals = list(dict.fromkeys(map(self.noun, others_too)))
         unnamed = [self.texts("and_more", count=len(rivals) - _MOST_RIVALS)] if len(rivals) > _MOST_RIVALS else []
         others = ", ".join([self.texts("or").join(rivals[:_MOST_RIVALS]), *unnamed])
         return self.texts("otherwise", first=first, others=others) if rivals else first
@@ -263,12 +254,12 @@ class _SummaryWords:
         """Return the limits of the evidence as sentences, except those in the headline."""
         diagnosis, texts = self.diagnosis, self.texts
         sentences = [self._cause(self.leading())] if diagnosis.contradictions else []
-        sentences.append(self.answer.visits)
-        is_open = diagnosis.condition in _UNDECIDED and not self.answer.usual_or_faults
-        if is_open and (sentence := self.answer.condition_sentence) not in (*sentences, first):
+        sentences.append(self.visits)
+        is_open = diagnosis.condition in _UNDECIDED and not self.usual_or_faults
+        if is_open and (sentence := self.condition_sentence) not in (*sentences, first):
             sentences.append(sentence)
-        sentences.append(self.answer.follows)
-        if act and (against := ActWords(diagnosis, texts).against(act)):
+        sentences.append(self.follows)
+        if act and (against := self.against(act)):
             sentences.append(texts("uncertain", against=against))
         return list(filter(None, sentences))
 
@@ -300,7 +291,7 @@ class _SummaryWords:
         before_um, after_um = accuracy.before_there_um, accuracy.calibrated_um
         gap = judged_gap(diagnosis)
         label = "error_left_by_model" if has_model(diagnosis) else "error_now_label"
-        change = ErrorChange(texts(label), "", self._after_label, "", "", self.answer.judged)
+        change = ErrorChange(texts(label), "", self._after_label, "", "", self.judged)
         if place == "used" and self.judged_elsewhere:
             before_um, after_um = self.judged_elsewhere
             after = error_size(after_um, 0.0) if self._after_label else ""
@@ -362,12 +353,12 @@ class _SummaryWords:
         """Return the name of a part, marked if an unknown cause may imitate it. An uncertain effect has its
         probability, as in the headline.
         """
-        name = self.answer.short_name(part)
+        name = self.short_name(part)
         named = self.diagnosis.effects[part.index] if part.index is not None else None
         if self._may_be_imitated(part):
             return f"{name} ({self.texts('not_confirmed')})"
         if named is not None and named.probability < _LIKELY and likely_rivals(named):
-            return self.answer.with_rivals(named)
+            return self.with_rivals(named)
         is_open = named is not None and named.probability < CERTAIN_ODDS
         return f"{name} ({self.texts('likely', odds=sure(named.probability))})" if named and is_open else name
 
