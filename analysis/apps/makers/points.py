@@ -102,10 +102,6 @@ class Points:
         """Return an existing point."""
         return self._points[key].target
 
-    def joints(self, key: str) -> bool:
-        """Return whether an existing point has joint angles."""
-        return self._points[key].target.joints
-
     def change(self, key: str, file: int, line: int) -> None:
         """Record that the program uses a point in a statement other than a move."""
         point = self._points[key]
