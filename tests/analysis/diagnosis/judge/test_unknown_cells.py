@@ -70,7 +70,7 @@ def test_no_name_is_certain_beside_a_similar_unexplained_error() -> None:
 def test_chords_of_a_controller_are_no_certain_vibration(tmp_path: Path) -> None:
     """Chords of 4° at one speed: the wave of 5.1 Hz has the same phase in every run, as a vibration may have."""
     names = {named.effect.KIND_NAME: named for named in found_in(draw_cell(43007, CAUSES), tmp_path).effects}
-    assert names["vibration"].doubt == "one_speed" and names["vibration"].posterior <= 0.5
+    assert names["vibration"].doubt == "one_speed" and names["vibration"].probability <= 0.5
 
 
 def test_a_form_of_the_ball_that_only_cancels_a_usual_twist_is_no_fault(tmp_path: Path) -> None:
