@@ -20,6 +20,7 @@ from analysis.runs.loading import load_measured, refuse_copies
 from daq.store import Manifest, relabel
 from rigs.errors import FileError
 from tests.support.dated_runs import dated_run
+from tests.support.plant_runs import known_robot, write_visits
 from tests.support.refusals import refused
 
 
@@ -94,12 +95,10 @@ def test_several_processes_find_the_same(runs: Path) -> None:
 
 
 def test_runs_of_other_robots_are_not_evaluated(runs: Path) -> None:
-    manifest = runs / "000-acw" / "manifest.json"
-    data = json.loads(manifest.read_text())
-    data["rig_name"], data["rig_text"] = "other", data["rig_text"].replace("ur10e", "other").replace("UR10e", "Other")
-    manifest.write_text(json.dumps(data))
-    assert [run.name for run in collect(runs, "ur10e").runs] == ["001-acw", "002-acw"]
-    assert set(entries(runs / FILE)) == {"001-acw", "002-acw"}
+    list(write_visits(runs, known_robot(1, 2, 0.0), [0]))
+    mine = ["000-acw", "001-acw", "002-acw"]
+    assert [run.name for run in collect(runs, "ur10e").runs] == mine
+    assert sorted(entries(runs / FILE)) == mine
 
 
 def test_broken_runs_are_named_and_not_fatal(runs: Path) -> None:
