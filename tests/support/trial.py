@@ -140,6 +140,8 @@ def main(trial: Trial, words: Sequence[str] | None = None) -> int:
                 print(line, flush=True)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
+        if not results:
+            return 1
     if table := trial.report(results):
         print(table)
     return int(trial.failed(results))
