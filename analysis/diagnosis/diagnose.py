@@ -9,6 +9,8 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from threadpoolctl import threadpool_limits
+
 from analysis.diagnosis.evidence.gather import Uses, gather
 from analysis.diagnosis.fit.contradictions import without_contradicted
 from analysis.diagnosis.fit.fit_evidence import fit_evidence
@@ -37,14 +39,18 @@ def diagnose(
     effects to be fitted regardless of their significance, without a search. Without held-out runs, a fifth of 60 or
     more poses is held out, in groups of neighbouring postures. Raises FileError for runs of a different robot, or not
     readable as the stated test.
+
+    It uses one BLAS thread and restores the number afterwards: the matrices are small, and further threads only wait
+    for each other, in every job of many runs as well.
     """
     begin_s = time.perf_counter()
-    evidence = gather(rig, Uses(used, held_out, unseen), tolerance_um, progress)
-    evidence, contradictions = without_contradicted(evidence, given, progress)
-    fit = fit_evidence(evidence, given, progress)
-    validation = validate(evidence, fit, progress)
-    verdict, findings = judge(evidence, fit, validation)
-    diagnosis = conclude(evidence, fit, validation, verdict, findings)
-    diagnosis = replace(diagnosis, contradictions=contradictions)
-    diagnosis = plan_next(diagnosis, evidence, fit, validation, findings, progress)
-    return replace(diagnosis, seconds=time.perf_counter() - begin_s)
+    with threadpool_limits(limits=1, user_api="blas"):
+        evidence = gather(rig, Uses(used, held_out, unseen), tolerance_um, progress)
+        evidence, contradictions = without_contradicted(evidence, given, progress)
+        fit = fit_evidence(evidence, given, progress)
+        validation = validate(evidence, fit, progress)
+        verdict, findings = judge(evidence, fit, validation)
+        diagnosis = conclude(evidence, fit, validation, verdict, findings)
+        diagnosis = replace(diagnosis, contradictions=contradictions)
+        diagnosis = plan_next(diagnosis, evidence, fit, validation, findings, progress)
+        return replace(diagnosis, seconds=time.perf_counter() - begin_s)
