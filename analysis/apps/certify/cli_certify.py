@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _MOST_NOTES = 20
 
 
-@command(app, "rig certify part.script --rig found/cell.yaml --tolerance distance:hole1,hole2=0.1mm")
+@command(app, "rig certify part.script --rig found/cell.yaml --tolerance hole1=0.4mm")
 def certify(
     program: Annotated[
         Path,

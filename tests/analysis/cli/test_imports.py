@@ -27,8 +27,9 @@ TYPER = {"typer", "annotated_doc", "rich", "shellingham", "click"}
 HELP = TYPER | {"markdown_it", "mdurl", "pygments", "attr"}
 """Packages imported for laying out the help."""
 RIG_FILE = {"pydantic", "pydantic_core", "annotated_types", "typing_extensions", "typing_inspection", "yaml", "_yaml"}
-READING = TYPER | RIG_FILE | {"numpy", "pyarrow", "cloudpickle"}
-"""Packages imported for reading tables. pyarrow imports cloudpickle if installed, for example with Dask."""
+READING = TYPER | RIG_FILE | {"numpy", "pyarrow", "cloudpickle", "markupsafe"}
+"""Packages imported for reading tables, and for the pictures of an answer. pyarrow imports cloudpickle if installed,
+for example with Dask."""
 OURS = {"analysis", "rigs"}
 WORDS = {
     *("analysis", "analysis.runs.batch", "analysis.runs.batch.outcomes", "analysis.runs", "analysis.runs.table_layout"),

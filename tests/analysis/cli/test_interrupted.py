@@ -149,6 +149,7 @@ _KNOWN = {
     "apps/session/child_processes.py": "the log of a process, which grows line by line",
     "apps/session/session_state.py": "the directory of a session, whose files durable.replace and writers above write",
     "apps/report/html_page.py": "the parent of a file that durable.replace writes",
+    "apps/certify/certificate_page.py": "a picture in memory",
     "apps/report/still_chart.py": "a picture in memory, and writers for write_all_over",
     "apps/window/made.py": "directories in a temporary one",
 }

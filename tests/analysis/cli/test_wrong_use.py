@@ -41,7 +41,7 @@ def test_option_without_effect_or_with_an_impossible_value_is_refused(words: tup
 def test_with_json_an_error_is_one_object_with_its_code() -> None:
     done = ran("live", "--plain", "--json")
     error = json.loads(done.stderr)["error"]
-    assert (done.returncode, error["code"], error["exit_code"]) == (2, "usage", 2) and error["remedy"]
+    assert (done.returncode, error["code"], error["exit_code"]) == (2, "live.option", 2) and error["remedy"]
 
 
 def test_directory_without_runs_cannot_be_checked(tmp_path: Path) -> None:

@@ -205,7 +205,7 @@ def test_impossible_program_is_rejected(tmp_path: Path, body: str) -> None:
         ("lap", "program.test"),
         ("yaw_roll", "program.test"),
         ("yaw_fanuc", "controller.maker"),
-        ("/nowhere/yaw.script", "file"),
+        ("/nowhere/yaw.script", "program.unreadable"),
     ],
 )
 def test_unknown_program_is_refused(tmp_path: Path, name: str, code: str) -> None:

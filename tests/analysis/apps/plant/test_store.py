@@ -88,7 +88,7 @@ def test_a_damaged_file_is_rebuilt(file: Path, harm: Callable[[Path], object]) -
 
 @pytest.mark.parametrize("statement", ["pragma user_version = 6", "pragma application_id = 0x52494746", "select 1"])
 def test_a_file_of_an_earlier_version_is_rebuilt(file: Path, statement: str) -> None:
-    change(file, "update made_by set rig = '1.1.0'")
+    change(file, "update made_by set rig = '0.9.0'")
     change(file, statement)
     assert store.read_records(file) == {}
     with store.usable(file) as (path, notes):
