@@ -2,7 +2,7 @@
 
 A page of another site may send requests through the browser of a user. A name of that site that resolves to this
 computer is refused by the host name, and a form controls something only with the secret of a page of this process.
-docs/decisions/0045-threats.md states what is not defended here.
+docs/decisions/0046-threats.md states what is not defended here.
 """
 
 from __future__ import annotations
