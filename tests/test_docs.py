@@ -168,7 +168,7 @@ def test_every_option_says_what_it_takes_and_its_default() -> None:
 
 # --- pages that are made
 
-MADE = {"api": "api", "arms": "arms", "interfaces": "interfaces", "rig_file": "rig-file-reference"}
+MADE = {"api": "api", "arms": "arms", "errors": "errors", "interfaces": "interfaces", "rig_file": "rig-file-reference"}
 """The programs of scripts/tools that make a page, without _page, and the pages."""
 
 

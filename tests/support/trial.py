@@ -67,7 +67,7 @@ def parser_of(trial: Trial, name: str) -> ArgumentParser:
 
 
 def _add(parser: ArgumentParser, option: str, default: Any, about: str, choices: Any) -> None:
-    """Add an option whose type is that of its default; a type itself means that there is no default."""
+    """Add an option. default: its default value, or its type if it has no default."""
     kind = default if isinstance(default, type) else type(default)
     given: dict[str, Any] = {"help": about, "default": None if isinstance(default, type) else default}
     if kind is bool:

@@ -92,7 +92,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Sized:
-    """A size that stands: its name, its error over u."""
+    """A confirmed effect: its name, and the error of its size in standard uncertainties."""
 
     name: str
     error_over_u: float

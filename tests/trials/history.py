@@ -1,4 +1,4 @@
-"""Count how often a robot's history reports a change that is not there, and how soon and how exactly one that is."""
+"""Count false changes in the history of a robot, and measure how soon and exactly a real one is reported."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ _SEEN_MM = 0.1
 
 @dataclass(frozen=True)
 class Case:
-    """One arm: what was hidden, what was found, and the errors (mm rms) at places that were not used."""
+    """One arm: hidden faults, found effects, and the errors (mm rms) at places that were not used."""
 
     seed: int
     sockets: int

@@ -12,7 +12,7 @@ import typer
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_error, say_json, say_written
 from analysis.cli.options import AsJson, Calibration, rig_option
-from rigs.text import as_argument
+from rigs.text import as_argument, counted
 
 if TYPE_CHECKING:
     from analysis.apps.certify.certificate import Certified
@@ -134,10 +134,10 @@ def _say_next(rig: Rig, rig_file: str, program: Path, judged: Sequence[Certified
     """Print the correction if it helps, and the next reading of a feature that stays undecided."""
     from analysis.apps.makers import maker_of_file
 
-    if gains := sum(one.corrected.verdict == "accept" != one.now.verdict for one in judged):
+    if gains := sum(one.corrected.verdict == "accept" and one.now.verdict != "accept" for one in judged):
         option = "--program" if program.is_dir() or maker_of_file(program) else "--path"
         line = f"rig correct {as_argument(rig_file)} {option} {as_argument(program)} -o corrected"
-        say(f"next: {line}  # then {gains} more features hold their tolerance", err=True)
+        say(f"next: {line}  # then {counted(gains, 'more feature')} within tolerance", err=True)
     undecided = [(one, one.next) for one in judged if one.next and one.corrected.verdict == "undecided"]
     for one, reading in undecided[:1]:
         angles = ", ".join(f"{angle:z.1f}" for angle in reading.to_dict()["q_deg"])

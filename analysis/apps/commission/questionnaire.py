@@ -126,7 +126,7 @@ def _check_new(path: Any) -> None:
 
 
 def _with_options(stored: Answers, options: Options) -> Answers:
-    """Stored answers with those given as options. An answer that contradicts an option is asked for again."""
+    """Stored answers, replaced by options; one that contradicts an option is removed, so that it is asked again."""
     given, keys, dropped = dict(options.given), options.keys, set[str]()
     if "tool" in given:
         given["tool"] = _pose(given["tool"])

@@ -31,6 +31,9 @@ correction. Chosen: a reading takes a minute or two, so half an hour must remove
 _WORTHWHILE = 0.02
 """Smallest relative reduction of u by a reading that is proposed. Chosen: a tenth needs about five readings."""
 
+_MOST_TARGETS = 60
+"""Number of targets that are weighed. Chosen: their mean hardly changes with more."""
+
 
 @dataclass(frozen=True)
 class NextReading:
@@ -180,7 +183,3 @@ def next_step(rig: Rig, targets: tuple[Array, Array] | None, sight: Sight | None
         act = "repair" if stays_mm > u_mm / 2 else "nothing"
     of_family = 1.0 if now_mm is None else min(1.0, (pool.u_mm(chosen[:0], of_targets) / now_mm) ** 2)
     return NextStep(act, candidates[chosen[0]], now_mm, u_mm, next_mm, many_mm, of_family)
-
-
-_MOST_TARGETS = 60
-"""Number of targets that are weighed. Chosen: their mean hardly changes with more."""

@@ -250,7 +250,7 @@ class AnswerWords:
 
     @property
     def passport_changes(self) -> str:
-        """Phrase that names what left the factory state or changed since the last visit; empty if nothing did."""
+        """The parts that left the factory state or changed since the last visit, as a phrase; empty if none did."""
         passport = self.diagnosis.passport
         if not (passport and passport.changed):
             return ""
@@ -287,7 +287,7 @@ class AnswerWords:
         diagnosis = self.diagnosis
         if diagnosis.condition == "out_of_range":
             return self._out_of_range()
-        values = {"um": micrometres(diagnosis.remainder.um), "share": percent(diagnosis.remainder.share)}
+        values = {"um": micrometres(diagnosis.remainder.um)}
         single = any(part.index is not None for part in large_parts(diagnosis))
         which: str = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
         if is_complete(diagnosis):
@@ -305,8 +305,8 @@ class AnswerWords:
             most = max(imitated, key=lambda named: named.contribution_um)
             which, name = "not_confirmed", self.noun(most.effect)
             values |= {"name": f"{name[:1].upper()}{name[1:]}", "why": self.texts(f"doubt_{most.doubt}")}
-        if which == "outside_library" and diagnosis.remainder.at_new_places:
-            which = "outside_library_there"
+        if which == "outside_library":
+            which = "unexplained_there" if diagnosis.remainder.at_new_places else "unexplained"
         if which in ("nothing_unusual", "uncalibrated") and diagnosis.movements:
             which = "nothing_else"
         unusual = [", ".join([self.short_name(part), self.times_usual(part)]) for part in unusual_groups(diagnosis)]
@@ -321,8 +321,8 @@ class AnswerWords:
             return "" if self._repeats_decide else self.unrepeated[0]
         if not remainder.is_material or condition in ("outside_library", "out_of_range"):
             return ""
-        where = "there" if remainder.at_new_places else "too"
-        return self.texts(f"finding_unexplained_{where}", um=micrometres(remainder.um))
+        where = "_there" if remainder.at_new_places else ""
+        return self.texts(f"finding_unexplained{where}", um=micrometres(remainder.um))
 
     def _undecided(self) -> str:
         """Return the reason why no part can be confirmed, if the number of runs is not the reason."""

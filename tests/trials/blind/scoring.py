@@ -30,7 +30,7 @@ GIVEN = 0.2
 
 @dataclass(frozen=True)
 class RealCase:
-    """A truth beside its answer."""
+    """The hidden truth of a cell, and the answer of rig."""
 
     truth: Mapping[str, Any]
     answer: Answer
@@ -54,7 +54,7 @@ class RealCase:
         return [named for named in self.standing if not (self.fault_of(named.name) or self._is_large(named.name))]
 
     def fault_of(self, name: str) -> Mapping[str, Any] | None:
-        """The fault that a name stands for, the very one before a twin."""
+        """The hidden fault of this name, otherwise one that changes the readings in the same way."""
         hidden = self.truth["hidden"]
         very = [one for one in hidden if one["name"] == name]
         return next(iter(very + [one for one in hidden if name in one["class"]]), None)

@@ -367,7 +367,7 @@ def test_a_rig_without_effects_has_nothing_to_correct() -> None:
 
 
 def test_a_target_that_cannot_be_corrected_stays_as_it_was_and_the_others_are_corrected(tmp_path: Path) -> None:
-    """The arm is shorter than its rig file says, so that a stretched one does not reach where it should."""
+    """The real arm is shorter than in its rig file: a stretched arm cannot reach the target."""
     cell, path, out = tmp_path / "cell.yaml", tmp_path / "path.csv", tmp_path / "out"
     cell.write_text(extended(load("ur10e")[1], [A2], "cell"))
     good = "A,0,-80,100,-20,80,0", "D,10,-85,90,-20,70,30"

@@ -130,7 +130,7 @@ def test_a_sentence_has_at_most_three_figures(condition: Condition) -> None:
         (replace(USUAL, condition="nothing_unusual"), ("cause_found", "size_usual", "do_now_load")),
         (diagnosis("uncalibrated", budget=(MANY,), acts=(LOAD,)), ("uncalibrated", "size_usual", "do_now_load")),
         (diagnosis("nothing_unusual"), ("sound", "finding_nothing_unusual", "do_now_none")),
-        (diagnosis("outside_library"), ("outside_library", "finding_outside_library", "do_now_unexplained")),
+        (diagnosis("outside_library"), ("outside_library", "finding_unexplained", "do_now_unexplained")),
         (diagnosis("out_of_range"), ("out_of_range", "finding_out_of_range", "do_now_check")),
         (diagnosis("undecided"), ("undecided", "finding_undecided", "do_now_few_runs")),
         (diagnosis("not_testable_here"), ("not_testable_here", "finding_not_testable_here", "do_now_measure")),
@@ -234,7 +234,7 @@ def test_the_headline_names_the_largest_cause_also_if_it_is_no_fault() -> None:
     ("changes", "expected"),
     [
         ({"condition": "undecided", "effects": (replace(PLAY, doubt="usual"),)}, "finding_undecided"),
-        ({"condition": "outside_library"}, "finding_outside_library"),
+        ({"condition": "outside_library"}, "finding_unexplained"),
         ({"condition": "out_of_range"}, "finding_out_of_range"),
         ({"condition": "not_testable_here"}, "finding_not_testable_here"),
         ({"condition": "named", "only_commanded": True}, "finding_only_commanded"),

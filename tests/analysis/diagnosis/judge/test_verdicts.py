@@ -171,7 +171,7 @@ def test_more_waves_of_a_joint_than_gears_have_name_no_gear(monkeypatch: pytest.
     assert any("doubt_series" in keys_of(block.text) for block in answer_of(found) if isinstance(block, Sentence))
     waves_in_the_budget = [part for part in found.budget if part.doubt == "series"]
     assert len(waves_in_the_budget) == 2 and {part.rank for part in waves_in_the_budget} == {"undecided"}
-    assert keys_of(summarise(found).headline)[0].startswith("finding_outside_library"), "an imitation is no cause"
+    assert keys_of(summarise(found).headline)[0].startswith("finding_unexplained"), "an imitation is no cause"
 
 
 def test_a_diagnosis_goes_on_about_effects_that_an_earlier_one_found() -> None:
