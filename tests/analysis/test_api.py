@@ -361,6 +361,6 @@ def test_a_table_says_its_test_by_its_columns(tmp_path: Path) -> None:
 def test_rig_metrology_has_the_public_api() -> None:
     """Installed, this file is the module `rig_metrology`."""
     assert entry.evaluate is evaluate
-    assert set(analysis.__all__) <= set(dir(entry)), "a console completes the names"
+    assert set(analysis.__all__) <= set(dir(entry))  # a console completes the names
     with pytest.raises(AttributeError):
         entry.analyse_runs  # noqa: B018 - the access is the test

@@ -66,7 +66,7 @@ def test_the_command_emulate_serves_a_cell_that_rigd_reads(tmp_path: Path) -> No
     planted = json.loads((tmp_path / "cell" / "truth.json").read_text())["planted"]
     assert planted["eccentricity_mm"] == [0.6, -0.4, 0.1] and len(planted["effects"]) == 4
     served, _ = load(bench.rig)
-    assert served.effects == () and not any(served.tests.circle.eccentricity_mm), "rigd's rig file gives nothing away"
+    assert served.effects == () and not any(served.tests.circle.eccentricity_mm)  # rigd's rig file gives nothing away
 
 
 @pytest.mark.real_time

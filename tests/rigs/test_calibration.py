@@ -224,11 +224,11 @@ def test_a_copy_without_the_calibration_is_refused_where_the_model_is_needed(tmp
     with refused("calibration.missing") as told:
         model_of(rig)
     assert "--rig" in told.value.remedy and len(told.value.lines()) == 1
-    assert model_of(rig, ()).effects == (), "who names the effects needs no calibration"
+    assert model_of(rig, ()).effects == ()  # who names the effects needs no calibration
     shutil.copy(beside, tmp_path / "there")
     assert calibrated_beside(rig, tmp_path / "there").calibrated == calibrated_model()
     # private: the property raises where a calibration is named and was not read
-    assert parse(rig_file.read_text(), "cell.yaml")._calibrated is None, "the rig of the text alone stays as it is"
+    assert parse(rig_file.read_text(), "cell.yaml")._calibrated is None  # the rig of the text alone stays as it is
 
 
 def test_a_rig_can_have_the_errors_of_another_one(tmp_path: Path) -> None:
@@ -257,7 +257,7 @@ def test_constants_of_a_seat_sum_whatever_their_reference_sizes() -> None:
     assert {(one.axis, one.field) for one in own if isinstance(one, LinkGeometry)} == {(3, "a"), (3, "d")}
     total = sum(one.delta for one in own if isinstance(one, LinkGeometry) and one.field == "a")
     assert total == pytest.approx(sum(times * one.delta for one, times in terms), rel=1e-12)
-    assert len(own) == 2, "one constant is one effect"
+    assert len(own) == 2  # one constant is one effect
 
 
 def test_waves_of_a_joint_become_one_curve_that_is_their_sum() -> None:
@@ -296,7 +296,7 @@ def test_a_share_of_a_play_scales_what_the_whole_one_does_and_not_its_width() ->
         assert isinstance(one, JointPortions) and [(own.of, own.times) for own in one.portions] == [(play, share)]
         np.testing.assert_allclose(_turned(one), share * whole, rtol=0, atol=1e-15)
     narrower = _turned(Backlash(axis=2, width_deg=0.005, transit=0.5))
-    assert np.abs(narrower - 0.25 * whole).max() > 1e-6, "a play of a quarter of the width is another thing"
+    assert np.abs(narrower - 0.25 * whole).max() > 1e-6  # a play of a quarter of the width is another thing
 
 
 def test_a_share_of_what_a_gauge_does_is_of_its_readings() -> None:

@@ -38,7 +38,7 @@ def test_every_driver_is_listed_once() -> None:
 def test_every_interface_says_where_it_is_known_from(interface: Interface) -> None:
     origin = interface.origin
     assert origin.instruments and origin.source
-    assert origin.standing == "confirmed" or origin.doubts, "what is not confirmed says what of it"
+    assert origin.standing == "confirmed" or origin.doubts  # what is not confirmed says what of it
     assert interface.line != NO_DEFAULT or "line settings" in origin.doubts or "baud" in origin.doubts
 
 

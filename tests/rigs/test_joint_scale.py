@@ -41,5 +41,5 @@ def test_a_wrong_gear_ratio_is_named_and_no_zero_and_no_gear(axis: int) -> None:
     assert isinstance(named.effect, JointScale)
     assert named.effect.relative == pytest.approx(-0.03, abs=max(3e-4, 3 * named.sd["relative"]))
     assert "97.0" in named.remedy and "encoder" in named.remedy
-    assert found.acts[0].kind == "check", "a correction would hide the parameter"
+    assert found.acts[0].kind == "check"  # a correction would hide the parameter
     assert "gear ratio" in ActWords(found).what(found.acts[0])

@@ -22,7 +22,7 @@ def offered(place: Path, line: str) -> list[str]:
     words = line.split(" ")
     asking = {"_RIG_COMPLETE": "complete_bash", "COMP_WORDS": "\n".join(words), "COMP_CWORD": str(len(words) - 1)}
     done = ran(cwd=place, XDG_RUNTIME_DIR=str(place), **asking)
-    assert (done.returncode, done.stderr) == (0, ""), "it would be written into the line that is being typed"
+    assert (done.returncode, done.stderr) == (0, "")  # it would be written into the line that is being typed
     return [line for line in done.stdout.splitlines() if line]
 
 
@@ -64,7 +64,7 @@ def test_rig_files_complete(place: Path) -> None:
 
 
 def test_robots_and_daemons_complete(place: Path) -> None:
-    assert offered(place, "rig history ") == ["cell"], "the rig of the runs"
+    assert offered(place, "rig history ") == ["cell"]  # the rig of the runs
     assert offered(place, "rig history --runs elsewhere ") == []
     assert "mine" in offered(place, "rig status --rig ")
 
@@ -88,4 +88,4 @@ def test_bash_completes_once_it_is_installed(place: Path) -> None:
     asked = "source ~/.bashrc; COMP_WORDS=(rig verify runs/lap); COMP_CWORD=2; "
     called = "_rig_completion rig; printf '%s\\n' \"${COMPREPLY[@]}\"; complete -p rig"
     *found, registered = bash(asked + called).splitlines()
-    assert found == LAPS and "-o default" in registered, "file names complete where nothing is offered"
+    assert found == LAPS and "-o default" in registered  # file names complete where nothing is offered

@@ -168,7 +168,7 @@ def test_one_damaged_run_names_itself(cell: Cell, tmp_path: Path, monkeypatch: p
     done = _rig("diagnose", copy, *cell.runs[1:], "--json")
     assert done.exit_code == 3
     (error,) = (line for line in done.stderr.splitlines() if line.startswith("error: "))
-    assert str(copy) in error and len(json.loads(done.stdout)["runs"]) == len(cell.runs) - 1, "the others are diagnosed"
+    assert str(copy) in error and len(json.loads(done.stdout)["runs"]) == len(cell.runs) - 1  # the others are diagnosed
 
 
 def test_a_copy_is_no_repeat_and_judges_nothing(cell: Cell, tmp_path: Path) -> None:

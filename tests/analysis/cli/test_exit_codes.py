@@ -42,12 +42,12 @@ def _codes(source: str) -> set[int]:
 
 def test_the_table_has_every_code_of_the_programs_and_no_other() -> None:
     assert set(TABLE) == {0}.union(*(_codes(path.read_text()) for path in SOURCES))
-    assert sorted(TABLE) == list(TABLE), "in order"
+    assert sorted(TABLE) == list(TABLE)  # in order
 
 
 def test_no_other_page_has_such_a_table() -> None:
     tables = [page for page in ROOT.glob("docs/**/*.md") if re.search(r"^\| 130 \|", page.read_text(), re.M)]
-    assert [page.name for page in tables] == ["command-line.md"], "130 is the code of Ctrl-C, in every such table"
+    assert [page.name for page in tables] == ["command-line.md"]  # 130 is the code of Ctrl-C, in every such table
 
 
 def test_a_test_that_cannot_be_driven_costs_only_its_own_part(
@@ -68,10 +68,10 @@ def test_what_commands_end_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     assert ended("check", "ur10e") == 0
     assert ended("no-such-command") == 2
-    assert ended("verify") == 2, "an argument is missing"
+    assert ended("verify") == 2  # an argument is missing
     assert ended("analyse", tmp_path / "nothing") == 3
     assert ended("verify", tmp_path / "nothing") == 3
-    assert ended("status", "--rig", "nobody") == 4, "no daemon"
+    assert ended("status", "--rig", "nobody") == 4  # no daemon
 
 
 @pytest.mark.parametrize(

@@ -51,11 +51,11 @@ def test_the_walk_meets_flags() -> None:
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
 def test_the_example_of_a_command_is_one_that_it_takes(words: tuple[str, ...]) -> None:
     command = COMMANDS[words]
-    assert command.epilog, "no example"
+    assert command.epilog  # no example
     label, _, example = command.epilog.partition(": ")
     typed = shlex.split(example)
     assert label == "Example" and typed[: len(words) + 1] == ["rig", *words]
-    assert len(example) < 72, "does not fit on a line of 80 columns"
+    assert len(example) < 72  # does not fit on a line of 80 columns
     until = typed.index(">>") if ">>" in typed else None
     command.make_context("rig", typed[len(words) + 1 : until])  # raises where an option is unknown or missing
 

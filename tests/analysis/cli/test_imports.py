@@ -62,7 +62,7 @@ def test_help_imports_nothing_that_works() -> None:
     assert packages(modules) <= HELP | OURS
     ours = {module for module in modules if module.partition(".")[0] in OURS}
     below = {module for module in ours if not module.startswith("analysis.cli")}
-    assert below <= WORDS, "lists of names alone"
+    assert below <= WORDS  # lists of names alone
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +84,7 @@ def test_runs_imports_what_reads_manifests(run: Path) -> None:
 @pytest.mark.parametrize("words", [["analyse"], ["analyse", "--json"], ["analyse", "--lines"]])
 def test_analyse_imports_what_evaluates_a_run(words: list[str], run: Path) -> None:
     modules = modules_of(*words, run)
-    assert packages(modules) <= READING | OURS | {"daq"}, "no scipy, no pandas, no matplotlib"
+    assert packages(modules) <= READING | OURS | {"daq"}  # no scipy, no pandas, no matplotlib
     rings = {module.split(".")[1] for module in modules if module.startswith("analysis.")}
     assert not rings & {"diagnosis", "correction"}
     assert {module.split(".")[2] for module in modules if module.startswith("analysis.apps.")} == {"report"}
@@ -98,19 +98,19 @@ def test_figures_of_a_run_without_text_need_no_event_loop_and_no_functions_of_py
 
 
 def test_figures_for_a_script_import_nothing_that_draws(run: Path) -> None:
-    assert "rich" in packages(modules_of("analyse", run)), "it lays out the table"
+    assert "rich" in packages(modules_of("analyse", run))  # it lays out the table
     assert "rich" not in packages(modules_of("analyse", "--json", run))
 
 
 def test_what_is_known_of_a_plant_imports_nothing_that_evaluates(run: Path, tmp_path: Path) -> None:
     words = ["fleet", run.parent, "--jobs", "1", "--catalogue", tmp_path / "catalogue.sqlite"]
-    assert "scipy" in packages(imported_by(*words)), "its play is fitted"
+    assert "scipy" in packages(imported_by(*words))  # its play is fitted
     assert packages(imported_by(*words)) <= READING | OURS | {"daq"}
 
 
 def test_help_of_a_command_imports_no_more(run: Path) -> None:
     assert packages(modules_of("analyse", "--help")) <= HELP | OURS
-    assert "pydantic" in packages(modules_of("analyse", run)), "it reads the rig file"
+    assert "pydantic" in packages(modules_of("analyse", run))  # it reads the rig file
 
 
 def test_who_asks_the_daemon_imports_nothing_that_computes() -> None:

@@ -40,7 +40,7 @@ def test_an_emulated_cell_replaces_the_rig_file_of_an_earlier_one(tmp_path: Path
         )
         assert "ready; next: rigd" in done.stdout
     rig = load(tmp_path / "rig.yaml")[0]
-    assert rig.emulated and rig.limits == load("ur10e")[0].limits, "its runs are called emulated, and have a verdict"
+    assert rig.emulated and rig.limits == load("ur10e")[0].limits  # its runs are called emulated, and have a verdict
 
 
 @pytest.mark.parametrize("error", [KeyError("getpwuid(): uid not found: 54321"), OSError("No username set")])

@@ -54,7 +54,7 @@ def test_a_terminal_shows_what_is_done_and_a_file_does_not(
     run = finished(tmp_path / "runs [bold]")
     results, shown = on_a_terminal(command, run, *options)
     assert doing in shown and doing not in results
-    assert command == "analyse" or "runs [bold]" in shown, "a name is not markup"
+    assert command == "analyse" or "runs [bold]" in shown  # a name is not markup
     for file in tmp_path.glob("raw.mcap"):
         file.unlink()
     silent = ran(command, run, *options)
@@ -63,7 +63,7 @@ def test_a_terminal_shows_what_is_done_and_a_file_does_not(
 
 def test_no_color_takes_the_colours_of_progress(tmp_path: Path) -> None:
     run = finished(tmp_path / "runs")
-    assert "\x1b[3" in on_a_terminal("verify", run)[1], "a colour of the foreground"
+    assert "\x1b[3" in on_a_terminal("verify", run)[1]  # a colour of the foreground
     assert "\x1b[3" not in on_a_terminal("verify", run, NO_COLOR="1")[1]
 
 

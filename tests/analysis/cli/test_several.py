@@ -40,7 +40,7 @@ def test_verify_goes_on_behind_a_damaged_run(runs: list[Path]) -> None:
     done = ran("verify", *runs)
     assert done.exit_code == 3
     assert done.stdout.splitlines() == [*(f"{run}: not whole" for run in runs[:2]), f"{runs[2]}: whole"]
-    assert ran("verify", runs[2], runs[2]).stdout.splitlines() == [f"{runs[2]}: whole"], "the same run twice"
+    assert ran("verify", runs[2], runs[2]).stdout.splitlines() == [f"{runs[2]}: whole"]  # the same run twice
 
 
 def test_every_run_of_several_is_recovered(tmp_path: Path) -> None:

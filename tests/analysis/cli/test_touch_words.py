@@ -49,4 +49,4 @@ def test_a_diagnosis_of_touches_speaks_of_touches(cell: Path, tmp_path: Path) ->
     assert "touched twice" in doubts
     assert not [word for word in ("no target", "circle", "turns back") if word in doubts]
     gap = found["gap"]
-    assert gap["noise_floor"] < 1.5 * gap["train"]["before"], "as much noise as the readings show"
+    assert gap["noise_floor"] < 1.5 * gap["train"]["before"]  # as much noise as the readings show

@@ -52,7 +52,7 @@ def test_going_back_keeps_what_was(robot: tuple[Path, Path]) -> None:
     assert rig.effects == old.effects
     (kept,) = now.parent.glob("cell-until-*.yaml")
     assert kept.read_text(encoding="utf-8") == before
-    assert load(kept)[0].calibrated.calibrated_um == 1.9, "its calibration is still beside it"
+    assert load(kept)[0].calibrated.calibrated_um == 1.9  # its calibration is still beside it
     assert ran("versions", now, "--back-to", kept).returncode == 0
     assert load(now)[0].calibrated.calibrated_um == 1.9
 

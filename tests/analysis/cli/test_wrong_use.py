@@ -122,7 +122,7 @@ def test_unrecoverable_run_is_reported(tmp_path: Path) -> None:
     kept = ledger.read_bytes()
     ledger.unlink()
     assert ran("verify", run).stderr.splitlines()[0].endswith(f"run `rig recover {run}`")
-    assert "import" not in ran("verify", run).stderr, "the table is there"
+    assert "import" not in ran("verify", run).stderr  # the table is there
     ledger.write_bytes(b"?" + kept)
     table.rename(run / "elsewhere")
     done = ran("recover", run)

@@ -50,5 +50,5 @@ def test_last_visit_is_known_from_the_rig_file_and_the_controller_is_not() -> No
     found = _found({"effects": (LinkGeometry(axis=4, field="a", delta=A4_MM), JointOffset(axis=3, offset_deg=0.05))})
     passport = found.passport
     assert passport and passport.controller is None and passport.last_visit
-    assert passport.last_visit.value > 5 * passport.last_visit.u, "the zero of the rig file is not there"
+    assert passport.last_visit.value > 5 * passport.last_visit.u  # the zero of the rig file is not there
     assert found.to_dict()["passport"]["controller_um"] is None

@@ -42,7 +42,7 @@ def calibrated(*plays: Effect) -> Rig:
 
 
 def test_a_play_that_is_certain_but_usual_is_taken_from_the_calibration() -> None:
-    assert known_plays(calibrated(USUAL, UNSURE)) == (NAMED, USUAL), "the named play once, though both files have it"
+    assert known_plays(calibrated(USUAL, UNSURE)) == (NAMED, USUAL)  # the named play once, though both files have it
 
 
 def test_its_joint_is_commanded_further_by_half_its_width() -> None:
@@ -51,7 +51,7 @@ def test_its_joint_is_commanded_further_by_half_its_width() -> None:
     assert len(ahead_of_plays(rig, plan)) == len(targets_of(plan))
     ahead_deg = np.degrees(ahead_of_plays(rig, plan))
     assert np.abs(ahead_deg[:, 4]).max() == pytest.approx(USUAL.width_deg / 2, rel=1e-6)
-    assert not ahead_deg[:, [1, 3]].any(), "the joints of which no play is known stay"
+    assert not ahead_deg[:, [1, 3]].any()  # the joints of which no play is known stay
     assert not ahead_of_plays(calibrated(), plan)[:, 4].any()
 
 

@@ -159,7 +159,7 @@ def test_with_entries_targets_hold_the_rest_whatever_path_is_given(tmp_path: Pat
     np.testing.assert_allclose(_tool_mm(rig, change, posture), targets.T[:, :3, 3], atol=1e-4)
     np.testing.assert_allclose(_tool_mm(rig, wrong, posture), _tool_mm(rig, WRONG, q), atol=1e-4)
     again = controller_entries(rig, supports(rig), maker)
-    assert again.entries == found.at_controller.entries, "one rig file has one set of entries"
+    assert again.entries == found.at_controller.entries  # one rig file has one set of entries
 
 
 def test_entries_do_not_make_it_worse_beside_the_work() -> None:
@@ -235,7 +235,7 @@ def test_an_error_after_correction_is_within_what_is_stated() -> None:
         worst += (apart / found.u_mm).tolist()
         assert found.covered is not None and found.covered.all()
     assert np.mean(within) >= 0.93
-    assert 0.6 < np.sqrt(np.mean(np.square(worst))) < 1.4, "neither too sure nor too careful"
+    assert 0.6 < np.sqrt(np.mean(np.square(worst))) < 1.4  # neither too sure nor too careful
 
 
 def test_targets_beyond_the_driven_joint_angles_are_marked(tmp_path: Path) -> None:
@@ -273,7 +273,7 @@ def test_work_where_no_run_measured_is_said_to_be_unknown(tmp_path: Path) -> Non
         done.exit_code == 3
         and "the uncertainty of the targets is unknown, so no corrected targets were written" in done.stderr
     )
-    assert not (tmp_path / "0" / "corrected-path.csv").exists(), "a guess was written as a correction"
+    assert not (tmp_path / "0" / "corrected-path.csv").exists()  # a guess was written as a correction
     words = ["correct", str(cell), "--path", str(path), "--anyway", "-o"]
     said = " ".join(CliRunner().invoke(app, [*words, str(tmp_path / "1")]).stdout.split())
     assert "The work area was not measured; the error there is unknown." in said

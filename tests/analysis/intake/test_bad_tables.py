@@ -174,7 +174,7 @@ def test_the_direction_of_the_command() -> None:
 def test_joints_that_jump() -> None:
     q4 = plain("yaw")["q4_deg"]
     told = refusal(with_cell("yaw", "q4_deg", 50, repr(float(q4[50]) - 60)), "yaw")
-    assert len(told) == 1, "the good row after a bad one is not blamed"
+    assert len(told) == 1  # the good row after a bad one is not blamed
     assert re.search(r"line 52, q4_deg: jumps by -\d+\.?\d*° in 0\.1 s;", told[0])
     rows = plain("yaw")
     rows["q4_deg"] = [repr(float(cell) - 360 * (k >= 60)) for k, cell in enumerate(q4)]
@@ -226,7 +226,7 @@ def test_another_separator() -> None:
         "save the file with commas and decimal points: sed 'y/,;/.,/' t.csv > TABLE.csv"
     ]
     converted = other.translate(str.maketrans(",;", ".,")).encode()
-    assert parse_csv(converted, "t.csv", "pose", rig()).num_rows, "the remedy works"
+    assert parse_csv(converted, "t.csv", "pose", rig()).num_rows  # the remedy works
     assert "separates columns by tabs" in refusal(text.replace(",", "\t"), "pose")[0]
 
 

@@ -84,7 +84,7 @@ def test_no_cell_and_no_header_of_a_workbook_is_a_formula_or_a_link() -> None:
     book = zipfile.ZipFile(out)
     sheet = book.read("xl/worksheets/sheet1.xml").decode()
     assert "<f>" not in sheet and "hyperlink" not in sheet and "\x1b" not in sheet
-    assert sheet.count("<row ") == len(texts) + 1 and sheet.count("<v>") == len(texts) - 1, "what is unknown is empty"
+    assert sheet.count("<row ") == len(texts) + 1 and sheet.count("<v>") == len(texts) - 1  # what is unknown is empty
 
 
 def test_more_rows_than_a_sheet_has_are_refused() -> None:

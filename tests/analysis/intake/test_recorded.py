@@ -158,7 +158,7 @@ def test_at_targets_gauge_1_is_enough(tmp_path: Path) -> None:
     assert isinstance(measured.table, RepeatabilityTable)
     assert measured.table.target.tolist() == [target for target in (1, 14, 29, 35) for _ in range(7)]
     assert measured.table.approach.tolist() == 4 * ["none", *3 * ["out", "in"]]
-    assert np.abs(measured.table.g_mm).max() < 1e-3, "what is read while the arm swings does not count"
+    assert np.abs(measured.table.g_mm).max() < 1e-3  # what is read while the arm swings does not count
     assert measured.doubts == ()
 
 

@@ -110,7 +110,7 @@ def test_the_largest_hysteresis_is_never_below_its_mean_and_is_u_where_it_is_noi
         H, mean = figures[f"hysteresis_max_{unit}"], figures[f"hysteresis_mean_{unit}"]
         assert 0 < abs(mean.value) <= H.value < H.u
         assert figure_in_words(f"hysteresis_max_{unit}", H) == f"≤ {H.rounded_u} {H.sign}"
-        assert "±" in figure_in_words(f"hysteresis_mean_{unit}", mean), "a mean has its sign and its u"
+        assert "±" in figure_in_words(f"hysteresis_mean_{unit}", mean)  # a mean has its sign and its u
 
 
 def test_the_less_certain_time_of_a_pair_counts_whichever_run_has_it() -> None:

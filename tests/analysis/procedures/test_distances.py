@@ -162,7 +162,7 @@ def test_a_drift_that_the_visits_show_makes_no_band() -> None:
     result = radial.evaluate(dataclasses.replace(once, **part, t_s=t_s, g_mm=g), 400.0, 0.0005)
     assert result.figures["held_band_mm"].value < 0.01
     assert abs(result.figures["centre_z_mm"].value) < 0.005
-    assert result.figures["held_radius_mm"].u > 0.025, "from the start to the middle it drifted by 0.05 mm"
+    assert result.figures["held_radius_mm"].u > 0.025  # from the start to the middle it drifted by 0.05 mm
     assert result.scatter is not None
     assert np.median(result.scatter.sd_mm) == pytest.approx(0.003, rel=0.3)
 
@@ -178,7 +178,7 @@ def test_repeatability_keeps_the_drift_between_the_visits() -> None:
     found = radial.evaluate(dataclasses.replace(once, **part, t_s=t_s, g_mm=g), 400.0, 0.0005).figures["rp_mean_mm"]
     drifted = np.array([step, 0.0, step])
     assert found.value == pytest.approx(drifted.mean() + 3 * drifted.std(ddof=1), rel=0.05)
-    assert found.u < 0.1 * found.value, "the drift is no scatter"
+    assert found.u < 0.1 * found.value  # the drift is no scatter
 
 
 def test_one_wild_reading_moves_figures_less_than_two_u() -> None:

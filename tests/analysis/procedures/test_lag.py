@@ -37,7 +37,7 @@ def test_a_lag_is_found_where_nothing_else_reverses(lag_s: float) -> None:
     acw, cw = (distance(rig, direction, None, effects) for direction in ("acw", "cw"))
     found = lag_of([(acw, cw)], [1.0], 100)
     assert found.value == pytest.approx(1e3 * lag_s, abs=0.2)
-    assert 1 < found.u < 60, "a different run never meets the ball at quite the same place"
+    assert 1 < found.u < 60  # a different run never meets the ball at quite the same place
 
 
 def test_play_widens_the_uncertainty_that_covers_the_lag() -> None:

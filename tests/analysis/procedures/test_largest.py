@@ -31,7 +31,7 @@ def test_the_size_is_unbiased_and_within_2u(truth: np.ndarray, sign: float) -> N
     assert abs(off.mean()) < 0.5 * u.mean()
     assert np.mean(np.abs(off) <= 2 * u) >= 0.9 and u.mean() < 2.5 * np.sqrt((off**2).mean())
     if truth is PLATEAU:
-        assert np.mean([np.abs(curve).max() for curve in curves]) - true > u.mean(), "the maximum itself is too large"
+        assert np.mean([np.abs(curve).max() for curve in curves]) - true > u.mean()  # the maximum itself is too large
 
 
 def test_any_place_of_a_plateau_is_within_2u_and_a_peak_is_where_it_is() -> None:
@@ -52,7 +52,7 @@ def test_a_narrow_peak_regains_what_uncertain_places_took_off_it() -> None:
     known, blurred = (largest(PEAK, still, blur, "mm", 1)[0] for blur in (0.0, np.radians(3)))
     assert known.value == pytest.approx(PEAK.max()) and known.u == 0
     assert blurred.value - known.value == pytest.approx(blurred.u) and blurred.u > 0.05
-    assert largest(PLATEAU, still, np.radians(3), "mm", 1)[0].u < 1e-3, "a plateau loses nothing"
+    assert largest(PLATEAU, still, np.radians(3), "mm", 1)[0].u < 1e-3  # a plateau loses nothing
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.2, 0.6, 1.0, 2.0])

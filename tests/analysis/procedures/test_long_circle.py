@@ -34,7 +34,7 @@ def _short_parts(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def _both(path: Path) -> tuple[Result, Result]:
-    assert long_circle.long_circle(path, path) is not None, "read as a whole"
+    assert long_circle.long_circle(path, path) is not None  # read as a whole
     return evaluate_path(path, with_rows=False), evaluate_path(path)
 
 

@@ -141,9 +141,9 @@ def test_groups_are_those_of_comparing_every_row_with_every_other(many: int, mon
             expected[near & (expected < 0)] = expected.max() + 1
     assert expected.max() > 20 and list(pose.groups(q, 1e-3)) == list(expected)
     turned = q + np.where(np.arange(300)[:, None] % 2 == 0, 2 * np.pi, 0.0)
-    assert list(pose.groups(turned, 1.001e-3)) == list(expected), "whole turns do not count"
+    assert list(pose.groups(turned, 1.001e-3)) == list(expected)  # whole turns do not count
     on_rail = np.column_stack([q, np.arange(300) % 2 * 2 * np.pi])
-    assert len(set(pose.groups(on_rail, 1e-3, rail=True))) > len(set(expected)), "a rail has no turns"
+    assert len(set(pose.groups(on_rail, 1e-3, rail=True))) > len(set(expected))  # a rail has no turns
 
 
 def test_stacked_groups_give_what_each_gives() -> None:

@@ -33,7 +33,7 @@ def test_each_row_carries_its_own_uncertainty(tmp_path: Path) -> None:
         f"robot: {len(WRONG)} rows are ignored because the time is too uncertain",
     ]
     uncertain = np.flatnonzero(data.u_t_s > 1e-4)
-    assert 1 <= len(uncertain) <= 3, "the slower answer, and those beside it"
+    assert 1 <= len(uncertain) <= 3  # the slower answer, and those beside it
     assert data.u_t_s.max() == pytest.approx(3e-3 / np.sqrt(12), rel=0.1)
     assert np.median(data.u_t_s) < 1e-5
 
@@ -53,7 +53,7 @@ def test_a_gauge_is_not_bridged_over_a_hole_in_which_a_play_is_crossed_a_robot_i
     gaps_ns = align.gaps_ns(rows, with_hole, align.JUMPS_NS)
     assert np.array_equal(gaps_ns > 0, inside) and gaps_ns.max() == pytest.approx(20.7e6)
     assert not align.gaps_ns(rows, with_hole, align.MOVES_NS).any()
-    assert not align.gaps_ns(with_hole, with_hole, align.JUMPS_NS).any(), "read in one answer, before and after it"
+    assert not align.gaps_ns(with_hole, with_hole, align.JUMPS_NS).any()  # read in one answer, before and after it
 
 
 def test_what_rigd_itself_makes_a_gauge_wait_is_no_doubt() -> None:

@@ -43,7 +43,7 @@ def test_a_saved_run_keeps_the_calibration_to_the_byte(tmp_path: Path) -> None:
     run = simulated(tmp_path)
     assert (run / FILE).read_bytes() == content
     assert verify(run) == []
-    assert is_read(FILE), "a run that lies elsewhere is fetched with it"
+    assert is_read(FILE)  # a run that lies elsewhere is fetched with it
     assert analysis.load_run(run).rig.calibrated == calibrated_model()
 
 

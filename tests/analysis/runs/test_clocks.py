@@ -220,7 +220,7 @@ def test_without_a_steady_pace_the_arrivals_stay() -> None:
     host_ns = np.cumsum(rng.uniform(10e6, 30e6, 1500))
     found = through_pace(host_ns)
     np.testing.assert_array_equal(found.ns, host_ns)
-    assert 2e-3 < np.median(found.u_s) < 5e-3, "they may be late by as much as they are uneven"
+    assert 2e-3 < np.median(found.u_s) < 5e-3  # they may be late by as much as they are uneven
 
 
 @example(4, 70, 4, 20)

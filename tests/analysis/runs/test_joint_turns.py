@@ -39,7 +39,7 @@ def test_rows_a_turn_lower_are_counted_back_together_even_if_one_is_within_the_l
     angle = np.concatenate([RNG.uniform(-170, 170, 40), [-466.8, -400.0, -380.0, -354.1]])
     assert turns_further(np.radians(angle), LIMITS).tolist() == [0] * 40 + [-1] * 4
     typo = np.radians(np.append(RNG.uniform(-350, 350, 60), 400.0))
-    assert turns_further(typo, LIMITS).tolist() == [0] * 60 + [1], "the joint really turns"
+    assert turns_further(typo, LIMITS).tolist() == [0] * 60 + [1]  # the joint really turns
 
 
 def test_angles_within_less_than_a_turn_are_as_they_stand() -> None:

@@ -107,7 +107,7 @@ def test_of_gauges_that_are_asked_in_turn_each_one_ends_its_own_error() -> None:
 
     first, *_ = told(lambda t_s: 1.5 * math.sin(2 * math.pi * t_s / 3))
     assert first.detail.startswith(f"g2 went in and out of error {TIMES_IN_ERROR} times in ")
-    assert told(lambda t_s: 0.5 if t_s < 2 else 1.5) == [], "the readings of the other do not end it"
+    assert told(lambda t_s: 0.5 if t_s < 2 else 1.5) == []  # the readings of the other do not end it
 
 
 def test_a_message_that_lacks_one_gauge_does_not_end_the_error_of_its_instrument() -> None:

@@ -43,7 +43,7 @@ def test_a_stall_does_not_hide_why_an_instrument_gives_no_readings(buffer: Strea
 
 def test_a_reader_that_stood_still_reports_it_once_with_its_length(buffer: StreamBuffer) -> None:
     buffer.beat()
-    assert buffer.drain() == [], "it has just begun"
+    assert buffer.drain() == []  # it has just begun
     buffer.heartbeat_ns -= 3 * S
     buffer.beat()
     buffer.beat()

@@ -81,7 +81,7 @@ def test_a_dead_unit_costs_the_others_no_more_than_its_time_outs() -> None:
     silent = _faults(items, FaultKind.SILENT)
     assert all(fault.detail.startswith("unit 3, input register 200: no answer") for fault in silent)
     lost_s = sum(fault.count for fault in silent) * TIMEOUT_S
-    assert len(silent) >= 2 and lost_s < 0.05 * seconds, "it is asked less and less often"
+    assert len(silent) >= 2 and lost_s < 0.05 * seconds  # it is asked less and less often
     for column, whole in zip([0, 1, 3, 4, 5, 6, 7], range(7), strict=True):
         share = len(_samples(items, column)) / len(_samples(without, whole))
         assert share > 1 - lost_s / seconds - FAIR

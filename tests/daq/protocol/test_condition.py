@@ -62,7 +62,7 @@ def test_what_rtde_has_of_the_condition() -> None:
         "payload_kg": 4.25,
         **{f"temperature{axis}_c": warm for axis, warm in enumerate(WARM, 1)},
     }
-    assert _of_rtde(scaling=0.5, slider=0.5)["speed_percent"] == pytest.approx(25), "both slow the robot down"
+    assert _of_rtde(scaling=0.5, slider=0.5)["speed_percent"] == pytest.approx(25)  # both slow the robot down
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_a_field_that_a_controller_does_not_know_costs_that_field_alone() -> Non
     unknown = ("DOUBLE", "VECTOR6D", "UINT32", "NOT_FOUND", "DOUBLE", "DOUBLE", "NOT_FOUND", "VECTOR6D")
     again = script.receive(_packet(b"O", b"\0" + ",".join(unknown).encode())).send
     named = "timestamp,actual_q,runtime_state,safety_mode,speed_scaling,target_speed_fraction,joint_temperatures"
-    assert again[11:].decode() == named, "an older controller has the mode in place of the status"
+    assert again[11:].decode() == named  # an older controller has the mode in place of the status
     kinds = "DOUBLE,VECTOR6D,UINT32,NOT_FOUND,DOUBLE,DOUBLE,VECTOR6D"
     again = script.receive(_packet(b"O", b"\0" + kinds.encode())).send
     assert again[11:].decode() == named.replace("safety_mode,", "")
@@ -229,7 +229,7 @@ def test_the_elements_of_rsi_that_a_rig_file_names(elements: bytes, percent: flo
     robot = rsi(condition={"speed_percent": "Override", "motors_on": "Drives.On"})
     script = Script(daq.feedback.host(robot))
     step = script.receive(ROB % elements)
-    assert step.send, "the robot does not stop for it"
+    assert step.send  # the robot does not stop for it
     assert _last(robot, script) == pytest.approx({"speed_percent": percent, "motors_on": motors}, nan_ok=True)
 
 
@@ -240,7 +240,7 @@ def test_the_fields_of_a_line_that_a_rig_file_names() -> None:
     assert _last(robot, script) == {"signal": 7.0, "temperature2_c": 41.5, "program_state": ProgramState.PAUSED}
     script.receive(b",1,2,3,4,5,6,7,\n")
     shown = _last(robot, script)
-    assert math.isnan(shown["temperature2_c"]) and math.isnan(shown["program_state"]), "left empty: not known"
+    assert math.isnan(shown["temperature2_c"]) and math.isnan(shown["program_state"])  # left empty: not known
 
 
 @pytest.mark.parametrize("robot", [rtde(), egm(), j519(version=3), rsi(condition={"payload_kg": "Load"})])

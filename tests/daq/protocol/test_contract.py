@@ -90,7 +90,7 @@ def test_gauge_tells_a_head_in_error(name: str, gauges: Sequence[Gauge], resolut
         assert {fault.kind for fault in faults} == {FaultKind.SILENT}
     else:
         assert {fault.kind for fault in faults} == {FaultKind.DEVICE_ERROR}
-        assert 2 <= len(faults) <= 3 * len(gauges), "the first at once, the rest with a count"
+        assert 2 <= len(faults) <= 3 * len(gauges)  # the first at once, the rest with a count
         assert sum(fault.count for fault in faults) >= 8
     assert all(sample.values == pytest.approx([1.0] * len(gauges), abs=resolution_mm) for sample in samples)
     assert samples[0].last_byte_ns < 2 * S and samples[-1].last_byte_ns > 4 * S

@@ -335,7 +335,7 @@ def test_modbus_joints_that_are_none(state: int, last: float, kind: FaultKind, w
     script.receive(_joints_reply(1, state, 1, 2, 3, 4, 5, last))
     _fault(script, kind, word)
     script.wake()
-    assert script.step.send == _tcp(2, 1, 3, 0, 100, 0, 13), "it is asked again"
+    assert script.step.send == _tcp(2, 1, 3, 0, 100, 0, 13)  # it is asked again
 
 
 @pytest.mark.parametrize(
@@ -454,7 +454,7 @@ def test_rtde_controller_refuses() -> None:
     assert script.receive(wrong).send == _rtde(b"O", b"\0DOUBLE,NOT_FOUND")
     right = _rtde(b"O", struct.pack(">d", 500) + b"timestamp,actual_q")
     assert script.receive(right).send == RECIPE
-    assert script.receive(_rtde(b"O", right[3:] + b",")).send == RECIPE, "as SDU's client ends the list"
+    assert script.receive(_rtde(b"O", right[3:] + b",")).send == RECIPE  # as SDU's client ends the list
     assert script.receive(_rtde(b"S")).send == STARTED and script.step.wake_ns == 0
     assert script.receive(_rtde(b"P")).send == _rtde(b"P", b"\1") and script.step.wake_ns is None
 

@@ -57,7 +57,7 @@ def status(number: int, joint: float = 1.0, stamp_ms: int = 1000, kind: int = 0)
 
 def test_rsi_reads_the_angles_and_answers_with_the_same_ipoc() -> None:
     script = Script(daq.feedback.host(rsi()))
-    assert script.sent == b"", "the controller speaks first"
+    assert script.sent == b""  # the controller speaks first
     step = script.receive(ROB, 9)
     assert step.send == b'<Sen Type="ImFree"><IPOC>123645634563</IPOC></Sen>'
     assert script.taken() == [Sample(RSI_ANGLES, NO_TIME, 9, 9, len(ROB), 123645634.563)]
@@ -106,7 +106,7 @@ def test_rsi_texts_that_are_none(text: bytes, kind: FaultKind, answered: bool) -
     (fault,) = script.taken()
     assert isinstance(fault, Fault) and fault.kind is kind
     script.receive(rob(12))
-    assert isinstance(script.taken()[-1], Sample), "the next one is as good as ever"
+    assert isinstance(script.taken()[-1], Sample)  # the next one is as good as ever
 
 
 def test_rsi_tells_answers_that_the_controller_found_late() -> None:
@@ -125,7 +125,7 @@ def test_rsi_controller_counts_the_answers_that_are_not_there() -> None:
     script.receive(b'<Sen Type="ImFree"><IPOC>' + ipoc + b"</IPOC></Sen>")
     assert b'<Delay D="0"/>' in script.wake().send
     script.receive(b'<Sen Type="ImFree"><IPOC>' + ipoc + b"</IPOC></Sen>")
-    assert b'<Delay D="1"/>' in script.wake().send, "that was the answer to the one before"
+    assert b'<Delay D="1"/>' in script.wake().send  # that was the answer to the one before
 
 
 def test_egm_reads_the_measured_angles_and_the_clock_and_sends_nothing() -> None:
@@ -137,7 +137,7 @@ def test_egm_reads_the_measured_angles_and_the_clock_and_sends_nothing() -> None
     script.receive(PACKED, 6)
     (sample,) = script.taken()
     assert isinstance(sample, Sample) and sample.values[:6] == EGM_ANGLES
-    assert sample.device_time_s == 2.004, "the header's clock where the feedback has none"
+    assert sample.device_time_s == 2.004  # the header's clock where the feedback has none
     assert script.sent == b""
 
 
@@ -246,7 +246,7 @@ def test_j519_starts_the_version_that_the_controller_has(answer: bytes, start: b
     script = Script(daq.feedback.host(j519()))
     assert script.sent == ASKS
     assert script.receive(answer).send == start and script.taken() == []
-    assert script.wake().send == ASKS, "after a silence it is asked again"
+    assert script.wake().send == ASKS  # after a silence it is asked again
 
 
 @pytest.mark.parametrize("version", [3, 4])
@@ -339,7 +339,7 @@ def test_a_tick_that_is_late_sends_one_datagram_or_all_that_a_stream_lacks(feedb
     assert device.connected(5 * S).wake_ns == 5 * S
     wake_ns = device.tick(5 * S + S // 10).wake_ns
     assert device.sent == sent
-    assert wake_ns is not None and (wake_ns <= 5 * S + S // 10) is (sent == 1), "the next at once, or in its time"
+    assert wake_ns is not None and (wake_ns <= 5 * S + S // 10) is (sent == 1)  # the next at once, or in its time
 
 
 def test_a_rsi_controller_quicker_than_the_rig_file_says_loses_nothing() -> None:

@@ -119,7 +119,7 @@ def test_nd287_whose_display_shows_something_else_is_not_read(status: bytes, uni
     script = asked(daq.gauges.host([gauge("heidenhain_nd287", units=units)]))
     for _ in range(2):
         script.receive(status)
-        assert script.wake().send == b"\x1bA0800\r", "it is asked again until it can be read"
+        assert script.wake().send == b"\x1bA0800\r"  # it is asked again until it can be read
     faults = script.taken()
     assert {type(item) for item in faults} == {Fault} and words in str(faults)
     assert script.receive(b"\x0200000%d11\r\n" % (units == "inch")).send == b"\x1bA0100\r"
@@ -271,7 +271,7 @@ def test_orbit_without_its_status_is_no_reading() -> None:
     script.wake()
     (fault,) = script.taken()
     assert isinstance(fault, Fault) and fault.kind is FaultKind.SILENT
-    assert script.wake().send == _rtu(1, 3, 0x1F, 0x42, 0, 1), "a probe: the answer is told by the length"
+    assert script.wake().send == _rtu(1, 3, 0x1F, 0x42, 0, 1)  # a probe: the answer is told by the length
     assert script.receive(_rtu(1, 3, 2, 0, 0)).send == READ
     assert script.receive(_float(2.5)).send == STATUS
     script.receive(_float(0))

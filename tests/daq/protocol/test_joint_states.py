@@ -104,7 +104,7 @@ def test_a_message_in_pieces_and_two_in_one() -> None:
 def test_what_is_no_joint_state_is_a_fault(text: str, kind: FaultKind, words: tuple[str, ...]) -> None:
     server = Server()
     fault(server.text(text), kind, *words)
-    assert len(server.text(published())) == 1, "and the next is read"
+    assert len(server.text(published())) == 1  # and the next is read
 
 
 def test_a_hand_that_publishes_on_the_same_topic_does_no_harm() -> None:

@@ -25,10 +25,10 @@ def test_each_value_belongs_to_its_own_request(name: str) -> None:
     requests = 10_000 if name == "modbus rtu mm" else 300
     late = simulated(CASES[name], requests, 7)
     assert late.requests >= requests * (0.7 if "orbit" in name else 1) and late.shifted == 0
-    assert late.samples > (0.1 if "orbit" in name else 0.3) * requests, "an orbit takes two answers in time"
+    assert late.samples > (0.1 if "orbit" in name else 0.3) * requests  # an orbit takes two answers in time
     assert late.faults[FaultKind.SILENT] > 0.3 * requests
     assert set(late.faults) == {FaultKind.SILENT, FaultKind.LATE}
-    assert abs(late.faults[FaultKind.SILENT] - late.faults[FaultKind.LATE]) <= 1, "every late answer was told"
+    assert abs(late.faults[FaultKind.SILENT] - late.faults[FaultKind.LATE]) <= 1  # every late answer was told
 
 
 @pytest.mark.parametrize("name", [name for name, gauge in CASES.items() if gauge.port != TCP])
@@ -86,9 +86,8 @@ def test_answers_held_back_by_a_menu_come_in_one_burst_and_shift_nothing(name: s
     samples = samples_of(items)
     early_ns = [s.requested_ns - instrument.took_ns(s) for s in samples]
     stirred = 12 * S // STIR_EVERY_NS
-    assert sum(early > 0 for early in early_ns) <= 1 + stirred, (
-        "at most the burst's first and where the line is stirred"
-    )
+    # at most the burst's first and where the line is stirred
+    assert sum(early > 0 for early in early_ns) <= 1 + stirred
     assert max(early_ns) < TIMEOUT_S * S
     assert all(instrument.took_ns(s) <= s.first_byte_ns for s in samples)
     assert min(s.last_byte_ns for s in samples) < S and max(s.last_byte_ns for s in samples) > 11 * S

@@ -138,7 +138,7 @@ def test_a_probe_in_a_wrong_order_that_moves_gives_no_readings(word_order: str, 
     travel_mm = np.random.default_rng(5).permutation(np.linspace(-2, 2, 2001))
     items = [_answered(script, _laid(float(v), "float32", word_order, byte_order)) for v in travel_mm]
     passed = [place for place, item in enumerate(items) if isinstance(item, Sample)]
-    assert len(passed) < 20 and all(place < 20 for place in passed), "before the first that is no length"
+    assert len(passed) < 20 and all(place < 20 for place in passed)  # before the first that is no length
 
 
 @pytest.mark.parametrize(("word_order", "byte_order"), ORDERS[1:])

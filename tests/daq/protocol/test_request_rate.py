@@ -38,7 +38,7 @@ def test_a_computer_that_is_a_little_late_each_time_still_asks_as_often_as_it_ma
     asked_ns = _requested_ns(late_ns)
     asked_ns = asked_ns[asked_ns >= asked_ns[-1] - 2000 * MS]
     rate_hz = (len(asked_ns) - 1) * 1e9 / np.ptp(asked_ns)
-    assert 0.97 * RATE_HZ < rate_hz <= 1.001 * RATE_HZ, "but for the pauses that stir the line"
+    assert 0.97 * RATE_HZ < rate_hz <= 1.001 * RATE_HZ  # but for the pauses that stir the line
 
 
 def test_what_a_stall_missed_is_not_asked_for_afterwards() -> None:

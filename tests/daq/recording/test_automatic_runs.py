@@ -87,7 +87,7 @@ def test_a_program_after_the_other_is_a_run_each(printing: Bench) -> None:
         assert verify(path) == []
         robot = read_run(path).streams["robot"]
         began = int(np.argmax(robot["signal"] == program))
-        assert began > 0 and robot["signal"][began - 1] == program - 1, "what was before it belongs to the run"
+        assert began > 0 and robot["signal"][began - 1] == program - 1  # what was before it belongs to the run
         since_ns = robot["last_byte_ns"][began] - 1_000_000_000
         assert robot["first_byte_ns"][0] >= since_ns
     # the run before has the same second, with whatever gaps a busy computer left in it
@@ -184,7 +184,7 @@ def test_a_run_of_a_blink_is_kept_and_marked(tmp_path: Path) -> None:
     (path,) = tmp_path.iterdir()
     manifest = read_run(path).manifest
     assert manifest.exit_status == "interrupted" and manifest.reason == "the robot stands still; only 0.50 s long"
-    assert manifest.counters["robot"]["samples"] == 150 + 50, "all from 0.5 s on, where the recorder began, to now"
+    assert manifest.counters["robot"]["samples"] == 150 + 50  # all from 0.5 s on, where the recorder began, to now
 
 
 def test_a_disk_that_refuses_is_why_nothing_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -225,7 +225,7 @@ def test_people_come_first_while_the_disk_is_still_asked_for_the_automats_run(
     (theirs,) = [path for path in tmp_path.iterdir() if path not in mine]
     manifest = load_manifest(theirs)
     assert (manifest.exit_status, manifest.reason) == ("interrupted", "a person started mine")
-    assert manifest.counters["robot"] == {"samples": 200}, "from a second before the signal"
+    assert manifest.counters["robot"] == {"samples": 200}  # from a second before the signal
 
 
 def test_a_lap_that_begins_before_the_disk_has_the_one_before_is_kept_as_that_is(

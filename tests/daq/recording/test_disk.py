@@ -137,11 +137,11 @@ def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(
     state = written.round()
     assert state["recording"] is None and state["waiting"] == "lap" and not any(state["missed"].values())
     assert state["last_end"].startswith("interrupted: disk nearly full: 3.0 MB free, 16.8 MB needed")
-    assert len(read_run(written.path).streams["robot"]["q1_deg"]) == 20, "whole, the last readings too"
+    assert len(read_run(written.path).streams["robot"]["q1_deg"]) == 20  # whole, the last readings too
     assert written.round()["missed"] == {"g1": 10, "g2": 10, "robot": 10}
     monkeypatch.setattr(durable, "free_bytes", lambda _: 30_000_000)
     written.retry()
-    assert written.round()["recording"] is None, "more room is needed to begin than to go on"
+    assert written.round()["recording"] is None  # more room is needed to begin than to go on
     monkeypatch.undo()
     written.until_it_goes_on()
     written.accounted()
@@ -224,7 +224,7 @@ def test_what_no_run_follows_to_count_is_in_the_log_and_in_the_status(
     assert written.buffers["g1"].state().counters["dropped"] == 7
     assert f"g1: dropped: 7 samples were not recorded: {written.path.name} could not be closed" in caplog.text
     recover(written.path)
-    assert len(read_run(written.path).streams["g1"]["g1_mm"]) == 10, "the rest is there"
+    assert len(read_run(written.path).streams["g1"]["g1_mm"]) == 10  # the rest is there
 
 
 def test_what_a_run_has_lost_is_counted_where_it_closes_after_the_recording_was_given_up(written: Written) -> None:
@@ -270,7 +270,7 @@ def test_a_chunk_that_vanishes_ends_its_run_whole_and_another_follows(
     assert "run ended, failed: " in caplog.text and "g1-0001.arrow: disappeared during the recording" in caplog.text
     written.until_it_goes_on()
     former, _ = written.accounted()
-    assert load_manifest(former).exit_status == "failed", "with every row: the open file still had them"
+    assert load_manifest(former).exit_status == "failed"  # with every row: the open file still had them
     assert len(read_run(former).streams["g1"]["g1_mm"]) == 20
 
 
@@ -334,7 +334,7 @@ def test_a_slow_sync_keeps_nothing_from_the_disk(
             written.recorder._round()
         state = written.recorder.state()
         assert (state["samples"]["g1"], state["synced"]["g1"]) == (90, 0)  # type: ignore[index]
-        assert written.writer.stored()["g1"] == 90, "with the system, where a kill does not reach it"
+        assert written.writer.stored()["g1"] == 90  # with the system, where a kill does not reach it
     finally:
         done.set()
     written.round(0)
@@ -411,7 +411,7 @@ def test_closing_a_chunk_keeps_nothing_from_the_disk(
     for _ in range(4):  # each would wait for ever, were it to wait for the disk
         written.deliver()
         written.recorder._round()
-    assert written.writer.stored()["g1"] == written.delivered, "with the system, where no kill reaches it"
+    assert written.writer.stored()["g1"] == written.delivered  # with the system, where no kill reaches it
     done.set()
     written.round()
     written.recorder.stop_run().result()

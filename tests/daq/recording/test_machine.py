@@ -98,11 +98,11 @@ def _carried_out(world: World, actions: tuple[Action, ...]) -> World:
     for action in actions:
         match action:
             case Create(run, _, resumes):
-                assert run not in world.asked | world.made, "a run is asked for once"
+                assert run not in world.asked | world.made  # a run is asked for once
                 assert not resumes or world.gap == "waiting"
                 world = replace(world, asked=world.asked | {run}, gap=run if resumes else world.gap)
             case Close(run):
-                assert run in world.made, "what is closed was made, and is closed once"
+                assert run in world.made  # what is closed was made, and is closed once
                 world = replace(world, made=world.made - {run}, closing=world.closing | {run})
             case Suspend(run):
                 assert world.gap != "waiting" and run in world.closing
@@ -117,10 +117,10 @@ def _require_order(state: RecorderState, world: World) -> None:
     """Check that every run on the disk is known to the recorder, and that only one run receives new samples."""
     leaving = {close.run for close in state.leaving}
     beginning = {state.phase.run} if isinstance(state.phase, Beginning) else set()
-    assert world.asked == leaving | beginning, "each run that the disk makes is known"
-    assert world.made == ({state.phase.run} if isinstance(state.phase, Running) else set()), "one is written at most"
-    assert (world.gap == "waiting") == isinstance(state.phase, Waiting), "what is missed is counted while one waits"
-    assert len(leaving) <= MOST_LEAVING + 1, "what is in memory is bounded"
+    assert world.asked == leaving | beginning  # each run that the disk makes is known
+    assert world.made == ({state.phase.run} if isinstance(state.phase, Running) else set())  # one is written at most
+    assert (world.gap == "waiting") == isinstance(state.phase, Waiting)  # what is missed is counted while one waits
+    assert len(leaving) <= MOST_LEAVING + 1  # what is in memory is bounded
 
 
 def _require_people_first(
@@ -131,13 +131,13 @@ def _require_people_first(
     if mine and after.recording != MINE:
         first = isinstance(before.phase, Beginning) and not before.phase.pause_s
         refused = first and isinstance(event, RunRefused)
-        assert event == ENOUGH or refused, "only a person ends a person's recording, or a disk that never began it"
+        assert event == ENOUGH or refused  # only a person ends a person's recording, or a disk that never began it
     if event == StartRequested(MINE) and rejected == "running":
-        assert mine and not isinstance(before.phase, Waiting), "nothing but a person keeps a person waiting"
+        assert mine and not isinstance(before.phase, Waiting)  # nothing but a person keeps a person waiting
     if event == StartRequested(THEIRS):
         assert (rejected is None) == (isinstance(before.phase, Idle) and len(before.leaving) < MOST_LEAVING)
     if event in (StartRequested(MINE), StartRequested(THEIRS)) and rejected:
-        assert after == before and len(actions) == 1, "what is rejected changes nothing"
+        assert after == before and len(actions) == 1  # what is rejected changes nothing
 
 
 def test_every_sequence_of_events() -> None:

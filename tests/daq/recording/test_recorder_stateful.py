@@ -145,7 +145,7 @@ class Recordings(RuleBasedStateMachine):
         before = self.recorder._state
         with suppress(CellError):
             self.recorder.stop_run(by=by)
-        assert by == "person" or before.recording is not MINE or self.recorder.recording is MINE, "people come first"
+        assert by == "person" or before.recording is not MINE or self.recorder.recording is MINE  # people come first
 
     @precondition(lambda self: not self.fails)
     @rule()
@@ -179,12 +179,12 @@ class Recordings(RuleBasedStateMachine):
         """The disk is well: what waits goes on, all is stopped, and every reading is accounted for."""
         for _ in range(4):
             self.go_round(works=True)
-        assert not isinstance(self.recorder._state.phase, Waiting | Beginning), "it goes on when the disk is back"
+        assert not isinstance(self.recorder._state.phase, Waiting | Beginning)  # it goes on when the disk is back
         self._stop("person")
         while self.disk.go_on():
             pass
         self.go_round(works=True)
-        assert not self.recorder._runs and self.recorder.recording is None, "nothing is left open"
+        assert not self.recorder._runs and self.recorder.recording is None  # nothing is left open
         self._account()
 
     def _account(self) -> None:
@@ -197,7 +197,7 @@ class Recordings(RuleBasedStateMachine):
                 held[stream].update(read_run(path).streams[stream][column].astype(int).tolist())
                 dropped[stream] += load_manifest(path).counters.get(stream, {}).get("dropped", 0)
         for stream, found in held.items():
-            assert max(found.values(), default=1) == 1, "no reading is in two runs"
+            assert max(found.values(), default=1) == 1  # no reading is in two runs
             lost = self.recorder.losses.counts
             count = found.total() + dropped[stream] + lost[stream]
             assert count == self.taken, (stream, count, self.taken, found.total(), dict(dropped), lost)

@@ -66,7 +66,7 @@ def test_a_robot_that_stood_before_the_signal_ended_is_given_its_time() -> None:
     robot = Robot(CW)
     robot.does(1, 0)
     robot.does(5, 1, deg_s=10)
-    assert robot.does(30, 1) == [], "it may stand at a target for as long as it likes"
+    assert robot.does(30, 1) == []  # it may stand at a target for as long as it likes
     robot.does(3, 0)
     assert [robot.ago(command) for command in robot.did] == [pytest.approx(3 - 0.01 - 2.0, abs=0.011)]
 
@@ -89,9 +89,8 @@ def test_the_next_lap_ends_the_one_before() -> None:
     assert stop.at_ns == start.at_ns
     robot.does(0.5, 0, deg_s=10)
     stop, start = robot.does(5, 2, deg_s=10)
-    assert isinstance(stop, StopRun) and isinstance(start, StartRun) and start.rule is ACW, (
-        "the same again is a new lap"
-    )
+    # the same again is a new lap
+    assert isinstance(stop, StopRun) and isinstance(start, StartRun) and start.rule is ACW
 
 
 def test_outputs_that_switch_one_after_the_other_are_one_change() -> None:
@@ -178,7 +177,7 @@ def test_a_departure_starts_with_the_direction_it_takes(deg_s: float, direction:
 def test_only_a_robot_that_stood_departs() -> None:
     robot = Robot(*MOVES)
     robot.q1 = -30
-    assert robot.does(20, deg_s=5) == [], "it comes from elsewhere and passes"
+    assert robot.does(20, deg_s=5) == []  # it comes from elsewhere and passes
 
 
 def test_a_robot_that_leaves_for_elsewhere_has_not_departed() -> None:
@@ -236,8 +235,8 @@ def test_five_seconds_and_the_whole_last_round_are_at_hand() -> None:
 
     for first in range(0, 800, 10):
         recent.add("robot", samples[first : first + 10])
-    assert since(0) == stamps[:800], "a disk that was behind takes nothing away"
+    assert since(0) == stamps[:800]  # a disk that was behind takes nothing away
     recent.trim()
     recent.add("robot", samples[800:])
-    assert since(0) == stamps[740:], "the round in which the five seconds begin is whole"
+    assert since(0) == stamps[740:]  # the round in which the five seconds begin is whole
     assert since(80 * S) == stamps[800:]

@@ -112,7 +112,7 @@ def test_no_head_on_the_second_channel(tmp_path: Path) -> None:
         told = bench.fails("rig", "record", "start", "x", "--test", "yaw", "--direction", "cw", code=4)
         assert "g2: no reading" in told and "channel 2" in told
         done = bench.run("rig", "record", "start", "x", "--test", "radial")
-        assert done.returncode == 0, "gauge 1 alone is enough for a radial test"
+        assert done.returncode == 0  # gauge 1 alone is enough for a radial test
 
 
 def test_a_gauge_that_goes_silent_while_recording_is_counted_in_the_run(bench: Bench) -> None:
@@ -236,7 +236,7 @@ def test_killed_while_recording_keeps_all_but_the_last_second(bench: Bench) -> N
     run = read_run(path)
     assert run.manifest.exit_status == "recovered"
     kept = len(run.streams["robot"]["q1_deg"])
-    assert kept >= (seconds - 1.2) * 500, "500 Hz of everything older than about a second"
+    assert kept >= (seconds - 1.2) * 500  # 500 Hz of everything older than about a second
     bench.start().all_reading()
 
 

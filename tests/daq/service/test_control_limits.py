@@ -67,7 +67,7 @@ def test_silent_connections_lock_nobody_out(tmp_path: Path) -> None:
                 assert asked(sock) == {"ok": True}
         assert descriptors() - before - len(silent) < 20
         assert threading.active_count() - threads < 20
-        assert asked(silent[0]) == {}, "the one that was silent longest has gone"
+        assert asked(silent[0]) == {}  # the one that was silent longest has gone
 
 
 def test_where_all_are_busy_a_new_one_is_refused_and_none_is_cut_off(
@@ -147,7 +147,7 @@ def test_where_the_system_has_no_descriptor_left_that_is_what_is_said(
             while "Too many open files" not in caplog.text and time.monotonic() < until_s:
                 time.sleep(0.01)
             time.sleep(0.5)
-            assert len(tries) < 100, "it waits, and does not spin"
+            assert len(tries) < 100  # it waits, and does not spin
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
             for fd in taken:

@@ -82,7 +82,7 @@ def test_a_port_that_takes_long_to_open_is_no_reader_that_hangs(monkeypatch: pyt
         reader.stop()
         reader.join(60)
         time.sleep(0.2)
-        assert not buffer.alive(0.1), "a reader that goes round no more is told from one that opens its port"
+        assert not buffer.alive(0.1)  # a reader that goes round no more is told from one that opens its port
     finally:
         resolved.set()
         reader.stop()

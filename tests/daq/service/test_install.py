@@ -176,7 +176,7 @@ def test_the_udev_rules_are_rules() -> None:
     assert len(rules) == 5
     (named,) = [number for number, rule in enumerate(rules) if "SYMLINK" in rule]
     assert 'ATTRS{port_number}=="[1-9]*", ENV{RIG_PORT}="-$attr{port_number}"' in rules[named - 1]
-    assert rules[named].endswith('NUM}$env{RIG_PORT}"'), "no two ports of an adapter have one name"
+    assert rules[named].endswith('NUM}$env{RIG_PORT}"')  # no two ports of an adapter have one name
     for rule in rules:
         found = [RULE.match(token.strip()) for token in re.split(r",\s*", rule)]
         assert all(found), rule

@@ -77,7 +77,7 @@ def test_lines_for_a_person() -> None:
     assert _plain(line(warned, named=False)) == f"{clock} warning g1: silent: nothing for 0.5 s"
     told = _plain(line(watchdog, named=True))
     assert told == f"{clock} cell       error   systemd: rigd@cell.service: Watchdog timeout (limit 15s)!"
-    assert line(warned, named=False) != _plain(line(warned, named=False)), "a warning has its colour"
+    assert line(warned, named=False) != _plain(line(warned, named=False))  # a warning has its colour
     assert journal.entry({**WARNED, "MESSAGE": [103, 49, 255]}).text == "g1\N{REPLACEMENT CHARACTER}"
     assert journal.entry({**WARNED, "MESSAGE": None}).text == ""
 

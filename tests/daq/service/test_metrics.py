@@ -98,11 +98,11 @@ def test_a_daemon_tells_what_it_reads_and_records(bench: Bench) -> None:
     assert value("rig_recording") == 1 and value("rig_recording_seconds") > 0
     assert value("rig_recording_info", name="lap", test="yaw", direction="acw", run=str(path)) == 1
     assert 0 < value("rig_disk_free_bytes") <= value("rig_disk_size_bytes")
-    assert not any(name.startswith(("rig_automatic", "rig_retention")) for name, _ in values), "it has neither"
+    assert not any(name.startswith(("rig_automatic", "rig_retention")) for name, _ in values)  # it has neither
     assert ("rig_recording", frozenset({("rig", "bench")})) in read(target.read_text())
     assert [entry.name for entry in target.parent.iterdir()] == ["rig.prom"]
     bench.signalled(signal.SIGTERM)
-    assert not target.exists(), "a daemon that has ended tells nothing"
+    assert not target.exists()  # a daemon that has ended tells nothing
 
 
 def test_a_file_of_metrics_that_cannot_be_written_is_told_at_the_start(bench: Bench) -> None:

@@ -54,7 +54,7 @@ def test_two_daemons_share_a_runs_directory(bench: Bench, tmp_path: Path) -> Non
         second = other.record("same-name")
         bench.recorded(100)
         other.recorded(100)
-        assert load_manifest(first).exit_status == "recording", "a run that another daemon writes is no crash"
+        assert load_manifest(first).exit_status == "recording"  # a run that another daemon writes is no crash
         bench.signalled(signal.SIGKILL)
         bench.start()
         _revived(bench, first)
@@ -147,7 +147,7 @@ def test_a_small_real_disk_fills_up_and_is_cleared(bench: Bench) -> None:
     assert dropped.keys() == {"g1", "g2", "robot"}
     robot = [read_run(path).streams["robot"]["device_time_s"] for path in (first, follower)]
     missed = round((robot[1][0] - robot[0][-1]) * 500) - 1
-    assert dropped["robot"] == missed, "by the controller's own clock"
+    assert dropped["robot"] == missed  # by the controller's own clock
     bench.daemon.send_signal(signal.SIGTERM)
     assert bench.daemon.wait(PATIENCE_S) == 0
 

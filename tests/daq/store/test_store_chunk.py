@@ -68,7 +68,7 @@ def test_one_bit_flipped_in_every_byte() -> None:
         before = sum(end <= place for end in ENDS[1:])
         assert count >= before, place
         if place < ENDS[0]:
-            assert count == 3, "a damaged head costs no batch"
+            assert count == 3  # a damaged head costs no batch
 
 
 def test_flipped_value_is_caught() -> None:

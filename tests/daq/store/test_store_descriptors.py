@@ -36,7 +36,7 @@ def test_a_run_that_cannot_begin_asks_for_descriptors_and_begins_when_there_are_
     with no_descriptor(but), pytest.raises(CellError, match=REMEDY) as refused:
         start(tmp_path)
     assert "make room" not in str(refused.value)
-    assert not any(tmp_path.iterdir()), "no directory without a manifest is left"
+    assert not any(tmp_path.iterdir())  # no directory without a manifest is left
     start(tmp_path).close("complete", "", {})
 
 

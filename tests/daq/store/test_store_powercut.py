@@ -16,7 +16,7 @@ def test_what_was_synced_survives_a_power_cut(tmp_path: Path, seed: int) -> None
     (tmp_path / "recording").mkdir()
     recorded = recording(tmp_path / "recording", seed)
     real, logged = IoWorker.read(tmp_path / "recording"), survivors(recorded.before, recorded.log, None)
-    assert logged.tree() == real.tree(), "the store changed a file beside daq.store.durable"
+    assert logged.tree() == real.tree()  # the store changed a file beside daq.store.durable
     kinds = {trial(recorded, tmp_path / str(state), 100 * seed + state).kind for state in range(15)}
     assert "brought back" in kinds
 

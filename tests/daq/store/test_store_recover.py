@@ -122,7 +122,7 @@ def test_crash_while_closing_a_chunk(
         ended = (step, when, nth) == ("append", "after", 4)
         assert_recovered(path, 20, "complete" if ended else "recovered")
     else:
-        assert (step, nth) in {("finish", 4), ("delete_chunk", 4)}, "three streams close three chunks"
+        assert (step, nth) in {("finish", 4), ("delete_chunk", 4)}  # three streams close three chunks
 
 
 @pytest.mark.parametrize("nth", range(1, 6))

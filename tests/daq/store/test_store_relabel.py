@@ -50,7 +50,7 @@ def test_a_manifest_without_a_history_reads_and_is_written_as_before(run: Path) 
     before = (run / MANIFEST).read_bytes() + (run / LEDGER).read_bytes()
     assert b"relabelled" not in before
     relabel(run, direction="cw", operator="ada")
-    assert (run / MANIFEST).read_bytes() + (run / LEDGER).read_bytes() == before, "these are the words that it has"
+    assert (run / MANIFEST).read_bytes() + (run / LEDGER).read_bytes() == before  # these are the words that it has
 
 
 def test_a_run_that_is_no_circle_any_more_has_no_direction(run: Path) -> None:
@@ -135,7 +135,7 @@ def test_the_command_takes_several_runs_and_analyse_says_so_once(tmp_path: Path)
     assert len(told) == 1
     assert told[0].endswith("after the recording: test yaw to roll, operator rig simulate to bob")
     relabel(runs[0], operator="rig simulate", test="yaw")
-    assert not any("relabelled" in doubt for doubt in load_measured(runs[0]).doubts), "it is what it was"
+    assert not any("relabelled" in doubt for doubt in load_measured(runs[0]).doubts)  # it is what it was
     relabel(runs[0], operator="bob", test="roll")
     listed = json.loads(CliRunner().invoke(app, ["runs", str(tmp_path), "--json"]).stdout)
     assert [(one["test"], one["operator"], one["relabelled"]) for one in listed] == [("roll", "bob", True)] * 2

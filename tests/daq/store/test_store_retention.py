@@ -79,7 +79,7 @@ def test_what_cannot_be_marked_is_told(run: Path, tmp_path: Path, monkeypatch: p
         mark_kept(run, True)
     output = tmp_path / "raw.mcap"
     done = CliRunner().invoke(app, ["export", str(run), "--to", "mcap", "-o", str(output)])
-    assert done.exit_code == 0 and output.exists(), "the export itself is good"
+    assert done.exit_code == 0 and output.exists()  # the export itself is good
     assert "could not be marked as exported, so rigd will not delete the run: cannot be marked" in done.stderr
 
 
@@ -107,7 +107,7 @@ def test_an_export_marks_its_run_and_the_list_shows_it(run: Path) -> None:
         run.name in listed and "yaw cw" in listed and "complete" in listed and " kept" in listed and "1 run " in listed
     )
     narrow = CliRunner().invoke(app, ["runs", str(run.parent)], env={"COLUMNS": "30"}).stdout
-    assert str(run) in narrow and len(narrow.splitlines()) == 3, "a directory in pieces cannot be copied"
+    assert str(run) in narrow and len(narrow.splitlines()) == 3  # a directory in pieces cannot be copied
     assert CliRunner().invoke(app, ["keep", "--not", str(run)]).stdout == f"{run}: no longer kept\n"
     assert '"kept": false' in CliRunner().invoke(app, ["runs", str(run.parent), "--json"]).stdout
 
@@ -197,7 +197,7 @@ def test_a_round_deletes_tells_and_counts(tmp_path: Path, caplog: pytest.LogCapt
     runs = tmp_path / "runs"
     retention = RunRetention(runs, "cell", Retention(gigabytes=0.001))
     retention.apply()
-    assert retention.state()["runs"] == 0, "no directory yet"
+    assert retention.state()["runs"] == 0  # no directory yet
     first, second, stays = _exported(runs), _exported(runs), finished(runs)
     (stays / "g1-0001.parquet").write_bytes(bytes(1_100_000))
     retention.apply()
@@ -207,7 +207,7 @@ def test_a_round_deletes_tells_and_counts(tmp_path: Path, caplog: pytest.LogCapt
     assert 100_000 < state["over_bytes"] < 200_000 and state["bytes"] - state["over_bytes"] == 1_000_000
     assert caplog.text.count("retention: deleted") == 2 and "exported to" in caplog.text
     retention.apply()
-    assert caplog.text.count("more than allowed") == 1, "not each time"
+    assert caplog.text.count("more than allowed") == 1  # not each time
 
 
 def test_runs_of_another_rig_are_nobodys_business_here(tmp_path: Path) -> None:

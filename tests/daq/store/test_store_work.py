@@ -81,7 +81,7 @@ def test_what_time_it_is_since_the_clock_was_set_is_saved_with_the_next_sync(
     work.wait()
     writer.end_work(None)
     assert len(load_manifest(writer.path).anchors) == 1
-    assert not writer.begin_sync().steps, "once"
+    assert not writer.begin_sync().steps  # once
     writer.anchor()
     writer.close("complete", "", {})
     assert len(load_manifest(writer.path).anchors) == 2

@@ -75,7 +75,7 @@ def ran(*arguments: str | Path, typed: str = "") -> tuple[int, str, str]:
         stream.flush()
         assert isinstance(stream.buffer, io.BytesIO)
         said.append(stream.buffer.getvalue().decode("utf-8"))
-    assert not [w for w in warned if issubclass(w.category, UserWarning)], "nothing but lines reaches standard error"
+    assert not [w for w in warned if issubclass(w.category, UserWarning)]  # nothing but lines reaches standard error
     return code, said[0], said[1]
 
 

@@ -79,7 +79,7 @@ def test_target_outside_the_measured_region_is_undecided_with_the_reason(tmp_pat
 def test_straightness_of_two_targets_is_that_of_the_line_between_them(tmp_path: Path) -> None:
     words = [word for targets in ("A,C", "A,far") for word in ("--tolerance", f"straightness:{targets}=0.1mm")]
     line, beyond = certified(tmp_path, RIPPLE, *words)["features"]
-    assert 0.005 < line["expected_mm"] < 0.1, "two points alone are always straight"
+    assert 0.005 < line["expected_mm"] < 0.1  # two points alone are always straight
     assert (line["verdict"], beyond["verdict"]) == ("accept", "undecided")
 
 
@@ -179,7 +179,7 @@ def test_draws_have_the_covariance_of_common_and_own_parts() -> None:
     common, own = np.array([[[2.0, 0, 0], [2, 0, 0]]]), np.broadcast_to(np.eye(3), (2, 3, 3))
     drawn = Cause("", "model", np.ones((2, 3)), common, own).draw(np.arange(2), 20_000, np.random.default_rng(0))
     assert drawn.mean(axis=(0, 1)) == pytest.approx([1, 1, 1], abs=0.06)
-    assert np.var(drawn[:, 0, 0] - drawn[:, 1, 0]) == pytest.approx(2.0, rel=0.05), "the common part cancels"
+    assert np.var(drawn[:, 0, 0] - drawn[:, 1, 0]) == pytest.approx(2.0, rel=0.05)  # the common part cancels
     assert np.var(drawn[:, 0, 0]) == pytest.approx(5.0, rel=0.05)
 
 

@@ -44,7 +44,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, typed: str, *ports: str, terminal: bo
             ask_gauges(Answers(), options(*ports), dialogue)
     finally:
         os.close(master)
-    assert not any("\n" in line for line in said), "line feeds in a question are printed as line breaks"
+    assert not any("\n" in line for line in said)  # line feeds in a question are printed as line breaks
     return searched, "\n".join([*said, screen.getvalue(), str(ended.value)])
 
 

@@ -92,7 +92,7 @@ def test_nothing_moved_is_said_only_after_enough_touches(tmp_path: Path) -> None
     assert len(check.touches) >= 4
     answers = [line for line in person.said if "touch " in line and "agree" in line]
     assert all("to conclude that nothing moved" in line for line in answers[:3])
-    assert sum("Next: touch" in line for line in person.said) == len(check.touches), "each touch is proposed"
+    assert sum("Next: touch" in line for line in person.said) == len(check.touches)  # each touch is proposed
 
 
 def test_the_posture_at_the_start_is_no_touch(tmp_path: Path) -> None:
@@ -120,7 +120,7 @@ def test_the_command_follows_the_daemon_and_history_marks_the_day(
     assert done.exit_code == 0 and done.stdout.startswith("The tool moved by"), done.output
     marked = load_marks(runs / "after").moved
     assert marked is not None and (marked.what, marked.reference) == ("tool", ("before",))
-    assert isinstance(CliRunner().invoke(app, words).exception, FileError), "an existing run is not overwritten"
+    assert isinstance(CliRunner().invoke(app, words).exception, FileError)  # an existing run is not overwritten
     page = tmp_path / "history.html"
     told = CliRunner().invoke(app, ["history", "moved", "--runs", str(runs), "-o", str(page), "--json"])
     (movement,) = json.loads(told.stdout)["movements"]
@@ -166,7 +166,7 @@ def test_references_are_enough_touches_or_circles_of_both_directions_and_no_chec
         ["before"]
     ]
     lap_run(runs, direction="acw", seed=1)
-    assert len(references_of([runs])) == 1, "one direction is no reference"
+    assert len(references_of([runs])) == 1  # one direction is no reference
     lap_run(runs, direction="cw", seed=1)
     touches, circles = references_of([runs])
     assert touches.can_be_touched and not circles.can_be_touched and len(circles.runs) == 2

@@ -117,7 +117,7 @@ def test_what_was_entered_brings_the_tool_onto_the_circle(maker: MakerName, name
     # The decimals of a job (0.001 mm) and the six digits of the entries are what is left.
     assert off_mm(here, after, more_deg).max() < (5e-3 if maker == "yaskawa" else 1e-3)
     wave = [float(np.ptp(trace.g_mm[len(trace.g_mm) // 8 :], axis=0).max()) for trace in (before, after)]
-    assert wave[0] > 0.1 and wave[1] < 0.02 * wave[0], "what the gauges read of it"
+    assert wave[0] > 0.1 and wave[1] < 0.02 * wave[0]  # what the gauges read of it
 
 
 @pytest.mark.parametrize(("maker", "name"), CASES)
@@ -167,7 +167,7 @@ def test_outputs_and_registers_are_the_signal(tmp_path: Path) -> None:
         plans = plans_of(rig, "yaw", 3.0)
         write_programs("ur", programs_of("ur", [(plan, demand_of(plan)) for plan in plans]), folder)
         trace = Pendant(rig, folder).trace(plans[0].name)
-        assert not trace.holds_s, "an automatic run waits for nobody"
+        assert not trace.holds_s  # an automatic run waits for nobody
         shown[next(iter(place))] = trace.signals
         begin_s, end_s = next(t_s for t_s, value in trace.signals if value == 2.0), trace.signals[-1][0]
         assert 2.9 < begin_s < 3.1 and end_s == pytest.approx(trace.end_s - 3.0, abs=1e-6)

@@ -87,7 +87,7 @@ def test_a_person_continues_pauses_and_stops_a_program(robot: EmulatedRobot) -> 
         assert state(robot)[0] == "drives" and at_deg(robot) == pytest.approx(7, abs=0.01)
         assert robot.stop() and not robot.finished.is_set()
         clock.sleep(20)
-        assert state(robot) == ("stopped", ProgramState.STOPPED, 2), "its outputs stay as they are"
+        assert state(robot) == ("stopped", ProgramState.STOPPED, 2)  # its outputs stay as they are
         assert at_deg(robot) == pytest.approx(7.15, abs=0.01) and robot.finished.is_set() and not robot.stop()
 
 
@@ -100,7 +100,7 @@ def test_outputs_that_a_stop_has_left_stay_until_the_next_program_switches_them(
         assert robot.stop()
         clock.sleep(1)
         robot.play(_DRIVEN)
-        assert state(robot) == ("drives", ProgramState.RUNNING, 2) and at_deg(robot) == 0, "at the start at once"
+        assert state(robot) == ("drives", ProgramState.RUNNING, 2) and at_deg(robot) == 0  # at the start at once
         clock.sleep(5)
         robot.go_on()
         clock.sleep(40)

@@ -105,7 +105,7 @@ def test_what_a_plotter_reads_first(tmp_path: Path) -> None:
         assert summary.statistics.message_count == 131
         assert summary.chunk_indexes
         times = [message.log_time for _, _, message in reader.iter_messages(log_time_order=False)]
-        assert times == sorted(times), "streams are merged by time as they are written"
+        assert times == sorted(times)  # streams are merged by time as they are written
         (about,) = reader.iter_metadata()
         assert (about.name, about.metadata["operator"], about.metadata["direction"]) == ("run", "ada", "acw")
         rig_file, manifest = reader.iter_attachments()

@@ -90,7 +90,7 @@ def test_independent_readers_give_the_poses_of_the_model(name: str, rail: bool) 
     q = within_limits(rig)
     expected = tool_poses(model_of(rig), q)
     moved = np.linalg.norm(expected[:, :3, 3] - tool_poses(model_of(rig, ()), q)[:, :3, 3], axis=1)
-    assert moved.min() > 0.1, "the effects do something"
+    assert moved.min() > 0.1  # the effects do something
     text = written(rig)
     require_equal(read(text, q), expected)
     library = UrdfTransformManager()

@@ -151,7 +151,7 @@ def test_a_daemon_that_goes_is_waited_for_and_what_was_seen_stays(path: Path) ->
         before, cell = len(view.rows), view.cell
         with fake(path):
             view = watched_until(source, view, lambda view: not view.lost and len(view.rows) > before)
-        assert view.cell is cell, "the same rig file is not read again"
+        assert view.cell is cell  # the same rig file is not read again
 
 
 def test_an_older_rigd_is_named(path: Path) -> None:

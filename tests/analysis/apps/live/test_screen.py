@@ -118,7 +118,7 @@ def test_a_robot_that_is_disturbed_is_told_in_its_row() -> None:
     assert "protective stop · speed 40 %" in text and "silent" not in text
     ages_s["safety_state"] = 100.0
     text = "\n".join(screen(view, LiveControls(), 120, 40).lines())
-    assert "protective stop" not in text and "speed 40 %" in text, "what is no longer shown"
+    assert "protective stop" not in text and "speed 40 %" in text  # what is no longer shown
 
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 40), (250, 70)])

@@ -156,7 +156,7 @@ def test_the_runs_that_are_drawn_give_the_figures_of_the_table(
         assert result.figures["band_mm"].value == pytest.approx(ours, abs=0.02)
     assert simulated.eccentric.figures["amplitude_deg"].value == pytest.approx(11.58, abs=0.02)
     spans_deg = np.ptp(simulated.joints.q_deg, axis=0)
-    assert spans_deg[simulated.joints.names.index("gamma")] == pytest.approx(360.0, abs=2.0), "the full turn"
+    assert spans_deg[simulated.joints.names.index("gamma")] == pytest.approx(360.0, abs=2.0)  # the full turn
 
 
 def test_a_picture_that_cannot_be_written_is_one_line(rows: dict[tuple[str, str], PaperRow], tmp_path: Path) -> None:

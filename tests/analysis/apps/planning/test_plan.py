@@ -217,7 +217,7 @@ def test_the_command_prints_words_or_one_object(
         told.stdout.split()
     )
     assert "all other errors have their usual size" in " ".join(told.stdout.split())
-    assert "of 87 possible errors" in told.stdout, "a gear is one name, regardless of its orders"
+    assert "of 87 possible errors" in told.stdout  # a gear is one name, regardless of its orders
     found = json.loads(CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll", "--json"]).stdout)
     assert {"tests", "runs", "effects", "groups", "pairs", "further", "not_possible"} <= found.keys()
     by_name = {effect["name"]: effect for effect in found["effects"]}

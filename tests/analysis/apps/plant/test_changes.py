@@ -57,7 +57,7 @@ def test_a_step_is_found_where_most_runs_repeat_a_value() -> None:
     (change,) = found(rounded)
     assert change == pytest.approx((39, 40), abs=1)
     assert trend_of(stepped, np.full(40, 0.003), SERIES).spread == 0
-    assert not trend_of(stepped, np.zeros(40), SERIES).changes, "where nobody knows how well a run is known"
+    assert not trend_of(stepped, np.zeros(40), SERIES).changes  # where nobody knows how well a run is known
 
 
 def test_a_few_small_values_among_zeros_are_no_change() -> None:

@@ -54,7 +54,7 @@ def test_recorded_files_become_a_sentence_a_table_and_a_page(runs: Path, tmp_pat
     )
     html = page.read_text()
     assert html.count("<svg") >= 5 and "Play of axis 3 rose" in html
-    assert not re.search(r'(src|href)="(?!#)', re.sub(r'xlink:href="#', 'xlink:here="#', html)), "needs no other file"
+    assert not re.search(r'(src|href)="(?!#)', re.sub(r'xlink:href="#', 'xlink:here="#', html))  # needs no other file
 
 
 def test_a_limit_stands_in_the_table_and_on_the_page_with_its_day(runs: Path, tmp_path: Path) -> None:
@@ -67,7 +67,7 @@ def test_a_limit_stands_in_the_table_and_on_the_page_with_its_day(runs: Path, tm
     assert told in shown and "beyond 0.02" in shown.partition("limit")[2]
     assert told in page.read_text() and "limit: beyond 0.02 since 2026-05-01" in page.read_text()
     limited.write_text(yaml.safe_dump(shipped | {"limits": {}}))
-    assert "limit" not in ran("history", "ur10e", "--runs", runs, "--rig", limited), "this rig file has none"
+    assert "limit" not in ran("history", "ur10e", "--runs", runs, "--rig", limited)  # this rig file has none
 
 
 def test_json_and_csv_hold_every_point(runs: Path) -> None:
@@ -85,7 +85,7 @@ def test_since_and_figure_choose_and_what_is_not_there_is_refused(runs: Path) ->
     answer = json.loads(ran("history", "ur10e", "--runs", runs, "--json", "--since", "2026-05-08"))
     assert {len(series["points"]) for series in answer["series"]} == {3}
     assert "fewer than 8 runs" in " ".join(answer["remarks"])
-    assert all("limit" in sentence for sentence in answer["sentences"]), "no change is found in so few"
+    assert all("limit" in sentence for sentence in answer["sentences"])  # no change is found in so few
     for options, code in (
         (["--since", "2027-01-01"], "history.no_figures"),
         (["--figure", "nothing"], "history.unknown_figure"),

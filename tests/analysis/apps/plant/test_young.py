@@ -54,7 +54,7 @@ def test_one_run_is_a_table_with_its_date_and_no_axis(tmp_path: Path) -> None:
     assert "<svg" not in html and html.count("2026-11-25 08:05") == 2
     assert "0.2500 ± 0.0010 °" in html and "0.02000 ± 0.00050 °" in html
     assert "There is only 1 run, on 25 Nov 2026: changes can be detected only from 8 runs per test." in html
-    assert "histories report a change" not in html, "nothing was looked for"
+    assert "histories report a change" not in html  # nothing was looked for
 
 
 def test_one_run_beyond_its_limit_is_no_story_over_time() -> None:

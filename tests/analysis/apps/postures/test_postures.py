@@ -57,7 +57,7 @@ def test_every_posture_of_a_six_axis_arm_reaches_its_target() -> None:
     assert len(set(found.branch.tolist())) == 8
     assert np.abs(plain.frames(found.q)[:, -1] - flange).max() < 1e-6
     assert (np.abs(found.q) <= np.radians(360)).all()
-    assert np.abs(found.q - POSTURE).max(axis=1).min() < 1e-9, "the posture itself is one of them"
+    assert np.abs(found.q - POSTURE).max(axis=1).min() < 1e-9  # the posture itself is one of them
 
 
 def test_why_a_target_has_no_posture() -> None:
@@ -79,7 +79,7 @@ def test_a_seventh_axis_is_sampled() -> None:
     assert np.abs(forward(arm, found.q) - forward(arm, q[None])).max() < 1e-6
     assert ((found.q >= arm.limits[:, 0]) & (found.q <= arm.limits[:, 1])).all()
     apart = np.abs(found.q[:, None] - found.q).max(axis=2) + np.eye(len(found.q))
-    assert np.degrees(apart.min()) > 2.9, "samples differ for a person"
+    assert np.degrees(apart.min()) > 2.9  # samples differ for a person
     assert (found.branch == NO_BRANCH).all()
 
 
@@ -143,7 +143,7 @@ def test_the_better_side_of_approach_takes_back_a_zero() -> None:
         falling_mm=np.array([[[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]]),
         covered=None,
     )
-    assert play.width_deg == 2 * zero.offset_deg, "the figures above: a joint that rises lags by the zero"
+    assert play.width_deg == 2 * zero.offset_deg  # the figures above: a joint that rises lags by the zero
     rising, expected = errors.best_approach()
     assert rising[0, 0]
     assert expected[0] == pytest.approx(0.1)
@@ -207,7 +207,7 @@ def test_a_dear_change_keeps_the_branch_and_a_free_one_lowers_the_error() -> Non
     dear, free = (choose_postures(rig, poses, given, change=price) for price in (50.0, 0.0))
     assert dear.best.changes == 0
     assert free.best.rms_mm <= dear.best.rms_mm <= dear.usual.rms_mm
-    assert np.abs(dear.candidates.q[dear.usual.rows] - given).max() < 1e-6, "the table's own postures are compared"
+    assert np.abs(dear.candidates.q[dear.usual.rows] - given).max() < 1e-6  # the table's own postures are compared
 
 
 def test_a_singular_posture_of_the_program_is_compared_but_not_chosen() -> None:
@@ -229,7 +229,7 @@ def test_the_whole_part_is_in_reach_at_the_best_place() -> None:
     corners[:, :2, 3] = placed.best_mm + np.array([[-150, -100], [150, -100], [-150, 100], [150, 100]])
     assert not find_candidates(arm_of(rig.robot), corners, POSTURE).reasons
     assert placed.at(*placed.best_mm) == np.nanmin(placed.expected_mm)
-    assert np.isnan(placed.at(*placed.x_mm[[0, 0]])), "the corner of the map is out of reach"
+    assert np.isnan(placed.at(*placed.x_mm[[0, 0]]))  # the corner of the map is out of reach
     assert work_map(rig, np.array([3000.0, 3000.0, 0.0]), pose, POSTURE, about(POSTURE, 30)).best_mm is None
 
 

@@ -54,7 +54,7 @@ def test_the_cube_is_visited_in_the_order_of_the_standard(arm: str, dialect: Mak
     places = in_world(rig, np.array([pose.place for pose in stood]))
     assert np.abs(places - expected).max() < max(PLACE_MM.get(dialect, 0.0), 1e-4)
     turned = [(stood[0].turn.inv() * pose.turn).magnitude() for pose in stood]
-    assert max(turned) < 1e-4, "the tool keeps its orientation"
+    assert max(turned) < 1e-4  # the tool keeps its orientation
     assert sum(event.seconds >= 4.0 for event in events if isinstance(event, Waited)) == 15
 
 

@@ -115,7 +115,7 @@ def test_positions_say_the_posture_in_which_the_arm_arrives(arm: str, dialect: M
     rig = rig_of(arm)
     start = circle_program(rig, "acw").q[0]
     said = postures(rig, run(dialect, programs(arm, "yaw", dialect)[0], rig), start)
-    assert len({posture for _, posture in said}) > 1, "no count changes along this circle"
+    assert len({posture for _, posture in said}) > 1  # no count changes along this circle
     for q, posture in said:
         turns = np.sign(q[[*axes]]) * np.floor(np.abs(np.degrees(q[[*axes]])) / 360 + 0.5)
         expected = np.abs(turns) > 0 if dialect == "yaskawa" else turns
@@ -167,7 +167,7 @@ def test_the_robot_waits_for_the_link_and_stands_at_each_target(dialect: MakerNa
     events: list[Event] = run(dialect, programs("ur10e", "radial", dialect)[0], rig_of("ur10e"))
     first, line, hold = events[:3]
     assert isinstance(first, PointToPointMove) and isinstance(line, LinearMove) and isinstance(hold, OperatorPause)
-    assert line.length_mm < ROUNDING, "the joint move has brought the arm there"
+    assert line.length_mm < ROUNDING  # the joint move has brought the arm there
     assert sum(isinstance(event, OperatorPause) for event in events) == 1
     targets = len(radial_stops(rig_of("ur10e")))
     assert sum(isinstance(event, Waited) and event.seconds == DWELL_S for event in events) == targets

@@ -81,7 +81,7 @@ def test_the_token_opens_the_window_and_is_in_no_cookie(closed: Served) -> None:
     assert right.headers["location"] == "/" and TOKEN not in cookie
     assert "httponly" in cookie.lower() and "samesite=strict" in cookie.lower()
     assert closed.ask("/runs", Cookie=cookie.partition(";")[0]).status == 200
-    assert closed.ask("/static/window.css").status == 200, "the page to sign in has its style"
+    assert closed.ask("/static/window.css").status == 200  # the page to sign in has its style
 
 
 @pytest.mark.parametrize("path", ["/", "/nowhere", "/static/window.js"])

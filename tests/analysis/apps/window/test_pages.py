@@ -117,7 +117,7 @@ def test_a_run_is_saved_as_a_table_and_is_not_marked_as_exported(one: Served, ki
     assert answer.status == 200 and f"good.{kind}" in answer.headers["content-disposition"]
     assert ROWS[kind](answer.data) == len(load_run(one.window.shelf.directory / "good").table.t_s)
     marks = load_marks(one.window.shelf.directory / "good")
-    assert not marks.exports, "what a browser saved may be lost, and rigd may delete what is exported"
+    assert not marks.exports  # what a browser saved may be lost, and rigd may delete what is exported
 
 
 @pytest.mark.parametrize("name", HOSTILE)

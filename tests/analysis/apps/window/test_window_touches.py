@@ -42,7 +42,7 @@ def test_a_moved_zero_is_found_touch_by_touch_and_kept_for_the_history(case: tup
     drawn, folder = case
     with served(folder, control=True, session=folder / "session") as window:
         assert "before: " in window.ask("/moved").text
-        assert 'id="offer"' in window.ask("/session").text, "the session offers the check first"
+        assert 'id="offer"' in window.ask("/session").text  # the session offers the check first
         assert _post(window, "begin", run="nothing")["ok"] is False
         assert _post(window, "begin", run="before")["ok"]
         page = window.ask("/moved").text
@@ -61,7 +61,7 @@ def test_a_moved_zero_is_found_touch_by_touch_and_kept_for_the_history(case: tup
         assert len(load_run(run).table.q) == len(answers)
         moved = load_marks(run).moved
         assert moved is not None and (moved.what, moved.axis, moved.reference) == ("zero", 3, ("before",))
-        assert 'value="before"' in window.ask("/moved").text, "the next check can begin"
+        assert 'value="before"' in window.ask("/moved").text  # the next check can begin
 
 
 def test_a_wrong_touch_is_refused_or_removed(case: tuple[Case, Path]) -> None:
@@ -71,7 +71,7 @@ def test_a_wrong_touch_is_refused_or_removed(case: tuple[Case, Path]) -> None:
         _post(window, "begin", run="before")
         assert _post(window, "touch", joints="1+2+3")["code"] == "moved.angles"
         assert not _post(window, "touch", joints="10+20+30+40+50+60")["ok"]
-        assert not _post(window, "touch")["ok"], "there is no daemon"
+        assert not _post(window, "touch")["ok"]  # there is no daemon
         q = "%2C+".join(f"{deg:.4f}" for deg in np.degrees(drawn.before[0]))
         assert _post(window, "touch", joints=q)["ok"] and "1 touches" in window.ask("/moved").text
         assert _post(window, "undo")["ok"] and "0 touches" in window.ask("/moved").text

@@ -73,7 +73,7 @@ def test_an_unknown_error_of_the_gauges_is_within_what_the_certificate_says(name
         if not figure.endswith("_at_deg"):
             assert worst < 1.5 * one.u + 1e-9, figure  # of the worst wave, by 20 draws
     main = {"yaw": "offset_deg", "roll": "offset_deg", "radial": "radius_mm", "repeatability": "bi_mm"}[test]
-    assert max(errors[main] for errors in tries) > 0.3 * stated[main].u, "wide u covers and says nothing"
+    assert max(errors[main] for errors in tries) > 0.3 * stated[main].u  # wide u covers and says nothing
 
 
 def test_without_certificates_nothing_changes_and_ball_and_link_enter_where_they_count() -> None:
@@ -84,4 +84,4 @@ def test_without_certificates_nothing_changes_and_ball_and_link_enter_where_they
     found = with_certificates(figures, Systematic((0.0,), 0.001, 0.004), rig, "radial")
     assert found["radius_mm"].u == found["ap_mm"].u == pytest.approx(np.sqrt(9 + 16 + 1) / 1000)
     assert found["centre_x_mm"].u == pytest.approx(np.sqrt(9 + 2) / 1000)
-    assert found["spread_mm"].u == 0.003, "at one target the link touches the ball at one place"
+    assert found["spread_mm"].u == 0.003  # at one target the link touches the ball at one place

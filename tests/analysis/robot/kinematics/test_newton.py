@@ -24,7 +24,7 @@ def test_what_is_near_is_reached_and_what_is_far_stays(name: str) -> None:
     reached, off_mm, regularity = from_nearby(arm, poses, start, within_mm=20.0)
     there = off_mm < 1e-9
     assert np.array_equal(reached[far], start[far]) and np.isinf(off_mm[far]).all()
-    assert there[~far].mean() > 0.99, "all but what lies at a singularity"
+    assert there[~far].mean() > 0.99  # all but what lies at a singularity
     mm, rad = pose_apart(forward(arm, reached[there]), poses[there])
     assert mm < 2e-9 and rad < 1e-11
     assert ((regularity[~far] > 0) & (regularity[~far] <= 1)).all()

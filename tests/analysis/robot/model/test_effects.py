@@ -83,7 +83,7 @@ def test_a_size_of_zero_is_the_identity_and_the_healthy_size_shows(effect: Effec
     assert np.abs(_readings(effect) - nothing).max() < 1e-12
     healthy = effect.model_copy(update={size_field(effect): healthy_size(effect)})
     shown = np.abs(_readings(healthy) - nothing).max()
-    assert 1e-6 < shown < 5, "a healthy arm's share is seen by the gauges and stays small"
+    assert 1e-6 < shown < 5  # a healthy arm's share is seen by the gauges and stays small
 
 
 @pytest.mark.parametrize("effect", EXAMPLES, ids=lambda effect: effect.effect)
@@ -192,11 +192,11 @@ def test_a_joint_that_turns_back_without_a_stand_does_so_at_its_vertex() -> None
     q[:, 0] += 0.1 * t_s
     q[:, 1] = -0.003 * (t_s - 2.5) ** 2
     ((when, _),) = Motion(t_s, q).reversals(2)
-    assert when == pytest.approx(2.5, abs=0.02), "joint 2 hardly turns while the robot drives on"
+    assert when == pytest.approx(2.5, abs=0.02)  # joint 2 hardly turns while the robot drives on
     q[:, 0] = -np.abs(t_s - 2.52)
     q[:, 1] = -0.1 * np.abs(t_s - 2.52)
     ((when, _),) = Motion(t_s, q).reversals(2)
-    assert when == pytest.approx(2.52, abs=0.02), "no stop"
+    assert when == pytest.approx(2.52, abs=0.02)  # no stop
 
 
 def test_a_joint_that_rests_on_after_a_stand_does_not_turn_back_there() -> None:
@@ -205,7 +205,7 @@ def test_a_joint_that_rests_on_after_a_stand_does_not_turn_back_there() -> None:
     q[:, 0] = np.interp(t_s, [3.0, 8.0], [0.0, 0.5])
     q[:, 1] = np.interp(t_s, [0.0, 2.0, 8.0, 10.0], [0.0, 0.4, 0.4, 0.0])
     ((when, _),) = Motion(t_s, q).reversals(2)
-    assert when > 4.0, "the robot left its stand at 3 s, joint 2 at 8 s"
+    assert when > 4.0  # the robot left its stand at 3 s, joint 2 at 8 s
 
 
 def test_a_spike_hangs_back_against_the_new_direction_and_relaxes() -> None:

@@ -65,7 +65,7 @@ def test_a_worker_that_dies_costs_time(two_workers: Cluster, tmp_path: Path) -> 
     found = [one.value if isinstance(one, CompletedItem) else str(one.error) for one in outcomes]
     killer.join()
     assert found == [*(n**2 for n in range(3)), "item 3: is bad; give another", *(n**2 for n in range(4, 20))]
-    assert two_workers.workers[0].poll() is not None, "it was killed in the middle"
+    assert two_workers.workers[0].poll() is not None  # it was killed in the middle
 
 
 ADDRESSES = ("an address", "http://127.0.0.1:80", "tls://127.0.0.1:1", "")

@@ -71,7 +71,7 @@ def wrong(item: int) -> int:
 def test_a_bug_is_raised(jobs: int) -> None:
     with pytest.raises(IndexError) as bug:
         list(each(wrong, range(4), jobs=jobs))
-    assert jobs == 1 or "return [item][item]" in bug.value.__notes__[0], "where it happened in the child"
+    assert jobs == 1 or "return [item][item]" in bug.value.__notes__[0]  # where it happened in the child
 
 
 def signs_in_and_waits(item: Path) -> int:
@@ -96,7 +96,7 @@ def test_ctrl_c_just_before_a_wait_is_noticed(monkeypatch: pytest.MonkeyPatch, t
     def wait(lines: list[object], timeout: float | None = None) -> list[object]:
         if pressed:  # the handler runs, as the call before has returned
             raise KeyboardInterrupt
-        assert timeout is not None, "waits for ever, and Ctrl-C with it"
+        assert timeout is not None  # waits for ever, and Ctrl-C with it
         pressed.append(True)
         return []
 
@@ -125,7 +125,7 @@ list(batch.each(here.waits, [pathlib.Path(sys.argv[1])] * 4, jobs=2))
             said = parent.stderr.read().strip()
         finally:
             (tmp_path / "released").touch()  # a test that fails waits for nobody
-    assert said.count("Traceback") == (end == signal.SIGINT), "of the parent, and of no worker"
+    assert said.count("Traceback") == (end == signal.SIGINT)  # of the parent, and of no worker
     assert said.endswith("KeyboardInterrupt" if end == signal.SIGINT else "")
     assert until(lambda: all(map(is_gone, signed_in(tmp_path))))
 

@@ -53,7 +53,7 @@ def test_over_the_network_a_gauge_speaks_modbus() -> None:
 def test_only_requests_are_sent(attempt: object) -> None:
     """Driven for seconds of silence and of noise: nothing that sets an instrument leaves."""
     script = Script(host_of(attempt.gauges, attempt.sends, 0.3))  # type: ignore[attr-defined]
-    assert script.sent == b"", "what a conversation opens with is ignored"
+    assert script.sent == b""  # what a conversation opens with is ignored
     for _ in range(20):
         script.wake() if script.step.wake_ns is not None else None
         script.receive(b"\x00garbage\r\n+1.2", script.now_ns + 50_000_000)

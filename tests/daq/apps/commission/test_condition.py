@@ -93,8 +93,8 @@ def test_a_daemon_knows_the_condition_too() -> None:
     assert "emergency stop" in found[-1].what
     ages_s["safety_state"] = 60.0
     found = list(of_daemon({"rig": "bench", "recording": None, "streams": {"robot": robot}}, [stream]))
-    assert "emergency" not in " ".join(finding.what for finding in found), "what is no longer shown"
+    assert "emergency" not in " ".join(finding.what for finding in found)  # what is no longer shown
     ages_s["safety_state"] = 0.1
     robot["connected"] = False
     found = list(of_daemon({"rig": "bench", "recording": None, "streams": {"robot": robot}}, [stream]))
-    assert "emergency" not in " ".join(finding.what for finding in found), "what was shown before the link was lost"
+    assert "emergency" not in " ".join(finding.what for finding in found)  # what was shown before the link was lost

@@ -78,7 +78,7 @@ def test_a_port_that_another_program_holds(system: Path) -> None:
     (system / "proc/77/comm").write_text("picocom\n")
     finding = computer.free("g1", FTDI, system)
     assert finding and finding.remedy == "end it: sudo kill 77"
-    assert WRONG not in {f.verdict for f in computer.examine_port("g1", FTDI, system, served=True)}, "rigd may hold it"
+    assert WRONG not in {f.verdict for f in computer.examine_port("g1", FTDI, system, served=True)}  # rigd may hold it
 
 
 def test_the_permissions_of_a_port(system: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -255,7 +255,7 @@ def test_line_settings_that_would_work_are_found() -> None:
     assert (
         first.what == "does not answer at 9600 8N1, but answers at 4800 7E2" and first.remedy == "write line: 4800 7E2"
     )
-    assert "does not answer at 38400 8N1, but answers at 9600 8" in second.what, "a pty knows no parity"
+    assert "does not answer at 38400 8N1, but answers at 9600 8" in second.what  # a pty knows no parity
 
 
 def test_nothing_and_something_else_behind_the_robot_s_port() -> None:
@@ -347,7 +347,7 @@ def test_a_daemon_is_asked_in_place_of_the_ports(bench: Bench) -> None:
         # A computer that is held up stalls readers and has answers come late; a port that is opened is another fault.
         usual = {"samples", "stalled", "silent", "late"}
         faults = {name: s["counters"].keys() - usual for name, s in client.ask("status")["streams"].items()}
-    assert not any(faults.values()), "the doctor has touched nothing"
+    assert not any(faults.values())  # the doctor has touched nothing
     bench.cell.stop()
     bench.until(lambda state: not state["streams"]["robot"]["connected"])
     done = bench.run("rig", "doctor", bench.rig)
@@ -396,7 +396,7 @@ def test_a_few_readings_among_hundreds_of_garbled_messages_are_an_accident() -> 
     readings = [Sample((1.0,), k, k, k, 9) for k in range(9)]
     first = Fault(FaultKind.GARBLED, 5, "of wrong parity")
     assert trial.Trial([*readings, first]).understood
-    assert not trial.Trial([*readings, first, replace(first, count=500)]).understood, "counted once a second"
+    assert not trial.Trial([*readings, first, replace(first, count=500)]).understood  # counted once a second
 
 
 @pytest.mark.parametrize("closes", [False, True], ids=["stays", "closes"])

@@ -105,7 +105,7 @@ def test_a_gauge_that_is_described_wrongly_is_found(true: dict[str, Any], said: 
     finding = _scanned(said, true)
     assert (finding.verdict, finding.remedy) == (FindingVerdict.WRONG, remedy), finding
     lowest_mm, highest_mm = map(float, re.findall(r"-?\d+\.\d{4}", finding.what)[:2])
-    assert 0.79 < lowest_mm < 1.5 and 3.5 < highest_mm < 4.25, "the motion is shown"
+    assert 0.79 < lowest_mm < 1.5 and 3.5 < highest_mm < 4.25  # the motion is shown
 
 
 def test_a_gauge_behind_a_gateway() -> None:

@@ -37,7 +37,8 @@ def test_the_robot_of_a_cell_is_found(kind: str) -> None:
     assert report.joints_deg == pytest.approx(DEGREES, abs=1e-4)
     assert report.units_sure and not report.problem
     if kind == "kuka":
-        assert report.feedback.cycle_ms == 12, "its IPOC shows the cycle"  # type: ignore[union-attr]
+        # its IPOC shows the cycle
+        assert report.feedback.cycle_ms == 12  # type: ignore[union-attr]
     if kind == "fanuc":
         assert report.feedback.fields[0] == "t_ms"  # type: ignore[union-attr]
 

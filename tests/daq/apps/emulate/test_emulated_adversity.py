@@ -32,7 +32,7 @@ def test_bytes_wait_for_the_next_beat_of_the_timer() -> None:
     assert timer.due_ns == 16 * MS and timer.take(15 * MS) == b""
     assert timer.take(17 * MS) == b"ab" and timer.due_ns is None
     timer.add(b"c", 70 * MS)
-    assert timer.due_ns == 80 * MS, "an idle adapter's timer runs on from when it was due, not from when it was read"
+    assert timer.due_ns == 80 * MS  # an idle adapter's timer runs on from when it was due, not from when it was read
 
 
 def test_a_full_packet_goes_at_once_and_the_timer_begins_again() -> None:

@@ -46,7 +46,7 @@ def _messages(device: Device, read_ns: list[int], count: int) -> list[int]:
         step = punctual.tick(max(step.wake_ns, line.free_ns) + late_ns)
         if step.send:
             line.write(step.send)
-    assert read_ns == line.out_ns, "a reading is that of the time at which its message sets out"
+    assert read_ns == line.out_ns  # a reading is that of the time at which its message sets out
     return line.out_ns
 
 

@@ -109,11 +109,11 @@ def test_a_position_in_two_messages_is_one_and_an_axis_at_rest_stays_where_it_wa
     server = ByHand().subscribed()
     assert server.publish(1, *every_axis(0)[:4]) == []
     assert len(server.publish(2, *every_axis(0)[4:])) == 1
-    assert server.publish(3, (0, 5.0, 10.0)) == [], "more of it may come"
+    assert server.publish(3, (0, 5.0, 10.0)) == []  # more of it may come
     (sample,) = samples(server.publish(4, (0, 6.0, 20.0)))
     assert sample.values == (5.0, 1.0, 2.0, 3.0, 4.0, 5.0)
     (sample,) = samples(server.publish(5))
-    assert sample.values[0] == 6.0, "nothing new: no more of it comes"
+    assert sample.values[0] == 6.0  # nothing new: no more of it comes
 
 
 def test_missing_messages_and_a_queue_too_short_are_counted() -> None:
