@@ -215,7 +215,7 @@ def test_a_peer_that_disagrees_or_is_absent_is_reported() -> None:
         raise wire_peers.Disagrees("1.0 where 2.0 was sent")
 
     def absent() -> str:
-        raise ModuleNotFoundError("no such peer")
+        raise ModuleNotFoundError("missing peer")
 
     lines = [wire_peers.checked(wire_peers.Peer("a", ("ur_rtde",), "host", one)) for one in (disagrees, absent)]
     assert "DISAGREES: 1.0" in lines[0] and "skipped: " in lines[1]
@@ -253,5 +253,5 @@ def _defined(path: Path) -> set[str]:
 def test_every_path_and_name_of_a_page_exists() -> None:
     for path, name in NAMES:
         found = next((tree / path for tree in TREES if (tree / path).exists()), None)
-        assert found is not None, f"{path} is neither in the tree nor in an example"
+        assert found is not None, path
         assert not name or name in _defined(found), f"{path} defines no {name}"

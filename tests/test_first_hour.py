@@ -123,6 +123,6 @@ def test_the_lap_of_a_real_daemon_is_reported_or_refused_where_the_computer_held
         assert robot.finished.wait(120)
         assert bench.run("rig", "record", "stop").returncode == 0
         done = bench.run("rig", "report", run, "--no-diagnosis", "-o", "first.html")
-    was_held_up = "the lap has no data from" in done.stderr and stalls.worst_s > HELD_UP_S
+    was_held_up = "no data" in done.stderr and stalls.worst_s > HELD_UP_S
     assert done.returncode == 0 or was_held_up, done.stderr
     assert was_held_up or (tmp_path / "first.html").stat().st_size > 10_000

@@ -62,13 +62,13 @@ def test_a_snippet_has_about_ten_lines(language: str) -> None:
 
 
 def test_pandas(work: Path) -> None:
-    pytest.importorskip("pandas", reason="pandas is not installed")
+    pytest.importorskip("pandas")
     script = [sys.executable, "-W", "error", "-c", snippet("python")]
     check(subprocess.run(script, cwd=work, capture_output=True, text=True, check=True).stdout, work)
 
 
 def test_duckdb(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    duckdb = pytest.importorskip("duckdb", reason="DuckDB is not installed")
+    duckdb = pytest.importorskip("duckdb")
     monkeypatch.chdir(work)
     lap, stream = snippet("sql").strip().removesuffix(";").split(";\n")
     assert duckdb.sql(lap).fetchall() == [pytest.approx(angles_deg(work))]
@@ -77,7 +77,7 @@ def test_duckdb(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert 10 < per_s < 1000 and slowest_ms == pytest.approx(20.0)  # one answer of the lap took so long
 
 
-@pytest.mark.skipif(shutil.which("matlab") is None, reason="MATLAB is not installed")
+@pytest.mark.skipif(shutil.which("matlab") is None, reason="no MATLAB")
 def test_matlab(work: Path) -> None:
     (work / "snippet.m").write_text(snippet("matlab"), encoding="utf-8")
     done = subprocess.run(["matlab", "-batch", "snippet"], cwd=work, capture_output=True, text=True, check=True)

@@ -22,7 +22,7 @@ def _run(*command: str | Path, cwd: Path = ROOT) -> subprocess.CompletedProcess[
 
 
 @pytest.mark.cpu_limit(300)
-@pytest.mark.parametrize("borrow", cases((True, False), (True,)), ids=["packages of here", "packages of the registry"])
+@pytest.mark.parametrize("borrow", cases((True, False), (True,)), ids=["installed", "registry"])
 def test_the_wheel_works_in_an_empty_environment(borrow: bool) -> None:
     """That pyproject.toml names every package, each extra's too, is for a night and each release: it takes minutes."""
     done = _run(sys.executable, ROOT / "scripts" / "tools" / "wheel.py", "--borrow" if borrow else "--extras")

@@ -70,7 +70,7 @@ def test_a_robot_that_prints_to_a_serial_port_is_read_at_the_pace_of_its_line(
         daemon = SimulatedCell.switched_on(time, tmp_path, yaml.safe_dump(rig), hand, hand.signal).daemon()
         clock.sleep(10)
         samples = daemon.answer({"command": "status"})["streams"]["robot"]["counters"]["samples"]
-        daemon.close("complete", "the test is over")
+        daemon.close("complete", "over")
     assert (samples > 900) is keeps_up  # 100 lines a second, of 59 characters
 
 
@@ -88,7 +88,7 @@ def test_what_was_synced_before_a_kill_is_in_the_run_that_the_next_start_recover
         second = cell.daemon()
         clock.sleep(2)
         assert second.answer({"command": "status"})["recording"] is None
-        second.close("complete", "the test is over")
+        second.close("complete", "over")
         assert not time.errors
     run = read_run(path)
     assert run.manifest.exit_status == "recovered"

@@ -74,14 +74,14 @@ def test_the_shipped_ur10e_is_that_of_the_library() -> None:
 @pytest.mark.parametrize(
     ("name", "remedy"),
     [
-        ("UR10a", "did you mean ur10 or ur10e"),
-        ("GP 7", "did you mean yaskawa-gp7?"),
-        ("kr6", "did you mean kuka-kr-6-r900-2 or kuka-kr-6-r900-sixx?"),
-        ("fanuc-m-21ia", "did you mean fanuc-m-20ia"),
-        ("fanuc_m_20i", "did you mean fanuc-m-20ia"),
-        ("comau", "rig arms lists all"),
-        ("../arms/ur10e", "did you mean ur10e"),
-        ("", "rig arms lists all"),
+        ("UR10a", "ur10 or ur10e"),
+        ("GP 7", "yaskawa-gp7?"),
+        ("kr6", "kuka-kr-6-r900-2 or kuka-kr-6-r900-sixx?"),
+        ("fanuc-m-21ia", "fanuc-m-20ia"),
+        ("fanuc_m_20i", "fanuc-m-20ia"),
+        ("comau", "rig arms"),
+        ("../arms/ur10e", "ur10e"),
+        ("", "rig arms"),
     ],
 )
 def test_an_unknown_arm_is_refused_with_the_names_that_are_near(name: str, remedy: str) -> None:

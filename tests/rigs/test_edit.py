@@ -53,7 +53,7 @@ def test_only_the_values_change(text: str) -> None:
 
 
 def test_the_comment_behind_a_changed_value_stays() -> None:
-    (line,) = [line for line in FANUC.splitlines() if "934.9 mm from axis 1" in line]
+    (line,) = [line for line in FANUC.splitlines() if "934.9 mm from" in line]
     edited = with_test(FANUC, "circle", VALUES, "cell.yaml")
     assert f"centre_mm: [-600.125, -210.5, 240] {line[line.index('#') :]}" in edited
 
@@ -119,13 +119,13 @@ def test_a_key_that_was_not_there_is_added(flow: bool) -> None:
         begin, end = bare.index("  circle:\n"), bare.index("  hemisphere:\n")
         rows = [line.strip() for line in bare[begin:end].splitlines()[1:]]
         bare = bare[:begin] + "  circle: {" + ", ".join(rows) + "}\n" + bare[end:]
-        bare = bare.replace(" # 934.9 mm from axis 1 at azimuth -5.39 deg, above the shoulder", "")
+        bare = re.sub(" # 934.9 mm from .*", "", bare)
     text = with_values(bare, {("tests", "circle", "speed_mm_s"): 100.0}, _wanted(bare, speed_mm_s=100.0), "cell")
     assert text.count("speed_mm_s: 100") == 1
 
 
 def test_a_whole_branch_that_was_not_there_is_added() -> None:
-    bare = FANUC.replace("  tool: {xyz_mm: [0, 0, 327.3]} # flange to ball\n", "")
+    bare = re.sub(r"  tool: \{xyz_mm: .*\n", "", FANUC)
     rig = parse(bare, "cell")
     tool = rig.robot.tool.model_copy(update={"xyz_mm": (40.0, 0.0, 0.0)})
     wanted = rig.model_copy(update={"robot": rig.robot.model_copy(update={"tool": tool})})

@@ -57,12 +57,12 @@ def test_the_data_sheet_limits_what_has_no_limit_of_its_own() -> None:
 @pytest.mark.parametrize(
     ("limits", "told"),
     [
-        ("{yaw: {band_dge: 0.1}}", "did you mean band_deg?"),
-        ("{jaw: {}}", "did you mean yaw?"),
-        ("{yaw: {band_deg: {watch: 0.2, fail: 0.1}}}", "watch 0.2 must be below fail 0.1; swap them"),
-        ("{yaw: {band_deg: {}}}", "give watch, fail or both"),
+        ("{yaw: {band_dge: 0.1}}", "band_deg?"),
+        ("{jaw: {}}", "yaw?"),
+        ("{yaw: {band_deg: {watch: 0.2, fail: 0.1}}}", "watch 0.2 must be below fail 0.1"),
+        ("{yaw: {band_deg: {}}}", "watch, fail"),
         ("{yaw: {band_deg: 0}}", "greater than 0"),
-        ("{yaw: {band_deg: narrow}}", "must be a mapping of keys to values"),
+        ("{yaw: {band_deg: narrow}}", "mapping"),
         ("{yaw: {band_deg: {fail: .nan}}}", "finite"),
     ],
 )

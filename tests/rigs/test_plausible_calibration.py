@@ -25,15 +25,15 @@ def _with_term(**changed: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("changed", "why"),
     [
-        ({"rig": "ur10e"}, "is the calibration of ur10e, but the rig file describes paper-fanuc"),
-        (_with_term(times=1e30), "term 1 has a total offset_deg of 2e+28; the maximum for an arm is"),
-        ({"factor": packed_factor(1e30 * np.eye(COUNT))}, "the uncertainty of width_deg of term 0 is 1e+30"),
-        ({"factor": packed_factor(np.zeros((COUNT, COUNT)))}, "of term 0 is 0, which is implausible"),
-        ({"widened": 1e30}, "contains implausibly large errors"),
-        ({"joints_deg": ((-30.0, 30.0),) * 7}, "is for an arm of 7 axes, but the rig file has 6"),
-        ({"joints_deg": ((30.0, -30.0),) * 6}, "joints_deg does not contain valid joint ranges"),
-        ({"before_um": 1e12}, "contains implausibly large errors"),
-        ({"calibrated_um": -3.0}, "contains implausibly large errors"),
+        ({"rig": "ur10e"}, "ur10e, but"),
+        (_with_term(times=1e30), "offset_deg of 2e+28"),
+        ({"factor": packed_factor(1e30 * np.eye(COUNT))}, "width_deg of term 0 is 1e+30"),
+        ({"factor": packed_factor(np.zeros((COUNT, COUNT)))}, "of term 0 is 0"),
+        ({"widened": 1e30}, "large errors"),
+        ({"joints_deg": ((-30.0, 30.0),) * 7}, "7 axes"),
+        ({"joints_deg": ((30.0, -30.0),) * 6}, "joints_deg"),
+        ({"before_um": 1e12}, "large errors"),
+        ({"calibrated_um": -3.0}, "large errors"),
     ],
 )
 def test_a_calibration_that_cannot_be_that_of_the_rig_is_refused(

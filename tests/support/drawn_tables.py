@@ -29,7 +29,7 @@ from tests.worlds.arms.independent_arm import Constants, flange, healthy, none
 
 Array = NDArray[np.float64]
 Outcome = Literal[
-    "without a word", "with a word", "question", "question, right answer offered", "question, likeliest answer wrong",
+    "without a word", "with a word", "question", "question, right answer offered", "wrong guess",
     "refused",
 ]  # fmt: skip
 ARMS = (
@@ -601,7 +601,7 @@ def _asked(drawn: Drawn, folder: Path) -> Outcome:
         if _turned(table.q, drawn.truth.q) > _LAST_DIGIT_RAD or (drawn.controller_mm is not None and away_mm > 1):
             offered = next(folder.glob("*.map.yaml")).read_text()
             is_offered = re.search(drawn.answer, offered) if drawn.answer else drawn.controller_mm is not None
-            return "question, right answer offered" if is_offered else "question, likeliest answer wrong"
+            return "question, right answer offered" if is_offered else "wrong guess"
     return "question"
 
 

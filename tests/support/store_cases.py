@@ -77,7 +77,7 @@ def sync(writer: RunWriter) -> None:
 
 def finished(runs: Path, batches: int = 5, chunk_rows: int = 8) -> Path:
     writer = record(runs, batches, chunk_rows)
-    writer.close("complete", "told to stop", {"g1": {"samples": 4 * batches, FaultKind.GARBLED: 15}})
+    writer.close("complete", "asked", {"g1": {"samples": 4 * batches, FaultKind.GARBLED: 15}})
     return writer.path
 
 

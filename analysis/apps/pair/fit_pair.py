@@ -159,7 +159,7 @@ def start(pair: Pair) -> tuple[PairState, float]:
     if rms > _LARGEST_GAP_MM:
         problem = f"ball and socket are {rms:.0f} mm apart, whatever the place of the second base"
         remedy = "check the order of the two rig files, the units, and that each row has the joints of one touch"
-        raise FileError(pair.where, problem, remedy)
+        raise FileError(pair.where, problem, remedy, code="pair.other_touches")
     return begun.moved(np.concatenate([np.zeros(terms), solution.x]), centre), rms
 
 

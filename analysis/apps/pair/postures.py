@@ -71,7 +71,8 @@ def common_postures(
         apart = float(np.linalg.norm(first.T_world_base[:3, 3] - second.T_world_base[:3, 3]))
         postures = "postures" if reached < count else "postures clear of the other arm and the floor"
         problem = f"ball and socket meet in only {count_clear} {postures}, with the bases {apart:.0f} mm apart"
-        raise FileError(where, problem, "give the base of the second arm with --base, or move the arms closer together")
+        remedy = "give the base of the second arm with --base, or move the arms closer together"
+        raise FileError(where, problem, remedy, code="pair.out_of_reach")
     return Postures(np.concatenate(qs)[:count], np.concatenate(ps)[:count])
 
 

@@ -106,7 +106,7 @@ def test_what_is_interrupted_is_whole_or_not_there(name: str, given: Path, tmp_p
         with interrupted_at(number, tmp_path), suppress(KeyboardInterrupt):
             write(given, out)
         left = _files(out)
-        assert not list(out.rglob("*.tmp")), f"{name}: change {number} leaves a hidden directory or file"
+        assert not list(out.rglob("*.tmp")), f"{name}: change {number}"
         for unit in {path.partition("/")[0] for path in whole}:
             here, there = ({path for path in one if path.partition("/")[0] == unit} for one in (left, whole))
             assert here in (set(), there), f"{name}: change {number} leaves a half {unit}"

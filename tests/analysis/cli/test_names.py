@@ -63,7 +63,7 @@ def test_the_doctor_touches_no_address_of_a_shipped_example(rig: str, monkeypatc
     reached: list[Any] = []
     monkeypatch.setattr(socket.socket, "connect", lambda _, address: reached.append(address))
     done = ran("doctor", rig)
-    assert "rig init cell.yaml" in done.stdout
+    assert "init cell.yaml" in done.stdout
     assert not [address for address in reached if isinstance(address, tuple)]
     scanned = ran("doctor", rig, "--scan")
     assert scanned.returncode == 2 and scanned.stderr.startswith("error: --scan: ")

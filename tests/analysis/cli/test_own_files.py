@@ -21,10 +21,7 @@ def test_an_emulated_cell_does_not_replace_a_rig_file_of_a_person(read: str, tmp
     for command in (("emulate",), ("replay", own)):
         done = ran(*command, own if read == "own" else read, "-o", tmp_path)
         (line,) = done.stderr.splitlines()
-        assert (
-            done.returncode == 3
-            and "rig.yaml: already exists, and does not belong to an emulated cell; choose a different --output" in line
-        )
+        assert done.returncode == 3 and "rig.yaml: already exists" in line
     assert own.read_bytes() == (SHIPPED / "ur10e.yaml").read_bytes()
     assert list(tmp_path.iterdir()) == [own]
 
@@ -43,7 +40,7 @@ def test_an_emulated_cell_replaces_the_rig_file_of_an_earlier_one(tmp_path: Path
     assert rig.emulated and rig.limits == load("ur10e")[0].limits  # its runs are called emulated, and have a verdict
 
 
-@pytest.mark.parametrize("error", [KeyError("getpwuid(): uid not found: 54321"), OSError("No username set")])
+@pytest.mark.parametrize("error", [KeyError("getpwuid(): 54321"), OSError("No username set")])
 def test_a_user_without_a_name_is_no_operator(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
     """As in a container that runs under any user; Python 3.13 raises the latter."""
 

@@ -19,15 +19,15 @@ CUT = "the robot was still moving when the recording ended"
 @pytest.mark.parametrize(
     ("label", "part", "stands_s", "said", "unsaid"),
     [
-        ("acw", 1.0, 3.0, [], [CUT, "cannot be analysed"]),
+        ("acw", 1.0, 3.0, [], [CUT, "analysed"]),
         (
             "acw",
             0.3,
             0.0,
-            [CUT, "cannot be analysed", "3 s"],
+            [CUT, "analysed", "3 s"],
             ["relabel"],
         ),
-        ("acw", 0.6, 0.0, [CUT], ["cannot be analysed", "relabel"]),  # it unwinds: its lap is whole
+        ("acw", 0.6, 0.0, [CUT], ["analysed", "relabel"]),  # it unwinds: its lap is whole
         ("cw", 0.35, 3.0, ["rig relabel {run} --direction acw"], [CUT]),
         ("cw", 0.35, 0.0, [CUT, "rig relabel {run} --direction acw"], []),
     ],

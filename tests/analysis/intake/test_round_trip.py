@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import json
 import os
@@ -197,7 +198,7 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
 
 def test_a_refused_file_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
+        raise OSError(errno.ENOSPC, "full")
 
     with refused("disk.full"):
         write_new(tmp_path / "file", full)
@@ -278,6 +279,5 @@ def test_the_commands(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text((tmp_path / "t.csv").read_text().replace('"cw"', '"ccw"', 2))
     refused = run("import", "t.csv", "--rig", RIG_FILE, "--test", "roll", "-o", "runs/other")
     assert (refused.returncode, refused.stdout) == (3, "")
-    assert refused.stderr.splitlines() == [
-        "error: t.csv, line 2, direction: 'ccw' is not acw or cw; did you mean acw? (also in line 3); correct the file"
-    ]
+    (line,) = refused.stderr.splitlines()
+    assert line.startswith("error: t.csv, line 2, direction: 'ccw' ") and "acw?" in line

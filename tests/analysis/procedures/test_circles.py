@@ -54,7 +54,7 @@ def test_roll_tells_the_balls_height_and_the_eccentricity_gives_no_sine() -> Non
     assert result.figures["offset_deg"].value == pytest.approx(np.degrees(1.2 / 70), rel=1e-3)
     # Of second order: h e / R².
     assert result.figures["amplitude_deg"].value < np.degrees(1.3 * 1.2 * 0.65 / 70**2)
-    assert "the ball is mounted 1.200 mm off along n, or the gauges" in _said(result)[0]
+    assert " 1.200 mm off " in _said(result)[0]
 
 
 def test_extremes_of_roll_are_where_they_are() -> None:
@@ -128,12 +128,12 @@ def test_eccentricities_that_disagree_are_told() -> None:
     assert _said(Yaw().evaluate_laps(_lap(good), 50.0, 0.02, 1e-3)) == ()
     for wrong in (good[:, ::-1], good * [1, -1], good * [1, 0.2], 1.0 + _ball("roll", (0.6, -0.4, 0.3))):
         (note,) = _said(Yaw().evaluate_laps(_lap(wrong), 50.0, 0.02, 1e-3))
-        assert "mm: the sign, scale or order of the gauges may be wrong, or the robot" in note
+        assert "order of the gauges" in note
 
 
 def test_a_yaw_run_labelled_roll_is_told() -> None:
     notes = Roll().evaluate_laps(_lap(_ball("yaw", (0.6, -0.4, 0.0))), 50.0, 0.02, 1e-3).notes
-    assert "this looks like a yaw run" in notes[-1]
+    assert "a yaw run" in notes[-1]
     assert len(_said(Roll().evaluate_laps(_lap(_ball("roll", (0.6, -0.4, 0.3))), 50.0, 0.02, 1e-3))) == 1
 
 
@@ -143,7 +143,7 @@ def test_a_good_run_is_not_doubted(name: str, test: str) -> None:
     rig, _ = load(name)
     table = simulate(rig, test, "acw" if test in ("yaw", "roll") else None, 1)
     notes = evaluate(table, rig, 0.0, name).notes
-    assert not [note for note in notes if "may be wrong" in note or "looks like" in note]
+    assert not [note for note in notes if "wrong" in note or "looks" in note]
     assert [*place_findings(table, rig), *stamp_findings(table, rig)] == []
 
 

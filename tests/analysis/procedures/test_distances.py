@@ -1,6 +1,7 @@
 """Radial and repeatability: closed forms, bad targets, and what they refuse."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -82,7 +83,7 @@ def test_one_orientation_has_no_range_over_orientations() -> None:
     result = radial.evaluate(table, 400.0, 0.0005, orientations=3)
     assert "band_mm" in result.figures
     assert not {"spread_mm", "spread_mean_mm"} & result.figures.keys()
-    assert "1 of 3 orientations measured, so their range is not reported" in result.notes
+    assert any(note.startswith("1 of 3 orientations") for note in result.notes)
 
 
 def test_a_target_that_the_hemisphere_does_not_have_is_refused() -> None:
@@ -117,10 +118,7 @@ def test_missing_targets_and_orientations_are_told() -> None:
     keep = ~np.isin(TABLE.target, (4, 9)) & ~((TABLE.target == 7) & (TABLE.orientation == 2))
     part = {name: getattr(TABLE, name)[keep] for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")}
     result = _radial(planted.true_radial(TABLE)[keep], **part)
-    assert result.notes == (
-        "target 4 and 9 missing: 35 of 37 measured",
-        "not all 3 orientations were measured at target 7",
-    )
+    assert [re.findall(r"\\d+", note) for note in result.notes] == [["4", "9", "35", "37"], ["3", "7"]]
     assert result.samples == 104
 
 

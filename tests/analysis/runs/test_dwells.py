@@ -59,7 +59,7 @@ def test_stands_before_and_after_the_program_are_no_visits(before: list[int], af
     assert table.target.tolist() == program.target.tolist()
     numbers = np.arange(len(before), len(before) + len(program.q))
     np.testing.assert_allclose(table.g_mm, 1e-3 * numbers, atol=2e-5)
-    assert any(said.startswith(f"{len(before) + len(after)} stops outside the order") for said in doubts), doubts
+    assert any(said.startswith(f"{len(before) + len(after)} stops outside") for said in doubts), doubts
 
 
 def test_one_pass_and_the_way_home_are_one_visit_of_each() -> None:
@@ -104,7 +104,7 @@ def test_wild_readings_of_a_stand_are_counted_and_not_averaged() -> None:
     plain, _ = format_of("radial").recorded(dataclasses.replace(data, g_mm=g_mm), rig, None, "run")
     table, doubts = format_of("radial").recorded(dataclasses.replace(data, g_mm=wild), rig, None, "run")
     assert np.abs(table.g_mm - plain.g_mm).max() < 1e-4
-    assert "1 readings are outliers of their stop and are not used" in doubts
+    assert any(doubt.startswith("1 readings are outliers") for doubt in doubts)
 
 
 def test_a_repeatability_program_with_a_stand_before_it() -> None:
@@ -114,4 +114,4 @@ def test_a_repeatability_program_with_a_stand_before_it() -> None:
     expected, _ = format_of("repeatability").recorded(driven(q), rig, None, "run")
     assert table.approach.tolist() == expected.approach.tolist()
     assert table.round.tolist() == expected.round.tolist()
-    assert any(said.startswith("1 stops outside the order") for said in doubts)
+    assert any(said.startswith("1 stops outside") for said in doubts)

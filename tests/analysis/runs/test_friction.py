@@ -92,5 +92,5 @@ def test_currents_of_a_robot_come_through_its_protocol_into_figures(tmp_path: Pa
     (plain,) = json.loads(bench.run("analyse", path, "--json").stdout)["runs"]
     assert plain["warmth"]["2"]["mean_c"] == pytest.approx(shown["temperature2_c"].mean())
     said = bench.run("analyse", path).stdout
-    assert f"friction of axis {min(friction)}" in said
+    assert f"axis {min(friction)}" in said
     assert "yaw acw, lap: joints 26" in said and "°C" in said

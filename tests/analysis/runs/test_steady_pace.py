@@ -159,6 +159,5 @@ def test_a_pace_that_is_left_is_told() -> None:
         for wanders_s in (0.0, 0.5 * TOLD_S, 5.24e-3)
         for doubt in align.timing_doubts("g1", Instants(np.empty(0), 0.0, np.empty(0), wanders_s=wanders_s))
     ]
-    assert [doubt.split(":")[:2] for doubt in doubts] == [
-        ["g1", " the messages deviate from their steady pace by 5.2 ms"]
-    ]
+    (doubt,) = doubts
+    assert doubt.startswith("g1:") and " 5.2 ms" in doubt

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 from pathlib import Path
 from typing import BinaryIO
@@ -43,7 +44,7 @@ def test_what_is_no_name_for_a_file_exists_already(path: str) -> None:
         write_new(Path(path), holding(b"x"))
 
 
-@pytest.mark.parametrize("refusal", [OSError(1, "Operation not permitted"), None])
+@pytest.mark.parametrize("refusal", [PermissionError(errno.EPERM, "refused"), None])
 def test_a_file_of_another_program_is_never_replaced(
     refusal: OSError | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -66,7 +67,7 @@ def test_a_file_of_another_program_is_never_replaced(
 
 @pytest.mark.parametrize(
     ("stopped_by", "reported_as"),
-    [(KeyboardInterrupt(), KeyboardInterrupt), (OSError(28, "No space left on device"), CellError)],
+    [(KeyboardInterrupt(), KeyboardInterrupt), (OSError(errno.ENOSPC, "full"), CellError)],
 )
 def test_what_stops_one_leaves_none(
     stopped_by: BaseException, reported_as: type[BaseException], tmp_path: Path

@@ -117,7 +117,7 @@ def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch
             return Link("g1", -1, lambda: None)
         if len(attempts) > 45:
             ended.set()
-        raise CellError("g1", "does not exist" if len(attempts) < 20 else "permission denied", "connect the device")
+        raise CellError("g1", "absent" if len(attempts) < 20 else "forbidden", "connect the device")
 
     stream = replace(stream, opening=opened)
     reader = StreamReader(stream, buffer, Link("g1", -1, lambda: None))
@@ -129,7 +129,7 @@ def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch
     assert {fault.kind for fault in faults} == {FaultKind.DISCONNECTED}
     told = [(fault.count, fault.detail.split(": ")[-1].split(";")[0].split(" after ")[0]) for fault in faults]
     lost, back = (1, "the protocol failed"), (0, f"{stream.port} reconnected")
-    assert told == [lost, (0, "does not exist"), (0, "permission denied"), back, lost, (0, "permission denied")]
+    assert told == [lost, (0, "absent"), (0, "permission denied"), back, lost, (0, "permission denied")]
     assert buffer.state().counters["disconnected"] == 2
 
 

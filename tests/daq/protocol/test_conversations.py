@@ -476,8 +476,8 @@ def test_line_feed() -> None:
 @pytest.mark.parametrize(
     ("line", "word"),
     [
-        (b"1500,1,2,3,4,5\n", "6 fields instead of 7"),
-        (b"1500,1,2,3,4,5,6,7\n", "8 fields instead of 7"),
+        (b"1500,1,2,3,4,5\n", "6 fields"),
+        (b"1500,1,2,3,4,5,6,7\n", "8 fields"),
         (b"1500,1,2,3,4,5,six\n", "q6_deg"),
         (b"1500,1,2,3,4,5,nan\n", "q6_deg"),
         (b"1500,1,2,3,4,5,1_0\n", "q6_deg"),
@@ -496,7 +496,7 @@ def test_a_datagram_holds_whole_lines_and_continues_nothing() -> None:
     script.receive(b"1000,1,2,3,4,5,6\r\n1010,1,2,3,4,5,6")
     assert [item.device_time_s for item in script.taken() if isinstance(item, Sample)] == [1.0, 1.01]
     script.receive(b"1020,1,2,3")
-    _fault(script, GARBLED, "4 fields instead of 7")
+    _fault(script, GARBLED, "4 fields")
     script.receive(b"1030,1,2,3,4,5,6")
     assert len(script.taken()) == 1
 
@@ -516,7 +516,7 @@ def test_line_feed_silence_once_per_timeout() -> None:
     script.wake()
     _fault(script, FaultKind.SILENT)
     script.wake()
-    _fault(script, FaultKind.SILENT, "for RTDE of a Universal Robots arm write interface: ur_rtde")
+    _fault(script, FaultKind.SILENT, "interface: ur_rtde")
     assert script.now_ns == 4 * S and not script.step.hang_up
     script = Script(daq.feedback.host(lines(port="/dev/ttyS0")))
     script.wake()

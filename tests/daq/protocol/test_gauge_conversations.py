@@ -96,7 +96,7 @@ def test_what_the_emulated_gauge_answers(interface: str, command: bytes, good: b
         (b"\x02-    1.500\0\r\n", None),
         (b"\0    1.5000\r\n", None),
     ],
-    ids=["before the message", "in the number", "for its last digit", "for its first character"],
+    ids=["before message", "in number", "last digit", "first character"],
 )
 def test_nd287_nuls_before_a_message_are_passed_over_and_none_in_it(reply: bytes, value_mm: float | None) -> None:
     """A NUL in a message is a character of wrong parity: without it the number would be another."""
@@ -109,10 +109,10 @@ def test_nd287_nuls_before_a_message_are_passed_over_and_none_in_it(reply: bytes
 @pytest.mark.parametrize(
     ("status", "units", "words"),
     [
-        (b"\x0200000111\r\n", "mm", "reads in inch, but the rig file has mm"),
-        (b"\x02 0 0 0 0 0 0 1 1\r\n", "inch", "reads in mm, but the rig file has inch"),
-        (b"\x0200000211\r\n", "mm", "reads in an angle"),
-        (b"\x0210000011\r\n", "mm", "distance to go; switch to"),
+        (b"\x0200000111\r\n", "mm", "inch"),
+        (b"\x02 0 0 0 0 0 0 1 1\r\n", "inch", "mm"),
+        (b"\x0200000211\r\n", "mm", "an angle"),
+        (b"\x0210000011\r\n", "mm", "distance to go"),
     ],
 )
 def test_nd287_whose_display_shows_something_else_is_not_read(status: bytes, units: str, words: str) -> None:
@@ -141,7 +141,7 @@ def test_nd287_switched_to_inch_while_it_is_read_is_noticed() -> None:
     assert (asked_next, readings) == (b"\x1bA0800\r", STATUS_EVERY - 1)
     script.receive(b"\x1bA0800\r\x0200000111\r\n")
     *samples, fault = script.taken()
-    assert len(samples) == readings and isinstance(fault, Fault) and "reads in inch" in fault.detail
+    assert len(samples) == readings and isinstance(fault, Fault) and "inch" in fault.detail
 
 
 # --- Micro-Epsilon: a stream of tagged bytes ---
@@ -211,7 +211,7 @@ def test_ild1420_takes_none_of_several_values() -> None:
     for k in range(1000):
         script.receive(value(30_000, further=True) + value(2000), k * S // 1000)
     faults = script.taken()
-    assert all(isinstance(item, Fault) and "only the distance" in item.detail for item in faults)
+    assert all(isinstance(item, Fault) and "distance" in item.detail for item in faults)
     assert len(faults) < 5
 
 
@@ -254,7 +254,7 @@ def test_orbit_reading_and_status() -> None:
 
 @pytest.mark.parametrize(
     ("code", "word"),
-    [(18, "under range"), (19, "over range"), (246, "incompatible"), (247, "no probe is connected"), (7, "manual")],
+    [(18, "under range"), (19, "over range"), (246, "incompatible"), (247, "no probe"), (7, "manual")],
 )
 def test_orbit_status_words(code: int, word: str) -> None:
     script = _orbit()

@@ -156,7 +156,7 @@ def test_a_continuous_gauge_is_held_to_its_shape_as_well() -> None:
         "around zero",
         "a jump, confirmed",
         "one that a doubled 1 would make, confirmed",
-        "the first was damaged",
+        "first damaged",
     ],
 )
 def test_numbers_of_another_length_are_believed_where_the_gauge_moved_there(

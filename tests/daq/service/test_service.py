@@ -50,7 +50,7 @@ def test_the_watchdog_is_fed_while_a_gauge_is_gone(bench: Bench) -> None:
         assert manager.recv(4096) == b"WATCHDOG=1"
 
 
-@pytest.mark.skipif(not shutil.which("systemd-analyze"), reason="systemd-analyze is not installed (package systemd)")
+@pytest.mark.skipif(not shutil.which("systemd-analyze"), reason="no systemd-analyze")
 def test_the_unit_is_valid_and_hardened(tmp_path: Path) -> None:
     unit = tmp_path / "rigd@cell.service"
     unit.write_text(UNIT.read_text().replace("/opt/rig/bin/rigd", sys.executable))
@@ -58,7 +58,7 @@ def test_the_unit_is_valid_and_hardened(tmp_path: Path) -> None:
     assert done.returncode == 0 and not done.stderr, done.stderr
     command = ["systemd-analyze", "security", "--offline=true", "--no-pager", unit]
     rated = subprocess.run(command, capture_output=True, text=True, check=False).stdout
-    exposure = float(rated.rsplit("exposure level for", 1)[1].split(":")[1].split()[0])
+    exposure = float(rated.rsplit("exposure level", 1)[1].split(":")[1].split()[0])
     assert exposure <= 1.2
     assert f"rates it {exposure}." in (ROOT / "docs" / "service.md").read_text()
 
@@ -69,7 +69,7 @@ def test_the_unit_is_limited() -> None:
     assert told["MemoryMax"] and int(told["TasksMax"]) > 64 and int(told["LimitNOFILE"]) >= 1024
 
 
-@pytest.mark.skipif(not shutil.which("systemd-sysusers"), reason="systemd-sysusers is not installed (package systemd)")
+@pytest.mark.skipif(not shutil.which("systemd-sysusers"), reason="no systemd-sysusers")
 def test_the_unit_runs_as_the_user_that_sysusers_makes(tmp_path: Path) -> None:
     (tmp_path / "etc").mkdir()
     subprocess.run(["systemd-sysusers", f"--root={tmp_path}", UNIT.with_name("rig.sysusers")], check=True)
@@ -144,7 +144,7 @@ def test_an_error_in_the_program_closes_the_run_as_failed_and_ends_the_daemon(
     assert manifest.exit_status == "failed"
     assert thread in manifest.reason and error in manifest.reason
     assert bench.run("rig", "verify", path).returncode == 0
-    assert "no daemon is visible to this user" in bench.fails("rig", "status", code=4)
+    assert "no daemon" in bench.fails("rig", "status", code=4)
 
 
 @pytest.mark.parametrize("command", [["--help"], ["analyse", "--help"], ["record", "start", "--help"]])

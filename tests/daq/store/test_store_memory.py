@@ -27,7 +27,7 @@ print(libc.mallinfo2().hblkhd - before >> 20)
 """
 
 
-@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="no glibc of 2.33 or newer")
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="glibc before 2.33")
 @pytest.mark.parametrize(("called", "mapped_mib"), [("", "0"), ("keep_large_blocks_apart()", "4")])
 def test_after_a_chunk_large_blocks_are_still_mapped_by_themselves(called: str, mapped_mib: str) -> None:
     done = subprocess.run([sys.executable, "-c", MAPPED.format(called)], capture_output=True, text=True, check=True)
@@ -37,10 +37,9 @@ def test_after_a_chunk_large_blocks_are_still_mapped_by_themselves(called: str, 
 def test_the_first_rows_import_nothing() -> None:
     """An import would hold up the thread that drains the readers, as that of pandas did."""
     script = """
-import sys
+import sys, numpy as np, pyarrow as pa
 from daq.recording.io_worker import IoWorker
 from daq.recording.warnings import RateLimitedLog
-import numpy as np, pyarrow as pa
 
 IoWorker(RateLimitedLog())
 before = set(sys.modules)

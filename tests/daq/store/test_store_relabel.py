@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from pathlib import Path
 
@@ -73,7 +74,7 @@ def test_what_makes_no_sense_is_refused_and_changes_nothing(run: Path) -> None:
     with refused("request.operator"):
         relabel(run, operator="x" * 201)
     with refused("request.placement"):
-        relabel(run, placement="by the wall")
+        relabel(run, placement="a place")
     assert (run / MANIFEST).read_bytes() == before
 
 
@@ -117,7 +118,7 @@ def test_lines_that_cannot_be_verified_are_not_replaced(run: Path) -> None:
 
 def test_a_disk_that_refuses_leaves_the_old_label(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(fd: int, data: bytes, offset: int) -> None:
-        raise OSError(28, "No space left on device")
+        raise OSError(errno.ENOSPC, "full")
 
     monkeypatch.setattr(durable, "write_at", full)
     with refused("run.not_writable"):
@@ -133,7 +134,7 @@ def test_the_command_takes_several_runs_and_analyse_says_so_once(tmp_path: Path)
     assert done.stdout.splitlines() == [f"{run}: roll acw, measured by bob" for run in runs]
     told = [doubt for doubt in load_measured(runs[0]).doubts if "relabelled" in doubt]
     assert len(told) == 1
-    assert told[0].endswith("after the recording: test yaw to roll, operator rig simulate to bob")
+    assert told[0].endswith("test yaw to roll, operator rig simulate to bob")
     relabel(runs[0], operator="rig simulate", test="yaw")
     assert not any("relabelled" in doubt for doubt in load_measured(runs[0]).doubts)  # it is what it was
     relabel(runs[0], operator="bob", test="roll")

@@ -67,7 +67,7 @@ def test_a_recording_ends_whole_before_the_disk_is_full(tmp_path: Path, monkeypa
                 writer.append("robot", samples(40, 2, rows))
                 rows += 40
                 writer.sync()
-        writer.close("interrupted", "disk nearly full", {"g1": {}})
+        writer.close("interrupted", "nearly full", {"g1": {}})
         assert disk.peak > 500_000  # most of the room was used
     assert verify(writer.path) == []
     assert_holds(read_run(writer.path), rows)

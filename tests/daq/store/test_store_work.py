@@ -74,7 +74,7 @@ def test_what_time_it_is_since_the_clock_was_set_is_saved_with_the_next_sync(
     """Whoever appends never waits for the disk, and the manifest is synced."""
     writer = start(tmp_path)
     with monkeypatch.context() as patch:
-        patch.setattr(os, "fsync", lambda fd: pytest.fail("waits for the disk"))
+        patch.setattr(os, "fsync", lambda fd: pytest.fail("waits"))
         writer.anchor()
         work = writer.begin_sync()
     assert load_manifest(writer.path).anchors == ()

@@ -92,7 +92,7 @@ def test_a_connection_that_brings_something_now_and_then_is_not_dead() -> None:
                 sock.sendall(b"x")
                 assert link.read(PATIENCE_S) == b"x"
                 assert link.read(0.1) == b""
-            with pytest.raises(LinkLost, match="nothing arrived for"):
+            with pytest.raises(LinkLost, match="arrived"):
                 while True:
                     assert link.read(0.05) == b""
 
@@ -202,7 +202,7 @@ def test_ros2_joint_states_are_recorded_through_a_new_start_of_the_server(tmp_pa
     _recorded_through_a_new_start(data, "disconnected", tmp_path)
 
 
-@pytest.mark.skipif(not OPC_UA, reason="asyncua is not installed: pip install '.[opcua]'")
+@pytest.mark.skipif(not OPC_UA, reason="no asyncua")
 def test_an_opc_ua_robot_is_recorded_through_a_new_start_of_its_server(tmp_path: Path) -> None:
     data = yaml.safe_load(rig_text())
     data["feedback"] = {"interface": "opc_ua_robotics", "port": "tcp://192.168.1.5:4840"}

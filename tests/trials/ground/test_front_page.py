@@ -59,12 +59,12 @@ def test_what_is_missing_is_found_as_the_page_says(tmp_path: Path) -> None:
         before = _with_numbers_out(first)[0][: around.start()].count("#")
         printed = _with_numbers_out(first)[1][before : before + len(figures)]
         assert printed == pytest.approx(figures, rel=LIKE), sentence
-    assert "The model is complete" in second
+    assert "is complete" in second
     found = [path.name for path in (tmp_path / "try/found").iterdir()]
     assert {"paper-fanuc.yaml", "paper-fanuc.calibration.json", "diagnosis.png"} <= set(found)
 
 
-@pytest.mark.skipif(not (DATA / "jacobi").is_dir(), reason="the measured data of ../shared/data are not here")
+@pytest.mark.skipif(not (DATA / "jacobi").is_dir(), reason="no data")
 @pytest.mark.cpu_limit(120)
 @pytest.mark.parametrize(("task_name", "row"), cases(ROWS.items(), [("ur5-few", "UR5, 30 poses")]))
 def test_the_table_of_real_arms_is_what_rig_reaches(task_name: str, row: str, tmp_path: Path) -> None:

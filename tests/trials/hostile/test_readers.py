@@ -213,9 +213,9 @@ def test_out_of_memory_is_one_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("error", "numerical"),
     [
-        (OverflowError("(34, 'Numerical result out of range')"), True),
+        (OverflowError("(34, 'out of range')"), True),
         (np.linalg.LinAlgError("SVD did not converge"), True),
-        (RuntimeWarning("invalid value encountered in sqrt"), True),
+        (RuntimeWarning("invalid value"), True),
         (ValueError("a bug"), False),
     ],
 )

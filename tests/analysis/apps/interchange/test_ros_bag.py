@@ -55,14 +55,14 @@ def test_rows_are_gauge_ones_and_the_rest_is_interpolated() -> None:
     for axis in range(1, 7):
         assert rows[:, axis] == pytest.approx(np.degrees(axis * ms / 1000), abs=1e-9)
     assert rows[:, 7] == pytest.approx(0.1 + ms / 1000) and rows[:, 8] == pytest.approx(-0.2 + ms / 1000)
-    assert len(doubts) == 1 and "times of reception" in doubts[0]
+    assert len(doubts) == 1 and "reception" in doubts[0]
 
 
 def test_rows_at_a_gap_of_the_joints_are_left_out_and_counted() -> None:
     gone = [one for one in WHOLE if not (one[0] == "/joint_states" and 300 < one[2] < 500)]
     _, rows, doubts = read(bag(*gone))
     assert not ((rows[:, 0] > 0.29) & (rows[:, 0] < 0.48)).any()
-    assert "robot: 10 rows are ignored at gaps" in doubts[0]
+    assert "robot: 10 rows" in doubts[0]
 
 
 def test_both_byte_orders_are_read() -> None:
@@ -74,15 +74,15 @@ def test_both_byte_orders_are_read() -> None:
 @pytest.mark.parametrize(
     ("messages", "told"),
     [
-        (WHOLE[100:], "usable messages of /joint_states"),
+        (WHOLE[100:], "/joint_states"),
         (
             [one for one in WHOLE if one[0] != "/g2"],
             r"of /g2 .*; its topics: /g1 \(std_msgs/msg/Float64\), /joint_states",
         ),
-        ([("/joint_states", STATE, ms, joint_state(["a"], [1.0])) for ms in range(99)], "fewer than two usable"),
+        ([("/joint_states", STATE, ms, joint_state(["a"], [1.0])) for ms in range(99)], "two usable"),
         ([("/g1", "std_msgs/msg/String", 1, b"")], "std_msgs/msg/String"),
-        ([*states(range(0, 100, 10)), *gauges("g1", [500, 520], 0), *gauges("g2", [500, 520], 0)], "at the same time"),
-        ([("/joint_states", STATE, 1, b"\0\1\0\0\xff\xff")], "fewer than two usable"),
+        ([*states(range(0, 100, 10)), *gauges("g1", [500, 520], 0), *gauges("g2", [500, 520], 0)], "same time"),
+        ([("/joint_states", STATE, 1, b"\0\1\0\0\xff\xff")], "two usable"),
     ],
 )
 def test_what_a_bag_lacks_is_one_line(messages: list[tuple[str, str, int, bytes]], told: str) -> None:
@@ -93,7 +93,7 @@ def test_what_a_bag_lacks_is_one_line(messages: list[tuple[str, str, int, bytes]
 @pytest.mark.parametrize("bad", [b"", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 50, joint_state(["a"], [1.0])])
 def test_a_message_that_cannot_be_used_is_left_out_and_counted(bad: bytes) -> None:
     _, rows, doubts = read(bag(*WHOLE, ("/joint_states", STATE, 1200, bad)))
-    assert len(rows) == 45 and "/joint_states: 1 of 101 messages not used" in doubts[0]
+    assert len(rows) == 45 and "/joint_states: 1 of 101 messages" in doubts[0]
 
 
 def test_a_topic_in_another_encoding_is_not_taken_for_cdr() -> None:

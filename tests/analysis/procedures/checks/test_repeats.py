@@ -13,10 +13,10 @@ from analysis.procedures.simulate import simulate
 from analysis.runs.loading import Measured
 from analysis.runs.tables import CircleTable
 from rigs.effects import Backlash
-from rigs.errors import FileError
 from rigs.schema.effect import name_of
 from rigs.schema.vocabulary import TestName
 from tests.support.diagnosis_cells import RIG, circles, found_in, measured
+from tests.support.refusals import refused
 
 PLAY = Backlash(axis=5, width_deg=0.3)
 
@@ -56,27 +56,22 @@ def test_the_others_are_diagnosed_and_the_run_is_named() -> None:
     runs = _with_swaps(circles((PLAY,), seed=43, count=3), [2])
     found = found_in(runs)
     assert [name_of(one.effect) for one in found.effects if one.is_confirmed] == ["backlash 5"]
-    assert any(
-        doubt.startswith(
-            "yaw-cw-2 is ignored: the gauges g1 and g2 are exchanged compared with the repeats of this run"
-        )
-        for doubt in found.doubts
-    )
-    assert not any("may be exchanged" in doubt for doubt in found.doubts)
+    assert any(doubt.startswith("yaw-cw-2 is ignored: the gauges g1 and g2 ") for doubt in found.doubts)
+    assert not any("exchanged" in doubt for doubt in found.doubts)
 
 
 def test_an_exchange_in_all_runs_is_refused_where_a_play_would_lead() -> None:
     """Repeats do not show it, and no effect explains it; a joint with play does."""
     runs = circles((PLAY,), seed=44)
-    with pytest.raises(FileError, match=r"seem to lead at reversals.* exchanged .*; press a probe"):
+    with refused("run.impossible"):
         found_in(_with_swaps(runs, range(len(runs))))
-    assert not any("may be exchanged" in doubt for doubt in found_in(runs).doubts)
+    assert not any("exchanged" in doubt for doubt in found_in(runs).doubts)
 
 
 def test_an_exchange_without_a_play_is_doubted() -> None:
     runs = circles(seed=44)
     _, doubts = prepare_runs(RIG, _with_swaps(runs, range(len(runs))))
-    assert doubts[0].startswith(f"g1 and g2 may be exchanged in {runs[0].run.manifest.name} and 3 more")
+    assert doubts[0].startswith(f"g1 and g2 may be exchanged in {runs[0].run.manifest.name} ")
 
 
 def _negated(run: Measured) -> Measured:

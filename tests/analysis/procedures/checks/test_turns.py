@@ -29,7 +29,7 @@ def test_circles_whose_ways_stand_turns_apart_are_sound(number: int) -> None:
 
 def test_gauges_that_count_the_other_way_are_told_beside_a_joint_that_winds() -> None:
     runs = driven_on_from(4)
-    for way in ("decisive", "as it is"):
+    for way in ("decisive", "correct"):
         sign = -1.0 if way == "decisive" else 1.0
         tables = [run.table for run in runs]
         turned = [

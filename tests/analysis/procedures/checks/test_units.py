@@ -165,7 +165,7 @@ def repeated(rows: Rows, passes: int, at_once: int) -> Rows:
 
 @pytest.mark.parametrize(("passes", "at_once"), [(1, 1), (2, 1), (3, 1), (6, 1), (1, 5), (2, 5)])
 def test_units_of_a_tracker_are_found_in_any_order_of_visits(passes: int, at_once: int) -> None:
-    for factor, fact in ((1e-3, "are in m:"), (0.1, "are in cm:"), (1 / 25.4, "are in inches:")):
+    for factor, fact in ((1e-3, "in m:"), (0.1, "in cm:"), (1 / 25.4, "in inches:")):
         findings = found(repeated(changed("pose", dict.fromkeys(PLACES, factor)), passes, at_once), "pose")
         assert any(fact in finding.what and finding.columns == PLACES for finding in findings)
     assert units(repeated(changed("pose", dict.fromkeys(TURNS, RAD)), passes, at_once), "pose")[0][0] == TURNS

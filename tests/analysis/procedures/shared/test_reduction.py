@@ -31,7 +31,7 @@ def test_bursts_that_hide_from_their_neighbours_leave_no_bias() -> None:
     clean, found = reduced(laps), reduced(dataclasses.replace(laps, g_mm=wild))
     assert abs((found.g_mm - clean.g_mm).mean()) < 5e-5
     assert np.abs(found.g_mm - clean.g_mm).max() < 0.01
-    assert found.notes[0].startswith("outliers are ignored: ")
+    assert found.notes[0].startswith("outliers ")
     assert ROWS - found.rows < 1.5 * hit.sum() / 2
 
 
@@ -40,7 +40,7 @@ def test_a_play_is_no_wild_reading() -> None:
     one[1234] = 0.5
     laps = _laps(np.stack([PLAYED, PLAYED], axis=1))
     found = reduced(dataclasses.replace(laps, g_mm=laps.g_mm + one[:, None]))
-    assert found.notes == ("outliers are ignored: 1, 1 of 40000 (g1, g2)",)
+    assert len(found.notes) == 1 and "1, 1 of 40000" in found.notes[0]
     true = nodes_of(AT, PLAYED)
     smooth = np.abs(np.sin(PHI - 1)) > 0.05
     assert found.g_mm.mean(axis=(0, 2))[np.argsort(found.order)][smooth] == pytest.approx(true[smooth], abs=5e-4)

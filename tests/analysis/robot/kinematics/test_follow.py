@@ -113,7 +113,7 @@ def test_a_centre_in_metres_is_told_as_that() -> None:
         poses[:, :3, 3] = place
         with pytest.raises(FileError) as refused:
             follow(arm, poses, START, "path")
-        assert ("multiply it by 1000" in str(refused.value)) is is_metres
+        assert ("1000" in str(refused.value)) is is_metres
 
 
 def test_a_path_that_leaves_the_reach_is_told_where() -> None:

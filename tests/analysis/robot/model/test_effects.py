@@ -314,10 +314,10 @@ def test_every_play_and_every_wave_is_known_as_one() -> None:
 @pytest.mark.parametrize(
     ("held", "message"),
     [
-        ({}, "rigs/effects/half.py: an Effect with the key effect 'half' is missing"),
+        ({}, "rigs/effects/half.py: .*'half'"),
         (
             {"Half": create_model("Half", __base__=Effect, effect=(str, "half"))},
-            "Half does not define apply, .*remedy, STAGE, its one size",
+            "Half .* apply, .*remedy, STAGE",
         ),
     ],
 )

@@ -50,10 +50,10 @@ def test_small_angles_could_be_radians() -> None:
 @pytest.mark.parametrize(
     "line",
     [
-        lambda k: "220 welcome to the print server\r\n",
+        lambda k: "220 printer ready\r\n",
         lambda k: "1,2,3,4,5\n",
         lambda k: ",".join("1" * (6 + k % 2)) + "\n",
-        lambda k: "\x00\xff\x01 no lines at all",
+        lambda k: "\x00\xff\x01 no lines",
         lambda k: "nan,nan,nan,nan,nan,nan\n",
     ],
 )

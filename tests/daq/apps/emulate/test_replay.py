@@ -90,7 +90,7 @@ def test_a_replayed_lap_has_the_figures_of_the_original(tmp_path: Path, gauges: 
     before = _figures(done)
     run, replay = _replayed(tmp_path / "replayed", text, tmp_path / "cell" / "cell.log")
     late = {stream: steps.seconds_out for stream, steps in replay.steps.items() if steps.seconds_out}
-    assert not late, f"out of step: {late}"
+    assert not late, late
     after = _figures(_analysed(tmp_path, run))
     for name in FIGURES:
         figure = before[name]

@@ -175,11 +175,11 @@ SIX = {f"A{axis}": DEGREE for axis in range(1, 7)}
     [
         (Space(), {}, ("contains no MotionDeviceSystem", "node ids")),
         (_space(), {}, ("contains no MotionDeviceSystem",)),
-        (_space(**SIX, A7=DEGREE), {}, ("A7", "list six of them in `axes`")),
+        (_space(**SIX, A7=DEGREE), {}, ("A7", "`axes`")),
         (_space(Base=DEGREE, Shoulder=DEGREE), {}, ("Base, Shoulder", "`axes`")),
-        (_space(**SIX), {"axes": ("A1", "A2", "A3", "A4", "A5", "E1")}, ("axis 'E1' does not exist", "A1, A2")),
-        (_space(**SIX | {"A2": CELSIUS}), {}, ("'A2'", "'°C'", "not an angle unit")),
-        (_space(**dict.fromkeys(SIX)), {}, ("unit of axis 'A1'", "`units`")),
+        (_space(**SIX), {"axes": ("A1", "A2", "A3", "A4", "A5", "E1")}, ("'E1'", "A1, A2")),
+        (_space(**SIX | {"A2": CELSIUS}), {}, ("'A2'", "'°C'", "angle unit")),
+        (_space(**dict.fromkeys(SIX)), {}, ("'A1'", "`units`")),
         (_two_robots(), {}, ("Left, Right", "`device`")),
         (_two_robots(), {"device": "Middle"}, ("Left, Right",)),
         (_two_robots(), {"device": "Right"}, ("none", "`axes`")),
@@ -210,7 +210,7 @@ def test_a_unit_of_the_rig_file_stands_where_the_server_states_none() -> None:
     ],
 )
 def test_a_rig_file_that_cannot_be_meant_is_refused(changes: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=r"twice|all by node id|not a TCP port|pattern"):
+    with pytest.raises(ValueError, match=r"twice|node id|TCP port|pattern"):
         opc_ua(**changes)
 
 

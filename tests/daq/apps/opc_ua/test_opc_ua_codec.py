@@ -128,9 +128,7 @@ def test_what_a_message_claims_takes_no_memory(what: str) -> None:
     body = claiming(CLAIMS[what])
     tracemalloc.start()
     try:
-        with (
-            nullcontext() if what in HARMLESS else pytest.raises(Unreadable, match="cannot be decoded as ReadResponse")
-        ):
+        with nullcontext() if what in HARMLESS else pytest.raises(Unreadable, match="ReadResponse"):
             decoded(ua.ReadResponse, body)
         _, peak = tracemalloc.get_traced_memory()
     finally:
@@ -188,11 +186,11 @@ def test_a_message_longer_than_what_the_other_side_receives_goes_out_in_chunks()
     [
         ([chunk(b"C", b"")] * (CHUNKS + 1), f"{CHUNKS} chunks"),
         ([chunk(b"C", bytes(CHUNK - 24))] * (LIMIT // CHUNK + 1), f"{LIMIT} bytes"),
-        ([chunk(b"C", b"a"), chunk(b"F", b"b", request=2)], "a part of message 2 inside message 1"),
-        ([chunk(b"X", b"a")], "unsupported chunk type b'X'"),
+        ([chunk(b"C", b"a"), chunk(b"F", b"b", request=2)], "message 2 inside message 1"),
+        ([chunk(b"X", b"a")], "b'X'"),
         ([chunk(b"A", struct_to_binary(ua.ErrorMessage(ua.StatusCode(0x80B90000), "big")))], "BadResponseTooLarge"),
-        ([chunk(b"A", b"")], "cannot be decoded as ErrorMessage"),
-        ([chunk(b"F", b"")[:20]], "cannot be decoded as SequenceHeader"),
+        ([chunk(b"A", b"")], "ErrorMessage"),
+        ([chunk(b"F", b"")[:20]], "SequenceHeader"),
     ],
 )
 def test_chunks_that_make_no_message_are_refused(pieces: list[bytes], words: str) -> None:
