@@ -157,7 +157,7 @@ def _options(command: Any) -> Iterator[Any]:
         yield from _options(below)
 
 
-def test_every_option_says_what_it_takes_and_its_default() -> None:
+def test_every_option_documents_value_and_default() -> None:
     options = [*_options(RIG), *_options(typer.main.get_command(rigd_app))]
     assert len(options) > 60
     for one in options:
@@ -173,7 +173,7 @@ MADE = {"api": "api", "arms": "arms", "errors": "errors", "interfaces": "interfa
 
 
 @pytest.mark.parametrize("program", MADE)
-def test_the_page_is_what_its_program_prints(program: str) -> None:
+def test_page_equals_the_output_of_its_program(program: str) -> None:
     script = ROOT / "scripts" / "tools" / f"{program}_page.py"
     page = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True, encoding="utf-8").stdout
     assert _page(MADE[program]) == page, f"run: scripts/dev {program}_page > docs/{MADE[program]}.md"

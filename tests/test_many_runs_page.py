@@ -30,7 +30,7 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return work
 
 
-def test_every_command_runs_and_the_snippet_reads_what_it_wrote(work: Path) -> None:
+def test_commands_run_and_the_snippet_reads_their_output(work: Path) -> None:
     for line in blocks("sh")[0].splitlines():
         _, *words = shlex.split(line, comments=True)
         output = words[words.index(">") + 1] if ">" in words else None

@@ -28,7 +28,7 @@ def one(at: int = 0, *, is_on: bool = True) -> float | None:
 '''
 
 
-def test_each_change_is_of_what_computes_and_leaves_a_sound_file() -> None:
+def test_mutants_change_computing_code_and_stay_valid() -> None:
     found = {(one.line, one.kind, one.before, one.after) for one in mutants_of(CODE, "rigs/it.py")}
     assert found == {
         (4, "constant changed", "2.5", "5.0"),

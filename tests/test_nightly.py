@@ -38,7 +38,7 @@ def test_elsewhere():
     ],
     ids=["in time", "too late"],
 )
-def test_what_is_not_begun_in_time_is_counted(
+def test_tests_not_begun_in_time_are_counted(
     tmp_path: Path, ends_s: str, ended: dict[str, int], failed: list[str]
 ) -> None:
     (tmp_path / "test_it.py").write_text(TESTS)
@@ -67,7 +67,7 @@ def test_the_result_stands_on_its_page_with_date_commit_and_the_longest_files() 
 
 
 @pytest.mark.parametrize("entry", moved(), ids=lambda entry: entry["of"].removeprefix("tests/"))
-def test_what_the_table_moves_to_the_night_is_there(entry: dict[str, Any]) -> None:
+def test_tests_moved_to_the_night_exist(entry: dict[str, Any]) -> None:
     """A name that no test has would leave a slow test in each commit, and nobody would see it."""
     place = ROOT / entry["of"]
     files = sorted(place.rglob("test_*.py")) if place.is_dir() else [place]

@@ -56,7 +56,7 @@ def test_nothing_that_a_command_wrote_is_at_the_top() -> None:
     assert {name.partition("/")[0] for name in tracked} == folders | files
 
 
-def test_the_citation_names_what_pyproject_names() -> None:
+def test_citation_agrees_with_pyproject() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert {"cff-version", "message", "title", "authors"} <= citation.keys()  # what the format demands
     assert citation["license"] == PROJECT["license"]

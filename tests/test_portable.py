@@ -65,7 +65,7 @@ def test_simulated_runs_are_written_and_analysed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", [("status",), ("emulate", "paper-fanuc", "-o", "cell"), ("doctor", "paper-fanuc")])
-def test_what_only_a_cell_needs_is_refused_in_one_line(command: tuple[str, ...]) -> None:
+def test_cell_commands_are_refused_in_one_line(command: tuple[str, ...]) -> None:
     done = _rig(*command)
     assert done.returncode != 0
     (line,) = (line for line in done.stderr.splitlines() if "Warning" not in line and not line.startswith("  "))

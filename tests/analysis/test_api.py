@@ -91,7 +91,7 @@ def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
 
 
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__name__)
-def test_every_function_says_what_it_takes_returns_and_raises(function: object) -> None:
+def test_every_function_documents_arguments_result_and_errors(function: object) -> None:
     told = inspect.getdoc(function) or ""
     missing = [name for name in inspect.signature(function).parameters if f"\n{name}: " not in told]  # type: ignore[arg-type]
     assert missing == []
@@ -202,7 +202,7 @@ def test_a_saved_run_is_loaded_as_it_was_and_never_written_over(laps: list[Measu
         save_run(laps[0], path)
 
 
-def test_the_command_prints_what_the_functions_return(laps: list[Measured], tmp_path: Path) -> None:
+def test_command_prints_the_results_of_the_functions(laps: list[Measured], tmp_path: Path) -> None:
     paths = [str(save_run(run, tmp_path / run.path)) for run in laps]
     done = CliRunner().invoke(app, ["analyse", *paths, "--json"])
     runs = [load_run(path) for path in paths]
@@ -280,7 +280,7 @@ def test_results_are_frozen(results: list[Result]) -> None:
         results[0].figures = {}  # type: ignore[misc]
 
 
-def test_a_frame_without_pandas_says_what_to_do(results: list[Result], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_pandas_names_the_package(results: list[Result], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
     with refused("package.missing"):
         results[0].to_frame()
@@ -339,7 +339,7 @@ def test_an_arm_of_the_library_goes_by_its_name_and_takes_one_posture() -> None:
     assert arm.inverse(arm.forward(posture).T[0], posture).q_deg[0] == pytest.approx(posture, abs=1e-6)
 
 
-def test_a_table_says_its_test_by_its_columns(tmp_path: Path) -> None:
+def test_columns_determine_the_test_of_a_table(tmp_path: Path) -> None:
     """As `rig import` reads it: joints called as on a pendant, places in mm."""
     rig = load("ur5")[0]
     rng = np.random.default_rng(1)

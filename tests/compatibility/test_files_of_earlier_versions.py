@@ -73,7 +73,7 @@ def test_every_run_is_whole(state: Path) -> None:
 
 
 @of_each_state
-def test_figures_are_what_they_were_and_their_keys_too(state: Path) -> None:
+def test_figures_and_keys_are_unchanged(state: Path) -> None:
     before, now = json.loads((state / "analyse.json").read_text()), _said(state, "analyse", *_runs(state), "--json")
     assert set(_keys(before)) - set(_keys(now)) == set()
     runs = {run["name"]: run["figures"] for run in now["runs"]}
@@ -96,7 +96,7 @@ def _compared(state: Path, before: Any, *more: str) -> Any:
 
 
 @of_whole_states
-def test_a_calibrated_model_says_of_a_run_what_it_said(state: Path) -> None:
+def test_calibrated_model_predicts_a_run_as_before(state: Path) -> None:
     before = json.loads((state / "compare-calibrated.json").read_text())
     now = _compared(state, before, "--rig", "calibrated/rep.yaml")
     pairs = [(a["figures"], b["figures"]) for a, b in zip(before["runs"], now["runs"], strict=True)]
@@ -123,7 +123,7 @@ def test_a_diagnosis_and_a_list_of_runs_have_the_keys_they_had(state: Path) -> N
 
 
 @of_whole_states
-def test_a_map_reads_of_a_table_what_it_read(state: Path) -> None:
+def test_map_reads_a_table_as_before(state: Path) -> None:
     words = ("tracker.csv", "--rig", "rigs/cell.yaml", "--test", "pose", "--map", "poses.map.yaml", "-o", "again")
     assert ran("import", *words, cwd=state).returncode == 0
     for run in ("again", "runs/poses"):

@@ -30,7 +30,7 @@ def _case(name: str) -> tuple[str, Capture, dict[str, Any]]:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_drivers_hear_what_they_heard(name: str) -> None:
+def test_drivers_receive_the_captured_bytes(name: str) -> None:
     text, capture, expected = _case(name)
     assert not capture.cut
     assert heard(parse(text, name), capture) == expected
@@ -75,7 +75,7 @@ def test_a_rig_of_which_the_capture_knows_nothing_is_refused() -> None:
         Replay.open(parse(text, "x"), other)
 
 
-def test_the_command_serves_a_capture_until_all_is_said(tmp_path: Path) -> None:
+def test_command_serves_a_capture_to_its_end(tmp_path: Path) -> None:
     name = "sylvac-lines"
     with Bench(tmp_path) as bench, bench.replaying(CORPUS / name / "cell.log", CORPUS / name / "rig.yaml") as said:
         bench.rig = tmp_path / "replayed" / "rig.yaml"

@@ -47,7 +47,7 @@ def recorded(folder: Path, seed: int) -> tuple[dict[str, np.ndarray], Counter[st
     return stamps, Counter(fault["kind"] for fault in run.faults), counted
 
 
-def test_a_seed_gives_the_same_recording_each_time_and_what_was_counted_is_there(tmp_path: Path) -> None:
+def test_seed_reproduces_a_recording_with_all_counted_samples(tmp_path: Path) -> None:
     (stamps, faults, counted), (again, *_) = recorded(tmp_path / "a", 1), recorded(tmp_path / "b", 1)
     (others, *_) = recorded(tmp_path / "c", 2)
     assert all(np.array_equal(stamps[name], again[name]) for name in stamps)
@@ -74,7 +74,7 @@ def test_a_robot_that_prints_to_a_serial_port_is_read_at_the_pace_of_its_line(
     assert (samples > 900) is keeps_up  # 100 lines a second, of 59 characters
 
 
-def test_what_was_synced_before_a_kill_is_in_the_run_that_the_next_start_recovers(tmp_path: Path) -> None:
+def test_synced_rows_of_a_killed_run_are_recovered_at_the_next_start(tmp_path: Path) -> None:
     hand = ByHand()
     with SimulatedClock(3).running() as time:
         cell = SimulatedCell.switched_on(time, tmp_path, slow_rig(), hand, hand.signal)

@@ -67,7 +67,7 @@ def test_the_command_emulate_serves_a_cell_that_rigd_reads(tmp_path: Path) -> No
 
 
 @pytest.mark.real_time
-def test_the_command_emulate_drives_programs_and_takes_what_rig_correct_wrote(tmp_path: Path) -> None:
+def test_command_emulate_drives_programs_and_accepts_corrected_ones(tmp_path: Path) -> None:
     """The signal of the program starts and ends a run; the operator stops another; entered values change the circle."""
     data = yaml.safe_load(load("ur10e")[1])
     data["feedback"]["signal"] = {"int_register": 3}

@@ -168,7 +168,7 @@ def test_wrong_content_is_one_line(case: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"null"])
-def test_what_is_no_json_is_one_line(content: bytes, tmp_path: Path) -> None:
+def test_invalid_json_is_one_line(content: bytes, tmp_path: Path) -> None:
     with refused("calibration.damaged") as told:
         load(_named_as(tmp_path, content))
     assert len(told.value.lines()) == 1
@@ -190,7 +190,7 @@ def test_a_missing_file_is_refused_in_one_line(tmp_path: Path) -> None:
     assert told.value.where == str(beside)
 
 
-def test_what_is_no_regular_file_or_too_large_is_refused(tmp_path: Path) -> None:
+def test_special_or_oversized_file_is_refused(tmp_path: Path) -> None:
     rig_file, beside = written(tmp_path)
     beside.unlink()
     beside.mkdir()
@@ -204,7 +204,7 @@ def test_what_is_no_regular_file_or_too_large_is_refused(tmp_path: Path) -> None
     assert told.value.where == str(beside)
 
 
-def test_a_rig_file_names_a_file_beside_it_and_nothing_else() -> None:
+def test_rig_file_names_only_a_file_of_its_directory() -> None:
     for name in ("../up.calibration.json", "/etc/x.calibration.json", "a/b.calibration.json", ".calibration.json", "x"):
         with pytest.raises(ValidationError):
             CalibrationFile(file=name, sha256="0" * 64)
@@ -288,7 +288,7 @@ def test_a_wave_with_a_harmonic_is_a_share_of_itself() -> None:
     np.testing.assert_allclose(_turned(one), -1.7 * _turned(wave), rtol=0, atol=1e-15)
 
 
-def test_a_share_of_a_play_scales_what_the_whole_one_does_and_not_its_width() -> None:
+def test_share_of_a_play_scales_the_effect_and_not_the_width() -> None:
     play = Backlash(axis=2, width_deg=0.02, transit=0.5)
     whole = _turned(play)
     for share in (0.25, -0.6, 3.0):
@@ -299,19 +299,19 @@ def test_a_share_of_a_play_scales_what_the_whole_one_does_and_not_its_width() ->
     assert np.abs(narrower - 0.25 * whole).max() > 1e-6  # a play of a quarter of the width is another thing
 
 
-def test_a_share_of_what_a_gauge_does_is_of_its_readings() -> None:
+def test_share_of_a_gauge_effect_scales_its_readings() -> None:
     tilt = GaugeInclination(gauge="g1", angle_deg=2.0)
     (one,) = effects_of([(tilt, -0.5)])
     assert isinstance(one, GaugePortions)
     np.testing.assert_allclose(_added([one]), -0.5 * _added([tilt]), atol=1e-12)
 
 
-def test_what_is_nothing_is_left_out() -> None:
+def test_zero_terms_are_left_out() -> None:
     assert effects_of([(JointOffset(axis=3, offset_deg=0.02), 9e-5), (JointOffset(axis=3), 4.0)]) == []
     assert len(effects_of([(JointOffset(axis=3, offset_deg=0.02), -2e-4)])) == 1
 
 
-def test_a_term_may_say_where_it_came_from() -> None:
+def test_term_may_have_a_provenance() -> None:
     """Uncertainties are a mapping, which nothing can hash."""
     origin = EffectProvenance(date=dt.date(2026, 11, 2), runs=("yaw-cw-1",), sd={"delta": 0.01})
     terms = [(one.model_copy(update={"found": origin}), times) for one, times in SMALL]

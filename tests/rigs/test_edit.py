@@ -94,7 +94,7 @@ def test_a_value_beyond_its_bounds_is_refused() -> None:
         with_test(UR10E, "circle", VALUES | {"radius_mm": 5000.0}, "cell.yaml")
 
 
-def test_the_block_is_what_a_rig_file_takes() -> None:
+def test_written_block_is_valid_in_a_rig_file() -> None:
     text = without_tests(UR10E) + "tests:\n" + block_of("circle", VALUES, 2)
     assert circle_in(text) == VALUES
 

@@ -35,5 +35,5 @@ def test_every_effect_keeps_the_contract(step: Callable[[str], None], name: str)
     step(name)
 
 
-def test_what_is_shown_in_each_commit_is_there() -> None:
+def test_cases_of_each_commit_exist() -> None:
     assert {name for names in IN_EACH_COMMIT.values() for name in names} <= set(VOCABULARY)

@@ -14,7 +14,7 @@ def test_a_message_is_one_line_that_a_terminal_can_bear() -> None:
     assert str(error) == r"g1-0001.parquet: columns a\nb, \x1b[31mred, Ω\ud800; restore it"
 
 
-def test_a_message_that_is_too_long_keeps_where_and_what_to_do() -> None:
+def test_long_message_keeps_place_and_remedy() -> None:
     said = str(FileError("g1-0001.parquet", "columns " + "x" * 50_000, "restore it"))
     assert said.startswith("g1-0001.parquet: columns") and said.endswith("xx; restore it") and len(said) < 1010
 

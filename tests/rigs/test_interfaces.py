@@ -35,7 +35,7 @@ def test_every_driver_is_listed_once() -> None:
 
 
 @pytest.mark.parametrize("interface", list_interfaces(), ids=lambda one: one.name)
-def test_every_interface_says_where_it_is_known_from(interface: Interface) -> None:
+def test_every_interface_names_its_source(interface: Interface) -> None:
     origin = interface.origin
     assert origin.instruments and origin.source
     assert origin.standing == "confirmed" or origin.doubts  # what is not confirmed says what of it
@@ -45,7 +45,7 @@ def test_every_interface_says_where_it_is_known_from(interface: Interface) -> No
 @pytest.mark.parametrize(
     "interface", [one for one in list_interfaces() if one.kind == "gauge"], ids=lambda one: one.name
 )
-def test_every_gauge_says_when_its_reading_is_latched(interface: Interface) -> None:
+def test_every_gauge_states_its_latch(interface: Interface) -> None:
     assert interface.timing and interface.timing_source
     assert interface.timing == "unknown" or "manual" in interface.timing_source
 

@@ -45,7 +45,7 @@ def test_every_shipped_rig_has_limits() -> None:
         assert load(name)[0].limits.of("yaw", "circular_deviation_mm") is not None, name
 
 
-def test_the_data_sheet_limits_what_has_no_limit_of_its_own() -> None:
+def test_data_sheet_supplies_missing_limits() -> None:
     limits = load("ur10e")[0].limits
     assert limits.of("repeatability", "rp_mm") == Limit(fail=0.05)
     assert limits.from_data_sheet("repeatability", "rp_mm")
@@ -102,7 +102,7 @@ def test_without_a_fail_nothing_fails_and_without_a_watch_fail_is_the_bound() ->
     ("test", "named"),
     [("yaw", CircleLimits), ("radial", RadialLimits), ("repeatability", RepeatabilityLimits)],
 )
-def test_what_can_have_a_limit_is_a_figure(test: TestName, named: type[CircleLimits | RadialLimits]) -> None:
+def test_every_limit_belongs_to_a_figure(test: TestName, named: type[CircleLimits | RadialLimits]) -> None:
     figures = set(evaluate(simulate("ur10e", test, "acw" if test == "yaw" else None)).figures)
     of_pairs = {"hysteresis_max_deg", "hysteresis_mean_deg", "hysteresis_max_mm", "hysteresis_mean_mm", "range_deg"}
     of_many_visits = {"rp_mm", "rp_mean_mm"}

@@ -44,7 +44,7 @@ def test_a_file_without_its_second_gauge_is_ready_for_distances_alone() -> None:
         ("session", "CELL", "--for", "fanuc", "--emulated", "--fast", "-o", "session"),
     ],
 )
-def test_a_command_that_needs_two_gauges_says_so_first(words: tuple[str, ...], tmp_path: Path) -> None:
+def test_command_for_two_gauges_refuses_one(words: tuple[str, ...], tmp_path: Path) -> None:
     cell = tmp_path / "cell.yaml"
     cell.write_text(one_gauge(), encoding="utf-8")
     done = ran(*(str(cell) if word == "CELL" else word for word in words), cwd=tmp_path)

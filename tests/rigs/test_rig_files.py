@@ -47,7 +47,7 @@ def test_shipped_rigs_are_good_and_found_by_name(name: str, path: Path) -> None:
     assert text == path.read_text()
 
 
-def test_what_people_copy_has_no_faults_and_what_a_cell_hides_lies_beside_it() -> None:
+def test_shipped_rigs_have_no_faults_and_hidden_effects_are_separate() -> None:
     """paper-errors is no template: its effects are what it is for."""
     for name in shipped().keys() - {"paper-errors"}:
         rig, _ = load(name)
@@ -59,7 +59,7 @@ def test_what_people_copy_has_no_faults_and_what_a_cell_hides_lies_beside_it() -
         assert grown.robot == load(name)[0].robot
 
 
-def test_a_cell_hides_what_the_file_says_instead_of_what_the_rig_has(tmp_path: Path) -> None:
+def test_hidden_effects_replace_those_of_the_rig_file(tmp_path: Path) -> None:
     file = tmp_path / "hidden.yaml"
     file.write_text("effects: [{effect: time_lag, lag_s: 0.01}]")
     rig = load("paper-errors")[0]
@@ -73,7 +73,7 @@ def test_a_cell_hides_what_the_file_says_instead_of_what_the_rig_has(tmp_path: P
         load_hidden("ur10")
 
 
-def test_check_says_that_the_model_begins_with_effects_and_where_from(tmp_path: Path) -> None:
+def test_check_reports_initial_effects_with_their_provenance(tmp_path: Path) -> None:
     file = tmp_path / "cell.yaml"
     found = "found: {date: 2026-05-01, runs: [mon, tue]}"
     file.write_text(TEXT + f"  - {{effect: joint_offset, axis: 2, offset_deg: 0.01, {found}}}\n")
@@ -94,7 +94,7 @@ def _line(text: str, part: str) -> int:
     return text[: text.index(part)].count("\n") + 1
 
 
-def test_five_mistakes_are_told_at_once_with_line_place_and_remedy() -> None:
+def test_five_mistakes_are_reported_with_line_place_and_remedy() -> None:
     text = (
         TEXT.replace("radius_mm: 70", "radius_mn: 70")
         .replace("axis: 5, width", "axis: 8, width")
@@ -156,14 +156,14 @@ def test_a_workbook_is_no_rig_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("tag", ["nothing_of_ours", "[1]", "{a: 1}", "1", "null"])
-def test_a_tag_that_nobody_knows_is_told(tag: str) -> None:
+def test_unknown_tag_is_refused(tag: str) -> None:
     assert "gauges.g1" in _problems(TEXT.replace("interface: sylvac_opto_rs", f"interface: {tag}", 1))
 
 
 @pytest.mark.parametrize(
     "key", ["? [1, 2]\n: 3", "? {a: 1}\n: 3", "1: 2", "2026-01-01: 3", "null: 3", "[]: 1", "1.5: x"]
 )
-def test_keys_that_are_no_names_are_told(key: str) -> None:
+def test_invalid_keys_are_refused(key: str) -> None:
     _problems(f"{TEXT}\n{key}\n")
 
 
@@ -174,7 +174,7 @@ def test_a_rate_too_slow_to_record_with_is_refused() -> None:
 
 
 @pytest.mark.cpu_limit(20)  # read as numbers, the two of a megabyte of sexagesimal digits take half a minute
-def test_a_number_of_thousands_of_digits_is_told_in_short() -> None:
+def test_huge_number_is_refused_in_short() -> None:
     sexagesimal = "1" + ":0" * 480_000
     tagged = (("!!int ", sexagesimal), ("!!float ", f"-{sexagesimal}.5"))
     for tag, digits in (("", "0x" + "f" * 10_000), ("", "9" * 10_000), *tagged, ("", "1" + "_0" * 50)):
@@ -183,7 +183,7 @@ def test_a_number_of_thousands_of_digits_is_told_in_short() -> None:
         assert len(str(raised.value)) < 200
 
 
-def test_what_is_no_file_or_has_no_end_is_not_read(tmp_path: Path) -> None:
+def test_special_or_endless_file_is_not_read(tmp_path: Path) -> None:
     large = tmp_path / "large.yaml"
     large.write_bytes(b"#" * 1_000_001)
     with refused("file.too_large"):
@@ -194,7 +194,7 @@ def test_what_is_no_file_or_has_no_end_is_not_read(tmp_path: Path) -> None:
             load(path)
 
 
-def test_a_name_too_long_for_a_file_is_told() -> None:
+def test_too_long_name_is_refused() -> None:
     with pytest.raises(FileError, match="too long"):
         load("a" * 5000)
 
@@ -205,7 +205,7 @@ def test_a_number_with_a_zero_before_it_is_decimal() -> None:
 
 
 @pytest.mark.parametrize("written", ["yes", "on", "1:10", "1:10.5"])
-def test_what_only_yaml_1_1_takes_for_a_number_is_refused(written: str) -> None:
+def test_numbers_of_yaml_1_1_are_refused(written: str) -> None:
     (message,) = (words for _, words in _problems(TEXT.replace("radius_mm: 70", f"radius_mm: {written}")).values())
     assert message.endswith(f"not '{written}'")
 
@@ -258,7 +258,7 @@ def test_a_key_given_twice_is_refused() -> None:
         (FEEDBACK, JOINTS.replace("{address: 10, type: int32}", ""), "missing"),
     ],
 )
-def test_what_cannot_be_is_refused(old: str, new: str, told: str) -> None:
+def test_impossible_values_are_refused(old: str, new: str, told: str) -> None:
     assert old in TEXT
     messages = " ".join(message for _, message in _problems(TEXT.replace(old, new)).values())
     assert told in messages
@@ -276,7 +276,7 @@ def test_a_block_that_misses_its_own_registers_is_refused() -> None:
         ({"framing": "ascii"}, "not `framing`"),
     ],
 )
-def test_units_of_one_line_that_are_set_otherwise_are_told_by_the_setting(setting: dict[str, str], told: str) -> None:
+def test_different_settings_of_one_line_are_named(setting: dict[str, str], told: str) -> None:
     data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
     gauges = data["gauges"]
     gauges["g2"] |= {"port": gauges["g1"]["port"], "unit": 2, **setting}
@@ -284,7 +284,7 @@ def test_units_of_one_line_that_are_set_otherwise_are_told_by_the_setting(settin
     assert told in messages
 
 
-def test_a_missing_file_names_what_is_shipped() -> None:
+def test_missing_file_names_shipped_rigs() -> None:
     with pytest.raises(FileError, match="paper-fanuc"):
         find("no-such-rig")
 
@@ -322,7 +322,7 @@ MERGES = "\n".join(["b0: &b0 {x: 1}", *(f"b{k}: &b{k} {{<<: [{', '.join([f'*b{k 
     ],
     ids=["bomb", "merges", "within itself", "deep", "stamp", "int", "date", "object", "newline", "long", "many"],
 )
-def test_yaml_that_is_meant_ill_is_told_soon_and_in_short_lines(tmp_path: Path, text: str, told: str) -> None:
+def test_hostile_yaml_is_refused_soon_in_short_lines(tmp_path: Path, text: str, told: str) -> None:
     file = tmp_path / "rig.yaml"
     file.write_text(text)
     with pytest.raises(FileError) as caught:
@@ -351,7 +351,7 @@ def test_yaml_that_is_meant_ill_is_told_soon_and_in_short_lines(tmp_path: Path, 
         ("- {effect: backlash, axis: 9, width_deg: 1}", "line 1, [1].axis: "),
     ],
 )
-def test_a_file_of_effects_tells_its_mistakes_as_a_rig_file_does(tmp_path: Path, text: str, told: str) -> None:
+def test_effects_file_reports_mistakes_like_a_rig_file(tmp_path: Path, text: str, told: str) -> None:
     file = tmp_path / "effects.yaml"
     file.write_text(text)
     with pytest.raises(FileError) as caught:
@@ -360,7 +360,7 @@ def test_a_file_of_effects_tells_its_mistakes_as_a_rig_file_does(tmp_path: Path,
 
 
 @pytest.mark.parametrize("text", ["effects: []", "effects:", "[]", TEXT.partition("\neffects:")[0]])
-def test_a_file_may_say_that_there_are_no_effects(tmp_path: Path, text: str) -> None:
+def test_file_may_state_no_effects(tmp_path: Path, text: str) -> None:
     file = tmp_path / "effects.yaml"
     file.write_text(text)
     assert not load_hidden(file).effects
@@ -402,7 +402,7 @@ def test_a_certificate_that_cannot_be_is_one_line(changed: str, told: str) -> No
     assert told in message and place.startswith("gauges.g1.certificate") and line == _line(text, "certificate:")
 
 
-def test_ball_link_and_temperature_are_held_to_what_can_be() -> None:
+def test_ball_link_and_temperature_have_bounds() -> None:
     parts = [f"ball: {{{CERTIFICATE}, form_mm: -1}}", f"link: {{{CERTIFICATE}, length_mm: 200}}", "temperature: {}"]
     problems = {place: message for place, (_, message) in _problems("\n".join([TEXT, *parts])).items()}
     assert problems.keys() == {"ball.form_mm", "temperature.mean_c", "temperature.u_c", "tests"}
@@ -418,7 +418,7 @@ def test_the_day_that_a_certificate_is_due() -> None:
     assert (due(interval_months=1), due(interval_months=11)) == (dt.date(2024, 2, 29), dt.date(2024, 12, 31))
 
 
-def test_a_file_that_says_calibrated_still_reads() -> None:
+def test_file_with_calibrated_is_read() -> None:
     old = TEXT.replace("accuracy_mm: 0.0005", "accuracy_mm: 0.0005\n    calibrated: 2026-05-11", 1)
     assert parse(old, "cell.yaml").gauges.g1.certificate is None
 

@@ -24,14 +24,14 @@ def test_a_place_of_the_rig_is_named_by_its_file(part: str, named: str) -> None:
 
 
 @pytest.mark.parametrize("where", [RIG.name, f"{RIG.name}, tests.circle", RigPlace.of("another", "tests.circle")])
-def test_what_only_reads_like_it_is_left_as_it_is(where: str) -> None:
+def test_similar_text_is_kept(where: str) -> None:
     with pytest.raises(FileError) as found, named_by("cell.yaml", RIG):
         raise FileError(where, "is wrong", "correct it")
     assert found.value.where == where
 
 
 @pytest.mark.parametrize("name", ["a; b\nc", "x" * 5000])
-def test_what_is_wrong_with_an_operator_does_not_depend_on_the_name(name: str) -> None:
+def test_mistake_at_an_operator_does_not_depend_on_the_name(name: str) -> None:
     with refused("request.operator") as found:
         check_operator(name)
     assert found.value.what

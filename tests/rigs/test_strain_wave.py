@@ -57,7 +57,7 @@ def _poses() -> Array:
         (Compliance(axis=2, deg_per_Nm=4e-3), "compliance 2"),
     ],
 )
-def test_a_gear_with_knees_and_a_linear_softness_are_told_apart(planted: Effect, name: str) -> None:
+def test_gear_with_knees_differs_from_linear_softness(planted: Effect, name: str) -> None:
     q = _poses()
     rig = RIG.model_copy(update={"effects": (planted,)})
     places = CalibratedArm(rig).forward(np.degrees(q)).T[:, :3, 3]

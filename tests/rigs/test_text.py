@@ -10,7 +10,7 @@ from rigs.text import counted, plain, plain_lines, plain_values
 
 
 @given(st.text())
-def test_what_comes_out_can_be_shown_and_encoded_and_goes_through_unchanged(text: str) -> None:
+def test_plain_text_is_printable_and_idempotent(text: str) -> None:
     shown = plain(text)
     assert shown.isprintable() and shown.encode().decode() == shown
     assert plain(shown) == shown
@@ -33,6 +33,6 @@ def test_the_texts_in_json_are_plain() -> None:
 
 
 @pytest.mark.parametrize(("count", "words"), [(0, "0 runs"), (1, "1 run"), (2, "2 runs")])
-def test_what_is_counted_has_its_plural(count: int, words: str) -> None:
+def test_counted_nouns_have_plurals(count: int, words: str) -> None:
     assert counted(count, "run") == words
     assert counted(count, "run is", "runs are").split()[:2] == words.split()

@@ -62,7 +62,7 @@ def test_a_wrong_word_is_refused(words: list[str]) -> None:
     assert end.value.code == 2
 
 
-def test_ctrl_c_prints_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
+def test_ctrl_c_prints_partial_results(capsys: pytest.CaptureFixture[str]) -> None:
     def interrupted(given: Namespace) -> Iterator[int]:
         yield 2
         raise KeyboardInterrupt

@@ -23,7 +23,7 @@ def cells(line: str) -> list[str]:
     return [cell.strip() for cell in line.strip("|").split("|")]
 
 
-def test_the_table_is_what_the_simulator_gives() -> None:
+def test_table_agrees_with_the_simulator() -> None:
     lines = report([judged(case) for case in {"aligned": SetUp(), **CASES}.items()]).splitlines()
     begin = PAGE.index(lines[0].replace("|  |", "| |"))
     written = PAGE[begin:].split("\n\n", 1)[0].splitlines()
@@ -48,7 +48,7 @@ def test_a_drawing_is_shown_and_has_colours_for_the_dark(path: Path) -> None:
 
 
 @pytest.mark.parametrize("off_mm", [1.0, 0.5])
-def test_what_an_eccentric_ball_leaves_in_the_angle_is_as_stated(off_mm: float) -> None:
+def test_residual_of_an_eccentric_ball_is_as_stated(off_mm: float) -> None:
     frame = frame_of(circle_of(load("ur10e")[0]))
     phi = np.linspace(0, 2 * np.pi, 720, endpoint=False)
     ball = frame.centre + off_mm * frame.u

@@ -50,7 +50,7 @@ def test_names_beat_24_dh_parameters_on_poses_left_out(told: str) -> None:
     assert diagnosed < 0.9 * dh < 0.9 * 0.6 * nominal
 
 
-def test_the_arm_shows_what_light_arms_show_and_no_backlash_is_named(told: str) -> None:
+def test_ur10_has_light_arm_effects_and_no_backlash(told: str) -> None:
     """The level is 1.00 relative to light arms, and above 1 relative to heavier arms with stiffer joints."""
     assert "backlash" not in told
     level = re.search(r"level ([\d.]+)", told)

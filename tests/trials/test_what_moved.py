@@ -77,7 +77,7 @@ def _touched(drawn: Case, rows: list[int], change: world.Change, arm: world.True
     return world.touched(arm, drawn.q[rows], ["A"] * len(rows), change, SCATTER_MM, np.random.default_rng(5))
 
 
-def test_a_ball_near_the_last_axis_is_told_with_what_would_show_it() -> None:
+def test_ball_near_the_last_axis_names_the_separating_test() -> None:
     drawn = Case(world.SIX, "nothing", 0.3, 4)
     found = moved_of(drawn.reference, None, plan=True)
     axes = {lever.cause.axis for lever in found.hidden}
@@ -162,7 +162,7 @@ def test_a_diagnosis_of_both_runs_begins_with_the_movement(tmp_path: Path) -> No
     assert "check_act_base_or_plate" in keys_of(summary.next)
 
 
-def test_the_command_says_what_moved(tmp_path: Path) -> None:
+def test_command_names_the_moved_part(tmp_path: Path) -> None:
     drawn = case("base")
     _write_runs(tmp_path, drawn, {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(6)})
     page = tmp_path / "moved.html"

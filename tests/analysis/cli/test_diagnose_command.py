@@ -196,16 +196,14 @@ def test_the_commands_of_acts_name_the_model_where_the_person_has_it(
     assert command in ActWords(shown).next and "FOUND" not in ActWords(shown).next
 
 
-def test_a_model_is_written_beside_what_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_model_is_written_next_to_existing_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "found").mkdir()
     shown = with_commands_here(replace(diagnosis("named"), acts=(LOAD,)), None, ("diagnose", "a"))
     assert "rig diagnose a -o found-2" in ActWords(shown).next
 
 
-def test_no_picture_and_no_page_names_a_directory_that_nobody_has(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_output_names_a_private_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     found, pictured = replace(diagnosis("named"), acts=(LOAD,)), list[str]()
 
     def picture(shown: Diagnosis, **_: bool) -> Figure:

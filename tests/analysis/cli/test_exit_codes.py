@@ -64,7 +64,7 @@ def test_a_test_that_cannot_be_driven_costs_only_its_own_part(
     assert shown.err.startswith(f"error: {far}, ") and "poses" in shown.err and shown.err.count("\n") == 1
 
 
-def test_what_commands_end_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_end_with_documented_codes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     assert ended("check", "ur10e") == 0
     assert ended("no-such-command") == 2
@@ -87,7 +87,7 @@ def test_what_commands_end_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_what_failures_end_with(failure: BaseException, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failures_end_with_documented_codes(failure: BaseException, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
     import rigs.load  # noqa: PLC0415
 
     def fail(*_: object) -> None:
@@ -100,7 +100,7 @@ def test_what_failures_end_with(failure: BaseException, code: int, monkeypatch: 
     assert code in TABLE
 
 
-def test_ctrl_c_says_in_a_line_what_was_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_reports_written_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The exit was silent, and nobody knew whether the third of five runs was there."""
     import rigs.load  # noqa: PLC0415
     from analysis.runs import written_files  # noqa: PLC0415

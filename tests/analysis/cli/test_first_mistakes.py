@@ -136,7 +136,7 @@ def test_a_column_that_occurs_twice_is_no_other_joint(folder: Path) -> None:
         ("t.csv", "pose", "--test touch"),
     ],
 )
-def test_a_wrong_file_or_test_is_told_by_its_cause(folder: Path, table: str, test: str, expected: str) -> None:
+def test_wrong_file_or_test_is_named(folder: Path, table: str, test: str, expected: str) -> None:
     done = ran("import", folder / table, "--rig", folder / "cell.yaml", "--test", test, "-o", folder / "made")
     assert done.returncode == 3 and not (folder / "made").exists()
     first = done.stderr.splitlines()[0]
@@ -151,7 +151,7 @@ def test_an_output_that_cannot_be_created_is_refused_before_anything_is_computed
     require_empty(tmp_path / "new" / "deeper")
 
 
-def test_what_is_no_path_of_a_run_is_refused_in_python() -> None:
+def test_non_path_is_refused_in_python() -> None:
     with refused("api.type"):
         load_run(None)  # type: ignore[arg-type]
 

@@ -31,13 +31,13 @@ def test_touches_are_simulated_and_analysed(rig: Path, tmp_path: Path) -> None:
     assert json.loads(done.stdout)
 
 
-def test_circles_and_programs_say_what_such_an_arm_lacks(rig: Path, tmp_path: Path) -> None:
+def test_circles_and_programs_refuse_five_axes(rig: Path, tmp_path: Path) -> None:
     for command in (["simulate", str(rig), "--test", "yaw"], ["program", str(rig), "--for", "ur", "--test", "yaw"]):
         done = ran(*command, "-o", str(tmp_path / "out"))
         assert done.returncode == 3 and "5 axes" in done.stderr
 
 
-def test_corrected_targets_take_the_place_and_say_how_the_tool_stays_turned(rig: Path, tmp_path: Path) -> None:
+def test_corrected_targets_keep_the_place_and_report_the_turn(rig: Path, tmp_path: Path) -> None:
     rig.write_text(rig.read_text(encoding="utf-8") + HIDDEN, encoding="utf-8")
     q = np.random.default_rng(2).uniform(-40, 40, (4, 5))
     table = tmp_path / "targets.csv"

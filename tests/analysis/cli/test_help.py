@@ -102,13 +102,13 @@ def test_a_wrong_call_of_rigd_is_one_line(words: tuple[str, ...], line: str) -> 
     assert (done.returncode, done.stderr) == (2, f"{line}\n")
 
 
-def test_rigd_says_its_version() -> None:
+def test_rigd_prints_its_version() -> None:
     done = subprocess.run([BIN / "rigd", "--version"], capture_output=True, text=True, check=False)
     assert done.returncode == 0 and done.stdout.startswith("rigd ")
 
 
 @pytest.mark.parametrize("word", ["ccw", "CCW", "anticlockwise", "acw"])
-def test_people_may_say_ccw(word: str, tmp_path: Path) -> None:
+def test_ccw_is_accepted(word: str, tmp_path: Path) -> None:
     words = ["simulate", "paper-fanuc", "--test", "yaw", "--direction", word, "-o", str(tmp_path)]
     assert CliRunner().invoke(app, words).exit_code == 0
     assert [run.name for run in tmp_path.iterdir()] == ["yaw-acw-000"]

@@ -70,7 +70,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return dated_run(tmp_path_factory.mktemp("runs"), 0, 0.01)
 
 
-def test_runs_imports_what_reads_manifests(run: Path) -> None:
+def test_runs_command_imports_only_readers_of_manifests(run: Path) -> None:
     modules = modules_of("runs", run.parent)
     assert packages(modules) <= READING | OURS | {"daq"}
     works = {
@@ -82,7 +82,7 @@ def test_runs_imports_what_reads_manifests(run: Path) -> None:
 
 
 @pytest.mark.parametrize("words", [["analyse"], ["analyse", "--json"], ["analyse", "--lines"]])
-def test_analyse_imports_what_evaluates_a_run(words: list[str], run: Path) -> None:
+def test_analyse_imports_only_the_evaluation(words: list[str], run: Path) -> None:
     modules = modules_of(*words, run)
     assert packages(modules) <= READING | OURS | {"daq"}  # no scipy, no pandas, no matplotlib
     rings = {module.split(".")[1] for module in modules if module.startswith("analysis.")}
@@ -102,7 +102,7 @@ def test_figures_for_a_script_import_nothing_that_draws(run: Path) -> None:
     assert "rich" not in packages(modules_of("analyse", "--json", run))
 
 
-def test_what_is_known_of_a_plant_imports_nothing_that_evaluates(run: Path, tmp_path: Path) -> None:
+def test_plant_commands_import_no_evaluation(run: Path, tmp_path: Path) -> None:
     words = ["fleet", run.parent, "--jobs", "1", "--catalogue", tmp_path / "catalogue.sqlite"]
     assert "scipy" in packages(imported_by(*words))  # its play is fitted
     assert packages(imported_by(*words)) <= READING | OURS | {"daq"}

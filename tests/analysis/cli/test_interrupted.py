@@ -95,7 +95,7 @@ def _files(directory: Path) -> dict[str, int]:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_what_is_interrupted_is_whole_or_not_there(name: str, given: Path, tmp_path: Path) -> None:
+def test_interrupted_output_is_complete_or_absent(name: str, given: Path, tmp_path: Path) -> None:
     write = CASES[name]
     with interrupted_at(0, tmp_path) as hook:
         write(given, tmp_path / "whole")

@@ -32,7 +32,7 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("command", [["verify"], ["analyse"], ["analyse", "--json"], ["analyse", "--lines"]])
-def test_processes_print_what_one_prints(command: list[str], plant: Path) -> None:
+def test_output_does_not_depend_on_processes(command: list[str], plant: Path) -> None:
     one, two = (ran(*command, plant, "--jobs", jobs) for jobs in (1, 2))
     assert one.exit_code == 3 and one.stdout
     (error,) = (line for line in one.stderr.splitlines() if "note" not in line)
@@ -92,7 +92,7 @@ def stops(item: int) -> int:
     return item
 
 
-def test_after_ctrl_c_it_says_how_far_it_got(capsys: pytest.CaptureFixture[str]) -> None:
+def test_ctrl_c_reports_progress(capsys: pytest.CaptureFixture[str]) -> None:
     seen: list[int] = []
     with pytest.raises(KeyboardInterrupt):
         over_runs(stops, [0, 1, 2, 3], seen.append, doing="counting")

@@ -39,7 +39,7 @@ def test_a_shipped_rig_is_understood_as_people_write_it(name: str, file: str) ->
     assert find(name).stem == file
 
 
-def test_what_is_not_one_name_is_refused_with_those_that_are_near() -> None:
+def test_ambiguous_name_is_refused_with_near_ones() -> None:
     with pytest.raises(FileError, match="ur10e"):
         find("UR")
     done = ran("arms", "UR")

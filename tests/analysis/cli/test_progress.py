@@ -47,7 +47,7 @@ COMMANDS = [
 
 
 @pytest.mark.parametrize(("command", "options", "doing"), COMMANDS, ids=lambda part: part if str(part) == part else "")
-def test_a_terminal_shows_what_is_done_and_a_file_does_not(
+def test_progress_is_shown_on_a_terminal_only(
     command: str, options: tuple[str, ...], doing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -107,7 +107,7 @@ COMMANDS = {
     ],
     indirect=["store"],
 )
-def test_a_command_prints_what_it_prints_of_the_directory(store: tuple[Path, Store], command: str) -> None:
+def test_output_equals_that_of_the_directory(store: tuple[Path, Store], command: str) -> None:
     """Of other stores than a directory the commands know no more than the copies of its files."""
     plant, made = store
     words, more = (text.split() for text in COMMANDS[command])
@@ -127,7 +127,7 @@ def test_a_page_is_that_of_the_directory(store: tuple[Path, Store], tmp_path: Pa
 
 
 @pytest.mark.parametrize("store", ["file", "s3", pytest.param("sftp", marks=pytest.mark.nightly)], indirect=True)
-def test_what_has_not_changed_is_not_read_again(store: tuple[Path, Store], tmp_path: Path) -> None:
+def test_unchanged_runs_are_not_read_again(store: tuple[Path, Store], tmp_path: Path) -> None:
     plant, made = store
 
     def told() -> tuple[str, int]:
@@ -148,7 +148,7 @@ def test_what_has_not_changed_is_not_read_again(store: tuple[Path, Store], tmp_p
 
 
 @pytest.mark.parametrize("store", ["s3", "sftp"], indirect=True)
-def test_a_store_that_is_lost_is_one_line_and_what_was_done_stays(store: tuple[Path, Store]) -> None:
+def test_lost_store_is_one_line_and_results_stay(store: tuple[Path, Store]) -> None:
     _, made = store
     assert made.process
     command = [*RIG, "analyse", made.url, "--lines"]
@@ -192,7 +192,7 @@ def test_dask_workers_read_the_store_themselves(store: tuple[Path, Store], tmp_p
 
 
 @pytest.mark.parametrize(("kind", "line"), [("s3", "error: s3://nowhere/x: "), ("sftp", "/nowhere: ")])
-def test_what_is_not_there_is_one_line(kind: str, line: str, written: Path, tmp_path: Path) -> None:
+def test_missing_url_is_one_line(kind: str, line: str, written: Path, tmp_path: Path) -> None:
     with store_of(kind, written, tmp_path / "keys") as made:
         url = "s3://nowhere/x" if kind == "s3" else f"{made.url}/nowhere"
         environment = os.environ | made.environment

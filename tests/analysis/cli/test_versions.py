@@ -42,7 +42,7 @@ def test_a_folder_of_very_many_files_is_refused(robot: tuple[Path, Path], monkey
         versions(robot[0], robot[0].parent)
 
 
-def test_going_back_keeps_what_was(robot: tuple[Path, Path]) -> None:
+def test_going_back_keeps_both_versions(robot: tuple[Path, Path]) -> None:
     now, march = robot
     before, old = now.read_text(encoding="utf-8"), load(march)[0]
     done = ran("versions", now, "--back-to", march)
@@ -57,7 +57,7 @@ def test_going_back_keeps_what_was(robot: tuple[Path, Path]) -> None:
     assert load(now)[0].calibrated.calibrated_um == 1.9
 
 
-def test_what_else_differs_is_said(robot: tuple[Path, Path]) -> None:
+def test_other_differences_are_reported(robot: tuple[Path, Path]) -> None:
     now, march = robot
     text = march.read_text(encoding="utf-8")
     march.write_text(text.replace("description: Elbow arm", "description: Another set-up"), encoding="utf-8")

@@ -93,7 +93,7 @@ def test_where_no_run_measured_there_is_no_uncertainty(tmp_path: Path) -> None:
         assert [words.split(": ")[1].split()[0] for words in far] == (["2"] if changes.get("reach_mm") == 100 else [])
 
 
-def test_what_is_no_frame_and_no_posture_is_refused() -> None:
+def test_invalid_frame_or_posture_is_refused() -> None:
     arm = calibrated_arm("ur10e")
     for T in (np.zeros((1, 4, 4)), np.diag([1.0, 1, -1, 1])[None], np.eye(3)[None], np.full((1, 4, 4), np.nan)):
         with pytest.raises(FileError, match=r"^T: "):
@@ -103,7 +103,7 @@ def test_what_is_no_frame_and_no_posture_is_refused() -> None:
             arm.forward(q_deg)
 
 
-def test_an_arm_of_five_axes_takes_the_place_and_says_how_far_it_is_turned() -> None:
+def test_five_axis_arm_reaches_the_place_and_reports_the_turn() -> None:
     """Upright at a place where its wrist only leans: the tool is there, turned by what the arm has no axis for."""
     rig = changed("widowx-250")
     arm = calibrated_arm(rig)

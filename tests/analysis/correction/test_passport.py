@@ -34,7 +34,7 @@ def _robot(rig: Rig, change: dict[str, object]) -> object:
 
 
 @pytest.mark.parametrize("zero_deg", [0.0, ZERO_DEG])
-def test_passport_shows_what_left_the_factory_state(zero_deg: float) -> None:
+def test_passport_shows_changes_since_the_factory(zero_deg: float) -> None:
     found = _found({}, zero_deg=zero_deg)
     passport = found.to_dict()["passport"]
     assert passport["data_sheet_um"]["value"] > 5 * passport["data_sheet_um"]["u"]

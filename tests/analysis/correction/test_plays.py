@@ -55,7 +55,7 @@ def test_its_joint_is_commanded_further_by_half_its_width() -> None:
     assert not ahead_of_plays(calibrated(), plan)[:, 4].any()
 
 
-def test_what_only_the_calibration_names_is_among_the_corrections(tmp_path: Path) -> None:
+def test_effects_of_the_calibration_are_corrected(tmp_path: Path) -> None:
     """The diagnosis says to re-master this axis: the file has its zero, and a play that stays with its u."""
     found = correct_rig(calibrated(JointOffset(axis=3, offset_deg=0.05), USUAL), None)
     (file,) = write(found, tmp_path / "out")

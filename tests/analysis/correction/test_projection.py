@@ -129,7 +129,7 @@ def _as_taught_mm(real: Array, wanted: Array, turns: Array) -> Array:
     ("name", "maker"),
     [("ur10e", "ur"), ("ur10e", "kuka"), ("paper-fanuc", "kuka"), ("ur10e", "fanuc"), ("paper-fanuc", "fanuc")],
 )
-def test_what_entries_leave_in_another_forward_kinematics_is_what_is_stated(name: str, maker: MakerName) -> None:
+def test_residual_of_entries_agrees_with_independent_kinematics(name: str, maker: MakerName) -> None:
     rig, wrong = _faulty(name)
     at, q = controller_entries(rig, supports(rig), maker), work_angles(rig)
     real = _tool_mm(rig, wrong, q)
@@ -162,7 +162,7 @@ def test_with_entries_targets_hold_the_rest_whatever_path_is_given(tmp_path: Pat
     assert again.entries == found.at_controller.entries  # one rig file has one set of entries
 
 
-def test_entries_do_not_make_it_worse_beside_the_work() -> None:
+def test_entries_do_no_harm_outside_the_work_area() -> None:
     wide = ((-60.0, 60.0), (-120.0, 60.0), (-40.0, 130.0), (-160.0, 40.0), (-130.0, 70.0), (-180.0, 180.0))
     faults: list[Effect] = [
         JointOffset(axis=2, offset_deg=-0.03),
@@ -191,7 +191,7 @@ def test_a_rig_with_soft_joints_alone_has_corrected_targets_and_a_figure(tmp_pat
     assert f"from {1e3 * before:.0f} to {50 * before:.0f} µm rms" in told
 
 
-def test_a_path_and_entries_are_said_to_be_for_one_controller_each(tmp_path: Path) -> None:
+def test_path_and_entries_belong_to_one_controller_each(tmp_path: Path) -> None:
     cell, path = tmp_path / "cell.yaml", tmp_path / "path.csv"
     zero = _known(JointOffset(axis=3, offset_deg=0.05), 0.002)
     cell.write_text(extended(load("ur10e")[1], [zero], "cell"), encoding="utf-8")
@@ -203,7 +203,7 @@ def test_a_path_and_entries_are_said_to_be_for_one_controller_each(tmp_path: Pat
         assert told in said and ("be entered" in said) == (not option)
 
 
-def test_an_error_after_correction_is_within_what_is_stated() -> None:
+def test_error_after_correction_agrees_with_its_prediction() -> None:
     """Hidden constants, softness and waves, known as well as their rig file says: 100 arms, 200 targets."""
     rng = np.random.default_rng(4)
     within, worst = [], []
@@ -256,7 +256,7 @@ def test_targets_beyond_the_driven_joint_angles_are_marked(tmp_path: Path) -> No
     assert found["work"]["after_um"] < 0.1 * found["work"]["before_um"]
 
 
-def test_work_where_no_run_measured_is_said_to_be_unknown(tmp_path: Path) -> None:
+def test_unmeasured_work_area_has_unknown_error(tmp_path: Path) -> None:
     cell = tmp_path / "cell.yaml"
     zero = _known(JointOffset(axis=3, offset_deg=0.05), 0.002, ((0.0, 1.0),) * 6)
     cell.write_text(extended(load("ur10e")[1], [zero], "cell"), encoding="utf-8")

@@ -80,7 +80,7 @@ def test_a_table_of_an_arm_with_another_joint_is_refused() -> None:
     assert refusal(csv_text(rows), "pose")[0].startswith(told)
 
 
-def test_every_bad_row_is_told_in_order_and_not_without_end() -> None:
+def test_bad_rows_are_reported_in_order_up_to_a_limit() -> None:
     rows = {name: list(cells) for name, cells in plain("pose").items()}
     rows["z_mm"][2], rows["q1_deg"][2], rows["x_mm"][0] = "?", "?", "?"
     told = refusal(csv_text(rows), "pose")
@@ -95,7 +95,7 @@ def test_every_bad_row_is_told_in_order_and_not_without_end() -> None:
     assert told[-1].startswith("t.csv, … and 7 more, 27 ")
 
 
-def test_the_same_mistake_of_many_rows_is_told_once_with_its_first_line() -> None:
+def test_same_mistake_in_many_rows_is_reported_once() -> None:
     rows = {name: list(cells) for name, cells in plain("pose").items()}
     rows["y_mm"], rows["x_mm"][3] = ["?"] * len(rows["y_mm"]), "?"
     told = refusal(csv_text(rows), "pose")
@@ -253,7 +253,7 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
         read_file(tmp_path, "pose", rig())
 
 
-def test_a_bag_that_is_too_large_is_told_what_to_keep(tmp_path: Path) -> None:
+def test_oversized_bag_names_the_topics_to_keep(tmp_path: Path) -> None:
     with (tmp_path / "large.mcap").open("wb") as file:
         file.write(MAGIC)
         file.truncate(MOST_BYTES + 1)
@@ -276,7 +276,7 @@ def test_an_operator_with_control_characters_is_refused(tmp_path: Path, name: st
     assert not (tmp_path / "r").exists()
 
 
-def test_what_an_evaluation_will_refuse_is_told_at_once(tmp_path: Path) -> None:
+def test_later_refusals_are_reported_at_import(tmp_path: Path) -> None:
     rows = {name: cells[:100] for name, cells in plain("yaw").items()}
     (tmp_path / "t.csv").write_text(csv_text(rows))
     doubts = import_table(
@@ -287,7 +287,7 @@ def test_what_an_evaluation_will_refuse_is_told_at_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("test", ["yaw", "radial", "repeatability"])
-def test_a_gauge_that_stood_still_is_told_at_once(tmp_path: Path, test: TestName) -> None:
+def test_constant_gauge_is_reported_at_import(tmp_path: Path, test: TestName) -> None:
     rows = plain(test)
     (tmp_path / "t.csv").write_text(csv_text(rows | {"g1_mm": ["0"] * len(rows["g1_mm"])}))
     doubts = import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test=test, direction=None, operator="")
@@ -302,7 +302,7 @@ def test_a_column_of_another_test_is_not_offered_for_a_missing_one(tmp_path: Pat
 
 
 @pytest.mark.parametrize("test", ["yaw", "repeatability"])
-def test_a_table_of_words_and_numbers_without_a_header_is_told(tmp_path: Path, test: TestName) -> None:
+def test_mixed_table_without_header_is_refused(tmp_path: Path, test: TestName) -> None:
     (tmp_path / "t.csv").write_text(csv_text(plain(test)).partition("\n")[2])
     with refused("table.no_header"):
         import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test=test, direction=None, operator="")

@@ -81,7 +81,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
-def test_what_a_tracker_wrote_becomes_runs_with_all_figures(cell: Path) -> None:
+def test_tracker_files_become_runs_with_all_figures(cell: Path) -> None:
     rig = str(cell / "cell.yaml")
     cube = ran("import", cell / "tracker.csv", "--rig", rig, "--test", "pose", "-o", cell / "runs" / "cube")
     assert cube.returncode == 0 and "stops: " in cube.stderr, cube.stderr
@@ -102,7 +102,7 @@ def test_five_postures_tell_nothing_of_the_arm_however_often_they_are_visited(ce
     assert json.loads(found.stdout)["condition"] == "not_testable_here"
 
 
-def test_a_path_is_no_evidence_and_says_so(cell: Path) -> None:
+def test_path_is_no_evidence(cell: Path) -> None:
     alone = ran("diagnose", cell / "sim" / "path-000", "-o", cell / "found")
     assert alone.returncode != 0 and "joint angles" in alone.stderr
 
@@ -116,7 +116,7 @@ def test_a_path_is_no_evidence_and_says_so(cell: Path) -> None:
         (("program", "CELL", "--for", "ur", "--test", "iso9283", "--targets", "-o", "P"), "remove it"),
     ],
 )
-def test_what_cannot_be_is_one_line(words: tuple[str, ...], says: str, cell: Path) -> None:
+def test_impossible_use_is_one_line(words: tuple[str, ...], says: str, cell: Path) -> None:
     seven = cell / "seven.yaml"
     seven.write_text(f"name: seven\n{ran('arms', 'franka-fr3').stdout}tests: {{iso9283: {{}}}}\n")
     named = {"SEVEN": seven, "CELL": cell / "cell.yaml", "P": cell / "programs"}

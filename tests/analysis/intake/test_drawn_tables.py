@@ -16,7 +16,7 @@ EACH_COMMIT = [155, 520, 538]
 
 @pytest.mark.cpu_limit(120)
 @pytest.mark.parametrize("seed", cases([*range(60), 155, 520, 538], EACH_COMMIT))
-def test_a_table_is_read_as_it_was_meant_or_something_is_said(seed: int, tmp_path: Path) -> None:
+def test_drawn_table_is_read_correctly_or_questioned(seed: int, tmp_path: Path) -> None:
     table = drawn(seed)
     done = judged(table, tmp_path)
     assert not done.wrong, done.lines

@@ -48,7 +48,7 @@ def _twice(command: str, names: dict[str, Path], place: Path) -> tuple[dict[Path
 
 
 @pytest.mark.parametrize("command", KEPT)
-def test_what_records_something_is_never_replaced(tmp_path: Path, names: dict[str, Path], command: str) -> None:
+def test_measurements_are_never_replaced(tmp_path: Path, names: dict[str, Path], command: str) -> None:
     made, words = _twice(command, names, tmp_path / "out")
     again = ran(*words)
     assert again.returncode == 3 and "already exists" in again.stderr
@@ -56,9 +56,7 @@ def test_what_records_something_is_never_replaced(tmp_path: Path, names: dict[st
 
 
 @pytest.mark.parametrize("command", SHOWN)
-def test_what_shows_runs_is_made_again_and_nothing_else_is_replaced(
-    tmp_path: Path, names: dict[str, Path], command: str
-) -> None:
+def test_own_pages_are_replaced_and_nothing_else(tmp_path: Path, names: dict[str, Path], command: str) -> None:
     made, words = _twice(command, names, tmp_path / "out")
     done = ran(*words)
     assert done.returncode == 0

@@ -104,7 +104,7 @@ def test_a_map_with_an_open_question_is_refused_and_its_answer_imports(tmp_path:
     assert np.abs(table.xyz_mm - foreign.truth.xyz_mm).max() < 1e-5
 
 
-def test_yes_takes_the_likeliest_answer_and_every_reading_of_the_run_says_so(tmp_path: Path) -> None:
+def test_yes_takes_the_likeliest_answer_and_marks_the_run(tmp_path: Path) -> None:
     foreign = named("jacobi-like")
     files = foreign.written(tmp_path)
     done = ran("import", *files, "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "a", "--yes")
@@ -143,7 +143,7 @@ def test_a_unit_of_the_header_that_does_not_fit_is_a_question(tmp_path: Path) ->
     assert proposal.table_map.joints and proposal.table_map.joints.unit == "deg"
 
 
-def test_an_arm_with_a_zero_far_wrong_is_imported_and_its_run_says_so(tmp_path: Path) -> None:
+def test_arm_with_a_far_wrong_zero_is_imported_with_a_doubt(tmp_path: Path) -> None:
     p = poses()
     q_deg, off_deg = np.degrees(p.q), np.array([0, 0, 4.0, 0, 0, 0])
     path = with_header(p, [*JOINTS, "x", "y", "z"], q_deg + off_deg, p.xyz_mm, tmp_path=tmp_path)
@@ -165,7 +165,7 @@ def test_places_that_the_nominal_arm_computes_are_in_doubt(tmp_path: Path) -> No
     assert any("the controller" in one for one in propose_map([path], "ur10e").table_map.assumed)
 
 
-def test_another_arm_is_refused_with_what_it_leaves(tmp_path: Path) -> None:
+def test_other_arm_is_refused_with_its_misfit(tmp_path: Path) -> None:
     p = poses()
     path = with_header(p, [*JOINTS, "x", "y", "z"], np.degrees(p.q), p.xyz_mm, tmp_path=tmp_path)
     with refused("table.fits_no_reading"):
@@ -241,7 +241,7 @@ def test_a_circle_is_imported_by_a_map(tmp_path: Path) -> None:
         assert np.allclose(again[name], table[name], atol=1e-9)
 
 
-def test_a_map_says_every_mistake_with_its_line(tmp_path: Path) -> None:
+def test_map_reports_every_mistake_with_its_line(tmp_path: Path) -> None:
     path = tmp_path / "map.yaml"
     path.write_text(
         "files: [{separator: comma}]\njoints: {columns: [a], unit: turns}\nturn: {columns: [a, b], form: moving xxy}\n"

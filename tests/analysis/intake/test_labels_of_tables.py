@@ -63,7 +63,7 @@ def test_places_of_spots_point_to_touches(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("options", [(), ("--joints", "commanded")])
-def test_commanded_angles_alone_are_taken_and_said(tmp_path: Path, options: tuple[str, ...]) -> None:
+def test_commanded_angles_are_used_and_reported(tmp_path: Path, options: tuple[str, ...]) -> None:
     written(tmp_path, joints("q{}_commanded_deg") + ",x_mm,y_mm,z_mm", np.degrees(Q), XYZ)
     assert ONLY_COMMANDED in imported(tmp_path, *options)
     assert load_measured(tmp_path / "run").has_only_commanded_angles
@@ -106,6 +106,6 @@ def test_an_uneven_header_is_named_and_two_publishers_are_not() -> None:
         (TEXT + "\ntests: {touch: {sockets: [A, B], distances: [{between: [A, B], distance_mm: 0.1}]}}", "metres"),
     ],
 )  # fmt: skip
-def test_a_file_that_is_no_rig_file_or_in_metres_says_so(text: str, says: str) -> None:
+def test_wrong_rig_file_or_metres_are_reported(text: str, says: str) -> None:
     with pytest.raises(RigError, match=says):
         parse(text, "cell.yaml")

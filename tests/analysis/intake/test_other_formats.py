@@ -39,7 +39,7 @@ HEADER = "t_s,direction,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,g1_mm,g2_mm"
         (b"# nothing else\n", "comment"),
     ],
 )
-def test_what_is_no_table_is_called_what_it_is(data: bytes, told: str) -> None:
+def test_other_formats_are_named(data: bytes, told: str) -> None:
     with pytest.raises(FileError, match=told) as error:
         parse_csv(data, "lap", "yaw", RIG)
     assert "UTF-8" not in str(error.value)

@@ -82,7 +82,7 @@ def test_the_time_is_as_uncertain_as_the_slower_gauge_and_the_robots_cycle(tmp_p
     assert found.u_lag_s == pytest.approx(np.hypot(slow.character_ns / 1e9, 0.1) / np.sqrt(3))
 
 
-def test_what_is_exported_goes_in_again(tmp_path: Path) -> None:
+def test_exported_run_is_imported_again(tmp_path: Path) -> None:
     run = read_run(recorded(tmp_path, "yaw", "cw"))
     measured = measured_of(run)
     columns, notes = measured.to_table(), list(measured.doubts)
@@ -99,7 +99,7 @@ def test_what_is_exported_goes_in_again(tmp_path: Path) -> None:
         assert again[name].to_pylist() == pytest.approx(columns[name].to_pylist(), rel=1e-15)
 
 
-def test_rows_left_out_are_told(tmp_path: Path) -> None:
+def test_ignored_rows_are_reported(tmp_path: Path) -> None:
     measured = measured_of(read_run(recorded(tmp_path, "yaw", "acw", hole=True)))
     columns, notes = measured.to_table(), list(measured.doubts)
     assert len(notes) == 1 and notes[0].startswith(("g2: 9 rows", "g2: 10 rows"))
@@ -162,7 +162,7 @@ def test_at_targets_gauge_1_is_enough(tmp_path: Path) -> None:
     assert measured.doubts == ()
 
 
-def test_targets_of_a_repeatability_run_at_which_nothing_was_read_are_told(tmp_path: Path) -> None:
+def test_unread_targets_of_repeatability_are_reported(tmp_path: Path) -> None:
     measured = measured_of(read_run(stopped(tmp_path, share=0.5)))
     assert isinstance(measured.table, RepeatabilityTable)
     assert set(measured.table.target.tolist()) == {1, 14}

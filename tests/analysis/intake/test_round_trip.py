@@ -157,7 +157,7 @@ def test_a_circle_without_direction_takes_that_of_the_command(tmp_path: Path) ->
     assert [name for name in back.table.column_names if name != "direction"] == list(rows)
 
 
-def test_what_spreadsheets_write_is_read(tmp_path: Path) -> None:
+def test_spreadsheet_formats_are_read(tmp_path: Path) -> None:
     rows = plain("repeatability")
     text = "\n".join(",".join(cells) for cells in [tuple(rows), *zip(*rows.values(), strict=True)])
     table = tmp_path / "table.csv"

@@ -56,6 +56,6 @@ def test_one_socket_for_all_rows_is_an_option(cell: Path) -> None:
     assert unknown.returncode == 3 and "'C'" in unknown.stderr
 
 
-def test_touches_say_what_the_distance_of_two_sockets_is_worth(cell: Path) -> None:
+def test_touches_report_the_value_of_a_socket_distance(cell: Path) -> None:
     told = ran("analyse", "exact", cwd=cell)
     assert "unknown" in " ".join((told.stdout + told.stderr).split())

@@ -43,7 +43,7 @@ def test_a_sheet_that_was_formatted_as_a_whole_has_the_cells_that_it_has() -> No
     assert sheets_of(_workbook("A1:XFD1048576", _SMALL), "book") == {"Sheet": b"7,8\n"}
 
 
-def test_what_unpacks_to_too_much_is_not_unpacked(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_oversized_workbook_is_not_unpacked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(raw_table, "_MOST_UNPACKED", 10_000)  # private: 40 MB take seconds
     with refused("workbook.too_large"):
         sheets_of(_workbook("A1:B2000", _ROWS), "book")

@@ -49,7 +49,7 @@ def _ball(test: str, ball: tuple[float, float, float]) -> np.ndarray:
     return link_readings(FRAME.poses(PHI), np.array(ball), OFFSETS, test, 70.0)
 
 
-def test_roll_tells_the_balls_height_and_the_eccentricity_gives_no_sine() -> None:
+def test_roll_shows_ball_height_and_no_sine_of_eccentricity() -> None:
     result = Roll().evaluate_laps(_lap(_ball("roll", (0.5, -0.4, 1.2))), 50.0, 0.02, 1e-3)
     assert result.figures["offset_deg"].value == pytest.approx(np.degrees(1.2 / 70), rel=1e-3)
     # Of second order: h e / R².
@@ -78,12 +78,12 @@ def test_an_eccentricity_alone_is_no_circular_deviation() -> None:
     assert np.ptp(result.deviation_mm) < 1e-3
 
 
-def test_circular_deviation_is_the_range_of_what_is_planted() -> None:
+def test_circular_deviation_is_the_planted_range() -> None:
     g = _ball("yaw", (0.3, 0.2, 0.0)) + 0.02 * np.sin(3 * PHI)[:, None]
     assert _distance(g).figures["circular_deviation_mm"].value == pytest.approx(0.04, abs=2e-4)
 
 
-def test_hysteresis_is_what_differs_between_directions_and_nothing_else() -> None:
+def test_hysteresis_is_the_difference_between_directions() -> None:
     g = _ball("yaw", (0.3, 0.2, 0.0))
     back = np.stack([np.interp(-PHI % (2 * np.pi), PHI, column, period=2 * np.pi) for column in g.T], axis=1)
     turned = np.tan(np.radians(0.1)) * 25
@@ -123,7 +123,7 @@ def test_the_less_certain_time_of_a_pair_counts_whichever_run_has_it() -> None:
     assert said[0] > 0.01 and said[1] == pytest.approx(said[0])
 
 
-def test_eccentricities_that_disagree_are_told() -> None:
+def test_disagreeing_eccentricities_are_doubted() -> None:
     good = _ball("yaw", (0.6, -0.4, 0.0))
     assert _said(Yaw().evaluate_laps(_lap(good), 50.0, 0.02, 1e-3)) == ()
     for wrong in (good[:, ::-1], good * [1, -1], good * [1, 0.2], 1.0 + _ball("roll", (0.6, -0.4, 0.3))):
@@ -131,7 +131,7 @@ def test_eccentricities_that_disagree_are_told() -> None:
         assert "order of the gauges" in note
 
 
-def test_a_yaw_run_labelled_roll_is_told() -> None:
+def test_yaw_run_labelled_roll_is_doubted() -> None:
     notes = Roll().evaluate_laps(_lap(_ball("yaw", (0.6, -0.4, 0.0))), 50.0, 0.02, 1e-3).notes
     assert "a yaw run" in notes[-1]
     assert len(_said(Roll().evaluate_laps(_lap(_ball("roll", (0.6, -0.4, 0.3))), 50.0, 0.02, 1e-3))) == 1
@@ -201,7 +201,7 @@ def test_a_lap_under_the_wrong_label_is_refused_however_the_robot_drove_back() -
         laps_of(dataclasses.replace(table, direction="cw"), rig, "t")
 
 
-def test_a_ball_mounted_anew_makes_no_pair_and_a_play_does() -> None:
+def test_remounted_ball_is_no_pair_but_a_play_is() -> None:
     def back(g: np.ndarray) -> np.ndarray:
         return np.stack([np.interp(-PHI % (2 * np.pi), PHI, column, period=2 * np.pi) for column in g.T], axis=1)
 
@@ -249,7 +249,7 @@ def test_standing_jumping_and_half_a_lap_are_refused() -> None:
             laps_of(wrong, rig, "t")
 
 
-def test_turns_are_found_through_encoder_noise_and_set_beside_the_nominal() -> None:
+def test_turning_points_are_found_through_encoder_noise() -> None:
     """Planted at 105° and 237° in joint 1, at 2° and 181° in joint 2, none in the full turn of joint 4."""
     q = np.zeros((720, 6))
     q[:, 0] = 0.05 * _between(np.radians(105), np.radians(237))

@@ -78,7 +78,7 @@ def test_figures_are_those_of_the_standard_where_the_frame_is_known() -> None:
     assert figures["ap_mm"].u > INSTRUMENT.u_mm > figures["rp_mm"].u
 
 
-def test_a_fitted_frame_takes_accuracy_and_says_so_and_leaves_repeatability_and_distance() -> None:
+def test_fitted_frame_removes_accuracy_but_not_repeatability() -> None:
     known, fitted = rig_with(Iso9283(instrument=INSTRUMENT)), rig_with(Iso9283())
     table, _, _ = measured(known)
     by_frame, by_fit = evaluate(table, known, 0.0, "cube"), evaluate(table, fitted, 0.0, "cube")

@@ -114,7 +114,7 @@ def test_robot_errors_are_rarely_taken_for_bad_targets() -> None:
     assert out <= 2
 
 
-def test_missing_targets_and_orientations_are_told() -> None:
+def test_missing_targets_and_orientations_are_reported() -> None:
     keep = ~np.isin(TABLE.target, (4, 9)) & ~((TABLE.target == 7) & (TABLE.orientation == 2))
     part = {name: getattr(TABLE, name)[keep] for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")}
     result = _radial(planted.true_radial(TABLE)[keep], **part)
@@ -134,7 +134,7 @@ def test_uncertainty_is_that_of_the_visits_and_not_of_the_robots_errors() -> Non
     assert {figure.noise for figure in small.figures.values()} == {"measured"}
 
 
-def test_one_visit_has_an_assumed_scatter_and_says_so() -> None:
+def test_one_visit_has_an_assumed_scatter() -> None:
     result = _radial(planted.true_radial(TABLE), 0.0005)
     assert {figure.noise for figure in result.figures.values()} == {"assumed"}
     assert any("assumed" in note for note in result.notes)
@@ -204,7 +204,7 @@ def test_a_table_with_holes_is_evaluated(visits: int) -> None:
         assert all(0 < figure.u < 0.5 and np.isfinite(figure.value) for figure in figures.values()), figures
 
 
-def test_what_targets_near_one_plane_do_not_determine_is_left_out_with_the_reason() -> None:
+def test_nearly_planar_targets_leave_out_undetermined_figures() -> None:
     rows = np.degrees(TABLE.polar).round() == 60
     part = {name: getattr(TABLE, name)[rows] for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")}
     result = _radial(planted.true_radial(TABLE)[rows], **part)
@@ -220,7 +220,7 @@ def test_too_few_targets_are_refused() -> None:
         _radial(planted.true_radial(TABLE)[rows], **part)
 
 
-def test_what_is_no_radial_run_is_refused() -> None:
+def test_invalid_radial_run_is_refused() -> None:
     g = planted.true_radial(TABLE)
     for code, changes in (
         ("gauge.constant", {"g_mm": np.zeros_like(g)}),
@@ -253,7 +253,7 @@ def test_repeatability_by_hand() -> None:
     assert result.figures["uni_mm"].samples == 6
 
 
-def test_repeatability_leaves_out_what_has_one_side_and_refuses_what_has_none() -> None:
+def test_repeatability_ignores_one_sided_targets_and_needs_one_two_sided() -> None:
     g = np.random.default_rng(1).normal(0, 0.1, (3, 3, 2))
     table = planted.repeatability_table(g)
     keep = ~((table.target == 2) & (table.approach == "in"))

@@ -53,7 +53,7 @@ def test_play_widens_the_uncertainty_that_covers_the_lag() -> None:
         assert np.max(np.abs(off)) <= 3
 
 
-def test_the_lag_is_told_of_two_directions_and_one_alone_says_that_it_cannot(tmp_path: Path) -> None:
+def test_lag_needs_two_directions(tmp_path: Path) -> None:
     rig, text = load("ur10e")
     rig = load_hidden("ur10e").apply_to(rig)
     runs = list(write_simulated(rig, text, "yaw", ("acw", "cw"), [3], tmp_path, [LAGGING]))
@@ -64,7 +64,7 @@ def test_the_lag_is_told_of_two_directions_and_one_alone_says_that_it_cannot(tmp
     assert as_object(results[:1])["acw_against_cw"] == []
 
 
-def test_a_figure_beside_the_truth_deviates_upwards_where_it_is_larger(tmp_path: Path) -> None:
+def test_difference_from_truth_is_positive_where_the_figure_is_larger(tmp_path: Path) -> None:
     rig, text = load("ur10e")
     rig = load_hidden("ur10e").apply_to(rig)
     result = evaluate(load_run(next(write_simulated(rig, text, "yaw", ("acw",), [3], tmp_path, ()))))

@@ -47,7 +47,7 @@ def test_any_place_of_a_plateau_is_within_2u_and_a_peak_is_where_it_is() -> None
     assert abs(place.value - 140) <= 2 * place.u < 12
 
 
-def test_a_narrow_peak_regains_what_uncertain_places_took_off_it() -> None:
+def test_uncertain_places_do_not_lower_a_narrow_peak() -> None:
     still = np.zeros((DRAWS, NODES))
     known, blurred = (largest(PEAK, still, blur, "mm", 1)[0] for blur in (0.0, np.radians(3)))
     assert known.value == pytest.approx(PEAK.max()) and known.u == 0

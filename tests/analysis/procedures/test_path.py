@@ -139,7 +139,7 @@ def test_accuracy_and_repeatability_are_the_standards() -> None:
     assert found["circle_at_mm"].value == pytest.approx(max(at), abs=2e-3)
 
 
-def test_a_fit_of_the_frame_finds_it_and_says_so() -> None:
+def test_fitted_frame_is_found_and_reported() -> None:
     errors = Errors(bow_mm=0.4, grown_mm=0.15, oval_mm=0.05, scatter_mm=0.03)
     table = recorded(errors, seed=2, noise_mm=0.01)
     by_frame, by_fit = (path.evaluate(table, CUBE, one, "path") for one in (INSTRUMENT, None))
@@ -172,7 +172,7 @@ def test_f_and_d_of_the_circle_driven_both_ways() -> None:
     assert found["f_min_mm"].value == pytest.approx(-0.12 - 0.04, abs=2e-3)
 
 
-def test_uncertainties_hold_what_all_cycles_would_show() -> None:
+def test_u_of_few_cycles_covers_that_of_all() -> None:
     errors = Errors(bow_mm=0.3, grown_mm=0.1, scatter_mm=0.05)
     many = [path.evaluate(recorded(errors, seed, 0.01, 150.0), CUBE, INSTRUMENT, "path").figures for seed in range(12)]
     for name in ("line_at_mm", "line_rt_mm", "circle_at_mm", "circle_rt_mm", "d_mm"):
@@ -191,7 +191,7 @@ def test_a_cycle_without_the_target_is_left_out_and_counted() -> None:
     assert any("1 paths" in note for note in found.notes)
 
 
-def test_paths_that_are_not_there_and_those_with_too_few_places_are_said() -> None:
+def test_missing_and_sparse_paths_are_reported() -> None:
     table = recorded(Errors())
     line = table.t_s < 40.0
     found = path.evaluate(PathTable(table.t_s[line], table.xyz_mm[line]), CUBE, None, "path")
@@ -209,7 +209,7 @@ def test_times_in_another_unit_are_doubted_by_the_speed(share: float) -> None:
     assert doubted == (share == 1e3)
 
 
-def test_what_comes_before_and_after_is_no_path() -> None:
+def test_motion_before_and_after_is_no_path() -> None:
     table = recorded(Errors(scatter_mm=0.02))
     late = slice(int(3.0 * 500), len(table.t_s) - int(2.5 * 500))
     found = path.evaluate(PathTable(table.t_s[late], table.xyz_mm[late]), CUBE, None, "path")
@@ -242,7 +242,7 @@ def test_a_stand_alone_has_no_moves() -> None:
 
 @pytest.mark.parametrize("size_mm", [3.7, 40.0])
 @pytest.mark.parametrize("count", [1, 3, 6])
-def test_a_spike_among_the_places_is_left_out_and_said(size_mm: float, count: int) -> None:
+def test_spike_is_ignored_and_reported(size_mm: float, count: int) -> None:
     """One of 3.7 mm in 49 000 places made an RT of 0.99 of 0.08 mm."""
     sound = recorded(Errors(scatter_mm=0.02), seed=2, noise_mm=0.01)
     xyz = sound.xyz_mm.copy()
@@ -259,7 +259,7 @@ def test_a_spike_among_the_places_is_left_out_and_said(size_mm: float, count: in
 
 
 @pytest.mark.parametrize("seconds", [0.1, 0.3, 0.5])
-def test_a_beam_that_stood_still_is_left_out_and_said(seconds: float) -> None:
+def test_repeated_places_are_ignored_and_reported(seconds: float) -> None:
     sound = recorded(Errors(scatter_mm=0.02), seed=2, noise_mm=0.01)
     xyz, row = sound.xyz_mm.copy(), int(np.searchsorted(sound.t_s, 3.3))
     count = round(seconds * 500)

@@ -110,7 +110,7 @@ def test_the_readme_of_the_measured_ur10() -> None:
     assert min(held_out) - 0.01 < 0.725 < max(held_out)
 
 
-def test_a_tool_that_never_turns_is_told_to_hide_the_base() -> None:
+def test_tool_without_rotation_hides_the_base() -> None:
     table, _ = measured("series_d")
     assert any("too little" in note for note in pose.evaluate(table, planted.ur10(), 0.012).notes)
 
@@ -144,7 +144,7 @@ def test_groups_are_those_of_comparing_every_row_with_every_other(many: int, mon
     assert len(set(pose.groups(on_rail, 1e-3, rail=True))) > len(set(expected))  # a rail has no turns
 
 
-def test_stacked_groups_give_what_each_gives() -> None:
+def test_stacked_groups_equal_single_ones() -> None:
     """Monte Carlo stacks groups along a leading axis; figures must not mix the draws."""
     x = np.random.default_rng(1).normal(0, 1, (7, 5, 3, 3))
     x[:, 2, :, 2] = np.nan
@@ -153,7 +153,7 @@ def test_stacked_groups_give_what_each_gives() -> None:
             np.testing.assert_allclose(values, [plain(one)[name] for one in x], err_msg=name)
 
 
-def test_what_is_no_pose_table_is_refused() -> None:
+def test_invalid_pose_table_is_refused() -> None:
     rng = np.random.default_rng(3)
     q, xyz = rng.uniform(-2, 2, (20, 6)), rng.normal(0, 500, (20, 3))
     for code, table in (
@@ -167,7 +167,7 @@ def test_what_is_no_pose_table_is_refused() -> None:
             pose.evaluate(table, planted.ur10(), 0.01)
 
 
-def test_without_visits_nobody_knows_the_orientations_uncertainty_and_json_says_null(tmp_path: Path) -> None:
+def test_without_visits_u_of_orientation_is_null(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     q = rng.uniform(-0.3, 0.3, (12, 6))
     T = forward(arm_of(load("ur10e")[0].robot), q)

@@ -54,7 +54,7 @@ def test_the_figures_are_those_by_hand() -> None:
     assert found.figures["socket_distance_mm"].value == pytest.approx(np.linalg.norm(places[0] - places[1]), abs=1e-4)
 
 
-def test_the_distance_of_sockets_holds_the_truth_and_grows_with_what_the_arm_errs_by() -> None:
+def test_socket_distance_covers_the_truth_and_its_u_grows_with_arm_errors() -> None:
     rig = rig_with()
     exact = evaluate(planned_touches(rig), model_of(rig)).figures["socket_distance_mm"].value
     off = []
@@ -68,7 +68,7 @@ def test_the_distance_of_sockets_holds_the_truth_and_grows_with_what_the_arm_err
     assert np.mean(np.abs(off) <= 2) > 0.7
 
 
-def test_a_distance_that_is_known_otherwise_is_said() -> None:
+def test_distance_known_otherwise_is_reported() -> None:
     touched = planned_touches(rig_with(distance_mm=50.0))
     found = evaluate(touched, model_of(rig_with(distance_mm=51.0)))
     assert found.distances[0].known is not None
@@ -113,7 +113,7 @@ def test_a_table_is_read_as_it_was_written() -> None:
         ("socket," + ",".join(f"q{k}_deg" for k in range(1, 8)), "A" * 41 + ",1" * 7, "not a name of a socket"),
     ],
 )
-def test_bad_tables_of_touches_name_what_is_wrong(header: str, row: str, what: str) -> None:
+def test_bad_touch_table_names_the_mistake(header: str, row: str, what: str) -> None:
     with pytest.raises(FileError) as caught:
         parse_csv(f"{header}\n{row}\n".encode(), "t.csv", "touch", rig_with())
     assert what in "\n".join(caught.value.lines())

@@ -74,7 +74,7 @@ def test_a_sine_is_not_pulled_to_where_rows_are_dense() -> None:
 @pytest.mark.parametrize(
     ("name", "noise_mm", "every"), cases([("paper-fanuc", 0.0005, 5), ("ur10e", 0.002, 2)], [("ur10e", 0.002, 2)])
 )
-def test_stated_uncertainty_covers_the_truth_as_often_as_it_says(name: str, noise_mm: float, every: int) -> None:
+def test_stated_u_covers_the_truth(name: str, noise_mm: float, every: int) -> None:
     """120 laps of a shipped robot with noise, a lag and a baseline drawn as stated: each figure within 2 u."""
     rig = load_hidden(name).apply_to(load(name)[0])
     driven = trace(rig, "acw")

@@ -53,7 +53,7 @@ def test_a_gauge_is_not_bridged_over_a_hole_in_which_a_play_is_crossed_a_robot_i
     assert not align.gaps_ns(with_hole, with_hole, align.JUMPS_NS).any()  # read in one answer, before and after it
 
 
-def test_what_rigd_itself_makes_a_gauge_wait_is_no_doubt() -> None:
+def test_waiting_caused_by_rigd_is_no_doubt() -> None:
     """After half a second's readings each 2.3 ms, one wait of at most 17 ms."""
     rows = 20 * 217
     waits = np.repeat(2.3e6 + 17e6 * np.linspace(0, 1, 20), 4)
@@ -61,7 +61,7 @@ def test_what_rigd_itself_makes_a_gauge_wait_is_no_doubt() -> None:
     assert align.are_many(len(waits) + 1, 26e6, rows) and align.are_many(3 * len(waits), waits.max(), rows)
 
 
-def test_a_robot_that_never_told_all_its_joints_is_refused(tmp_path: Path) -> None:
+def test_robot_without_complete_joints_is_refused(tmp_path: Path) -> None:
     run = read_run(recorded(tmp_path))
     robot = run.streams["robot"]
     for axis in range(1, 7):
@@ -112,7 +112,7 @@ def test_one_bundle_and_a_pause_change_no_uncertainty() -> None:
     assert robot_instants({**unknown, "first_byte_ns": paused}).u_s == pytest.approx(alone, rel=0.01)
 
 
-def test_a_robot_that_is_asked_stood_there_between_request_and_answer() -> None:
+def test_polled_robot_was_there_between_request_and_answer() -> None:
     asked_ns = np.arange(500) * 10_000_000
     took_ns = np.where(np.arange(500) % 10, 1_000_000, 9_000_000)
     stream = {

@@ -79,7 +79,7 @@ def test_a_changed_calibration_is_refused_and_a_run_without_it_is_as_before(tmp_
         analysis.compare([analysis.load_run(run)])
 
 
-def test_a_recorded_run_keeps_what_the_daemon_began_with(tmp_path: Path) -> None:
+def test_recorded_run_keeps_the_calibration_of_its_start(tmp_path: Path) -> None:
     """Whatever becomes of the file while the daemon runs."""
     beside = written(tmp_path, calibrated_model(rig="bench"))[1]
     content = beside.read_bytes()

@@ -74,14 +74,14 @@ def test_short_delays_that_recur_are_the_floor_and_no_outliers() -> None:
     assert fitted.wrong == 0 and error_ms(fitted.ns, taken_s).max() < 0.01
 
 
-def test_a_clock_that_began_anew_is_fitted_in_pieces() -> None:
+def test_restarted_clock_is_fitted_in_pieces() -> None:
     taken_s, clock_s, host_ns = run()
     clock_s[3000:] -= clock_s[3000]
     fitted = through_clock(clock_s, host_ns)
     assert fitted.restarts == 1 and error_ms(fitted.ns, taken_s).max() < 0.1
 
 
-def test_a_host_that_was_held_up_for_seconds_is_no_clock_that_began_anew() -> None:
+def test_delayed_host_is_no_restarted_clock() -> None:
     taken_s, clock_s, host_ns = run()
     host_ns[2000:2400] = np.maximum(host_ns[2000:2400], host_ns[2400])
     fitted = through_clock(clock_s, host_ns)
@@ -160,7 +160,7 @@ def test_few_points_are_never_called_wrong() -> None:
 
 
 @pytest.mark.parametrize("step_s", [0.0, 5e-324, 1e-300])
-def test_a_clock_that_stood_for_most_of_a_run_has_no_infinite_rate(step_s: float) -> None:
+def test_mostly_stopped_clock_has_a_finite_rate(step_s: float) -> None:
     x = np.concatenate([np.arange(2500) * step_s, 1 + np.arange(1500) * 8e-3])
     line, low = floor(x, np.arange(4000) * 8e-3 - x)
     assert np.isfinite(line).all() and not low.any()

@@ -55,7 +55,7 @@ def test_a_robot_that_drives_undisturbed_gives_no_doubt() -> None:
         ),
     ],
 )
-def test_what_disturbs_a_test_is_a_doubt(changed: dict[str, tuple[float, float, float]], says: str) -> None:
+def test_disturbance_is_a_doubt(changed: dict[str, tuple[float, float, float]], says: str) -> None:
     (doubt,) = condition_of(robot(**changed)).doubts
     assert says in doubt, doubt
 
@@ -75,7 +75,7 @@ def test_what_disturbs_a_test_is_a_doubt(changed: dict[str, tuple[float, float, 
         {"program_state": (82, 100, ProgramState.STOPPED), "safety_state": (90, 95, SafetyState.SAFEGUARD_STOP)},
     ],
 )
-def test_what_does_not_disturb_it_is_none(changed: dict[str, tuple[float, float, float]]) -> None:
+def test_harmless_condition_is_no_doubt(changed: dict[str, tuple[float, float, float]]) -> None:
     assert condition_of(robot(**changed)).doubts == ()
 
 

@@ -86,7 +86,7 @@ def test_a_stand_held_longer_is_one_visit() -> None:
     assert doubts == []
 
 
-def test_another_order_is_used_and_told() -> None:
+def test_other_order_is_accepted_with_a_doubt() -> None:
     rig = rig_of(visits=1)
     program = radial_program(rig)
     table, doubts = table_of(program.q[::-1], rig)

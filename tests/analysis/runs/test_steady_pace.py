@@ -153,7 +153,7 @@ def test_a_computer_held_up_for_seconds_is_no_wait_where_the_lateness_is_made_up
     assert found.wanders_s == 0.0 and found.shared_u_s < 1e-3
 
 
-def test_a_pace_that_is_left_is_told() -> None:
+def test_unsteady_pace_is_reported() -> None:
     doubts = [
         doubt
         for wanders_s in (0.0, 0.5 * TOLD_S, 5.24e-3)

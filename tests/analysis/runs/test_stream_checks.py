@@ -57,7 +57,7 @@ def test_stamps_that_rigd_cannot_have_written_are_refused(
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1.7e308, -2e5, 200.0])
-def test_what_is_no_reading_is_left_out_and_counted(value: float) -> None:
+def test_invalid_readings_are_ignored_and_counted(value: float) -> None:
     """200 mm is further than a link between the two sides of the circle can be."""
     measured = measured_of(with_column("g1", "g1_mm", [100, 200, 201], value))
     assert any(doubt.startswith("g1: 3 rows are ignored") for doubt in measured.doubts)
@@ -88,7 +88,7 @@ def test_a_controllers_clock_that_shows_nonsense_is_none(clock_s: float) -> None
 
 @pytest.mark.parametrize("step_s", [0.0, 5e-324, 1e-300, 1e-13])
 @pytest.mark.parametrize("stream", ["g1", "robot"])
-def test_a_clock_that_does_not_advance_is_not_used_and_is_said_to_be(stream: str, step_s: float) -> None:
+def test_stopped_clock_is_ignored_with_a_doubt(stream: str, step_s: float) -> None:
     count = len(lap().streams[stream]["device_time_s"])
     measured = measured_of(
         with_column(stream, "device_time_s", slice(None), 77 * (step_s == 0) + np.arange(count) * step_s)

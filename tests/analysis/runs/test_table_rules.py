@@ -48,7 +48,7 @@ def lap() -> Measured:
         ("repeatability", "round", -1, "row 6 has round = -1"),
     ],
 )
-def test_a_row_that_no_import_lets_through_is_told(
+def test_row_refused_by_import_is_refused_in_a_run(
     tmp_path: Path, test: TestName, column: str, value: float, told: str
 ) -> None:
     run = simulate("ur10e", test, "acw" if test == "yaw" else None, seed=1, effects="ur10e")

@@ -39,7 +39,7 @@ def test_a_file_that_is_not_complete_has_another_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", [".", "..", "/", "/dev/null"])
-def test_what_is_no_name_for_a_file_exists_already(path: str) -> None:
+def test_invalid_file_name_counts_as_existing(path: str) -> None:
     with refused("output.exists"):
         write_new(Path(path), holding(b"x"))
 
@@ -69,7 +69,7 @@ def test_a_file_of_another_program_is_never_replaced(
     ("stopped_by", "reported_as"),
     [(KeyboardInterrupt(), KeyboardInterrupt), (OSError(errno.ENOSPC, "full"), CellError)],
 )
-def test_what_stops_one_leaves_none(
+def test_interrupted_writing_leaves_no_file(
     stopped_by: BaseException, reported_as: type[BaseException], tmp_path: Path
 ) -> None:
     def stops(file: BinaryIO) -> None:

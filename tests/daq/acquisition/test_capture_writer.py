@@ -39,7 +39,7 @@ def read_text(path: Path, text: str) -> Capture:
         return read_capture(path)
 
 
-def test_a_cut_line_is_told_and_left_out() -> None:
+def test_truncated_line_is_reported_and_ignored() -> None:
     whole = Piece(5, "g1", CaptureMark.CAME, b"+0.1\r")
     assert read_text(Path("cut"), f"{HEAD}\n{whole.line()}\n9 g1 < +0.") == Capture((whole,), cut=True)
 
@@ -54,7 +54,7 @@ def test_a_cut_line_is_told_and_left_out() -> None:
         (f"{HEAD}\n5 g1 < ü\n", "line 2"),
     ],
 )
-def test_what_is_no_capture_is_named_with_its_line(text: str, said: str) -> None:
+def test_invalid_capture_names_the_line(text: str, said: str) -> None:
     with pytest.raises(FileError, match="log") as caught:
         read_text(Path("log"), text)
     assert said in str(caught.value)
@@ -65,7 +65,7 @@ def test_a_missing_file_is_one_line(tmp_path: Path) -> None:
         read_capture(tmp_path / "none")
 
 
-def test_the_daemon_keeps_what_it_sends_and_hears_and_refuses_a_file_that_is_there(tmp_path: Path) -> None:
+def test_daemon_captures_both_directions_and_keeps_existing_files(tmp_path: Path) -> None:
     with Bench(tmp_path) as bench:
         bench.start((BIN / "rigd", "--capture", "cell.log")).all_reading()
         bench.cell.hang_up("robot")
@@ -86,7 +86,7 @@ def test_the_daemon_keeps_what_it_sends_and_hears_and_refuses_a_file_that_is_the
         assert "give --capture a different file" in said
 
 
-def test_a_capture_that_grows_too_long_or_loses_its_disk_ends_and_says_so(
+def test_oversized_or_failing_capture_ends_with_a_fault(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(capture_writer, "LARGEST", 3000)

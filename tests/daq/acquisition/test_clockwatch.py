@@ -38,7 +38,7 @@ def test_quiet_clocks_tell_nothing() -> None:
 
 
 @pytest.mark.parametrize("stepped_s", [3.25, -7200.0, 0.011])
-def test_a_step_of_the_wall_clock_is_told_once_with_before_and_after(stepped_s: float) -> None:
+def test_step_of_the_wall_clock_is_reported_once(stepped_s: float) -> None:
     watch = HostClockMonitor(START)
     now = later(START, 0.5, stepped_s=stepped_s)
     (fault,) = watch.check(now)
@@ -55,7 +55,7 @@ def test_small_steps_add_up() -> None:
     assert told == 4
 
 
-def test_a_sleep_is_told_and_is_no_step() -> None:
+def test_suspension_is_reported_and_no_step() -> None:
     (fault,) = HostClockMonitor(START).check(later(START, 0.5, slept_s=61.0))
     assert "suspended for 61.0 s" in fault.detail
     both = HostClockMonitor(START).check(later(START, 0.5, slept_s=61.0, stepped_s=-2.0))
@@ -71,7 +71,7 @@ def test_this_computers_clocks_are_read_together() -> None:
     assert HostClockMonitor(first).check(replace(first, monotonic_ns=first.monotonic_ns)) == []
 
 
-def test_a_run_keeps_the_step_and_tells_the_right_time_after_it(tmp_path: Path, monkeypatch: Any) -> None:
+def test_run_keeps_the_step_and_the_right_time_after_it(tmp_path: Path, monkeypatch: Any) -> None:
     """The wall clock is set by an hour while a recording runs."""
     now = [START]
     monkeypatch.setattr(daq.recording.warnings, "read_clocks", lambda: now[0])

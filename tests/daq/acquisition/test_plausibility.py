@@ -46,7 +46,7 @@ def _fine(t_s: float) -> float:
     return round(0.1 * math.sin(t_s), 4)
 
 
-def test_a_gauge_that_stands_still_while_the_robot_moves_is_told_once_and_when_it_moves_again() -> None:
+def test_stuck_gauge_is_reported_once_and_again_on_motion() -> None:
     stuck, freed = _seen(60, lambda t_s: 0.123 if 5 <= t_s < 40 else _fine(t_s), lambda t_s: 3 * t_s)
     assert stuck.kind is FaultKind.DOUBTFUL and stuck.count == 1
     told, asked = stuck.detail.split(": ")
@@ -70,12 +70,12 @@ def test_no_false_alarm(reads: Callable[[float], float], turns: Callable[[float]
     assert _seen(60, reads, turns, touching=touching) == []
 
 
-def test_a_gauge_never_seen_to_move_is_told_after_more_motion() -> None:
+def test_never_moving_gauge_is_reported_after_more_motion() -> None:
     (stuck,) = _seen(60, lambda t_s: 0.0, lambda t_s: 3 * t_s)
     assert " 9" in stuck.detail
 
 
-def test_a_gauge_that_goes_in_and_out_of_error_is_told() -> None:
+def test_flickering_error_is_reported() -> None:
     items: list[Item] = []
     for k in range(2 * TIMES_IN_ERROR):
         items += [
@@ -164,7 +164,7 @@ def _create(folder: Path, label: RunLabel) -> RunWriter:
 
 
 @pytest.mark.parametrize("factor", [1 / 25.4, 25.4])
-def test_a_gauge_whose_unit_was_changed_in_a_recording_is_told_once(factor: float) -> None:
+def test_changed_unit_is_reported_once(factor: float) -> None:
     """Also one that sends registers, which have no decimals to show it."""
 
     def reads(t_s: float) -> float:
@@ -189,7 +189,7 @@ def test_a_gauge_that_moves_or_is_wrong_once_has_not_changed_its_unit(reads: Cal
     assert [one for one in _seen(60, reads, lambda t_s: 3 * t_s) if one.kind is FaultKind.UNIT_CHANGED] == []
 
 
-def test_a_gauge_that_was_frozen_for_a_second_is_told_when_it_goes_on() -> None:
+def test_frozen_gauge_is_reported_when_it_resumes() -> None:
     def reads(t_s: float) -> float:
         return _fine(21.5 if 21.5 <= t_s < 22.7 else t_s)
 

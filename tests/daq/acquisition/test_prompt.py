@@ -17,7 +17,7 @@ def _as_before() -> Iterator[None]:
     gc.unfreeze()
 
 
-def test_the_collector_no_longer_visits_what_is_there_and_threads_give_way_sooner() -> None:
+def test_collector_ignores_existing_objects_and_threads_switch_sooner() -> None:
     before_s, there = 0.005, [[]]
     sys.setswitchinterval(before_s)  # Python's own; a daemon that ran in this process has changed it
     keep_stamps_prompt()

@@ -73,7 +73,7 @@ class _OneReading:
 @pytest.mark.parametrize(
     "port", [f"/{'a' * 300}", "/dev/null", "/dev", "/dev/tty\0", "/etc/hostname/x", "/etc/hostname"]
 )
-def test_what_is_no_port_is_told_and_holds_nothing(port: str) -> None:
+def test_invalid_port_is_reported_and_released(port: str) -> None:
     before = len(list(Path("/proc/self/fd").iterdir()))
     with pytest.raises(CellError):
         open_link("g1", port, Line(baud=9600, bits=8, parity="N", stop=1))
@@ -103,7 +103,7 @@ def test_names_that_go_while_they_are_listed_end_no_reader(monkeypatch: pytest.M
         open_link("g1", "/dev/serial/by-id/usb-1", Line(baud=9600, bits=8, parity="N", stop=1))
 
 
-def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_outage_is_one_fault_with_each_reason_once(monkeypatch: pytest.MonkeyPatch) -> None:
     # private _FIRST_PAUSE_S, _LONGEST_PAUSE_S: an outage takes seconds with the real pauses
     monkeypatch.setattr(daq.acquisition.reader, "_FIRST_PAUSE_S", 0.001)
     monkeypatch.setattr(daq.acquisition.reader, "_LONGEST_PAUSE_S", 0.001)
@@ -149,7 +149,7 @@ class _Breaking(Link):
         pass
 
 
-def test_faults_held_back_to_be_told_as_one_are_told_when_the_link_is_lost() -> None:
+def test_held_back_faults_are_reported_on_disconnection() -> None:
     stream = streams_of(parse(rig_text("sylvac"), "bench"))[0]
     buffer = StreamBuffer(stream.name, stream.columns)
     link = _Breaking(b"ERR0\r", 50)
@@ -159,7 +159,7 @@ def test_faults_held_back_to_be_told_as_one_are_told_when_the_link_is_lost() -> 
     assert buffer.state().counters == {"device_error": 50, "disconnected": 1}
 
 
-def test_what_says_more_of_a_fault_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+def test_details_of_a_fault_are_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     """The end of an outage within ten seconds of its beginning is no repetition."""
     buffer = StreamBuffer("g1", ("g1_mm",))
     recorder = daq.recording.recorder.Recorder({"g1": buffer}, _no_run, lambda: None)

@@ -41,7 +41,7 @@ def test_a_stall_does_not_hide_why_an_instrument_gives_no_readings(buffer: Strea
     assert "run for 1.0 s" in buffer.state().last_fault
 
 
-def test_a_reader_that_stood_still_reports_it_once_with_its_length(buffer: StreamBuffer) -> None:
+def test_stalled_reader_is_reported_once_with_its_length(buffer: StreamBuffer) -> None:
     buffer.beat()
     assert buffer.drain() == []  # it has just begun
     buffer.heartbeat_ns -= 3 * S
@@ -59,7 +59,7 @@ def test_a_port_that_takes_long_to_open_is_no_stall(buffer: StreamBuffer) -> Non
     assert buffer.drain() == []
 
 
-def test_a_thread_that_only_sleeps_shows_that_all_of_rigd_stood_still() -> None:
+def test_sleeping_thread_detects_a_stall_of_the_process() -> None:
     watch = StallWatch()
     watch.note(0, STALL_NS)
     assert watch.take() == []
@@ -69,7 +69,7 @@ def test_a_thread_that_only_sleeps_shows_that_all_of_rigd_stood_still() -> None:
     assert watch.take() == []
 
 
-def test_a_sleep_that_has_just_ended_is_a_stall_once_and_none_where_nobody_sleeps(
+def test_recent_sleep_is_one_stall(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     watch = StallWatch()

@@ -53,7 +53,7 @@ def _of_rtde(program: int = 2, safety: int = 1, scaling: float = 1.0, slider: fl
     return _last(robot, script)
 
 
-def test_what_rtde_has_of_the_condition() -> None:
+def test_condition_of_rtde() -> None:
     shown = _of_rtde(slider=0.4)
     assert shown.pop("speed_percent") == pytest.approx(40)
     assert shown == {
@@ -244,7 +244,7 @@ def test_the_fields_of_a_line_that_a_rig_file_names() -> None:
 
 
 @pytest.mark.parametrize("robot", [rtde(), egm(), j519(version=3), rsi(condition={"payload_kg": "Load"})])
-def test_an_emulated_robot_is_undisturbed_unless_it_is_told_otherwise(robot: Feedback) -> None:
+def test_emulated_robot_is_undisturbed_by_default(robot: Feedback) -> None:
     device = daq.feedback.device(robot, lambda now_ns: [1.0] * 6)
     host = Script(daq.feedback.host(robot))
     controller = Script(device)

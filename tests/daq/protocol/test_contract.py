@@ -78,7 +78,7 @@ def test_gauge_gives_the_planted_values(name: str, gauges: Sequence[Gauge], reso
 
 
 @pytest.mark.parametrize(("name", "gauges", "resolution_mm"), GAUGES, ids=[case[0] for case in GAUGES])
-def test_gauge_tells_a_head_in_error(name: str, gauges: Sequence[Gauge], resolution_mm: float) -> None:
+def test_gauge_reports_a_head_in_error(name: str, gauges: Sequence[Gauge], resolution_mm: float) -> None:
     def read(now_ns: int) -> list[float]:
         return [math.nan if 2 * S < now_ns < 3 * S else 1.0] * len(gauges)
 

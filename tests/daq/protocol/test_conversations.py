@@ -59,7 +59,7 @@ def test_the_stamps_are_those_of_the_pieces() -> None:
     assert step.send == b"?\r" and step.wake_ns == first_ns + 2 + S // 2
 
 
-def test_silence_is_told_and_the_late_answer_left_out() -> None:
+def test_silence_is_reported_and_the_late_answer_ignored() -> None:
     script = _asked(sylvac())
     script.wake()
     _fault(script, FaultKind.SILENT, "0.5 s", "cable")
@@ -102,7 +102,7 @@ def test_an_error_answer_makes_a_pause() -> None:
     assert script.wake().send == b"?\r"
 
 
-def test_the_same_error_again_and_again_is_told_once_a_second() -> None:
+def test_repeated_error_is_reported_once_a_second() -> None:
     script = _asked(sylvac())
     while script.now_ns < 10 * S:
         script.receive(b"ERR0\r")
@@ -122,7 +122,7 @@ def test_a_silence_ends_the_counting() -> None:
     assert faults == [(DEVICE_ERROR, 1), (DEVICE_ERROR, 2), (FaultKind.SILENT, 1)]
 
 
-def test_an_instrument_that_never_stops_is_told_and_asked_to_be_quiet() -> None:
+def test_continuous_instrument_is_reported_and_silenced() -> None:
     script = Script(daq.gauges.host([sylvac()]))
     for number in range(1, 101):
         script.receive(b"+1.000\r", number * S // 10)
@@ -154,7 +154,7 @@ def test_sylvac_continuous() -> None:
     _fault(script, FaultKind.SILENT)
 
 
-def test_a_burst_of_garbage_is_told_with_its_count() -> None:
+def test_burst_of_garbage_is_reported_with_its_count() -> None:
     script = Script(daq.gauges.host([sylvac(mode="continuous")]))
     script.receive(b"\x7f@\r" * 5000 + b"+1.000\r")
     first, rest, sample = script.taken()
@@ -198,7 +198,7 @@ def test_keyence_a_head_missing() -> None:
     assert isinstance(fault, Fault) and fault.kind is MISSING and "channel 2" in fault.detail
 
 
-def test_keyence_unit_refuses_what_it_does_not_know() -> None:
+def test_keyence_unit_refuses_unknown_commands() -> None:
     script = Script(daq.gauges.device([keyence()], lambda now_ns: [0.007]))
     assert script.receive(b"M0\r\n").send == b"M0,+00.007\r\n"
     assert script.receive(b"XX,1\r\n").send == b"ER,XX,00\r\n"

@@ -109,7 +109,7 @@ def test_rsi_texts_that_are_none(text: bytes, kind: FaultKind, answered: bool) -
     assert isinstance(script.taken()[-1], Sample)  # the next one is as good as ever
 
 
-def test_rsi_tells_answers_that_the_controller_found_late() -> None:
+def test_rsi_reports_late_answers() -> None:
     script = Script(daq.feedback.host(rsi()))
     for ipoc, delay in ((4, 0), (8, 2), (12, 3), (16, 0)):
         script.receive(rob(ipoc).replace(b"<IPOC>", f'<Delay D="{delay}"/><IPOC>'.encode()), ipoc)
@@ -301,7 +301,7 @@ def _word(item: Item) -> tuple[str, int]:
 
 
 @pytest.mark.parametrize("name", PACKETS)
-def test_what_the_network_loses_doubles_or_turns_round_is_told(name: str) -> None:
+def test_lost_doubled_and_reordered_datagrams_are_reported(name: str) -> None:
     feedback, packet, step = PACKETS[name]
     start = 1000 * step
     heard = _heard(feedback, [packet(start + step * n) for n in (0, 1, 4, 2, 4, 5)])
@@ -316,14 +316,14 @@ def test_numbers_of_32_bits_wrap_without_a_fault(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", PACKETS)
-def test_a_counter_that_begins_anew_is_told_and_loses_nothing_that_came(name: str) -> None:
+def test_restarted_counter_is_reported_without_loss(name: str) -> None:
     feedback, packet, step = PACKETS[name]
     heard = _heard(feedback, [packet(5_000_000 * step), packet(step), packet(2 * step)])
     assert heard == [("sample", 1), (SKIPPED, 1), ("sample", 1), ("sample", 1)]
 
 
 @pytest.mark.parametrize("name", PACKETS)
-def test_after_a_silence_the_count_begins_anew(name: str) -> None:
+def test_count_restarts_after_a_silence(name: str) -> None:
     feedback, packet, step = PACKETS[name]
     script = Script(daq.feedback.host(feedback))
     script.receive(packet(step), 0)
@@ -342,5 +342,5 @@ def test_a_tick_that_is_late_sends_one_datagram_or_all_that_a_stream_lacks(feedb
     assert wake_ns is not None and (wake_ns <= 5 * S + S // 10) is (sent == 1)  # the next at once, or in its time
 
 
-def test_a_rsi_controller_quicker_than_the_rig_file_says_loses_nothing() -> None:
+def test_faster_rsi_controller_loses_nothing() -> None:
     assert _heard(rsi(cycle_ms=12), [rob(4 * n) for n in range(1, 5)]) == [("sample", 1)] * 4

@@ -91,7 +91,7 @@ def test_two_gauges_share_a_port_only_where_one_answer_holds_both(interface: str
 
 
 @pytest.mark.parametrize("interface", [name for name, needed in NEEDED.items() if "line" in needed])
-def test_a_line_that_nobody_knows_must_be_given(interface: str) -> None:
+def test_unknown_line_settings_must_be_given(interface: str) -> None:
     data: dict[str, Any] = yaml.safe_load(_rig_text(interface, shared=False))
     del data["gauges"]["g1"]["line"]
     assert LINE["line"] == data["gauges"]["g2"]["line"]
@@ -99,7 +99,7 @@ def test_a_line_that_nobody_knows_must_be_given(interface: str) -> None:
         parse(yaml.safe_dump(data), "cell")
 
 
-def test_an_emulated_gauge_does_what_the_rig_file_says_of_its_timing() -> None:
+def test_emulated_gauge_follows_the_timing_of_the_rig_file() -> None:
     """A cycle of 200 ms and an answer 30 ms after the request."""
     data = yaml.safe_load(_rig_text("tesa_tt", shared=False))
     for probe in data["gauges"].values():

@@ -52,7 +52,7 @@ def test_a_refusal_counts_once_however_many_gauges_share_it() -> None:
 
 
 @pytest.mark.parametrize(("protocol", "word"), [("optorsd", "menu"), ("m1240", "master")])
-def test_a_c1208_in_its_menu_is_silent_and_that_is_said(protocol: str, word: str) -> None:
+def test_c1208_in_its_menu_is_reported_silent(protocol: str, word: str) -> None:
     script = asked(daq.gauges.host([gauge("mahr_c1208", protocol=protocol)]))
     script.wake()
     (fault,) = script.taken()
@@ -82,7 +82,7 @@ DEVICES = [
 
 
 @pytest.mark.parametrize(("interface", "command", "good", "bad"), DEVICES)
-def test_what_the_emulated_gauge_answers(interface: str, command: bytes, good: bytes, bad: bytes) -> None:
+def test_emulated_gauge_answers(interface: str, command: bytes, good: bytes, bad: bytes) -> None:
     script = Script(daq.gauges.device([gauge(interface)], lambda now_ns: [-1.5 if now_ns < S else float("nan")]))
     assert script.receive(command, 1).send == good
     assert script.receive(command, S).send == bad

@@ -101,7 +101,7 @@ def test_a_message_in_pieces_and_two_in_one() -> None:
         ('{"op": "status", "level": "error", "msg": "no type"}', FaultKind.DEVICE_ERROR, ("rosbridge: no type",)),
     ],
 )
-def test_what_is_no_joint_state_is_a_fault(text: str, kind: FaultKind, words: tuple[str, ...]) -> None:
+def test_invalid_joint_state_is_a_fault(text: str, kind: FaultKind, words: tuple[str, ...]) -> None:
     server = Server()
     fault(server.text(text), kind, *words)
     assert len(server.text(published())) == 1  # and the next is read
@@ -113,7 +113,7 @@ def test_a_hand_that_publishes_on_the_same_topic_does_no_harm() -> None:
     assert [type(item) for item in server.text(published(), hand, published(8), hand)] == [Sample, Sample]
 
 
-def test_what_is_published_twice_counts_once_and_a_simulation_may_begin_again() -> None:
+def test_repeated_message_counts_once_and_a_simulation_may_restart() -> None:
     server = Server()
     items = server.text(published(50), published(50), published(49, 900_000_000), published(51), published(1))
     assert [getattr(item, "kind", None) for item in items] == [None, FaultKind.LATE, FaultKind.LATE, None, None]

@@ -176,7 +176,7 @@ def test_each_layout_of_a_float_over_tcp(layout: str) -> None:
         assert _values(_items(daq.gauges.host([_gauge(port, layout)]), port, 20)) == {69.743}
 
 
-def test_a_unit_that_is_not_there_beside_one_of_libmodbus() -> None:
+def test_missing_unit_on_a_line_with_libmodbus() -> None:
     with _rtu_unit(7, "abcd", 1.25) as port:
         gauges = [_gauge(port, "abcd"), _gauge(port, "abcd", unit=8, timeout_s=0.05)]
         items = _items(daq.gauges.host(gauges), port, 60)

@@ -67,7 +67,7 @@ def test_every_type_in_every_order(kind: str, word_order: str, byte_order: str) 
         ("uint32", 0, -1),
     ],
 )
-def test_what_a_type_can_hold(kind: str, most: float, too_much: float) -> None:
+def test_ranges_of_the_types(kind: str, most: float, too_much: float) -> None:
     register = ValueRegister.model_validate({"address": 202, "type": kind})
     assert fits(most, register) and not fits(too_much, register) and not fits(math.nan, register)
     pack([0] * 13, register, modbus(), most)
@@ -163,7 +163,7 @@ def test_a_swapped_number_below_a_nanometre_is_a_fault_though_it_stays() -> None
 
 
 @pytest.mark.parametrize("value_mm", [0.0, -1.96e-16, 3e-8])
-def test_what_arithmetic_leaves_of_zero_is_a_reading(value_mm: float) -> None:
+def test_near_zero_result_is_a_reading(value_mm: float) -> None:
     """A gauge that reckons in double precision may send its rounding error in single."""
     item = _read(_float_gauge(), _laid(value_mm, "float32", "big", "big"))
     assert isinstance(item, Sample) and item.values[0] == pytest.approx(value_mm, abs=1e-12)

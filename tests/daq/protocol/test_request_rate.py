@@ -41,7 +41,7 @@ def test_a_computer_that_is_a_little_late_each_time_still_asks_as_often_as_it_ma
     assert 0.97 * RATE_HZ < rate_hz <= 1.001 * RATE_HZ  # but for the pauses that stir the line
 
 
-def test_what_a_stall_missed_is_not_asked_for_afterwards() -> None:
+def test_stall_is_not_followed_by_a_burst() -> None:
     asked_ns = _requested_ns(0, stall_at_ns=2000 * MS, stall_ns=400 * MS)
     afterwards = asked_ns[asked_ns >= 2400 * MS]
     assert np.diff(afterwards).min() >= 0.9e9 / RATE_HZ

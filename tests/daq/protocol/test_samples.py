@@ -71,7 +71,7 @@ def _cut(data: bytes, cuts: list[int]) -> list[Arrival]:
 
 
 @given(PIECES, st.lists(st.integers(0, 10_000), max_size=12), st.integers(1, 6))
-def test_what_is_read_by_arrays_is_what_is_read_message_by_message(data: bytes, cuts: list[int], at_once: int) -> None:
+def test_array_reader_equals_message_reader(data: bytes, cuts: list[int], at_once: int) -> None:
     arrivals = _cut(b"\x80" + data, cuts)
     single, gathering = gauges.host([GAUGE]), gauges.host([GAUGE])
     assert isinstance(gathering, Gathering)

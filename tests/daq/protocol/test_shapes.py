@@ -89,7 +89,7 @@ def _recorded(name: str, damage: Damage, one_in: float, seed: int, replies: int 
 
 
 @pytest.mark.parametrize("name", TEXT_GAUGES)
-def test_no_reading_that_nobody_sent_where_one_answer_in_200_loses_or_doubles_a_character(name: str) -> None:
+def test_damaged_answers_give_no_false_reading(name: str) -> None:
     outcomes = [_recorded(name, _lost_or_doubled, 200, seed) for seed in range(3)]
     assert sum(one.damaged for one in outcomes) >= 15
     assert [one.false_mm for one in outcomes] == [[], [], []]
@@ -166,7 +166,7 @@ def test_numbers_of_another_length_are_believed_where_the_gauge_moved_there(
     assert sum(isinstance(item, Sample) for item in items) == readings_mm
 
 
-def test_what_was_read_before_the_shape_is_known_is_told_where_it_was_damaged() -> None:
+def test_damaged_readings_before_the_shape_is_known_are_reported() -> None:
     items = _answers(asked(daq.gauges.host([sylvac()])), b"+1.485\r", b"+1.2485\r", b"+1.2486\r")
     doubts = [item for item in items if isinstance(item, Fault) and item.kind is FaultKind.DOUBTFUL]
     assert [doubt.count for doubt in doubts] == [1]
@@ -189,7 +189,7 @@ def test_a_gauge_that_ends_its_lines_with_cr_lf_is_read() -> None:
 
 
 @pytest.mark.parametrize("heard", [b"A0100\r\n", b"0100\r\n", b"\x1bA01 12.3\r\n"])
-def test_a_part_of_our_own_request_is_told_as_an_echo(heard: bytes) -> None:
+def test_part_of_a_request_is_reported_as_echo(heard: bytes) -> None:
     """An RS-485 adapter that turns round late misses the first characters of its own echo."""
     script = asked(daq.gauges.host([gauge("heidenhain_nd287")]))
     script.receive(b"\x0200010012\r\n")
@@ -197,7 +197,7 @@ def test_a_part_of_our_own_request_is_told_as_an_echo(heard: bytes) -> None:
     assert isinstance(fault, Fault) and "echo" in fault.detail
 
 
-def test_a_part_of_a_modbus_request_is_told_as_an_echo() -> None:
+def test_part_of_a_modbus_request_is_reported_as_echo() -> None:
     script = Script(daq.gauges.host([modbus()]))
     script.wake()
     request, script.sent = script.sent, b""
@@ -207,7 +207,7 @@ def test_a_part_of_a_modbus_request_is_told_as_an_echo() -> None:
     assert isinstance(items[0], Fault) and "echo" in items[0].detail
 
 
-def test_what_is_no_request_is_no_echo() -> None:
+def test_other_bytes_are_no_echo() -> None:
     assert echoed_part(b"?\r", b"?\r") == 0
     assert echoed_part(b"\x1bA0100\r", b"\x02-    1.5") == 0
 

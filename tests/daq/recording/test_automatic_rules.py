@@ -55,7 +55,7 @@ def test_the_example_of_the_documents_is_good() -> None:
     assert len(data["automatic"]["rules"]) == 3 and told("", yaml.safe_dump(data)) == []
 
 
-def test_every_mistake_of_the_rules_is_told_at_once() -> None:
+def test_every_mistake_of_the_rules_is_reported() -> None:
     rules = """
 automatic:
   rules:
@@ -93,7 +93,7 @@ def test_two_rules_for_one_event_are_refused(event: str) -> None:
     assert "automatic: rules 1 and 2 " in problem
 
 
-def test_what_the_cell_lacks_is_told() -> None:
+def test_rules_need_signals_and_gauges_of_the_cell() -> None:
     rules = "automatic: {rules: [{when: {signal: 1}, test: yaw, direction: cw}]}"
     (problem,) = told(rules, UR10E)
     assert "rule 1 waits" in problem

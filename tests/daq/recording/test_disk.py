@@ -181,7 +181,7 @@ def test_a_disk_that_fails_ends_the_run_and_another_follows_when_it_is_back(
 
 
 @pytest.mark.parametrize("resumed", [True, False])
-def test_what_a_run_was_to_count_as_dropped_is_not_forgotten_where_its_disk_fails_at_once(
+def test_dropped_samples_are_counted_despite_a_failing_disk(
     written: Written, monkeypatch: pytest.MonkeyPatch, resumed: bool
 ) -> None:
     """A chunk vanishes, and the run that follows is lost before its first write, with the count that it was to hold."""
@@ -213,7 +213,7 @@ def test_what_a_run_was_to_count_as_dropped_is_not_forgotten_where_its_disk_fail
         assert bool(written.recorder.losses.counts[name]) is not resumed
 
 
-def test_what_no_run_follows_to_count_is_in_the_log_and_in_the_status(
+def test_loss_without_a_following_run_is_logged_and_in_the_status(
     written: Written, caplog: pytest.LogCaptureFixture
 ) -> None:
     written.round()
@@ -227,7 +227,7 @@ def test_what_no_run_follows_to_count_is_in_the_log_and_in_the_status(
     assert len(read_run(written.path).streams["g1"]["g1_mm"]) == 10  # the rest is there
 
 
-def test_what_a_run_has_lost_is_counted_where_it_closes_after_the_recording_was_given_up(written: Written) -> None:
+def test_loss_is_counted_if_the_run_closes_after_it_was_abandoned(written: Written) -> None:
     """Its disk is back by then: the run closes without an error, and without what could not be written."""
     closing, disk = threading.Event(), written.recorder._io._thread
     written.round()
@@ -298,7 +298,7 @@ def test_a_run_that_is_deleted_is_followed_by_another_and_counts_as_dropped(
         lambda recorder: recorder.start_run(RecordingRequest(RunLabel(name="b", test="radial"))).result(),
     ],
 )
-def test_who_stops_or_starts_anew_ends_the_waiting(
+def test_stop_or_start_ends_the_waiting(
     written: Written,
     end: Callable[[Recorder], object],
     monkeypatch: pytest.MonkeyPatch,
@@ -343,7 +343,7 @@ def test_a_slow_sync_keeps_nothing_from_the_disk(
     assert "disk: slow sync: has taken" in caplog.text
 
 
-def test_a_run_that_an_error_in_the_program_keeps_open_is_told(
+def test_run_kept_open_by_a_program_error_is_reported(
     written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """No client waits for the end of a run that the robot ended."""
@@ -498,7 +498,7 @@ def test_a_run_that_takes_long_to_begin_has_all_that_came_meanwhile(
     assert ("enough" in load_manifest(path).reason) == stopped
 
 
-def test_what_comes_while_a_run_begins_has_its_bound(
+def test_samples_during_the_start_of_a_run_are_bounded(
     written: Written, making: tuple[threading.Event, threading.Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("daq.recording.active_run.MOST_PENDING", 30)
@@ -622,7 +622,7 @@ def test_a_disk_that_makes_no_run_is_given_no_more_to_make(
     written.recorder.stop_run().result()
 
 
-def test_an_error_in_the_program_while_a_run_begins_is_told_and_ends_the_daemon(
+def test_program_error_during_the_start_of_a_run_ends_the_daemon(
     written: Written, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written.recorder.stop_run().result()

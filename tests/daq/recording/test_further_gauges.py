@@ -44,7 +44,7 @@ def test_tests_measure_with_two_and_all_are_recorded() -> None:
         ({"g9": HEADS}, "unknown key"),
     ],
 )
-def test_further_gauges_are_held_to_what_the_two_are(further: dict[str, Any], told: str) -> None:
+def test_further_gauges_follow_the_rules_of_the_first_two(further: dict[str, Any], told: str) -> None:
     with pytest.raises(RigFileError) as refused:
         parse(text(**further), "bench")
     assert told in str(refused.value)

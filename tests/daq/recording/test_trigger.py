@@ -62,7 +62,7 @@ def test_a_signal_starts_and_its_end_and_a_stand_stop() -> None:
     assert robot.does(60, 0) == []
 
 
-def test_a_robot_that_stood_before_the_signal_ended_is_given_its_time() -> None:
+def test_robot_at_rest_before_the_signal_ended_has_time() -> None:
     robot = Robot(CW)
     robot.does(1, 0)
     robot.does(5, 1, deg_s=10)
@@ -146,7 +146,7 @@ def test_a_gap_does_not_hide_that_the_signal_changed() -> None:
     assert len(robot.does(1, 1)) == 1
 
 
-def test_what_is_forgotten_is_not_ended() -> None:
+def test_forgotten_rule_does_not_end() -> None:
     robot = Robot(CW)
     robot.does(1, 0)
     robot.does(5, 1)
@@ -174,7 +174,7 @@ def test_a_departure_starts_with_the_direction_it_takes(deg_s: float, direction:
     assert isinstance(stop, StopRun) and stop.in_order
 
 
-def test_only_a_robot_that_stood_departs() -> None:
+def test_only_a_robot_at_rest_departs() -> None:
     robot = Robot(*MOVES)
     robot.q1 = -30
     assert robot.does(20, deg_s=5) == []  # it comes from elsewhere and passes

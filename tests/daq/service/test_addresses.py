@@ -48,7 +48,7 @@ def test_for_a_controller_that_speaks_first_private_networks_are_allowed() -> No
     assert allowed("/dev/ttyUSB0 /dev/ttyUSB1", "udp://192.168.1.5:60015", "fanuc_stream_motion") == ["192.168.1.5"]
 
 
-def test_a_name_that_nobody_knows_is_one_line() -> None:
+def test_unknown_name_is_one_line() -> None:
     with refused("address.unresolved"):
         resolved("no-such-host.invalid")
 

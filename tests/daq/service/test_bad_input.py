@@ -67,7 +67,7 @@ def test_a_wrong_port_is_no_serial_device(bench: Bench) -> None:
     assert "g1, /dev/null" in bench.fails("rigd", bench.rig, code=4)
 
 
-def test_every_link_that_does_not_open_is_told(bench: Bench) -> None:
+def test_every_closed_link_is_reported(bench: Bench) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         free = server.getsockname()[1]
     _edited(bench, g1="/dev/ttyNOPE", feedback=f"tcp://127.0.0.1:{free}")
@@ -77,7 +77,7 @@ def test_every_link_that_does_not_open_is_told(bench: Bench) -> None:
     assert "connection refused" in done.stderr
 
 
-def test_a_rig_file_with_five_mistakes_tells_them_all(bench: Bench) -> None:
+def test_five_mistakes_of_a_rig_file_are_reported(bench: Bench) -> None:
     text = bench.rig.read_text() + "effects:\n- {effect: backlash, axis: 1, width_deg: 0.02}\n"
     for old, new in (
         ("radius_mm", "radius_mn"),
@@ -136,7 +136,7 @@ def test_a_gauge_that_goes_silent_while_recording_is_counted_in_the_run(bench: B
     assert len(run.streams["g2"]["g2_mm"]) > 20
 
 
-def test_garbage_on_the_line_is_told_and_never_a_reading(bench: Bench) -> None:
+def test_garbage_is_reported_and_never_a_reading(bench: Bench) -> None:
     master, slave = os.openpty()
     _edited(bench, g1=os.ttyname(slave))
     stop = threading.Event()
@@ -163,7 +163,7 @@ def test_garbage_on_the_line_is_told_and_never_a_reading(bench: Bench) -> None:
         os.close(slave)
 
 
-def test_a_robot_that_hangs_up_is_reconnected_and_the_gap_told(bench: Bench) -> None:
+def test_reconnected_robot_reports_the_gap(bench: Bench) -> None:
     bench.start().all_reading()
     path = bench.record()
     bench.recorded(20)
@@ -241,7 +241,7 @@ def test_killed_while_recording_keeps_all_but_the_last_second(bench: Bench) -> N
     bench.start().all_reading()
 
 
-def test_a_run_without_one_of_its_streams_is_told(bench: Bench) -> None:
+def test_run_without_a_stream_is_reported(bench: Bench) -> None:
     bench.start().all_reading()
     path = bench.record()
     bench.recorded(20)
@@ -257,7 +257,7 @@ def test_a_run_that_is_still_recorded_is_not_analysed(bench: Bench) -> None:
     assert "being recorded" in bench.fails("rig", "analyse", path, code=3)
 
 
-def test_a_robot_that_stood_still_is_no_lap(bench: Bench) -> None:
+def test_resting_robot_is_no_lap(bench: Bench) -> None:
     bench.start().all_reading()
     path = bench.record()
     bench.recorded(20)
@@ -279,7 +279,7 @@ def test_a_robot_that_stood_still_is_no_lap(bench: Bench) -> None:
         (("status", "--rig", "other"), 4, "no daemon"),
     ],
 )
-def test_what_cannot_be_asked_is_refused(running: Bench, command: tuple[str, ...], code: int, told: str) -> None:
+def test_impossible_requests_are_refused(running: Bench, command: tuple[str, ...], code: int, told: str) -> None:
     assert told in running.fails("rig", *command, code=code)
 
 
@@ -292,11 +292,11 @@ def test_a_second_recording_is_refused_and_the_first_goes_on(bench: Bench) -> No
     assert read_run(path).manifest.name == "first"
 
 
-def test_no_daemon_is_told(bench: Bench) -> None:
+def test_missing_daemon_is_reported(bench: Bench) -> None:
     assert "start rigd: rigd RIG" in bench.fails("rig", "status", code=4)
 
 
-def test_live_into_a_pipe_tells_the_state_once_and_ends(bench: Bench) -> None:
+def test_live_into_a_pipe_prints_the_state_once(bench: Bench) -> None:
     bench.start().all_reading()
     done = bench.run("rig", "live")
     assert done.returncode == 0
@@ -320,7 +320,7 @@ def test_a_terminal_that_knows_not_every_letter_gets_the_rest(tmp_path: Path, en
         assert (done.returncode, done.stderr) == (0, b"")
 
 
-def test_a_run_cut_in_the_middle_of_a_write_is_recovered_and_the_loss_told(bench: Bench) -> None:
+def test_run_cut_within_a_write_is_recovered_with_its_loss(bench: Bench) -> None:
     bench.start().all_reading()
     path = bench.record()
     bench.recorded(300)
@@ -350,13 +350,13 @@ def test_a_socket_that_cannot_be_leaves_no_empty_capture(bench: Bench) -> None:
     assert not (bench.folder / "cell.rigcap").exists()
 
 
-def test_a_place_where_no_run_can_go_is_told_at_the_start(bench: Bench) -> None:
+def test_unusable_runs_directory_is_reported_at_the_start(bench: Bench) -> None:
     (bench.folder / "runs").touch()
     bench.start()
     assert "give rigd a" in "".join(bench.said)
 
 
-def test_a_host_name_that_cannot_be_is_told(bench: Bench) -> None:
+def test_invalid_host_name_is_reported(bench: Bench) -> None:
     _edited(bench, feedback=f"tcp://{'a' * 64}:30004")
     assert "host name" in bench.fails("rigd", bench.rig, code=4)
 

@@ -256,7 +256,7 @@ def test_a_lock_spoils_nothing_that_it_finds(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o707, 0o1777])
-def test_a_lock_is_in_a_directory_that_nobody_else_writes(tmp_path: Path, mode: int) -> None:
+def test_lock_is_in_a_private_directory(tmp_path: Path, mode: int) -> None:
     place = tmp_path / "shared"
     place.mkdir()
     place.chmod(mode)

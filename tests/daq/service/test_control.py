@@ -19,7 +19,7 @@ from daq.store import RunWriter, load_manifest, new_manifest
 from tests.support.refusals import refused
 
 
-def test_what_is_no_socket_is_left_where_it_is(tmp_path: Path) -> None:
+def test_other_file_in_place_of_the_socket_stays(tmp_path: Path) -> None:
     file, folder = tmp_path / "notes.txt", tmp_path / "folder"
     file.write_text("precious")
     folder.mkdir()
@@ -54,7 +54,7 @@ def test_a_lock_on_a_disk_that_takes_no_more_is_a_lock(tmp_path: Path, monkeypat
     lock.release()
 
 
-def test_a_daemon_that_hangs_is_told_from_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hanging_daemon_is_distinguished_from_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It takes a few connections and answers none; then the system takes no more."""
     monkeypatch.setattr(daq.service.client, "socket_directory", lambda: tmp_path)
     monkeypatch.setattr(daq.service.client, "ANSWERS_S", 0.1)

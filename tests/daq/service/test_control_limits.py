@@ -59,7 +59,7 @@ def descriptors() -> int:
     return len(os.listdir("/proc/self/fd"))  # noqa: PTH208
 
 
-def test_silent_connections_lock_nobody_out(tmp_path: Path) -> None:
+def test_silent_connections_block_nobody(tmp_path: Path) -> None:
     with served(tmp_path / "socket") as path, ExitStack() as opened:
         before, threads = descriptors(), threading.active_count()
         silent = [opened.enter_context(connected(path)) for _ in range(300)]
@@ -132,7 +132,7 @@ def test_several_requests_at_once_are_answered_in_order(tmp_path: Path) -> None:
         assert asked(sock, b": 3}\n") == {"ok": True, "a": 3}
 
 
-def test_where_the_system_has_no_descriptor_left_that_is_what_is_said(
+def test_exhausted_descriptors_are_reported(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tries, warn = [], ControlServer._warn  # private: each try to accept ends with it

@@ -103,7 +103,7 @@ def test_the_addresses_of_each_rig_file_are_allowed(tmp_path: Path) -> None:
     assert not list(units.iterdir()) and len(list((tmp_path / "etc/rig").iterdir())) == 2
 
 
-def test_what_is_installed_is_removed_and_what_people_made_stays(tmp_path: Path) -> None:
+def test_uninstalling_keeps_files_of_the_user(tmp_path: Path) -> None:
     python = _python_with_pip()
     _environment_of_the_lock(tmp_path / "opt/rig", python)
     made = _people_s(tmp_path)
@@ -154,7 +154,7 @@ def _pins(lock: str) -> dict[str, str]:
     return dict(re.findall(r"^([a-z0-9-]+)==(\S+)", (ROOT / "scripts" / lock).read_text(), re.M))
 
 
-def test_a_cell_gets_what_developers_test_with() -> None:
+def test_cell_gets_the_tested_versions() -> None:
     runtime, developing = _pins("runtime.lock"), _pins("requirements.lock")
     assert runtime.items() < developing.items()
     needed = re.search(r"^dependencies = \[(.*?)^\]", (ROOT / "pyproject.toml").read_text(), re.M | re.S)

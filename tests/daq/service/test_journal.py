@@ -52,7 +52,7 @@ def test_severities_reach_the_journal_and_a_traceback_keeps_its_own(
     assert rows == ["<7>g1", "<6>g1", "<4>g1", "<3>g1"]
 
 
-def test_standard_error_that_leads_elsewhere_is_told_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_redirected_standard_error_names_the_severity(monkeypatch: pytest.MonkeyPatch) -> None:
     """A child whose standard error was redirected inherits the variable all the same."""
     monkeypatch.setenv("JOURNAL_STREAM", "1:2")
     assert not journal.is_journal()
@@ -89,7 +89,7 @@ def _plain(text: str) -> str:
 
 
 @pytest.mark.skipif(not shutil.which("journalctl"), reason="no journalctl")
-def test_a_journal_that_says_nothing_is_one_line() -> None:
+def test_empty_journal_is_one_line() -> None:
     with refused("daemon.no_log"):
         list(journal.read("no-such-rig"))
     with refused("daemon.no_log"):
@@ -98,7 +98,7 @@ def test_a_journal_that_says_nothing_is_one_line() -> None:
         list(journal.read(None, "whenever"))
 
 
-def test_what_journalctl_says_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_output_of_journalctl_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A stand-in prints what a booted system's journal did; the real one is read in scripts/booted."""
     program = tmp_path / "journalctl"
     rows = "\n".join(json.dumps(fields) for fields in (WARNED, BY_SYSTEMD))

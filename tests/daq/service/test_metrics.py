@@ -67,11 +67,11 @@ def test_whatever_a_label_holds_is_read_back(examples: int) -> None:
     holds()
 
 
-def test_a_metric_without_a_value_is_not_told() -> None:
+def test_metric_without_value_is_left_out() -> None:
     assert render([Metric("rig_x", "gauge", "x", ())]) == ""
 
 
-def test_a_daemon_tells_what_it_reads_and_records(bench: Bench) -> None:
+def test_daemon_exports_readings_and_recordings(bench: Bench) -> None:
     target = bench.folder / "textfile" / "rig.prom"
     target.parent.mkdir()
     bench.options = ["--metrics", target]
@@ -105,7 +105,7 @@ def test_a_daemon_tells_what_it_reads_and_records(bench: Bench) -> None:
     assert not target.exists()  # a daemon that has ended tells nothing
 
 
-def test_a_file_of_metrics_that_cannot_be_written_is_told_at_the_start(bench: Bench) -> None:
+def test_unwritable_metrics_file_is_reported_at_the_start(bench: Bench) -> None:
     told = bench.fails("rigd", bench.rig, "--metrics", bench.folder / "nowhere" / "rig.prom", code=4)
     assert "nowhere/rig.prom: " in told
 
@@ -178,7 +178,7 @@ def test_the_drift_of_a_clock_shows_through_late_messages() -> None:
     assert state.offset_s == pytest.approx(-500 + 0.009, abs=1e-3) and 0.003 < state.late_s < 0.02
 
 
-def test_a_clock_that_begins_anew_is_watched_anew() -> None:
+def test_restarted_clock_is_watched_again() -> None:
     watch, rng = DriftMonitor(), random.Random(4)
     watch.feed(_samples(100, 0, 500, rng))
     watch.feed(_samples(25, 0, 600, rng, device_s=3.0))

@@ -40,7 +40,7 @@ def test_each_sample_comes_once() -> None:
     assert numbers(asked(buffer, 3)) == [4, 5] and numbers(asked(buffer, 5)) == []
 
 
-def test_what_the_recorder_has_taken_can_still_be_seen() -> None:
+def test_recorded_samples_remain_visible() -> None:
     buffer = delivered(5)
     buffer.drain()
     assert len(numbers(asked(buffer))) == 5
@@ -63,7 +63,7 @@ def test_blocks_of_a_quick_stream_are_cut_where_the_client_is_and_bounded() -> N
     assert newest == 4800 and [kept[0].values, kept[-1].values] == [(3601.0,), (4800.0,)]
 
 
-def test_a_client_of_a_daemon_before_gets_nothing_until_it_asks_anew() -> None:
+def test_client_of_an_earlier_daemon_gets_nothing_until_it_asks_again() -> None:
     assert numbers(asked(delivered(5), 4000)) == []
 
 

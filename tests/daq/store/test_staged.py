@@ -21,7 +21,7 @@ with new_directory(Path(sys.argv[1])) as made:
 """
 
 
-def test_what_a_killed_process_leaves_is_removed_by_the_next_command(tmp_path: Path) -> None:
+def test_remains_of_a_killed_process_are_removed_by_the_next_command(tmp_path: Path) -> None:
     child = subprocess.Popen([sys.executable, "-c", FILLS, tmp_path / "run"], stdout=subprocess.PIPE, text=True)
     with child:
         assert child.stdout and child.stdout.readline() == "filled\n"

@@ -28,7 +28,7 @@ def _revived(bench: Bench, path: Path) -> None:
     assert len(read_run(path).streams["robot"]["q1_deg"]) > 20
 
 
-def test_the_next_start_recovers_what_a_kill_left(bench: Bench) -> None:
+def test_next_start_recovers_a_killed_recording(bench: Bench) -> None:
     bench.start().all_reading()
     path = bench.record()
     bench.until(lambda state: min(state["synced"].values()) > 20)
@@ -68,7 +68,7 @@ def test_two_daemons_share_a_runs_directory(bench: Bench, tmp_path: Path) -> Non
     assert verify(second) == []
 
 
-def test_odd_directories_are_left_alone_and_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_unusual_directories_are_kept_and_reported(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     for name, file, data in (("empty", ".lock", b""), ("other", "notes.txt", b"x"), ("newer", "manifest.json", b"{}")):
         (tmp_path / name).mkdir()
         (tmp_path / name / file).write_bytes(data)
@@ -81,9 +81,7 @@ def test_odd_directories_are_left_alone_and_told(tmp_path: Path, caplog: pytest.
     assert "not recovered: " in told and "newer" in told and "a different version" in told
 
 
-def test_a_directory_that_nobody_may_look_into_keeps_no_run_from_being_recovered(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_unreadable_directory_does_not_stop_recovery(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As lost+found, which belongs to root, on a disk that the runs have to themselves."""
     (tmp_path / "lost+found").mkdir()
     writer = RunWriter.create(tmp_path, new_manifest(name="lap", test="radial", direction=None, **WHO))

@@ -63,7 +63,7 @@ def said(run: Path) -> str:
     return "\n".join(line.removeprefix(str(run)).lstrip(": /") for line in (verdict.summary, *verdict.lines))
 
 
-def test_a_line_is_what_the_decision_says(run: Path) -> None:
+def test_line_has_the_documented_form(run: Path) -> None:
     last, kinds = "", []
     for line in (run / "ledger.jsonl").read_text().splitlines():
         record = json.loads(line)
@@ -101,7 +101,7 @@ def test_faults_that_are_gone_are_missed(run: Path) -> None:
     assert verdict == "not whole" and counted.startswith("15 garbled of g1")
 
 
-def test_a_chunk_under_another_number_is_told(run: Path) -> None:
+def test_renumbered_chunk_is_reported(run: Path) -> None:
     (run / "g1-0003.parquet").rename(run / "g1-0004.parquet")
     edit_chunk(run, "g1-0003.parquet", {"file": "g1-0004.parquet"})
     assert "chunk 3 of g1 is missing" in said(run)
@@ -157,7 +157,7 @@ def without_g1(run: Path) -> list[bytes]:
 
 
 @pytest.mark.parametrize("interrupted", [False, True])
-def test_a_seal_that_cannot_be_verified_still_says_how_many_rows_are_missing(
+def test_unverifiable_seal_still_counts_missing_rows(
     run: Path, monkeypatch: pytest.MonkeyPatch, interrupted: bool
 ) -> None:
     (run / "ledger.jsonl").write_bytes(b"".join(without_g1(run)))
@@ -176,7 +176,7 @@ def refuse_to_open(run: Path) -> None:
     raise OSError(errno.EIO, os.strerror(errno.EIO))
 
 
-def test_a_damaged_first_line_does_not_hide_what_the_seal_says(run: Path) -> None:
+def test_damaged_first_line_does_not_hide_the_seal(run: Path) -> None:
     (run / "ledger.jsonl").write_bytes(b"x" + b"".join(without_g1(run)))
     recover(run)
     assert "rows 0 to 19 of g1 are missing" in said(run)
@@ -189,7 +189,7 @@ def test_a_seal_of_another_run_claims_nothing(run: Path, tmp_path: Path) -> None
     assert said(run) == CUT
 
 
-def test_a_ledger_that_is_gone_is_made_anew_from_the_chunks(run: Path) -> None:
+def test_missing_ledger_is_rebuilt_from_the_chunks(run: Path) -> None:
     (run / "ledger.jsonl").unlink()
     assert "ledger.jsonl: is missing" in said(run)
     recover(run)
@@ -215,7 +215,7 @@ def test_a_ledger_of_another_run_is_set_aside(run: Path, tmp_path: Path) -> None
     assert_holds(read_run(run), 20)
 
 
-def test_what_follows_a_seal_half_written_is_told_and_cut_by_the_next_record(run: Path) -> None:
+def test_lines_after_a_torn_seal_are_reported_and_cut_by_the_next_record(run: Path) -> None:
     with (run / "ledger.jsonl").open("ab") as ledger:
         ledger.write(b'{"sha256":"12')
     lines = len(ledger_lines := (run / "ledger.jsonl").read_bytes().split(b"\n"))
@@ -225,9 +225,7 @@ def test_what_follows_a_seal_half_written_is_told_and_cut_by_the_next_record(run
     assert said(run) == "whole" and load_manifest(run).operator == "bob"
 
 
-def test_a_failed_end_promises_rows_and_recovery_says_which_of_them_are_missing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_recovery_after_a_failed_end_names_the_missing_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     writer = record(tmp_path)
 
     def refuse(table: object) -> bytes:
@@ -352,7 +350,7 @@ def test_a_crash_is_not_whole_until_it_is_recovered(tmp_path: Path) -> None:
     assert said(path) == CUT
 
 
-def test_a_run_whose_end_was_cut_off_is_never_said_to_lack_nothing(tmp_path: Path) -> None:
+def test_run_with_truncated_end_is_never_called_complete(tmp_path: Path) -> None:
     """The last ledger lines, their chunks and the seal are missing, so the original length is unknown."""
     run = finished(tmp_path)
     was = judge(run)

@@ -12,7 +12,7 @@ from tests.support.powercut_trial import recording, trial
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
-def test_what_was_synced_survives_a_power_cut(tmp_path: Path, seed: int) -> None:
+def test_synced_rows_survive_a_power_cut(tmp_path: Path, seed: int) -> None:
     (tmp_path / "recording").mkdir()
     recorded = recording(tmp_path / "recording", seed)
     real, logged = IoWorker.read(tmp_path / "recording"), survivors(recorded.before, recorded.log, None)
@@ -21,7 +21,7 @@ def test_what_was_synced_survives_a_power_cut(tmp_path: Path, seed: int) -> None
     assert "brought back" in kinds
 
 
-def test_the_disk_forgets_what_was_not_synced_and_nothing_else() -> None:
+def test_simulated_disk_forgets_only_unsynced_data() -> None:
     log = [Link(0, "a", 1, False), Write(1, 0, b"x" * 9000), Sync(1), Sync(0), Write(1, 9000, b"y" * 9000)]
     log += [Link(0, "b", 2, False), Write(2, 0, b"z"), Sync(2)]
     states = [survivors(IoWorker(), log, Random(seed)).tree() for seed in range(200)]

@@ -144,7 +144,7 @@ def test_recovery_may_itself_be_interrupted(tmp_path: Path, monkeypatch: pytest.
     assert_recovered(path, 12)
 
 
-def test_damaged_parquet_beside_its_recording_chunk(tmp_path: Path) -> None:
+def test_damaged_parquet_with_its_recording_chunk(tmp_path: Path) -> None:
     path = crash(record(tmp_path))
     (path / "g1-0001.parquet").write_bytes(b"PAR1 half a file")
     assert "g1-0001.parquet" in recover(path).losses
@@ -201,7 +201,7 @@ def test_a_manifest_that_the_disk_does_not_give_now_is_left_alone(
     assert load_manifest(path) == before and verify(path) == []
 
 
-def test_lost_manifest_without_a_chunk_says_so(tmp_path: Path) -> None:
+def test_lost_manifest_without_a_chunk_is_reported(tmp_path: Path) -> None:
     path = crash(record(tmp_path, batches=0))
     (path / "manifest.json").unlink()
     with refused("run.not_recovered"):

@@ -62,7 +62,7 @@ def test_a_run_that_is_no_circle_any_more_has_no_direction(run: Path) -> None:
     assert len(load_manifest(run).relabelled) == 4
 
 
-def test_what_makes_no_sense_is_refused_and_changes_nothing(run: Path) -> None:
+def test_invalid_label_is_refused_and_changes_nothing(run: Path) -> None:
     before = (run / MANIFEST).read_bytes()
     with refused("request.direction"):
         relabel(run, test="radial", direction="acw")
@@ -127,7 +127,7 @@ def test_a_disk_that_refuses_leaves_the_old_label(run: Path, monkeypatch: pytest
     assert load_manifest(run).direction == "cw"
 
 
-def test_the_command_takes_several_runs_and_analyse_says_so_once(tmp_path: Path) -> None:
+def test_command_relabels_several_runs_and_analyse_reports_it_once(tmp_path: Path) -> None:
     rig, text = load("paper-fanuc")
     runs = list(write_simulated(rig, text, "yaw", ("acw",), [1, 2], tmp_path))
     done = CliRunner().invoke(app, ["relabel", *map(str, runs), "--operator", "bob", "--test", "roll"])

@@ -37,7 +37,7 @@ def _exported(runs: Path) -> Path:
     return path
 
 
-def test_marks_are_kept_beside_the_manifest_and_verify(run: Path) -> None:
+def test_marks_do_not_affect_manifest_and_verify(run: Path) -> None:
     before = (run / "manifest.json").read_bytes()
     assert load_marks(run) == RunMarks()
     mark_exported(run, "csv", Path("/elsewhere/table.csv"))
@@ -55,7 +55,7 @@ def test_a_copy_whose_name_is_no_utf8_is_marked(run: Path) -> None:
     assert [export.file for export in load_marks(run).exports] == ["/elsewhere/k\\udcf6ln.csv"]
 
 
-def test_damaged_marks_are_told_and_the_run_stays(run: Path) -> None:
+def test_damaged_marks_are_reported_and_the_run_stays(run: Path) -> None:
     mark_exported(run, "csv", Path("a.csv"))
     (run / MARKS).write_text('{"kept": "perhaps"}')
     assert ["marks.json" in problem for problem in verify(run)] == [True]
@@ -64,7 +64,7 @@ def test_damaged_marks_are_told_and_the_run_stays(run: Path) -> None:
         mark_kept(run, True)
 
 
-def test_what_cannot_be_marked_is_told(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unmarkable_run_is_reported(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with refused("run.missing"):
         mark_kept(tmp_path / "nothing", True)
     writer = record(tmp_path / "open")
@@ -151,7 +151,7 @@ def _manifest(tmp_path_factory: pytest.TempPathFactory) -> None:
     _MANIFEST = look(finished(tmp_path_factory.mktemp("one"))).manifest
 
 
-def test_what_is_too_old_goes() -> None:
+def test_old_run_is_deleted() -> None:
     found = [_info(1, 10, 1), _info(2, 91, 1), _info(3, 400, 1), _info(4, 400, 1, exported=False)]
     assert [str(run.path) for run in decide(found, LIMITS, NOW_S).delete] == ["3", "2"]
     assert decide(found, Retention(gigabytes=1), NOW_S).delete == ()
@@ -164,7 +164,7 @@ def test_the_oldest_go_until_the_rest_fits() -> None:
     assert [str(run.path) for run in decision.delete] == ["2", "3"] and decision.over == 0
 
 
-def test_what_may_not_go_and_is_too_much_is_counted() -> None:
+def test_protected_excess_is_counted() -> None:
     found = [_info(1, 1, 1_500_000_000, exported=False), _info(2, 1, 7)]
     decision = decide(found, LIMITS, NOW_S)
     assert [str(run.path) for run in decision.delete] == ["2"] and decision.over == 500_000_000
@@ -192,7 +192,7 @@ def test_whatever_there_is_nothing_goes_that_may_not_and_not_more_than_has_to(
 # --- Doing it ---
 
 
-def test_a_round_deletes_tells_and_counts(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_deletions_are_reported_and_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
     runs = tmp_path / "runs"
     retention = RunRetention(runs, "cell", Retention(gigabytes=0.001))
@@ -218,7 +218,7 @@ def test_runs_of_another_rig_are_nobodys_business_here(tmp_path: Path) -> None:
     assert theirs.exists() and retention.state()["runs"] == 0
 
 
-def test_a_directory_that_nobody_may_look_into_stops_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_private_directory_does_not_stop_retention(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As lost+found, which belongs to root: a disk of their own is what the doctor advises for the runs."""
     (tmp_path / "lost+found").mkdir()
     stat = Path.stat
@@ -236,9 +236,7 @@ def test_a_directory_that_nobody_may_look_into_stops_nothing(tmp_path: Path, mon
     assert not path.exists()
 
 
-def test_a_file_that_goes_while_its_run_is_looked_at_hides_no_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_vanishing_file_hides_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As a run has them that is being recorded."""
     path, listed = finished(tmp_path), Path.iterdir
     before = look(path).size

@@ -38,7 +38,7 @@ def wild(count: int, width: int, random: Random) -> list[Sample]:
 @pytest.mark.parametrize(("batches", "rows"), [(1, 1), (1, 2000), (200, 5), (5, 1000)])
 @pytest.mark.parametrize("rig_text", ["", "x" * 100_000])
 @pytest.mark.parametrize("synced", [True, False])
-def test_the_room_to_close_is_never_more_than_was_said(
+def test_closing_needs_no_more_room_than_reserved(
     tmp_path: Path, batches: int, rows: int, rig_text: str, synced: bool
 ) -> None:
     random = Random(1)

@@ -57,7 +57,7 @@ def test_round_trip(run: Path) -> None:
     assert verify(run) == []
 
 
-def test_manifest_says_everything(run: Path) -> None:
+def test_manifest_is_complete(run: Path) -> None:
     manifest = load_manifest(run)
     assert (manifest.rig_text, manifest.rig_sha256) == (RIG_TEXT, sha256(RIG_TEXT.encode()))
     assert (manifest.test, manifest.direction, manifest.operator) == ("yaw", "cw", "ada")
@@ -108,7 +108,7 @@ def test_bad_names_are_refused(tmp_path: Path, name: str) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_sync_returned_for_is_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_synced_rows_are_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     synced: dict[str, object] = {}
 
     def fsync(fd: int) -> None:
@@ -297,7 +297,7 @@ def test_reading_leaves_no_thread_behind(whole: Path) -> None:
     assert [name for name in threads.stdout.split() if name != "jemalloc_bg_thd"] == [Path(sys.executable).name]
 
 
-def test_a_directory_that_holds_runs_is_told_from_a_run_without_manifest(tmp_path: Path) -> None:
+def test_directory_of_runs_differs_from_a_run_without_manifest(tmp_path: Path) -> None:
     path = finished(tmp_path / "runs")
     with refused("run.is_directory_of_runs"):
         read_run(path.parent)

@@ -47,9 +47,7 @@ def test_the_next_chunk_begins_when_the_disk_has_the_one_before(ended: tuple[Run
 
 
 @pytest.mark.parametrize("synced", [True, False])
-def test_a_run_that_ends_meanwhile_holds_what_was_held_back(
-    ended: tuple[RunWriter, DiskOperation], synced: bool
-) -> None:
+def test_run_ended_meanwhile_contains_the_held_back_rows(ended: tuple[RunWriter, DiskOperation], synced: bool) -> None:
     writer, work = ended
     if synced:
         work.wait()
@@ -68,9 +66,7 @@ def test_a_crash_with_two_chunks_of_a_stream(ended: tuple[RunWriter, DiskOperati
     assert_holds(read_run(path), 8)
 
 
-def test_what_time_it_is_since_the_clock_was_set_is_saved_with_the_next_sync(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_clock_step_is_saved_with_the_next_sync(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever appends never waits for the disk, and the manifest is synced."""
     writer = start(tmp_path)
     with monkeypatch.context() as patch:

@@ -223,7 +223,7 @@ def test_a_request_that_is_echoed_is_no_answer(interface: str, request_: bytes, 
     assert isinstance(sample, Sample) and sample.values == (1.5,) and sample.size == len(reply)
 
 
-def test_what_the_port_counts_as_lost_or_damaged_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_errors_counted_by_the_port_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     """A pty counts nothing, so the counts are given; their places are those of `linux/serial.h`."""
     counts, now_s = [0] * 20, [0.0]
     monkeypatch.setattr(serial_port.fcntl, "ioctl", lambda fd, request, room: struct.pack("@20i", *counts))

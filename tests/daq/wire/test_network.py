@@ -61,7 +61,7 @@ def _reading(stream: Stream) -> Iterator[Callable[[str], int]]:
 
 @pytest.mark.real_time(held_up_s=0.05)
 @pytest.mark.parametrize("interface", ["line_feed", "ur_rtde"])
-def test_a_peer_that_takes_the_connection_and_says_nothing_is_left_and_called_again(interface: str) -> None:
+def test_accepting_silent_peer_is_closed_and_called_again(interface: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(PATIENCE_S)
         port = f"tcp://127.0.0.1:{server.getsockname()[1]}"

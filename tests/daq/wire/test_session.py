@@ -56,7 +56,7 @@ def _run(conversation: Gathered, link: Pieces) -> list[Item]:
     return delivered
 
 
-def test_what_was_gathered_when_the_link_was_lost_is_delivered_with_the_stamp_of_each_piece() -> None:
+def test_pending_bytes_of_a_lost_link_are_delivered_with_their_stamps() -> None:
     conversation, before_ns = Gathered(), time.monotonic_ns()
     delivered = _run(conversation, Pieces(b"\1\2", b"", b"\3", b"\4"))
     assert [item.values[0] for item in delivered if isinstance(item, Sample)] == [1, 2, 3, 4]

@@ -69,7 +69,7 @@ def test_stops_scatter_by_their_targets_own_level_and_tails_are_heavy_where_they
 
 
 @pytest.mark.parametrize("bursts", [False, True])
-def test_outliers_are_as_many_and_as_large_as_they_are_said_to_be(bursts: bool) -> None:
+def test_outliers_have_the_stated_number_and_size(bursts: bool) -> None:
     cell = noises.CellNoise(50.0, 1e-3, 0.0, 0.005, bursts, 0.1, 1e-3, 1e-4)
     found = noises.wild(cell, np.array([1e-3, 2e-3]), 200_000, np.random.default_rng(4))
     assert np.mean(found != 0) == pytest.approx(0.005, rel=0.15)
@@ -126,7 +126,7 @@ def oracle_of(white: float) -> Oracle:
     return Oracle(sight, noises.drawn_cell(rng, "one", 50.0), dict.fromkeys(("yaw", "roll", "radial"), own), 2, LAPS)
 
 
-def test_the_oracle_knows_what_cannot_be_seen_and_what_cannot_be_told_apart() -> None:
+def test_oracle_knows_invisible_and_indistinguishable_faults() -> None:
     """diagnosis-recipe.md, "Twins and the unseen": on a UR10e."""
     scale = Fault("gauge_scale", {"gauge": "g1"}, 0.02)
     (seen,) = oracle_of(1.0).look([scale], 1.0)
@@ -163,9 +163,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int], tuple
     "kind",
     cases((kind for kind in stranger.REAL_KINDS if kind not in ("rate_500", "rate_4000")), ("two", "foreign_third")),
 )
-def test_cases_of_each_kind_are_what_they_say(
-    kind: str, made: Callable[[str, int], tuple[Path, dict[str, Any]]]
-) -> None:
+def test_cases_have_their_kind(kind: str, made: Callable[[str, int], tuple[Path, dict[str, Any]]]) -> None:
     case, truth = made(kind, 3)
     count = {"healthy": 0, "foreign_large": 0, "two": 2, "three": 3}.get(kind, 1)
     assert len(truth["hidden"]) == count

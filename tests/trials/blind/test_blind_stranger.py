@@ -77,7 +77,7 @@ def test_the_tool_runs_on_the_circle(robot: str) -> None:
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_torque_is_what_the_weights_lose_in_height(robot: str) -> None:
+def test_torque_equals_loss_of_potential_energy(robot: str) -> None:
     """Minus the derivative of the potential, by finite differences."""
     arm = read_cell(robot).arm
     q, step = np.radians([[10.0, 20.0, -15.0, 30.0, 40.0, 50.0]]), 1e-5
@@ -145,7 +145,7 @@ def test_a_case_is_fixed_by_kind_and_seed(generated: Callable[[str], tuple[Path,
 
 
 @pytest.mark.parametrize("kind", cases(stranger.KINDS, ("two", "outside")))
-def test_cases_of_each_kind_hide_what_they_say(kind: str, generated: Callable[[str], tuple[Path, Path]]) -> None:
+def test_cases_hide_their_kind(kind: str, generated: Callable[[str], tuple[Path, Path]]) -> None:
     case, path = generated(kind)
     truth = json.loads(path.read_text(encoding="utf-8"))
     count = {"none": 0, "outside": 0, "two": 2, "three": 3}.get(kind, 1)

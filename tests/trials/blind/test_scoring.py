@@ -88,7 +88,7 @@ def test_a_name_is_not_wrong_from_five_healthy_sizes_on(lag_s: float, wrong: int
         (said("named", remainder={"um": 70.0}), True, False),
     ],
 )
-def test_a_foreign_signal_is_told_or_given_away(answer: Any, tells: bool, gives_away: bool) -> None:
+def test_foreign_signal_is_reported_or_missed(answer: Any, tells: bool, gives_away: bool) -> None:
     one = case("foreign_large", answer, outside=[FOREIGN])
     assert (one.tells_foreign, one.gives_foreign_away) == (tells, gives_away)
 

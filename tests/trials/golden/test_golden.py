@@ -17,7 +17,7 @@ prints every change."""
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if case.quick], ids=lambda case: case.name)
-def test_rig_says_what_is_kept(case: Case, tmp_path: Path) -> None:
+def test_output_equals_the_golden_files(case: Case, tmp_path: Path) -> None:
     said = made(case, tmp_path.resolve() / case.name)
     found = [one for one in changes(kept(case), said) if one.size > (SAME_OF_U if one.of_u else SAME)]
     assert not found, "\n".join(map(str, found))
@@ -29,7 +29,7 @@ def test_every_case_is_kept_and_nothing_else_is() -> None:
     assert sum(file.stat().st_size for file in KEPT.glob("*.json")) < 1.15e6  # a tenth: what parts do alone
 
 
-def test_a_change_is_told_by_its_uncertainty() -> None:
+def test_change_is_judged_by_its_uncertainty() -> None:
     before = {"runs": [{"name": "lap", "figures": {"band_deg": {"value": 0.1, "u": 0.02}}}], "um": 3.0, "u_um": 0.5}
     now = copy.deepcopy(before)
     assert not list(changes(before, now))
@@ -40,14 +40,14 @@ def test_a_change_is_told_by_its_uncertainty() -> None:
     assert um.of_u and um.size == pytest.approx(2.0) and "2 u" in str(um)
 
 
-def test_a_figure_without_uncertainty_is_told_by_its_share_and_a_word_by_itself() -> None:
+def test_figure_without_u_is_judged_by_its_share() -> None:
     level, word, gone = changes({"level": 2.0, "condition": "named", "a": 1}, {"level": 1.0, "condition": "unnamed"})
     assert level.size == 0.5 and not level.of_u
     assert math.isinf(word.size) and "'named' → 'unnamed'" in str(word)
     assert gone.now == "(nothing)"
 
 
-def test_a_digest_tells_an_exchange_in_a_long_row_and_paths_and_times_are_left_out(tmp_path: Path) -> None:
+def test_digest_detects_an_exchange_and_ignores_paths_and_times(tmp_path: Path) -> None:
     row = list(np.linspace(0.0, 1.0, LONG + 1))
     other = [*row[1:2], *row[:1], *row[2:]]
     assert normal(row, tmp_path) != normal(other, tmp_path)

@@ -120,7 +120,7 @@ def test_the_entry_of_the_page_enters(ground: Path, tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.parametrize("seen", ["poses", "touches"])
-def test_the_oracle_knows_what_a_fault_does(seen: str) -> None:
+def test_oracle_knows_the_effect_of_a_fault(seen: str) -> None:
     """Places of an arm with a fault less those without, by the generator itself: the effect times its size."""
     robot, ball = load_arm("franka-fr3").robot, BALL_MM
     faults = [Fault("zero", 4, 0.01), Fault("length", 3, 0.1, "d"), Fault("twist", 5, 0.01, "alpha"),
@@ -138,7 +138,7 @@ def test_the_oracle_knows_what_a_fault_does(seen: str) -> None:
         np.testing.assert_allclose(fault.size * effect.places, really, atol=0.03 * np.abs(really).max())
 
 
-def test_faults_in_poses_and_touches_are_told_with_what_looks_alike(ground: Path) -> None:
+def test_faults_in_poses_and_touches_are_scored_with_their_rivals(ground: Path) -> None:
     for task in read_tasks(ground / "truth"):
         if not task.kind.startswith("fault_in"):
             continue

@@ -320,7 +320,7 @@ def test_every_command_has_a_case() -> None:
 
 @pytest.mark.usefixtures("peer")
 @pytest.mark.parametrize("command", cases())
-def test_a_command_shows_only_what_can_be_shown(
+def test_commands_print_only_printable_text(
     command: str, cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     own = tmp_path / "own"
@@ -347,7 +347,7 @@ def test_a_terminal_gets_colours_of_ours_alone(cell: Path, monkeypatch: pytest.M
     assert code == 0 and "\x1b]" not in out and "\x07" not in out
 
 
-def test_the_pictures_show_what_is_no_mathematics(tmp_path: Path) -> None:
+def test_pictures_show_dollar_signs_literally(tmp_path: Path) -> None:
     from analysis.apps.report.still_chart import Sheet  # noqa: PLC0415
 
     sheet = Sheet(3, 2)

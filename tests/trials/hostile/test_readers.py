@@ -50,9 +50,7 @@ def replaced(file: Path, make: Callable[[Path], object]) -> None:
     [os.mkfifo, lambda path: path.symlink_to("/dev/zero"), Path.mkdir],
     ids=["a FIFO", "a link to a device", "a directory"],
 )
-def test_no_command_waits_for_or_swallows_what_is_no_file(
-    tmp_path: Path, run: Path, make: Callable[[Path], object]
-) -> None:
+def test_no_command_blocks_on_special_files(tmp_path: Path, run: Path, make: Callable[[Path], object]) -> None:
     odd = tmp_path / "odd"
     make(odd)
     commands = (

@@ -81,7 +81,7 @@ def _drawn(u: float, bias: float = 0.0, noise: str = "measured", count: int = 60
         ([Point("yaw", "band_deg", TABLE, np.nan, np.nan, "")], ""),
     ],
 )
-def test_rules_find_what_is_wrong(points: list[Point], fault: str) -> None:
+def test_rules_detect_wrong_figures(points: list[Point], fault: str) -> None:
     (score,) = scores_of(points)
     faults = "; ".join(score.faults(repeated=True))
     assert fault in faults if fault else not faults

@@ -130,13 +130,13 @@ def test_a_changed_letter_is_seen(dialect: str) -> None:
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_what_is_not_changed_and_not_listed_is_seen(dialect: str) -> None:
+def test_unlisted_unchanged_targets_are_detected(dialect: str) -> None:
     kinds = _kinds(dialect, lambda draft: Corrected(draft.files, frozenset(), (), 0.04, frozenset(draft.files)))
     assert kinds["silent"] > 6, kinds
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_what_is_listed_and_changed_is_seen(dialect: str) -> None:
+def test_listed_changed_targets_are_detected(dialect: str) -> None:
     def listed(draft: Draft) -> Corrected:
         made = correct(draft)
         rows = {

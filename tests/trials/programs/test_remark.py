@@ -37,7 +37,7 @@ def test_a_remark_is_lines_of_its_own(dialect: str, ends: bytes) -> None:
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_a_program_with_a_remark_does_what_it_did(dialect: str) -> None:
+def test_program_with_a_remark_behaves_unchanged(dialect: str) -> None:
     draft = draw(dialect, 2, plain=True)
     ways = []
     for files in (

@@ -40,7 +40,7 @@ def test_a_name_is_related_by_cause_and_axis(cell: Cell) -> None:
     assert judge_name(cell, named("ball_form", 1.0)) == "wrong"
 
 
-def test_a_fault_beside_a_likely_rival_that_is_right_is_ambiguous(cell: Cell) -> None:
+def test_fault_with_a_right_rival_is_ambiguous(cell: Cell) -> None:
     rivals = [named("compliance 2", 1.0, posterior=0.3)]
     assert judge_name(cell, named("ball_form", 1.0, posterior=0.7, rivals=rivals)) == "ambiguous"
     assert judge_name(cell, named("ball_form", 1.0, posterior=0.97, rivals=rivals)) == "wrong"
@@ -62,11 +62,11 @@ def test_only_certain_names_count(cell: Cell) -> None:
         ({"condition": "named", "acts": [{"why": "fault"}, {"why": "unexplained"}]}, False),
     ],
 )
-def test_what_counts_as_told(answer: dict[str, Any], told: bool) -> None:
+def test_answers_that_count_as_reported(answer: dict[str, Any], told: bool) -> None:
     assert was_told(answer) == told
 
 
-def test_a_repair_takes_away_what_is_there_and_nothing_else(cell: Cell, tmp_path: Path) -> None:
+def test_repair_removes_only_its_effect(cell: Cell, tmp_path: Path) -> None:
     rich = replace(cell, known=replace(cell.known, play=np.radians([0.0, 0.2, 0, 0, 0, 0])))
     before, after, calibrated = first_act_um(rich, {"acts": [{"kind": "repair", "effect": "backlash 2"}]}, tmp_path)
     assert after < 0.9 * before

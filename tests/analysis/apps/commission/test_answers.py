@@ -22,7 +22,7 @@ ANSWERS = Answers(
 )
 
 
-def test_what_is_kept_comes_back(tmp_path: Path) -> None:
+def test_stored_answers_are_read_back(tmp_path: Path) -> None:
     rig_file = tmp_path / "cell.yaml"
     assert load_answers(rig_file) == Answers() and load_answers(rig_file).count == 0
     keep_answers(rig_file, ANSWERS)

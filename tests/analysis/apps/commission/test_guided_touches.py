@@ -85,7 +85,7 @@ def test_a_person_is_led_to_the_cause_and_the_touches_are_kept(tmp_path: Path) -
         GuidedCheck.of_runs([load_run(tmp_path / "runs" / "before")]).save(tmp_path / "empty", "")
 
 
-def test_nothing_moved_is_said_only_after_enough_touches(tmp_path: Path) -> None:
+def test_unmoved_is_concluded_only_after_enough_touches(tmp_path: Path) -> None:
     case = moved_cell(tmp_path, "nothing", seed=5)
     person, check = Person(case), GuidedCheck.of_runs([load_run(tmp_path / "runs" / "before")])
     check = follow_touches(person, check, person.say)

@@ -57,7 +57,7 @@ def test_the_touches_of_a_person_are_a_run(tmp_path: Path) -> None:
     assert result_of(found).figures["rms_mm"].value < 1e-4
 
 
-def test_a_person_who_ends_early_keeps_what_was_touched(tmp_path: Path) -> None:
+def test_ending_early_keeps_finished_touches(tmp_path: Path) -> None:
     run = record_touches(Served(8), "monday", tmp_path / "monday", "ada", "", None, lambda _: None)
     assert len(load_run(run).table.q) == 8
 

@@ -61,7 +61,7 @@ def test_every_robot_comes_through(feedback: Any) -> None:
     assert parse(text, "cell.yaml").feedback == feedback
 
 
-def test_the_circle_comes_through_and_what_is_unconfirmed_is_said() -> None:
+def test_circle_is_written_and_unconfirmed_values_are_marked() -> None:
     rig, _ = load("ur10e")
     circle = circle_from_start(rig.robot, [2, -75.3, 101.4, 55.2, 84.6, 107.8], 70.0)
     text = rig_text(answers(circle=circle, gauges=(modbus(),), feedback=rsi()), chosen_arm("ur10e"), "cell", TODAY)

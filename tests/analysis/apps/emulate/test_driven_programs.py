@@ -99,7 +99,7 @@ def off_mm(cell: Cell, trace: Trace, more_deg: Array) -> Array:
 
 
 @pytest.mark.parametrize(("maker", "name"), [case for case in CASES if case[0] != "ur"])  # lengths cannot be entered
-def test_what_was_entered_brings_the_tool_onto_the_circle(maker: MakerName, name: str, tmp_path: Path) -> None:
+def test_entered_corrections_bring_the_tool_onto_the_circle(maker: MakerName, name: str, tmp_path: Path) -> None:
     here = cell(maker, name, tmp_path / "programs")
     file = corrections(here, tmp_path / "found")
     pendant = here.pendant()

@@ -30,7 +30,7 @@ def test_its_program_runs_while_it_drives(robot: EmulatedRobot) -> None:
     assert robot.condition(now_ns + 40 * 10**9)["program_state"] == ProgramState.STOPPED
 
 
-def test_it_shows_what_it_is_told(robot: EmulatedRobot) -> None:
+def test_status_follows_commands(robot: EmulatedRobot) -> None:
     robot.show("speed_percent", "40")
     robot.show("safety_state", "2")
     robot.show("program_state", "2")
@@ -107,7 +107,7 @@ def test_outputs_that_a_stop_has_left_stay_until_the_next_program_switches_them(
         assert state(robot) == ("done", ProgramState.STOPPED, 0) and robot.finished.is_set()
 
 
-def test_a_zero_that_is_entered_changes_what_the_standing_robot_reads(robot: EmulatedRobot) -> None:
+def test_entered_zero_changes_the_reading_at_rest(robot: EmulatedRobot) -> None:
     before = robot.joints_deg(0)
     robot.reads_more(np.radians([0, 0.05, 0, 0, 0, 0]))
     np.testing.assert_allclose(np.subtract(robot.joints_deg(0), before), [0, 0.05, 0, 0, 0, 0], atol=1e-12)

@@ -93,7 +93,7 @@ def test_a_urdf_becomes_a_section(urdf: Path, tmp_path: Path) -> None:
     assert isinstance(rig("import-urdf", urdf, "-o", tmp_path / "arm.yaml").exception, FileError)
 
 
-def test_a_urdf_whose_build_is_not_stated_says_how_it_is_judged(urdf: Path, tmp_path: Path) -> None:
+def test_urdf_without_build_reports_the_assumed_one(urdf: Path, tmp_path: Path) -> None:
     """Plays that are usual of hobby servos are faults of an industrial arm."""
     told = " ".join(rig("import-urdf", urdf).stderr.split())
     assert "construction" in told and "--build servo" in told

@@ -97,7 +97,7 @@ def test_where_nothing_puts_late_joints_right_their_spread_is_in_u(lap: Measured
     assert 0.2 < abs(found.value - truth.value) < 2 * found.u
 
 
-def test_of_two_publishers_the_newest_stamp_wins_and_the_other_is_told(lap: Measured) -> None:
+def test_newest_stamp_of_two_publishers_wins_with_a_doubt(lap: Measured) -> None:
     sent = _messages(lap, stamped=True)
     states = [one for one in sent if one[0] == "/joint_states"]
     again: Messages = [
@@ -140,7 +140,7 @@ def test_one_stamp_from_the_future_does_not_make_all_others_old(lap: Measured) -
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
-def test_a_changed_bit_is_told(compression: CompressionType) -> None:
+def test_flipped_bit_is_refused(compression: CompressionType) -> None:
     data = bytearray(bag(*_small(), compression=compression))
     records = StreamReader(io.BytesIO(data), emit_chunks=True).records
     chunk = next(one for one in records if isinstance(one, Chunk))
@@ -155,7 +155,7 @@ def test_a_changed_bit_is_told(compression: CompressionType) -> None:
     assert told >= 6
 
 
-def test_a_bag_that_lacks_a_chunk_is_told() -> None:
+def test_missing_chunk_is_refused() -> None:
     """An opcode with a changed bit makes a record that no reader knows, and skips."""
     data = bag(*_small())
     records = StreamReader(io.BytesIO(data), emit_chunks=True).records

@@ -37,7 +37,7 @@ def test_a_urdf_is_written_once(cell: Path, tmp_path: Path) -> None:
     assert ran("import-urdf", tmp_path / "arm.urdf").returncode == 0
 
 
-def test_what_stays_behind_is_said(cell: Path) -> None:
+def test_ignored_effects_are_reported_with_their_share(cell: Path) -> None:
     cell.write_text(cell.read_text(encoding="utf-8") + COMPLIANCE, encoding="utf-8")
     done = ran("export-urdf", cell)
     said = re.search(r"by ([\d.]+) µm rms .*; ([\d.]+) µm rms .* \(.*\s+axis 2", done.stderr)
@@ -47,7 +47,7 @@ def test_what_stays_behind_is_said(cell: Path) -> None:
     assert re.search(r"deflection under\s+load of\s+axis 2", done.stdout)
 
 
-def test_the_drivers_file_says_that_its_hash_is_not_the_controllers(cell: Path) -> None:
+def test_driver_file_differs_in_hash_from_the_controller(cell: Path) -> None:
     done = ran("export-urdf", cell, "--for", "ur-driver")
     assert yaml.safe_load(done.stdout)["kinematics"]["upper_arm"]["pitch"] == pytest.approx(-0.05 * 3.14159265 / 180)
     assert "will report a calibration mismatch" in done.stderr

@@ -94,7 +94,7 @@ def test_every_row_and_value_comes_back_at_its_time(tmp_path: Path) -> None:
     )
 
 
-def test_what_a_plotter_reads_first(tmp_path: Path) -> None:
+def test_streams_are_merged_by_time(tmp_path: Path) -> None:
     run = recorded(tmp_path)
     written(run, tmp_path / "run.mcap")
     with (tmp_path / "run.mcap").open("rb") as source:

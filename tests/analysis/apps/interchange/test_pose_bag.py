@@ -102,7 +102,7 @@ def test_stops_that_the_instrument_did_not_see_are_counted(tmp_path: Path, rng: 
         ({"stamped": False}, "timestamps"),
     ],
 )
-def test_clocks_that_differ_are_told_and_the_bags_own_is_taken(
+def test_differing_clocks_are_reported_and_the_bag_time_used(
     tmp_path: Path, rng: np.random.Generator, given: dict[str, float], told: str
 ) -> None:
     truth = drive(tmp_path / "bag", rng, **given)  # type: ignore[arg-type]
@@ -118,7 +118,9 @@ def test_clocks_that_differ_are_told_and_the_bags_own_is_taken(
         (POSE, "/other", "'/other'; .* /seen"),
     ],
 )
-def test_what_is_not_clear_is_asked(tmp_path: Path, rng: np.random.Generator, kind: str, topic: str, told: str) -> None:
+def test_ambiguous_topics_are_asked_about(
+    tmp_path: Path, rng: np.random.Generator, kind: str, topic: str, told: str
+) -> None:
     drive(tmp_path / "bag", rng, kind=kind, stops=2)
     with pytest.raises(FileError, match=told):
         stands(tmp_path / "bag", topic=topic)
@@ -188,13 +190,13 @@ def test_a_database_that_is_no_bag_is_one_line(tmp_path: Path, rng: np.random.Ge
         assert "\n" not in str(error.value)
 
 
-def test_a_directory_without_one_file_is_told(tmp_path: Path) -> None:
+def test_missing_file_of_a_directory_is_reported(tmp_path: Path) -> None:
     with refused("bag.directory"):
         file_of(tmp_path)
 
 
 @pytest.mark.parametrize("storage", [MCAP, SQLITE])
-def test_a_damaged_bag_is_one_line_or_what_is_left(
+def test_damaged_bag_is_refused_or_read_up_to_the_damage(
     tmp_path: Path, rng: np.random.Generator, storage: StoragePlugin
 ) -> None:
     drive(tmp_path / "bag", rng, stops=3, storage=storage, kind=TF)
@@ -221,7 +223,7 @@ def test_messages_without_a_turn_or_of_another_kind_are_counted(tmp_path: Path, 
     assert any(re.search("/seen: 5 of .* messages", doubt) for doubt in found.doubts)
 
 
-def test_a_bag_with_a_log_beside_it_is_read_once_it_is_closed(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_bag_with_open_log_is_read_once_closed(tmp_path: Path, rng: np.random.Generator) -> None:
     truth = drive(tmp_path / "bag", rng, storage=SQLITE)
     database = sqlite3.connect(file_of(tmp_path / "bag"))
     database.execute("PRAGMA journal_mode = WAL")
@@ -256,7 +258,7 @@ LEFT = [f"left_{name}" for name in JOINTS]
         ([], None, "without names"),
     ],
 )
-def test_whose_joints_they_are_has_to_be_told(
+def test_arm_of_the_joints_must_be_chosen(
     tmp_path: Path, rng: np.random.Generator, names: list[str], beside: tuple[str, list[str]] | None, told: str
 ) -> None:
     q = np.radians(rng.uniform(-60, 60, (3, 6)))

@@ -85,7 +85,7 @@ def test_both_byte_orders_are_read() -> None:
         ([("/joint_states", STATE, 1, b"\0\1\0\0\xff\xff")], "two usable"),
     ],
 )
-def test_what_a_bag_lacks_is_one_line(messages: list[tuple[str, str, int, bytes]], told: str) -> None:
+def test_incomplete_bag_is_refused(messages: list[tuple[str, str, int, bytes]], told: str) -> None:
     with pytest.raises(FileError, match=told):
         read(bag(*messages))
 
@@ -107,17 +107,17 @@ def test_a_topic_in_another_encoding_is_not_taken_for_cdr() -> None:
         read(out.getvalue())
 
 
-def test_a_bag_whose_recorder_was_killed_is_told_how_to_mend_it() -> None:
+def test_bag_of_a_killed_recorder_names_the_repair() -> None:
     with refused("bag.damaged"):
         read(bag(*WHOLE)[:-30])
 
 
-def test_a_rig_without_ros_is_told_what_to_write() -> None:
+def test_rig_without_ros_names_the_missing_key() -> None:
     with refused("bag.joint_name"):
         read(bag(*WHOLE), parse((SHIPPED / "ur10e.yaml").read_text(), "ur10e.yaml"))
 
 
-def test_a_bag_that_is_cut_or_damaged_is_one_line_or_what_is_left() -> None:
+def test_truncated_or_damaged_bag_is_refused_or_read_up_to_the_damage() -> None:
     data = bag(*WHOLE)
     for size in range(len(MAGIC), len(data), len(data) // 60):
         for broken in (data[:size], data[:size] + b"\xff\0\x7f" + data[size + 3 :]):

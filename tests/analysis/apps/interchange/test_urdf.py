@@ -302,7 +302,7 @@ def test_a_joint_that_slides_below_all_turns_is_the_rail(tmp_path: Path) -> None
     assert section.largest_mm < 1e-9  # held against the library at random places of the rail
 
 
-def test_the_jaw_of_a_gripper_is_no_axis_unless_somebody_says_so(tmp_path: Path) -> None:
+def test_gripper_jaw_is_an_axis_only_if_chosen(tmp_path: Path) -> None:
     jaw = '<link name="jaw"/>' + SEVENTH.replace('<link name="link_7"/>', "").replace("link_7", "jaw")
     text = GOOD.replace("tool0", "hand").replace("</robot>", f"{jaw.replace('tool0', 'hand')}</robot>")
     with refused("urdf.gripper"):
@@ -333,7 +333,7 @@ def test_a_huge_file_is_not_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("what", ["missing", "directory", "latin"])
-def test_what_is_no_text_is_refused(what: str, tmp_path: Path) -> None:
+def test_binary_file_is_refused(what: str, tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
     if what == "directory":
         file.mkdir()
@@ -343,7 +343,7 @@ def test_what_is_no_text_is_refused(what: str, tmp_path: Path) -> None:
         import_urdf(file)
 
 
-def test_a_computer_without_the_library_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_library_names_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pytransform3d.urdf", None)
     with pytest.raises(CellError) as error:
         import_urdf(urdf(tmp_path, GOOD))

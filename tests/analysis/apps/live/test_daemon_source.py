@@ -142,7 +142,7 @@ def test_a_further_gauge_is_shown_and_no_row_waits_for_it(path: Path) -> None:
         assert "g3 0.2500 mm" in plain_line(view, UNITS[0])
 
 
-def test_a_daemon_that_goes_is_waited_for_and_what_was_seen_stays(path: Path) -> None:
+def test_lost_daemon_is_awaited_and_its_values_stay(path: Path) -> None:
     with fake(path) as daemon, DaemonSource(path) as source:
         view = watched_until(source, LiveView(), lambda view: view.cell and len(view.rows) > 3)
         daemon.stop()
@@ -161,7 +161,7 @@ def test_an_older_rigd_is_named(path: Path) -> None:
         watched_until(source, LiveView(), lambda view: "older" in view.lost)
 
 
-def test_what_is_not_rigds_is_said_and_asked_again(path: Path) -> None:
+def test_foreign_answer_is_reported_and_asked_again(path: Path) -> None:
     with fake(path) as daemon, DaemonSource(path) as source:
         daemon.answers = lambda request: {"ok": True, "streams": {}}
         watched_until(source, LiveView(), lambda view: "other than rigd" in view.lost)

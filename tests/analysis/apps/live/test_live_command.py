@@ -61,7 +61,7 @@ def test_a_recorded_run_is_played_by_its_aligned_times(tmp_path: Path) -> None:
     assert json.loads(done.stdout.splitlines()[-1])["band_deg"]["acw"] > 0
 
 
-def test_what_cannot_be_played_is_one_line(tmp_path: Path) -> None:
+def test_run_without_motion_is_refused(tmp_path: Path) -> None:
     targets = simulate("ur10e", "radial")
     path = save_run(targets, tmp_path / targets.path)
     done = ran("live", "--run", path)

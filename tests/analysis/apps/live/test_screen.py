@@ -93,7 +93,7 @@ def test_a_lap_is_shown_whole(views: list[LiveView], width: int, height: int) ->
     assert sum("⠀" < character <= "⣿" for character in text) > 60
 
 
-def test_what_cannot_be_shown_is_said() -> None:
+def test_missing_values_are_announced() -> None:
     text = "\n".join(screen(LiveView(), LiveControls(), 80, 24).lines())
     assert text.count(" yet") == 3
 
@@ -108,7 +108,7 @@ def connected_state() -> dict[str, object]:
     return {"rig": "ur10e", "recording": None, "streams": {"g1": stream}, "automatic": None, "last_end": ""}
 
 
-def test_a_robot_that_is_disturbed_is_told_in_its_row() -> None:
+def test_disturbed_robot_shows_its_condition() -> None:
     state = connected_state()
     last = {"safety_state": 2.0, "program_state": 1.0, "speed_percent": 40.0, "temperature1_c": 30.0}
     ages_s = {**dict.fromkeys(last, 0.1), "temperature1_c": 100.0}
@@ -180,7 +180,7 @@ def test_a_wide_character_is_cut_and_covered_whole() -> None:
 
 
 @pytest.mark.parametrize("scale", [1, 2, 3])
-def test_large_digits_fill_the_place_they_say(scale: int) -> None:
+def test_large_digits_fill_their_reported_size(scale: int) -> None:
     text = "-01.23456789+ "
     canvas = Canvas(width_of(text, scale), height_of(scale))
     put_large(canvas.area(), 0, 0, text, scale, "")

@@ -54,7 +54,7 @@ def test_a_shrunk_and_a_grown_terminal_hold_the_new_picture_alone(view: LiveView
         assert shows(terminal, canvas), (width, height)
 
 
-def test_what_has_not_changed_is_not_sent_again(view: LiveView) -> None:
+def test_unchanged_lines_are_not_sent_again(view: LiveView) -> None:
     out = io.StringIO()
     painter = Painter(out)
     for _ in range(2):

@@ -132,7 +132,7 @@ def test_a_recording_that_was_cut_is_an_event() -> None:
     assert "answers again" in again and "lap was interrupted" in cut
 
 
-def test_a_cut_recording_is_said_until_the_next_begins() -> None:
+def test_interrupted_recording_is_shown_until_the_next() -> None:
     begun, ended = (Update(state=one, readings={}) for one in (recording("lap", "runs/1_lap"), state()))
     view = LiveView().after(begun).after(Update(lost="waiting")).after(ended).after(ended)
     assert "lap was interrupted" in figures(view)["cut"]
@@ -177,7 +177,7 @@ def test_another_rig_file_begins_curves_and_reversals_again(whole: LiveView) -> 
     assert not other.reversals and sum(other.reversal_counts) == 0 and other.events == (LiveEvent(0.0, "g1: lost"),)
 
 
-def test_figures_are_plain_and_say_what_is_missing(whole: LiveView) -> None:
+def test_figures_are_plain_types_with_missing_ones_marked(whole: LiveView) -> None:
     found = figures(whole)
     assert found["direction"] == "acw" and set(found["gauges"]) == {"g1", "g2"}
     assert len(found["joints_deg"]) == 6

@@ -106,7 +106,7 @@ def test_the_magnet_never_touches_the_ball_and_the_cone_holds_it() -> None:
         parts_of(rig_with(), Bought(screw="M7"))
 
 
-def test_what_no_bed_holds_is_left_out_and_named() -> None:
+def test_parts_larger_than_the_bed_are_left_out_and_named() -> None:
     rig = rig_with(400)
     assert "bar" not in by_name(rig)
     assert any("sockets is 424" in remark for remark in remarks_of(rig, Bought()))

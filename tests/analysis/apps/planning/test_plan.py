@@ -109,7 +109,7 @@ def test_a_fit_agrees_that_the_one_stands_in_for_the_other_on_one_circle_and_not
     assert _left_um(second, a5) > 1
 
 
-def test_what_the_set_up_takes_up_and_what_does_nothing_is_listed_with_the_reason(
+def test_absorbed_and_effectless_errors_have_a_reason(
     circle_alone: CapabilityOfTests,
 ) -> None:
     hidden = {one.name: one for one in circle_alone.hidden}
@@ -165,7 +165,7 @@ def test_a_size_is_as_sure_as_a_fit_of_readings_with_the_fault_in_them_states(fa
     assert found.sd(0)[size_field(fault)] == pytest.approx(told, rel=0.25)
 
 
-def test_the_ball_off_the_axis_is_what_shows_axis_6(circle_alone: CapabilityOfTests) -> None:
+def test_eccentric_ball_makes_axis_6_detectable(circle_alone: CapabilityOfTests) -> None:
     (spike,) = (one for one in circle_alone.hidden if one.name == "reversal_spike 6")
     assert "40 mm off axis 6" in spike.further[0].test
 
@@ -223,7 +223,7 @@ def test_the_command_prints_words_or_one_object(
     assert by_name["joint_offset 3"]["unit"] == "deg"
 
 
-def test_a_distance_that_nobody_measured_is_a_further_test_of_touches() -> None:
+def test_unmeasured_socket_distance_is_a_further_test() -> None:
     touch, known = (Touch(sockets=("A", "B"), distances=apart) for apart in ((), (APART,)))
     rigs = [RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"touch": each})}) for each in (touch, known)]
     words = [[further.choices[0][0] for further in further_tests(rig, ("touch",))] for rig in rigs]

@@ -109,6 +109,6 @@ def test_the_planned_table_and_a_tracker_s_become_a_run(maker: str, tmp_path: Pa
         (("--for", "ur"), "--for, --tracker, --faces and --one-axis require --poses"),
     ],
 )
-def test_wrong_use_is_told(options: tuple[str, ...], says: str) -> None:
+def test_contradicting_options_are_refused(options: tuple[str, ...], says: str) -> None:
     done = ran("plan", "ur10e", *options)
     assert done.returncode == 2 and says in " ".join(done.stderr.replace("│", " ").split())

@@ -110,7 +110,7 @@ def test_information_of_two_sets_of_runs_adds_up(
         assert known.sd(one) == pytest.approx(both.sd(one), rel=0.05), name
 
 
-def test_the_ball_beside_axis_6_and_another_radius_are_proposed_for_what_one_circle_hides(
+def test_hidden_errors_of_one_circle_propose_ball_offset_and_radius(
     proposed: CircleProposal,
 ) -> None:
     words = [one.candidate.words for one in proposed.circles]
@@ -143,7 +143,7 @@ def test_each_rig_file_is_a_good_one_with_the_comments_of_the_old(proposed: Circ
         write(proposed, TEXT, tmp_path / "circles")
 
 
-def test_the_command_prints_circles_and_what_comes_next(
+def test_command_prints_circles_and_next_step(
     proposed: CircleProposal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(proposals, "propose", lambda *_: proposed)

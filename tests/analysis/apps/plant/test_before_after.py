@@ -25,7 +25,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return [dated_run(directory, day, 0.02 if day < 3 else 0.004) for day in range(6)]
 
 
-def test_what_a_repair_changed_is_larger_than_the_spread(runs: list[Path]) -> None:
+def test_change_by_a_repair_exceeds_the_spread(runs: list[Path]) -> None:
     found = {one.figure: one for one in differences(runs[3:], runs[:3])}
     play = found["play_j3_deg"]
     assert play.is_larger and play.difference.value == pytest.approx(-0.016, abs=0.002)
@@ -39,13 +39,13 @@ def test_the_same_robot_twice_differs_by_no_more_than_its_spread(runs: list[Path
     assert not any(one.is_larger for one in differences(runs[1:3], [runs[0]]))
 
 
-def test_one_run_a_side_shows_no_spread_and_says_so(runs: list[Path]) -> None:
+def test_one_run_a_side_has_no_spread(runs: list[Path]) -> None:
     for one in differences(runs[3:4], runs[:1]):
         assert not one.is_larger and not np.isfinite(one.difference.u)
         assert one.to_dict()["difference"]["u"] is None
 
 
-def test_without_a_known_spread_it_is_not_said_that_nothing_differs(runs: list[Path]) -> None:
+def test_unknown_spread_gives_no_verdict(runs: list[Path]) -> None:
     (line,) = headlines(differences(runs[3:4], runs[:1]))
     assert "unknown" in line
     several = headlines(differences(runs[1:3], [runs[0]]))
@@ -53,7 +53,7 @@ def test_without_a_known_spread_it_is_not_said_that_nothing_differs(runs: list[P
     assert "known" not in " ".join(headlines(differences(runs[3:], runs[:3])))
 
 
-def test_a_history_beside_the_runs_lends_its_spread(tmp_path: Path) -> None:
+def test_history_of_other_runs_supplies_the_spread(tmp_path: Path) -> None:
     before, after = dated_run(tmp_path, 0, 0.01), dated_run(tmp_path, 20, 0.02)
     one = record_of(before, load_manifest(before), fingerprint_of(before))
     rng = np.random.default_rng(1)

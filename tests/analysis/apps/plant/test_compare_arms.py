@@ -47,7 +47,7 @@ def test_an_arm_with_itself_is_nothing_apart_and_its_play_is_shown(tmp_path: Pat
     assert seen["play_deg"] == [{"2": 0.02}, {"2": 0.02}]
 
 
-def test_where_no_run_measured_both_there_is_no_u_and_the_reason_is_said(tmp_path: Path) -> None:
+def test_without_common_range_there_is_no_u(tmp_path: Path) -> None:
     known = "found: {date: 2026-11-20, runs: [a], sd: {offset_deg: 0.01}"
     for name, driven, doubts in (
         ("all", "[-360, 360]", []),
@@ -66,7 +66,7 @@ def test_arms_of_two_models_are_refused_in_a_line(tmp_path: Path) -> None:
     assert "same model" in " ".join(done.stderr.split())
 
 
-def test_with_runs_it_says_which_of_a_rig_file_and_a_urdf_fits(tmp_path: Path) -> None:
+def test_runs_decide_between_rig_file_and_urdf(tmp_path: Path) -> None:
     """Two URDFs of one arm that differed by 41 mm were refused."""
     good, other, wrong = arm(tmp_path, "good"), tmp_path / "other.yaml", tmp_path / "wrong.urdf"
     other.write_text(good.read_text().replace("a_mm: -612.7", "a_mm: -571.7"))

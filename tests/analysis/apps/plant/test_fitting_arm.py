@@ -37,7 +37,7 @@ def test_the_arm_that_was_measured_fits_better_in_either_order(right_first: bool
     assert found.better.rms_um < 100 and found.times > 50
 
 
-def test_equal_arms_are_not_told_apart() -> None:
+def test_equal_arms_are_indistinguishable() -> None:
     found = fitting_arm([_poses()], [("one.yaml", RIG), ("two.yaml", RIG)])
     assert found.better is None and found.to_dict()["better"] is None
 

@@ -51,7 +51,7 @@ def fleet(*words: str) -> str:
     return done.output
 
 
-def test_the_robots_are_listed_what_needs_attention_first() -> None:
+def test_robots_are_listed_by_urgency() -> None:
     printed = fleet("plant")
     names = re.findall(r"^(robot-\d+) +(\w+)", printed, re.M)
     assert names[0] == ("robot-003", "beyond") and len(names) == 3
@@ -80,7 +80,7 @@ def test_the_page_opens_the_history_of_each_robot(work: Path) -> None:
     assert "<script" not in html and "http" not in html.replace("http-equiv", "")
 
 
-def test_what_changed_is_empty_where_nothing_did_and_simulated_robots_are_called_so(work: Path) -> None:
+def test_unchanged_fleet_has_empty_changes_and_marks_simulated_robots(work: Path) -> None:
     simulated = "All runs were simulated or recorded in an emulated cell. No real robot was measured."
     printed = fleet("plant", "-o", "page/plant.html")
     html = (work / "page" / "plant.html").read_text()
@@ -148,7 +148,7 @@ def test_the_table_has_every_figure_of_every_run(work: Path) -> None:
         (("plant", "--parquet", "letter/x"), "error: letter/x: Not a directory; choose a different --parquet"),
     ],
 )
-def test_what_is_wrong_is_one_line(
+def test_wrong_use_is_one_line(
     work: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], line: str
 ) -> None:
     (work / "empty").mkdir(exist_ok=True)
@@ -191,7 +191,7 @@ def test_the_commands_of_the_page_run(work: Path) -> None:
         fleet(*command[2:])
 
 
-def test_pandas_reads_the_table_as_the_page_says(work: Path) -> None:
+def test_pandas_example_of_the_page_runs(work: Path) -> None:
     pytest.importorskip("pandas")
     fleet("plant", "--parquet", "figures.parquet")
     script = [sys.executable, "-W", "error", "-c", snippet("python")]
@@ -199,7 +199,7 @@ def test_pandas_reads_the_table_as_the_page_says(work: Path) -> None:
     assert re.search(r"robot-003 .*0\.\d+", printed)
 
 
-def test_duckdb_reads_the_table_as_the_page_says(work: Path) -> None:
+def test_duckdb_example_of_the_page_runs(work: Path) -> None:
     duckdb = pytest.importorskip("duckdb")
     fleet("plant", "--parquet", "figures.parquet")
     rows = duckdb.sql(snippet("sql")).fetchall()

@@ -77,7 +77,7 @@ def content(plant: Path) -> str:
     return found.hexdigest()
 
 
-def test_what_needs_attention_comes_first(plant: Path, file: Path) -> None:
+def test_urgent_robots_come_first(plant: Path, file: Path) -> None:
     before = content(plant)
     found = gathered(plant, file)
     assert [(one.robot, one.attention) for one in found.robots] == [
@@ -93,7 +93,7 @@ def test_what_needs_attention_comes_first(plant: Path, file: Path) -> None:
     assert content(plant) == before
 
 
-def test_only_what_changed_is_read_again(written: Path, plant: Path, file: Path) -> None:
+def test_only_changed_runs_are_read_again(written: Path, plant: Path, file: Path) -> None:
     first = gathered(plant, file)
     assert (first.runs, first.examined) == (3 * VISITS, 3 * VISITS)
     again = gathered(plant, file)
@@ -194,7 +194,7 @@ def test_robots_that_another_command_finds_meanwhile_are_its_own(plant: Path, fi
     assert {(one.folder, one.robot) for one in found.robots} == found.digests.keys()
 
 
-def test_what_was_read_before_an_end_is_kept(plant: Path, file: Path) -> None:
+def test_runs_read_before_an_interruption_are_kept(plant: Path, file: Path) -> None:
     def ended(doing: str, done: int, total: int) -> None:
         if done == 5:
             raise KeyboardInterrupt

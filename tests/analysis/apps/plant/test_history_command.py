@@ -79,7 +79,7 @@ def test_json_and_csv_hold_every_point(runs: Path) -> None:
     assert [float(row["value"]) for row in own] == [point["value"] for point in series["points"]]
 
 
-def test_since_and_figure_choose_and_what_is_not_there_is_refused(runs: Path) -> None:
+def test_since_and_figure_select_and_unknown_ones_are_refused(runs: Path) -> None:
     answer = json.loads(ran("history", "ur10e", "--runs", runs, "--json", "--since", "2026-05-08"))
     assert {len(series["points"]) for series in answer["series"]} == {3}
     assert "fewer than 8 runs" in " ".join(answer["remarks"])
@@ -122,13 +122,13 @@ def test_compare_takes_every_run_after_against(runs: Path) -> None:
         ran("compare", *after, "--rig", "ur10e", "--against", *before)
 
 
-def test_what_several_tests_show_is_one_sentence() -> None:
+def test_change_shown_by_several_tests_is_one_sentence() -> None:
     history = history_of(collected(GREW))
     (play,) = [one for one in sentences(history) if "axis 2" in one]
     assert "axis 2 rose" in play and "also show" in play
 
 
-def test_a_robot_that_does_not_change_is_said_not_to() -> None:
+def test_unchanged_robot_is_reported_as_such() -> None:
     history = history_of(collected(STILL))
     assert len(sentences(history)) == 1 and not any(one.trend.changes for one in history.trends)
     assert "32 series of 160 runs evaluated" in remarks(history)[0]

@@ -48,7 +48,7 @@ def test_a_gear_wave_alone_is_no_play(order: int, phase_deg: float, direction: D
 
 
 @pytest.mark.parametrize("direction", ["acw", "cw"])
-def test_a_play_beside_a_gear_wave_is_found(direction: Direction) -> None:
+def test_play_is_found_despite_a_gear_wave(direction: Direction) -> None:
     effects = [TransmissionError(axis=4, order=8, amplitude_deg=0.012), Backlash(axis=1, width_deg=0.02)]
     plays = joint_plays(evaluate(simulate("paper-fanuc", "yaw", direction, seed=1, effects=effects)))
     assert plays["play_j1_deg"].value == pytest.approx(0.02, abs=3 * plays["play_j1_deg"].u)

@@ -45,7 +45,7 @@ def test_a_figure_that_crosses_is_reported_with_its_day() -> None:
     assert "0.02 ° since 4 May 2026 (run lap-4)" in line and "0.02600 ± 0.00050 °" in line and "3 of 6 runs" in line
 
 
-def test_what_is_not_proven_within_is_to_be_watched_since_the_last_that_passed() -> None:
+def test_unproven_figure_is_watched_since_the_last_pass() -> None:
     table, lines = judged_words([0.005, 0.0096, 0.024, 0.015])
     assert table == "watch 0.01 since 2026-05-02"
     assert "0.01 ° since 2 May 2026 (run lap-2)" in lines[0]

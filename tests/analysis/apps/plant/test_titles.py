@@ -15,7 +15,7 @@ def test_a_title_names_the_placement_and_how_the_robot_was_corrected() -> None:
     assert title_of("radial", "", "") == "radial"
 
 
-def test_the_program_is_said_only_where_two_were_driven_at_one_placement() -> None:
+def test_program_is_in_the_title_only_if_two_were_driven_at_one_placement() -> None:
     other = replace(RUN, placement="right", program="2a3ce151")
     assert [title for title, _ in _programs([RUN, other])] == ["yaw cw, placement left", "yaw cw, placement right"]
     changed = replace(RUN, program="2a3ce151")

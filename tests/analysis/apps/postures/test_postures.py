@@ -95,7 +95,7 @@ def _in_taught_frame(nominal: Array, seen: Array, at: Array, seen_at: Array) -> 
     return off(fitted.x, at, seen_at)
 
 
-def test_the_error_of_a_zero_is_what_a_tracker_sees_in_a_taught_frame() -> None:
+def test_error_of_a_zero_equals_that_in_a_taught_frame() -> None:
     rig, plain = ur10(JointOffset(axis=3, offset_deg=SIZE_DEG)), soft_arm.nominal("ur10")
     wrong = replace(plain, offset=plain.offset + np.radians(SIZE_DEG) * np.eye(6)[2])
     taught, asked = about(POSTURE, 60), about(POSTURE, 20)
@@ -161,7 +161,7 @@ def test_u_grows_outside_the_measured_region() -> None:
     assert not outside.covered[0]
 
 
-def test_an_arm_that_was_not_measured_has_typical_errors_and_says_so() -> None:
+def test_unmeasured_arm_has_typical_errors_with_a_remark() -> None:
     rig = parse(f"name: arm\n{load_arm('ur10').text}", "x")
     found = choose_postures(rig, forward(arm_of(rig.robot), about(POSTURE, 5)))
     assert found.knowledge == "typical"

@@ -111,9 +111,7 @@ def _column(path: Path, name: str) -> Array:
 
 
 @pytest.mark.parametrize("dialect", [maker for maker in MAKERS if maker != "linuxcnc"])  # its arcs are lines
-def test_on_the_circle_what_the_uncertainty_leaves_is_left_and_little_between_targets(
-    dialect: MakerName, tables: Tables
-) -> None:
+def test_compensated_circle_keeps_only_the_uncertainty(dialect: MakerName, tables: Tables) -> None:
     path, circle = tables("yaw"), circle_of(RIG)
     pieces = paths(_driven(dialect, "yaw", path))
     one_lap = pieces[: 1 + next(k for k, piece in enumerate(pieces) if piece.stops)]
@@ -129,7 +127,7 @@ def test_on_the_circle_what_the_uncertainty_leaves_is_left_and_little_between_ta
     assert left[::POINTS] == pytest.approx(stated[: 2 * len(one_lap) : 2], rel=0.05)
 
 
-def test_at_each_target_of_the_hemisphere_only_what_the_uncertainty_leaves_is_left(tables: Tables) -> None:
+def test_compensated_hemisphere_keeps_only_the_uncertainty(tables: Tables) -> None:
     path, q = tables("radial"), radial_stops(RIG)
     poses = _dwelt(_driven("ur", "radial", path))
     left = _error_mm(np.array([one.place for one in poses]), Rotation.concatenate([one.turn for one in poses]), q)

@@ -111,7 +111,7 @@ def test_arms_of_the_library_drive_the_simulators_circle(arm: str, dialect: Make
     ("arm", "dialect", "axes"),
     [("fanuc-m-10ia", "fanuc", (3, 4, 5)), ("yaskawa-gp7", "yaskawa", (3, 5, 0)), ("kuka-hanging", "fanuc", (3, 4, 5))],
 )
-def test_positions_say_the_posture_in_which_the_arm_arrives(arm: str, dialect: MakerName, axes: list[int]) -> None:
+def test_positions_contain_the_posture_of_arrival(arm: str, dialect: MakerName, axes: list[int]) -> None:
     rig = rig_of(arm)
     start = circle_program(rig, "acw").q[0]
     said = postures(rig, run(dialect, programs(arm, "yaw", dialect)[0], rig), start)

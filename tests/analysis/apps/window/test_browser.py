@@ -116,7 +116,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.cpu_limit(150)
-def test_a_lap_is_watched_on_every_screen_and_a_window_that_goes_is_said(chromium: Browser, runs: Path) -> None:
+def test_lap_is_shown_on_every_screen_and_a_lost_window_reported(chromium: Browser, runs: Path) -> None:
     with served(runs, source=Playing(runs / "runs" / "run-1", 12.0)) as one:
         port = one.port
         sized(chromium, SIZES["desk"])

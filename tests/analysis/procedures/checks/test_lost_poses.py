@@ -40,7 +40,7 @@ def evaluated(one: PoseTable) -> pose.PoseResult:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_one_lost_point_of_130_is_left_out_and_said(seed: int) -> None:
+def test_one_lost_point_of_130_is_ignored_and_reported(seed: int) -> None:
     sound = table(130, seed)
     found, truth = evaluated(moved(sound, 56, np.zeros(3))), evaluated(sound)
     note = found.notes[0]
@@ -84,7 +84,7 @@ def test_of_sound_poses_none_is_left_out(seed: int) -> None:
     assert not any("ignored" in note for one in (sound, replace(sound, q=q)) for note in evaluated(one).notes)
 
 
-def test_what_shares_a_range_of_a_joint_is_no_accident() -> None:
+def test_outliers_in_one_joint_range_are_kept() -> None:
     sound = table(60)
     far = np.argsort(sound.q[:, 2])[-5:]
     xyz = sound.xyz_mm.copy()

@@ -30,7 +30,7 @@ def uncoupled(path: Path) -> Path:
     return path
 
 
-def test_a_coupling_that_is_missing_is_told_at_import_and_with_every_figure(tmp_path: Path) -> None:
+def test_missing_coupling_is_reported_at_import_and_evaluation(tmp_path: Path) -> None:
     source, run = uncoupled(tmp_path / "poses.csv"), tmp_path / "run"
     done = ran("import", source, "--rig", "ur10", "--test", "pose", "-o", run)
     said = "J3 + J2 in place of J3 (error 0.1"
@@ -56,7 +56,7 @@ def test_of_several_runs_the_one_that_does_not_fit_is_ignored_with_its_reason_on
     assert "bad is ignored: " in said and "error" not in done.stderr
 
 
-def test_rig_check_says_what_was_checked_and_found(tmp_path: Path) -> None:
+def test_rig_check_reports_checks_and_findings(tmp_path: Path) -> None:
     run = tmp_path / "run"
     assert ran("import", uncoupled(tmp_path / "t.csv"), "--rig", "ur10", "--test", "pose", "-o", run).returncode == 0
     done = ran("check", run)
@@ -100,7 +100,7 @@ def test_gauges_that_contradict_the_effects_of_the_rig_file_are_refused() -> Non
     assert findings_of([run]) == []
 
 
-def test_poses_that_are_no_measurement_are_left_out_beside_others() -> None:
+def test_computed_poses_are_left_out_of_a_diagnosis() -> None:
     sound, other = poses(3), poses(4)
     wrong = replace(
         other,

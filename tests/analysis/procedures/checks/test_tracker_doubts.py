@@ -44,7 +44,7 @@ def test_a_revisit_with_the_same_rounded_place_is_no_doubt(tmp_path: Path) -> No
     assert doubts(PoseTable(np.tile(sound.q, (2, 1)), places, None), tmp_path / "poses.csv") == ()
 
 
-def test_readings_of_a_stand_are_averaged_and_said(tmp_path: Path) -> None:
+def test_readings_of_a_stand_are_averaged_with_a_doubt(tmp_path: Path) -> None:
     run = read_table(written(read_thrice(table(20)), tmp_path / "poses.csv"), "ur10", "pose")
     assert len(run.table.q) == 20 and "20 stands" in run.doubts[-1]
 

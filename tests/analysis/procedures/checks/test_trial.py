@@ -29,7 +29,7 @@ def test_a_sound_cell_is_let_through(number: int) -> None:
 
 
 @pytest.mark.parametrize("name", BREAKS)
-def test_a_broken_convention_is_told(name: str) -> None:
+def test_broken_convention_is_detected(name: str) -> None:
     kind = list(BREAKS).index(name)
     for number in TOLD[name]:
         broken = BREAKS[name](np.random.default_rng([0, kind, number, 2]), number)

@@ -27,7 +27,7 @@ def test_circles_whose_ways_stand_turns_apart_are_sound(number: int) -> None:
     assert findings_of(driven_on_from(number)) == []
 
 
-def test_gauges_that_count_the_other_way_are_told_beside_a_joint_that_winds() -> None:
+def test_inverted_gauges_are_detected_despite_a_winding_joint() -> None:
     runs = driven_on_from(4)
     for way in ("decisive", "correct"):
         sign = -1.0 if way == "decisive" else 1.0

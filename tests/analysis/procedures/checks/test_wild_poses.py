@@ -99,7 +99,7 @@ def test_the_distance_from_the_fitted_arm_does_not_depend_on_the_order_of_the_ro
 
 
 @pytest.mark.parametrize("spoil", ["2 mm", pytest.param("4", marks=pytest.mark.nightly)])
-def test_what_is_left_of_held_out_poses_is_as_without_wild_ones(spoil: str) -> None:
+def test_held_out_residual_ignores_outliers(spoil: str) -> None:
     left_um = []
     for one in (spoil, "none"):
         run, _ = _run(0, one)
@@ -110,7 +110,7 @@ def test_what_is_left_of_held_out_poses_is_as_without_wild_ones(spoil: str) -> N
 
 
 @pytest.mark.parametrize("which", ["rows from about 31", "every other row"])
-def test_two_reflectors_in_one_run_are_told(which: str) -> None:
+def test_two_reflectors_in_one_run_are_detected(which: str) -> None:
     """Each row alone is close to an arm fitted to both reflectors."""
     seen = _seen(0)
     later = np.arange(60) >= 30 if "from" in which else np.arange(60) % 2 == 1
@@ -121,7 +121,7 @@ def test_two_reflectors_in_one_run_are_told(which: str) -> None:
     assert which in line
 
 
-def test_a_wild_row_is_said_beside_two_reflectors() -> None:
+def test_outlier_is_reported_in_addition_to_two_reflectors() -> None:
     seen = _seen(0)
     T = forward(without_setup(arm_of(RIG.robot)), seen.q)
     R = fit_setup(T, seen.xyz_mm).T_world_base[:3, :3] @ T[:, :3, :3]

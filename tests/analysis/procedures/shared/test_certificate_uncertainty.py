@@ -59,7 +59,7 @@ def _errors(table: Table, rig: Rig, wave_mm: float, rng: np.random.Generator) ->
         [("ur10e", "yaw"), ("ur10e", "radial")],
     ),
 )
-def test_an_unknown_error_of_the_gauges_is_within_what_the_certificate_says(name: str, test: TestName) -> None:
+def test_certificate_u_covers_an_unknown_gauge_error(name: str, test: TestName) -> None:
     rig = load_hidden(name).apply_to(load(name)[0])
     table = simulate(rig, test, "acw" if test in CIRCLES else None, 3 if test == "repeatability" else None)
     assert not hasattr(table, "xyz_mm")

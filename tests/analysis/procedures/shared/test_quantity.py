@@ -55,5 +55,5 @@ def test_a_mean_of_runs_is_an_angle_as_that_of_one_run() -> None:
 
 
 @pytest.mark.parametrize("freedom", [1, 2, 5, 30])
-def test_two_u_of_few_runs_hold_what_students_law_says(freedom: int) -> None:
+def test_two_u_of_few_runs_follow_students_law(freedom: int) -> None:
     assert 1 - 2 * t.sf(2 * student_factor(freedom), freedom) == pytest.approx(0.9545)

@@ -189,7 +189,7 @@ def test_a_bad_file_is_refused_in_one_line_with_a_remedy(kind: str, tmp_path: Pa
 
 
 @pytest.mark.parametrize("data", [b"\xff\xfe\x00", None])
-def test_what_is_no_text_is_refused(data: bytes | None, tmp_path: Path) -> None:
+def test_binary_file_is_refused(data: bytes | None, tmp_path: Path) -> None:
     file = tmp_path / "calibration.conf"
     if data is not None:
         file.write_bytes(data)

@@ -26,7 +26,7 @@ def test_the_circle_is_driven_pose_by_pose_without_a_jump(name: str, direction: 
 
 @pytest.mark.parametrize("name", RIGS)
 @pytest.mark.parametrize("direction", ["cw", "acw"])
-def test_a_program_at_any_moment_is_what_its_controller_drives(name: str, direction: str) -> None:
+def test_program_at_any_time_is_that_of_its_controller(name: str, direction: str) -> None:
     """Laps, pauses and ways back: at each period of the controller, and between two by a straight line."""
     rig, _ = load(name)
     program, laps = circle_program(rig, direction), circle_laps(rig, direction)  # type: ignore[arg-type]
@@ -73,7 +73,7 @@ def test_reversals_from_a_posture_far_from_the_circle_are_those_of_its_programs(
     np.testing.assert_allclose([turn.phi for turn in turns], [turn.phi for turn in usual], atol=1e-4)
 
 
-def test_a_joint_limit_on_the_way_is_told() -> None:
+def test_joint_limit_on_the_way_is_refused() -> None:
     rig, _ = load("paper-fanuc")
     axes = list(rig.robot.axes)
     axes[3] = axes[3].model_copy(update={"limits_deg": (-100.0, 180.0)})
@@ -82,7 +82,7 @@ def test_a_joint_limit_on_the_way_is_told() -> None:
         trace(narrow, "acw")
 
 
-def test_a_circle_too_fast_for_a_joint_is_told() -> None:
+def test_too_fast_circle_is_refused() -> None:
     rig, _ = load("paper-fanuc")
     tests = rig.tests.model_copy(update={"circle": circle_of(rig).model_copy(update={"speed_mm_s": 500.0})})
     with refused("path.speed"):

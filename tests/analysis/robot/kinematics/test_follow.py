@@ -89,7 +89,7 @@ def test_of_the_branches_one_within_the_limits_is_taken() -> None:
         assert abs(follow(replace(arm, limits=limits), pose[None], posture, "path")[0, axis] - other[axis]) < 0.01
 
 
-def test_a_pose_that_only_another_posture_reaches_is_told() -> None:
+def test_pose_of_another_posture_is_refused() -> None:
     arm = ARMS["paper-fanuc"]
     for pose, posture in zip(*_lost(arm), strict=True):
         with refused("path.singularity"):
@@ -97,7 +97,7 @@ def test_a_pose_that_only_another_posture_reaches_is_told() -> None:
 
 
 @ANY
-def test_what_the_arm_cannot_reach_is_told(name: str) -> None:
+def test_unreachable_pose_is_refused(name: str) -> None:
     arm = ARMS[name]
     far = forward(arm, START[None])
     far[:, :3, 3] += [4000, 0, 0]
@@ -105,7 +105,7 @@ def test_what_the_arm_cannot_reach_is_told(name: str) -> None:
         follow(arm, np.repeat(far, 2, axis=0), START, "path")
 
 
-def test_a_centre_in_metres_is_told_as_that() -> None:
+def test_centre_in_metres_is_suggested() -> None:
     """The centre [0.1, 0.2, 0.3] is within the base, which an arm of unequal links cannot reach."""
     arm = replace(ARMS["ur10e"], a=np.array([0.0, 0.0, -900.0, -250.0, 0.0, 0.0]))
     poses = np.repeat(forward(arm, START[None]), 2, axis=0)
@@ -116,7 +116,7 @@ def test_a_centre_in_metres_is_told_as_that() -> None:
         assert ("1000" in str(refused.value)) is is_metres
 
 
-def test_a_path_that_leaves_the_reach_is_told_where() -> None:
+def test_path_out_of_reach_names_the_place() -> None:
     arm = ARMS["ABB IRB 2400/10"]
     poses = np.repeat(forward(arm, START[None]), 100, axis=0)
     poses[:, 0, 3] += np.linspace(0, 3000, 100)
@@ -124,7 +124,7 @@ def test_a_path_that_leaves_the_reach_is_told_where() -> None:
         follow(arm, poses, START, "path")
 
 
-def test_a_joint_limit_on_the_way_is_told() -> None:
+def test_joint_limit_on_the_way_is_refused() -> None:
     arm = ARMS["KUKA KR 6 R700"]
     limits = arm.limits.copy()
     limits[3, 1] = np.radians(40)
@@ -133,7 +133,7 @@ def test_a_joint_limit_on_the_way_is_told() -> None:
         follow(replace(arm, limits=limits), poses, START, "path")
 
 
-def test_a_singular_wrist_on_the_way_is_told_with_its_axes() -> None:
+def test_singular_wrist_names_its_axes() -> None:
     """The tool tips past the axis of the forearm, 0.0001° beside it: axis 4 would have to turn half round at once."""
     arm = ARMS["ABB IRB 2400/10"]
     q = np.tile(np.radians([10.0, 20, 10, 0, 0, 30]), (201, 1))
@@ -156,7 +156,7 @@ def test_conditioning_falls_to_nothing_at_a_singularity() -> None:
     assert 1e-6 < values[2] < 1e-3
 
 
-def test_newton_says_what_it_did_not_reach() -> None:
+def test_newton_marks_unreached_poses() -> None:
     arm = ARMS["ur10e"]
     far = np.eye(4)[None] * 1.0
     far[0, :3, 3] = [9000, 0, 0]

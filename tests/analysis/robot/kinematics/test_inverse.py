@@ -178,7 +178,7 @@ def test_an_arm_of_no_known_kind_is_searched() -> None:
 
 
 @ANY
-def test_out_of_reach_and_what_is_no_number_have_no_solution(name: str) -> None:
+def test_unreachable_and_nan_targets_have_no_solution(name: str) -> None:
     for arm in (ARMS[name], calibrated(ARMS[name], seed=8)):
         poses = forward(arm, np.full((4, 6), 0.3))
         poses[0, :3, 3] += 9000

@@ -46,7 +46,7 @@ def test_a_coupling_that_mixes_turns() -> None:
 
 
 @ANY
-def test_what_lies_on_a_limit_is_within(name: str) -> None:
+def test_angle_on_a_limit_is_within(name: str) -> None:
     arm = ARMS[name]
     q = at_limits(name)
     q = q[conditioning(arm, q) > 1e-6]
@@ -57,7 +57,7 @@ def test_what_lies_on_a_limit_is_within(name: str) -> None:
         assert np.abs(mine - planted).max(axis=1).min() < 1e-6
 
 
-def test_nan_and_what_no_turn_brings_in_is_left_out() -> None:
+def test_nan_and_unreachable_turns_are_left_out() -> None:
     arm = ARMS["ABB IRB 2400/10"]
     q = np.zeros((3, 6))
     q[0] = np.nan

@@ -15,7 +15,7 @@ COUNT = 2_500
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_what_is_near_is_reached_and_what_is_far_stays(name: str) -> None:
+def test_near_targets_are_reached_and_far_ones_keep_the_start(name: str) -> None:
     arm = calibrated(ARMS[name], 3)
     q = random_angles(3, COUNT)
     poses = forward(arm, q)
@@ -30,7 +30,7 @@ def test_what_is_near_is_reached_and_what_is_far_stays(name: str) -> None:
     assert ((regularity[~far] > 0) & (regularity[~far] <= 1)).all()
 
 
-def test_what_is_no_number_stays_and_the_others_are_reached() -> None:
+def test_nan_targets_do_not_affect_others() -> None:
     arm = calibrated(ARMS["ur10e"], 4)
     q = random_angles(4, 20)
     poses, start = forward(arm, q), q + 1e-2

@@ -70,7 +70,7 @@ def test_each_axis_turns_with_its_own_joint_where_no_coupling_is_written() -> No
         ("effects: [{effect: backlash, axis: 8}]", "axis"),
     ],
 )
-def test_what_seven_axes_cannot_have_is_said(written: str, what: str) -> None:
+def test_unsupported_features_of_seven_axes_are_refused(written: str, what: str) -> None:
     with refused("rig_file.value"):
         parse(f"name: seven\n{load_arm('franka-fr3').text}{written}\n", "seven.yaml")
 

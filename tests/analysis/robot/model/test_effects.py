@@ -284,7 +284,7 @@ def test_geometry_and_gauges() -> None:
     np.testing.assert_allclose(np.diff(drift[:, 1]), 0.6 / 60 / 50, atol=1e-9)
 
 
-def test_roll_sees_what_yaw_does_not() -> None:
+def test_roll_shows_effects_hidden_in_yaw() -> None:
     """The ball above the circle's plane turns the roll and not the yaw."""
     table = simulate(RIG, "roll", "acw", None, ())
     model = model_of(RIG, ())
@@ -297,7 +297,7 @@ def test_roll_sees_what_yaw_does_not() -> None:
     np.testing.assert_allclose(roll, np.degrees(np.arctan(2.0 / 70.0)), atol=2e-4)
 
 
-def test_identity_is_what_has_to_be_given_and_nothing_that_is_fitted() -> None:
+def test_identity_has_required_fields_without_fitted_sizes() -> None:
     three, five = (VOCABULARY["ball_form"].model_validate({"lobes": lobes, "amplitude_mm": 0.01}) for lobes in (3, 5))
     assert identity(three) == identity(three.model_copy(update={"amplitude_mm": 0.02, "phase_deg": 70.0}))
     assert len({identity(three), identity(five), identity(TransmissionError(axis=4, order=3))}) == 3

@@ -79,7 +79,7 @@ def test_no_scheduler_is_one_line(address: str) -> None:
     assert done.returncode == 4 and line.startswith(f"error: --scheduler {address}: ")
 
 
-def test_without_dask_the_line_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_dask_names_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(FileError, match=re.escape(to_install("distributed"))):
         list(each(os.path.exists, ["."], scheduler="tcp://127.0.0.1:8786"))

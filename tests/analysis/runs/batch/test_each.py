@@ -38,7 +38,7 @@ def seen(jobs: int) -> list[object]:
 
 
 @pytest.mark.parametrize("jobs", [0, 2, 5])
-def test_several_processes_give_what_one_gives(jobs: int) -> None:
+def test_several_processes_give_the_results_of_one(jobs: int) -> None:
     one = seen(1)
     assert seen(jobs) == one
     assert one[2] == 4 and one[BAD] == ("item 3: is bad; give another", ["item 3: is bad; give another"])

@@ -81,7 +81,7 @@ def test_an_error_names_the_run_and_not_its_copy(run: Path, place: Path) -> None
         ("empty", "run.missing"),
     ],
 )
-def test_what_cannot_be_fetched_is_one_line(name: str, code: str, tmp_path: Path, place: Path) -> None:
+def test_unfetchable_url_is_one_line(name: str, code: str, tmp_path: Path, place: Path) -> None:
     if name == "empty":
         (tmp_path / name).mkdir()
     elif name != "nowhere":
@@ -131,7 +131,7 @@ def test_names_that_lead_out_of_the_directory_are_not_written(run: Path, tmp_pat
     assert {file.name for file in tmp_path.rglob("*.parquet")} == {"g1-0001.parquet"}
 
 
-def test_what_a_store_says_of_a_url_shows_no_secret() -> None:
+def test_errors_of_a_store_hide_secrets() -> None:
     said = "no answer from 'https://me:hidden@h/x?X-Amz-Signature=hidden' now"
     url = location("s3://b/x")
     assert isinstance(url, RemotePath)
@@ -155,7 +155,7 @@ def test_without_fsspec_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     assert error.value.remedy == to_install("s3fs")
 
 
-def test_a_protocol_that_nobody_knows_is_named() -> None:
+def test_unknown_protocol_is_named() -> None:
     with refused("url.protocol"), fetched(location("nonsense://b/x")):
         pass
 

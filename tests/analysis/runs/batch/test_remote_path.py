@@ -54,7 +54,7 @@ def test_all_else_is_a_path(text: str) -> None:
         ("file://host/srv", "url.form"),
     ],
 )
-def test_what_cannot_be_taken_is_one_line_that_shows_no_secret(text: str, code: str) -> None:
+def test_invalid_url_is_one_line_without_secrets(text: str, code: str) -> None:
     with refused(code) as error:
         location(text)
     assert "hidden" not in str(error.value)

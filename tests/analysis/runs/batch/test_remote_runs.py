@@ -52,7 +52,7 @@ def test_the_runs_are_those_of_the_directory(protocol: str, plant: Path, monkeyp
     assert [str(run) for run in run_directories([at(url)])] == [f"{url}/{name}" for name in expected]
 
 
-def test_a_run_stands_for_itself_and_what_holds_none_too(plant: Path) -> None:
+def test_run_or_empty_directory_is_listed_as_itself(plant: Path) -> None:
     for name in ("b/later", "empty", "nowhere"):
         run = at(f"file://{plant}/{name}")
         assert run_directories([run]) == [run]
@@ -61,7 +61,7 @@ def test_a_run_stands_for_itself_and_what_holds_none_too(plant: Path) -> None:
     assert all(file.stamp for file in one.files)
 
 
-def test_what_may_not_be_listed_is_given_without_files(plant: Path) -> None:
+def test_unlistable_directory_is_given_without_files(plant: Path) -> None:
     for name in ("denied", "lost+found"):
         made(plant / name / "run")
     without = [str(run.path) for run in listed(at(url_of(plant))) if run.files is None]

@@ -37,7 +37,7 @@ def test_runs_stay_as_they_were_named_and_come_once(plant: Path, monkeypatch: py
 
 
 @pytest.mark.parametrize("name", ["empty", "nowhere", "a/notes.txt"])
-def test_what_holds_no_run_stands_for_itself(name: str, plant: Path) -> None:
+def test_directory_without_runs_is_listed_as_itself(name: str, plant: Path) -> None:
     assert run_directories([plant / name]) == [plant / name]
 
 

@@ -83,7 +83,7 @@ def test_readings_beyond_the_range_are_counted_of_each_gauge() -> None:
     assert found[:, 1].tolist() == g_mm[:, 1].tolist() and found[1, 0] == pytest.approx(11.97)
 
 
-def test_what_certificates_leave_uncertain() -> None:
+def test_uncertainty_of_certificates() -> None:
     ball = PLAIN | {"form_mm": 0.004, "u_mm": 0.001, "k": 2}
     link = PLAIN | {"length_mm": 400.02, "u_mm": 0.006, "k": 3, "coefficient_per_c": 1e-5}
     rig = _rig(g1=TABLE, ball=ball, link=link, temperature={"mean_c": 22, "u_c": 0.5})
@@ -152,7 +152,7 @@ def test_check_warns_of_a_certificate_that_is_overdue(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("test", "direction", "of_link"), [("yaw", "acw", False), ("radial", None, True)])
-def test_an_imported_table_is_taken_as_corrected_and_says_so(
+def test_imported_table_is_assumed_corrected_with_a_doubt(
     tmp_path: Path, test: TestName, direction: Direction | None, of_link: bool
 ) -> None:
     text = _text(g1=TABLE, g2=PLAIN, link=PLAIN | {"length_mm": 400.25}, step_deg=45, orientations=1)
@@ -168,7 +168,7 @@ def test_an_imported_table_is_taken_as_corrected_and_says_so(
     assert ("+0.2500 mm" in doubt) == of_link
 
 
-def test_a_temperature_that_is_assumed_is_said(tmp_path: Path) -> None:
+def test_assumed_temperature_is_reported(tmp_path: Path) -> None:
     said: list[list[str]] = []
     for more in ({}, {"temperature": {"mean_c": 21, "u_c": 1}}):
         run = _lap(tmp_path / str(len(said)), _text(g1=PLAIN | {"coefficient_per_c": 1e-5}, **more))
@@ -176,7 +176,7 @@ def test_a_temperature_that_is_assumed_is_said(tmp_path: Path) -> None:
     assert [len(doubts) for doubts in said] == [1, 0] and "20 ± 5 °C" in said[0][0]
 
 
-def test_an_emulated_gauge_is_wrong_as_its_certificate_says() -> None:
+def test_emulated_gauge_follows_its_certificate() -> None:
     far = PLAIN | {"correction_mm": [[-50, -0.5], [50, -0.5]]}
     shown = [EmulatedRobot.of_rig(_rig(g1=one), 1).gauge_mm("g1", 0) for one in (PLAIN, far)]
     assert shown[1] - shown[0] == pytest.approx(0.5)

@@ -26,7 +26,7 @@ def test_a_step_coarser_than_any_gauge_is_a_multiple_of_a_usual_one() -> None:
 
 
 @pytest.mark.parametrize("noise_steps", [0.0, 0.1, 0.2, 0.5])
-def test_what_all_readings_of_a_place_share_is_as_a_trial_has_it(noise_steps: float) -> None:
+def test_common_error_of_a_place_agrees_with_a_trial(noise_steps: float) -> None:
     rng = np.random.default_rng(0)
     place = rng.uniform(-0.5, 0.5, 2000)
     readings = np.round(place[:, None] + noise_steps * rng.normal(size=(2000, 500)))

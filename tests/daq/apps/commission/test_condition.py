@@ -51,13 +51,13 @@ def test_a_robot_in_protective_stop_with_a_paused_program_and_a_lowered_slider()
     assert "paused" in found[1][1] and "40 %" in found[2][1]
 
 
-def test_a_robot_without_anything_to_say() -> None:
+def test_robot_without_condition() -> None:
     with _robot([]) as stream:
         found = list(trial.examine_conversation(stream, 0.3))
     assert {finding.verdict for finding in found} == {FindingVerdict.OK} and "not available" not in found[0].what
 
 
-def test_what_a_controller_does_not_show_is_named_and_not_judged() -> None:
+def test_missing_condition_fields_are_named_and_not_judged() -> None:
     readings = trial.Trial([Sample((*[1.0] * 6, math.nan, 0.0, *[math.nan] * 8), k, k, k, 9) for k in range(9)])
     finding = trial.answers(robot_stream(rtde()), readings, lambda: None)
     assert (

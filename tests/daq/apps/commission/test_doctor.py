@@ -112,7 +112,7 @@ def test_the_latency_timer(system: Path, ms: str, verdict: FindingVerdict | None
         (computer.wall_clock(5), DOUBTFUL),
     ],
 )
-def test_what_figures_of_the_computer_mean(finding: CellFinding, verdict: FindingVerdict) -> None:
+def test_figures_of_the_computer_are_judged(finding: CellFinding, verdict: FindingVerdict) -> None:
     assert finding.verdict is verdict and bool(finding.remedy) == (verdict is not OK)
 
 
@@ -132,12 +132,12 @@ def test_what_figures_of_the_computer_mean(finding: CellFinding, verdict: Findin
         ),
     ],
 )
-def test_what_systemd_says_of_the_service(shown: str, verdict: FindingVerdict, says: str) -> None:
+def test_states_of_the_service_are_judged(shown: str, verdict: FindingVerdict, says: str) -> None:
     finding = computer.service("rigd@cell", dict(part.split("=") for part in shown.split()))
     assert finding.verdict is verdict and says in finding.what
 
 
-def test_the_kernel_tells_whether_ntp_keeps_the_clock(tmp_path: Path) -> None:
+def test_kernel_shows_whether_ntp_keeps_the_clock(tmp_path: Path) -> None:
     assert 0 <= computer.clock_state() <= 5
     assert 0 < computer.slowest_sync_s(tmp_path) < 60 and not list(tmp_path.iterdir())
 
@@ -160,7 +160,7 @@ def test_the_clock_of_a_controller(drift_ppm: float, verdict: FindingVerdict) ->
     assert trial.pace_of_clock("g1", [replace(s, device_time_s=math.nan) for s in _samples(500, 3, 0)]) is None
 
 
-def test_a_gauge_far_below_what_its_line_carries() -> None:
+def test_gauge_far_below_the_rate_of_its_line() -> None:
     stream = streams_of(parse(rig_text(), "bench"))[0]
     samples = _samples(20, 2, 0)
     finding = trial.pace(stream, trial.Trial(samples, 2.0, 360, 360))
@@ -189,7 +189,7 @@ def test_readings_that_came_all_at_once_have_no_pace() -> None:
 
 
 @pytest.mark.parametrize("text", ["4800 7E2", "9600 8N1", "19200 8O1", "115200 8E2"])
-def test_a_uart_hears_what_was_sent_only_at_the_same_settings(text: str) -> None:
+def test_uart_receives_bytes_only_at_equal_settings(text: str) -> None:
     line = Line.model_validate(text)
     data = bytes(range(2**line.bits))
     assert heard(data, line, line) == data
@@ -319,7 +319,7 @@ GOOD = {
         ({"connected": False, "last_fault": "absent"}, WRONG, "not open"),
     ],
 )
-def test_what_a_daemon_says_of_a_stream(stream: dict[str, Any], verdict: FindingVerdict, says: str) -> None:
+def test_states_of_a_stream_are_judged(stream: dict[str, Any], verdict: FindingVerdict, says: str) -> None:
     status = {"rig": "bench", "recording": None, "streams": {"g1": GOOD | stream}}
     served = replace(streams_of(parse(rig_text("keyence"), "bench"))[-1], name="g1", port="/dev/g1")
     rigd, finding = of_daemon(status, [served])
@@ -429,7 +429,7 @@ def test_a_gauge_of_a_shared_line_that_gives_nothing_is_named() -> None:
     assert finding.verdict is WRONG and "without g2_mm" in finding.what and finding.remedy.startswith("unit 2")
 
 
-def test_a_host_that_accepts_and_sends_nothing_is_told_apart_from_a_silent_line() -> None:
+def test_silent_host_is_distinguished_from_a_silent_line() -> None:
     stream = _streams(yaml.safe_load(rig_text("tcp")))["g1"]
     silent = Fault(FaultKind.SILENT, 5, "silent for 0.1 s")
     lost = Fault(FaultKind.DISCONNECTED, 6, "lost")

@@ -57,7 +57,7 @@ def test_small_angles_could_be_radians() -> None:
         lambda k: "nan,nan,nan,nan,nan,nan\n",
     ],
 )
-def test_what_is_not_joints(line: Callable[[int], str]) -> None:
+def test_other_lines_are_no_joints(line: Callable[[int], str]) -> None:
     assert layout_of(printed(line)) is None
 
 

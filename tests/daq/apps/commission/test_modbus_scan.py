@@ -138,7 +138,7 @@ def _held(gauge: ModbusMap, path_mm: list[float]) -> list[list[int]]:
     return found  # type: ignore[return-value]
 
 
-def test_a_probe_that_nobody_moves_is_none() -> None:
+def test_unmoved_probe_is_not_found() -> None:
     assert ways(_gauge({}), _seen(_held(_gauge({}), [2.5] * 40))) == []
 
 

@@ -71,7 +71,7 @@ def test_port_4840_is_asked_as_opc_ua() -> None:
 
 
 @pytest.mark.skipif(not OPC_UA, reason="no asyncua")
-def test_an_opc_ua_server_that_is_spoken_to_says_what_is_missing() -> None:
+def test_incomplete_opc_ua_server_names_the_missing_axes() -> None:
     names = ("Base", "Shoulder", "Elbow", "Wrist1", "Wrist2", "Wrist3")
     feedback = opc_ua(port="tcp://127.0.0.48:4840", axes=names)
     with opc_ua_served(feedback):
@@ -106,7 +106,7 @@ def test_a_port_that_is_not_rtdes_is_sent_nothing() -> None:
     assert "--key feedback.interface=ur_rtde" in report.remedy
 
 
-def test_a_host_that_accepts_and_stays_silent_is_not_said_to_be_off() -> None:
+def test_accepting_silent_host_is_not_reported_off() -> None:
     with served(_Listener) as port:
         report = search_robot(port, rtde(port=port))
     assert "ur_rtde" in report.problem and "no data" in report.problem
@@ -130,7 +130,7 @@ def test_a_robot_that_is_not_there() -> None:
 
 
 @pytest.mark.parametrize("address", ["a b", "", "tcp://host", "tcp://host:99999", "udp://x", "::1", "a/b"])
-def test_what_is_not_an_address(address: str) -> None:
+def test_invalid_address_is_named(address: str) -> None:
     report = search_robot(address)
     assert "address" in report.problem and "HOST" in report.remedy
 

@@ -240,7 +240,7 @@ def test_a_request_that_nothing_answers_is_sent_once_at_each_line() -> None:
     assert len({str(attempt.line) for attempt in tried}) == len(said) < len(tried)
 
 
-def test_an_attempt_during_which_the_computer_stood_still_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_attempt_during_a_stall_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
     """Otherwise an answer that came meanwhile is missed, and the request counts as one that nothing answers."""
     watches, held_up = list[StallWatch](), list[Line]()
 

@@ -103,7 +103,7 @@ def test_a_question_that_was_never_captured_is_counted() -> None:
     assert not answering(ROUNDS, kept).received(b"!\r", 5 * MS).send and kept.otherwise == 1
 
 
-def test_answers_that_nobody_asked_for_until_the_end_are_skipped() -> None:
+def test_unrequested_answers_are_skipped() -> None:
     kept = steps()
     device = answering(ROUNDS, kept)
     asked_last = device.received(b"?\r", 10 * MS)
@@ -127,7 +127,7 @@ def test_two_streams_share_the_time_that_begins_with_the_first_word() -> None:
     assert gauge.tick(shift + 30 * MS).send == b"b" and gauge.is_finished
 
 
-def test_an_instrument_waits_for_a_word_that_it_was_told_but_not_for_ever() -> None:
+def test_instrument_waits_for_a_request_up_to_a_limit() -> None:
     time, kept = Timebase(), steps(of_asked=False)
     time.begin(-HEAD, 0)
     robot = speaking([asked(0, b"go"), came(1, b"1")], time, kept)
@@ -147,7 +147,7 @@ def test_one_that_calls_begins_once_somebody_is_there() -> None:
     assert time.shift_ns == 496 * MS + HEAD
 
 
-def test_a_host_that_leaves_before_the_end_begins_everything_anew() -> None:
+def test_early_disconnection_restarts_the_replay() -> None:
     time, kept = Timebase(), steps(of_asked=False)
 
     def play(pieces: Sequence[Piece]) -> StreamingPlayer:
@@ -173,7 +173,7 @@ def test_a_host_that_leaves_before_the_end_begins_everything_anew() -> None:
 
 
 @pytest.mark.parametrize(("of_asked", "off_ms", "out"), [(True, 1, 0), (True, 3, 1), (False, 1, 0), (False, 3, 1)])
-def test_a_second_that_is_further_off_than_the_figures_bear_is_told(of_asked: bool, off_ms: float, out: int) -> None:
+def test_too_large_delay_is_reported(of_asked: bool, off_ms: float, out: int) -> None:
     told: list[float] = []
     kept = Steps(BEAR, asked=of_asked, out_of_step=told.append)
     for k in range(25):
@@ -186,7 +186,7 @@ def test_a_second_that_is_further_off_than_the_figures_bear_is_told(of_asked: bo
     assert told == [off_ms * MS] * out
 
 
-def test_the_daemon_hears_what_is_added_and_whole(tmp_path: Path) -> None:
+def test_daemon_receives_inserted_bytes_completely(tmp_path: Path) -> None:
     file = tmp_path / "marks"
     assert ReplayMarks(file).read_new() == []
     file.write_text(out_of_step_line("g1", 3e6))

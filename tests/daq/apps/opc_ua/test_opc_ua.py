@@ -113,7 +113,7 @@ def test_a_robot_that_stands_with_stamps_that_stand_is_polled(robot: LibraryRobo
     assert all(math.isnan(sample.device_time_s) for sample in polled) and faults(items) == []
 
 
-def test_a_server_without_a_robot_says_so() -> None:
+def test_server_without_robot_is_reported() -> None:
     with library_robot(names=()) as empty:
         missing = read_until(opc_ua(port=empty.port), faults, lambda: None)
     assert "contains no MotionDeviceSystem" in faults(missing)[0].detail
@@ -185,9 +185,7 @@ SIX = {f"A{axis}": DEGREE for axis in range(1, 7)}
         (_two_robots(), {"device": "Right"}, ("none", "`axes`")),
     ],
 )
-def test_what_does_not_fit_the_rig_file_is_named_with_the_remedy(
-    space: Space, changes: dict[str, Any], words: tuple[str, ...]
-) -> None:
+def test_mismatch_with_the_rig_file_is_named(space: Space, changes: dict[str, Any], words: tuple[str, ...]) -> None:
     items = served(opc_ua(**changes), space=space)
     fault = faults(items)[0]
     assert fault.kind is FaultKind.MISSING and samples(items) == []

@@ -70,7 +70,7 @@ def test_a_message_is_read_as_asyncua_reads_it(message: Any) -> None:
     assert decoded(type(message), body) == struct_from_binary(type(message), Buffer(body))
 
 
-def test_a_structure_that_is_not_known_stays_bytes_and_what_follows_is_read() -> None:
+def test_unknown_structure_stays_bytes() -> None:
     unknown = ua.ExtensionObject(ua.NodeId(4711, 5), Body=b"whatever")
     (first, second) = decoded(ua.ReadResponse, struct_to_binary(read_response([ua.Variant(unknown)]))).Results
     assert first.Value.Value.Body == b"whatever" and first.SourceTimestamp == T0 and second.Value == ua.Variant()
@@ -124,7 +124,7 @@ def test_a_claim_that_holds_is_read() -> None:
 
 
 @pytest.mark.parametrize("what", CLAIMS)
-def test_what_a_message_claims_takes_no_memory(what: str) -> None:
+def test_claimed_lengths_allocate_no_memory(what: str) -> None:
     body = claiming(CLAIMS[what])
     tracemalloc.start()
     try:
@@ -164,7 +164,7 @@ def chunk(more: bytes, part: bytes, request: int = 1, kind: bytes = MESSAGE) -> 
     return kind + more + struct.pack("<IIIII", 24 + len(part), 0, 0, 1, request) + part
 
 
-def test_a_message_longer_than_what_the_other_side_receives_goes_out_in_chunks() -> None:
+def test_long_message_is_sent_in_chunks() -> None:
     writer, reader = Channel(), Channel()
     writer.agree(8192)
     message = ua.BrowseRequest()

@@ -97,7 +97,7 @@ def refusal(status: int) -> Any:
     return fault
 
 
-def test_several_samples_in_one_message_are_told_apart_by_their_stamps() -> None:
+def test_samples_of_one_message_differ_by_their_stamps() -> None:
     server = ByHand().subscribed()
     queued = [value for axis in range(6) for value in (every_axis(0)[axis], every_axis(10)[axis])]
     items = server.publish(1, *queued)
@@ -145,7 +145,7 @@ def test_stamps_that_lie_apart_are_a_doubt_once() -> None:
 @pytest.mark.parametrize(
     "odd", [ua.Variant("high"), ua.Variant(True), ua.Variant([1.0, 2.0]), ua.Variant(math.inf), ua.Variant(1e9), None]
 )
-def test_what_is_no_angle_is_a_fault_and_makes_no_sample(odd: Any) -> None:
+def test_invalid_angle_is_a_fault_without_sample(odd: Any) -> None:
     server = ByHand().subscribed()
     note = ua.MonitoredItemNotification(0, ua.DataValue(odd, SourceTimestamp=T0))
     response = ua.PublishResponse()
@@ -173,13 +173,13 @@ def test_what_is_no_angle_is_a_fault_and_makes_no_sample(odd: Any) -> None:
         (MESSAGE, ua.ReadResponse(), ("instead of CreateSessionResponse",)),
     ],
 )
-def test_a_refusal_ends_the_link_and_says_why(kind: bytes, message: Any, words: tuple[str, ...]) -> None:
+def test_refusal_ends_the_link_with_its_reason(kind: bytes, message: Any, words: tuple[str, ...]) -> None:
     server = ByHand()
     (fault,) = faults(server.say(kind, message))
     assert server.script.step.hang_up and all(word in fault.detail for word in words), fault.detail
 
 
-def test_what_a_server_shows_in_pages_is_read_to_the_last() -> None:
+def test_paged_browse_results_are_read_completely() -> None:
     server = ByHand(axes=None, units=None).in_session()
     device_set = ua.ReferenceDescription(NodeId=ua.NodeId(5, 2), BrowseName=ua.QualifiedName("DeviceSet", 2))
     server.answer(ua.BrowseResponse(Results=[ua.BrowseResult(ContinuationPoint=b"more")]))
@@ -251,7 +251,7 @@ def test_a_refused_subscription_is_no_fault_and_a_lost_one_is() -> None:
         ({"CurrentState": 3, "EmergencyStop": 1, "ProtectiveStop": "no"}, (math.nan, math.nan)),
     ],
 )
-def test_the_condition_is_what_is_shown_and_never_assumed(shown: dict[str, Any], expected: tuple[float, float]) -> None:
+def test_condition_is_shown_and_never_assumed(shown: dict[str, Any], expected: tuple[float, float]) -> None:
     found = condition_of(shown)
     assert (found["program_state"], found["safety_state"]) == pytest.approx(expected, nan_ok=True)
 
