@@ -1,5 +1,3 @@
-"""The page of the calibrated model: its reader, run as it stands there, gives the tool poses of `analysis`."""
-
 from __future__ import annotations
 
 import datetime as dt

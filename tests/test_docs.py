@@ -1,6 +1,3 @@
-"""What the documents say is so: commands, options, links, files and functions exist, and pages that are made are what
-their programs print."""
-
 from __future__ import annotations
 
 import ast
@@ -121,14 +118,12 @@ def test_the_index_lists_every_page() -> None:
 
 
 def _rows() -> dict[str, list[str]]:
-    """The table of gauges in the rig file's page: name, and what, line, keys."""
     text = (ROOT / "docs" / "rig-file.md").read_text().partition("## gauges")[2].partition("\n## ")[0]
     rows = re.findall(r"^\| `(\w+)` \| (.*)\|$", text, re.M)
     return {name: [cell.strip() for cell in cells.split("|")] for name, cells in rows}
 
 
 def _choices(name: str) -> set[str]:
-    """Return the allowed values of the keys of a gauge with a choice of words."""
     (model,) = (one for one in models(Gauge) if name_of(one) == name)
     kinds = [get_args(field.annotation) for field in model.model_fields.values()]
     return {word for kind in kinds for word in kind if isinstance(word, str)}
@@ -239,7 +234,6 @@ NAMES = sorted({name for page in (ROOT / "AGENTS.md", *PAGES) if page.exists() f
 
 
 def _defined(path: Path) -> set[str]:
-    """The classes, functions and constants of a module."""
     found: set[str] = set()
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
         match node:

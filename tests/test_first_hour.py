@@ -36,7 +36,6 @@ ZEROS = ["--key", "g1.zero_mm=5", "--key", "g2.zero_mm=5"]
 
 
 def counted() -> dict[str, int]:
-    """The keys that the page states, by cell."""
     return {name: int(keys) for name, keys in re.findall(r"^\| ([^|]+?) \| (\d+) \| \d+ \| \d+ \|$", PAGE, re.M)}
 
 

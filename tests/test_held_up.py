@@ -63,7 +63,6 @@ def test_hangs():
 
 
 def _run(folder: Path, tests: str, *options: str, **env: str) -> str:
-    """What pytest prints of tests that `tests/conftest.py` watches. env: variables beside the present ones."""
     (folder / "test_it.py").write_text(tests)
     command = [sys.executable, "-m", "pytest", "-p", "tests.conftest", "-p", "no:cacheprovider", "-c"]
     command += [ROOT / "pyproject.toml", "--rootdir", folder, folder / "test_it.py", *options]

@@ -29,7 +29,6 @@ USER = "rigcell"
 
 
 def missing() -> str:
-    """Return what this computer lacks for a controller."""
     if shutil.which("linuxcnc") is None:
         return "LinuxCNC is not installed (package linuxcnc-uspace)"
     if os.geteuid() == 0 and USER not in [user.pw_name for user in pwd.getpwall()]:
@@ -42,7 +41,6 @@ pytestmark = [pytest.mark.skipif(bool(missing()), reason=missing()), pytest.mark
 
 @pytest.fixture
 def person() -> Iterator[Person]:
-    """A person at the cell, with the controller and rigd running."""
     directory = Path(tempfile.mkdtemp(prefix="linuxcnc-"))
     directory.chmod(0o755)
     user = USER if os.geteuid() == 0 else pwd.getpwuid(os.geteuid()).pw_name

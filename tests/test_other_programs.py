@@ -18,7 +18,6 @@ PAGE = (Path(__file__).parents[1] / "docs" / "other-programs.md").read_text(enco
 
 
 def snippet(language: str) -> str:
-    """The one block of a language on the page."""
     (block,) = re.findall(rf"```{language}\n(.*?)```", PAGE, re.S)
     return str(block)
 
@@ -37,7 +36,6 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def angles_deg(work: Path) -> tuple[float, float]:
-    """The lowest and the highest angle of the lap, apart from the snippets."""
     lap = pq.read_table(work / "lap.parquet")
     apart_mm = lap["g2_mm"].to_numpy() - lap["g1_mm"].to_numpy()
     angle_deg = np.degrees(np.arctan2(apart_mm, 50.0))
@@ -50,7 +48,6 @@ def readings(work: Path) -> int:
 
 
 def check(printed: str, work: Path) -> None:
-    """What the snippets for pandas and MATLAB print."""
     lowest, highest = re.search(r"degrees: (\S+) to (\S+)", printed).groups()  # type: ignore[union-attr]
     assert (float(lowest), float(highest)) == pytest.approx(angles_deg(work), abs=1e-6)
     assert re.search(rf"readings: {readings(work)} doubtful: 0\b", printed)

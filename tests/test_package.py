@@ -1,5 +1,3 @@
-"""The package as it travels: the wheel in an empty environment, one version number, the citation, the release."""
-
 import re
 import subprocess
 import sys

@@ -1,5 +1,3 @@
-"""The plotting script in the package is that of the package plotly which developers have."""
-
 from __future__ import annotations
 
 import gzip

@@ -25,7 +25,6 @@ def _rig(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A yaw run of two gauges and a robot, as the daemon records it."""
     runs = tmp_path_factory.mktemp("runs")
     writer = [sys.executable, ROOT / "tests" / "support" / "synthetic_run.py", runs, "10000"]
     done = subprocess.run(writer, capture_output=True, text=True, check=False, cwd=ROOT)

@@ -1,5 +1,3 @@
-"""Rules of the source that no linter knows: only its own file names an effect, and no number is shown as -0."""
-
 from __future__ import annotations
 
 import ast
@@ -32,7 +30,6 @@ KEYS = re.compile(
 
 
 def _names_in(tree: ast.Module) -> set[str]:
-    """Effects that code names by identifiers, imports and strings, docstrings left out."""
     prose = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     found: set[str] = set()
     for node in ast.walk(tree):

@@ -1,5 +1,3 @@
-"""The site that is built of the documents: every page and picture, and no link that leads nowhere."""
-
 from __future__ import annotations
 
 import runpy

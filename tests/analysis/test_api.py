@@ -1,5 +1,3 @@
-"""`from analysis import …`: light to import, typed and frozen results with their curves, errors of rigs.errors only."""
-
 from __future__ import annotations
 
 import inspect

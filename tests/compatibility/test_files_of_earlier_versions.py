@@ -27,7 +27,6 @@ RIGS = sorted(path for path in WROTE.glob("[0-9].*/*/*/*.yaml") if path.name != 
 
 @pytest.fixture
 def state(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    """A copy of what one state wrote, as the working directory would be."""
     return Path(shutil.copytree(WROTE / request.param, tmp_path / request.param.replace("/", "-")))
 
 

@@ -1,5 +1,3 @@
-"""The arm library: every file is good, is named as it is, and agrees with the shipped rigs."""
-
 from __future__ import annotations
 
 import re

@@ -146,7 +146,6 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], dict[str, Any]], str]] = {
 
 
 def _named_as(directory: Path, content: bytes) -> Path:
-    """A rig file that names a calibration of this content."""
     directory.mkdir(exist_ok=True)
     (directory / "cell.calibration.json").write_bytes(content)
     named = CalibrationFile(file="cell.calibration.json", sha256=hashlib.sha256(content).hexdigest())
@@ -339,7 +338,6 @@ def test_every_effect_can_be_a_term(name: str) -> None:
 
 
 def _small(effect: Effect) -> Effect:
-    """The effect at a tenth of its healthy size, as columns have it."""
     found = scaled(healthy(effect), 0.1)
     assert size_of(found) == pytest.approx(0.1)
     return found

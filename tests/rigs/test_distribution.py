@@ -1,5 +1,3 @@
-"""What the package is called, how a part is added to it, and that nobody else's package is taken for one of its own."""
-
 from __future__ import annotations
 
 import subprocess

@@ -1,5 +1,3 @@
-"""Values changed in the text of a rig file: these and nothing else, whatever the style it is written in."""
-
 from __future__ import annotations
 
 import re

@@ -1,5 +1,3 @@
-"""Every effect of the vocabulary, from the rig file to the correction; tests/test_how_to_analysis.py adds one."""
-
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -1,5 +1,3 @@
-"""Names of effects in words: every kind of the vocabulary has a name without identifiers, and kinds are listed once."""
-
 import pytest
 
 from rigs.effect_names import kind_in_words, name_in_words, names_in_words

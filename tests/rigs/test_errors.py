@@ -1,5 +1,3 @@
-"""Error messages are safe for any content of a damaged file."""
-
 from __future__ import annotations
 
 import copy

@@ -1,5 +1,3 @@
-"""Extended rig files: the old text stays, the new effects are read back."""
-
 import datetime as dt
 
 import pytest

@@ -1,5 +1,3 @@
-"""Arms with which an arm is compared."""
-
 from __future__ import annotations
 
 import math

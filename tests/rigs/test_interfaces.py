@@ -1,5 +1,3 @@
-"""`rig interfaces` lists the contents of the schemas with their sources."""
-
 from __future__ import annotations
 
 import json

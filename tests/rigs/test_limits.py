@@ -1,5 +1,3 @@
-"""Limits of a rig file: read with one number or two, refused in one line, and decided with the uncertainty."""
-
 import pytest
 
 from analysis import evaluate, simulate

@@ -1,5 +1,3 @@
-"""Calibration files that were written anew with a hash of their own are held against the rig file."""
-
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Rig files: the shipped ones are good; mistakes are told all at once, each with its place and remedy."""
-
 import contextlib
 import datetime as dt
 import os

@@ -1,5 +1,3 @@
-"""Errors about a rig name its file by what they are of, whatever their words."""
-
 from __future__ import annotations
 
 import pickle

@@ -1,5 +1,3 @@
-"""A program that is interrupted while it ends: no traceback, and the exit code of what it did."""
-
 from __future__ import annotations
 
 import signal

@@ -1,5 +1,3 @@
-"""A signed reading that was read as unsigned is named, and nothing else is."""
-
 from __future__ import annotations
 
 import numpy as np

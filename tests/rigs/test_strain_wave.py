@@ -1,5 +1,3 @@
-"""Torsion of a strain-wave gear: the maker's three regions, its loss, and its rival, the linear softness."""
-
 from __future__ import annotations
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""The gate for text itself; that every command goes through it is tests/trials/hostile."""
-
 from __future__ import annotations
 
 import pytest

@@ -1,5 +1,3 @@
-"""The frame of the trials, with trials of three lines."""
-
 from __future__ import annotations
 
 from argparse import Namespace

@@ -1,5 +1,3 @@
-"""The table and the diagram of a blind trial from what was kept of it."""
-
 from __future__ import annotations
 
 import json

@@ -1,5 +1,3 @@
-"""The page of setting up: its table is what the simulator gives, its drawings are well formed and show in the dark."""
-
 from __future__ import annotations
 
 import re

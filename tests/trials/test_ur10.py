@@ -23,7 +23,6 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The tables that the program writes of these data."""
     out = tmp_path_factory.mktemp("ur10")
     done = subprocess.run(
         [sys.executable, ROOT / "tests" / "trials" / "ur10.py", DATA, out],

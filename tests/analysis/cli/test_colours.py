@@ -1,5 +1,3 @@
-"""NO_COLOR removes the colours of typer's messages and of rich's help and tables."""
-
 from __future__ import annotations
 
 import os

@@ -1,5 +1,3 @@
-"""A command is imported when it is called, and no other with it."""
-
 from __future__ import annotations
 
 import pytest

@@ -1,5 +1,3 @@
-"""A shell completes commands, runs, robots, rig files and daemons."""
-
 from __future__ import annotations
 
 import os
@@ -18,7 +16,6 @@ BIN = Path(sys.executable).parent
 
 
 def offered(place: Path, line: str) -> list[str]:
-    """What is offered for the last word of a line, as bash asks for it."""
     words = line.split(" ")
     asking = {"_RIG_COMPLETE": "complete_bash", "COMP_WORDS": "\n".join(words), "COMP_CWORD": str(len(words) - 1)}
     done = ran(cwd=place, XDG_RUNTIME_DIR=str(place), **asking)

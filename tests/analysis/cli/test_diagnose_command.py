@@ -1,5 +1,3 @@
-"""`rig diagnose` from end to end: a hidden backlash is named, added, proven, and then no longer missing."""
-
 from __future__ import annotations
 
 import json
@@ -53,7 +51,6 @@ class Cell:
 
     @property
     def judged(self) -> list[Any]:
-        """Return the arguments for all runs and the held-out runs."""
         held = [word for path in self.left_out for word in ("--hold-out", path)]
         return [*self.runs, *held, *(word for path in self.elsewhere for word in ("--unseen", path))]
 
@@ -81,7 +78,6 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
 
 @pytest.fixture(scope="module")
 def found(cell: Cell) -> tuple[dict[str, Any], str, Path]:
-    """The answer on stdout, what stood on stderr, and the directory of the diagnosis."""
     output = cell.directory / "found"
     done = _rig("diagnose", *cell.judged, "--json", "-o", output)
     assert done.exit_code == 0, (done.output, done.exception)

@@ -79,7 +79,6 @@ def simulated(test: str) -> tuple[str, ...]:
 
 
 def tables(folder: Path) -> None:
-    """Tables of a circle and of touches, of six axes, as a person brings them."""
     joints = [f"q{axis}_deg" for axis in range(1, 7)]
     rows = [[float(k), *(10.0 * axis + k for axis in range(6)), 0.1, 0.2] for k in range(20)]
     text = ",".join(["t_s", "direction", *joints, "g1_mm", "g2_mm"]) + "\n"

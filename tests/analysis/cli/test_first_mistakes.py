@@ -1,5 +1,3 @@
-"""First mistakes of a new user with a table of touches: the first line names the cause, and nothing is computed."""
-
 from __future__ import annotations
 
 from pathlib import Path
@@ -28,7 +26,6 @@ _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A rig file with two sockets, and a table of touches of a sound arm."""
     folder = tmp_path_factory.mktemp("cell")
     text = f"name: cell\n{load_arm('ur10e').text}tests: {{touch: {{sockets: [A, B]}}}}\n"
     (folder / "cell.yaml").write_text(text, encoding="utf-8")
@@ -39,7 +36,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _changed(folder: Path, name: str, joints: list[str], factors: tuple[float, ...] = (1.0,) * 6) -> Path:
-    """The table with other names of its joint columns, and joints multiplied by factors."""
     lines = (folder / "t.csv").read_text(encoding="utf-8").splitlines()[1:]
     rows = [",".join([row[0], *(str(float(v) * f) for v, f in zip(row[1:], factors, strict=True))]) for row in
             (line.split(",") for line in lines)]  # fmt: skip

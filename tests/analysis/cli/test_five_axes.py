@@ -1,5 +1,3 @@
-"""An arm of five axes by the commands that a person types: what works, and what such an arm cannot show, in a line."""
-
 from __future__ import annotations
 
 import json

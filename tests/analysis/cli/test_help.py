@@ -1,5 +1,3 @@
-"""The help of every command: flags that are plain flags, and an example that the command would take."""
-
 from __future__ import annotations
 
 import importlib

@@ -1,5 +1,3 @@
-"""Every writing command interrupted at every write: each named file is complete, and no temporary file remains."""
-
 from __future__ import annotations
 
 import ast
@@ -60,7 +58,6 @@ def interrupted_at(number: int, below: Path) -> Iterator[_Interrupt]:
 
 @pytest.fixture(scope="module")
 def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Runs, and a table."""
     directory = tmp_path_factory.mktemp("given")
     for direction in ("acw", "cw"):
         save_run(simulate("ur10e", "yaw", direction, seed=1, effects="ur10e"), directory / direction)

@@ -1,5 +1,3 @@
-"""Directories of runs in one command: the same output from any number of processes, and a bad run costs its own row."""
-
 from __future__ import annotations
 
 import json
@@ -22,7 +20,6 @@ def ran(*words: object) -> Result:
 
 @pytest.fixture(scope="module")
 def plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four runs in two directories, and between them one that is damaged."""
     plant = tmp_path_factory.mktemp("plant")
     for seed, directory in enumerate(("a", "c")):
         assert list(write_visits(plant / directory, robot_of(1, 0, 365.0), [0.0, 30.0], ["yaw acw"], seed))

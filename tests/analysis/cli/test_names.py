@@ -1,5 +1,3 @@
-"""One word for one thing: makers, arms and rigs as people write them, and options as earlier versions spelled them."""
-
 from __future__ import annotations
 
 import socket

@@ -1,5 +1,3 @@
-"""What a person has is not replaced: rig files that are read, and the name of a user that the system does not know."""
-
 from __future__ import annotations
 
 import getpass

@@ -1,5 +1,3 @@
-"""Progress is shown on a terminal, never in a file, and never among the results."""
-
 from __future__ import annotations
 
 import os

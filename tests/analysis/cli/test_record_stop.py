@@ -1,5 +1,3 @@
-"""Messages and remedies of `rig record stop` for runs that are too short or mislabelled."""
-
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Commands over runs in an object store and on an SFTP server print what they print of the directory."""
-
 from __future__ import annotations
 
 import os
@@ -53,7 +51,6 @@ def store_of(kind: str, plant: Path, keys: Path) -> Iterator[Store]:
 def store(
     request: pytest.FixtureRequest, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[tuple[Path, Store]]:
-    """A plant as a directory, and the same in a store."""
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     with store_of(request.param, written, tmp_path / "keys") as made:

@@ -1,5 +1,3 @@
-"""Several runs in one command: a failure costs only its own part, and the exit code is the highest of all."""
-
 from __future__ import annotations
 
 import shutil

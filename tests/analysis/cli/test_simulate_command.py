@@ -1,5 +1,3 @@
-"""Rejected requests of `rig simulate`."""
-
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Tables in the place of runs, and names of the arm library in the place of rig files."""
-
 from __future__ import annotations
 
 import json

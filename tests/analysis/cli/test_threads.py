@@ -1,5 +1,3 @@
-"""The command keeps the libraries beneath numpy to one thread, unless its user asks for more."""
-
 import os
 import subprocess
 import sys

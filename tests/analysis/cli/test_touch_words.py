@@ -1,5 +1,3 @@
-"""What a person who touches sockets reads: of touches, and of no gauges, circles or targets."""
-
 from __future__ import annotations
 
 import json

@@ -1,5 +1,3 @@
-"""`rig versions`: which calibrations there are, and back to one with nothing lost."""
-
 from __future__ import annotations
 
 import datetime as dt
@@ -17,7 +15,6 @@ from tests.support.refusals import refused
 
 @pytest.fixture
 def robot(tmp_path: Path) -> tuple[Path, Path]:
-    """A rig file with the calibration of November, and one of March below it."""
     march, _ = written(tmp_path / "march", calibrated_model(date=dt.date(2026, 3, 1), calibrated_um=3.4))
     now, _ = written(tmp_path)
     return now, march

@@ -1,5 +1,3 @@
-"""Options that need or exclude others, and paths of the wrong kind: one line, and nothing is done."""
-
 from __future__ import annotations
 
 import json

@@ -1,5 +1,3 @@
-"""Forward and inverse kinematics of the calibrated arm, as scripts ask for them."""
-
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""u of a calibration by few places: Student's t for their number."""
-
 from __future__ import annotations
 
 import numpy as np

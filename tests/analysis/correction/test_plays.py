@@ -1,5 +1,3 @@
-"""Which plays are corrected in a program: those of a rig file and of its calibration that are certain, usual or not."""
-
 from __future__ import annotations
 
 from pathlib import Path

@@ -91,7 +91,6 @@ LENGTHS = KUKA | FANUC
 
 
 def _entered(name: str, maker: MakerName, at: ControllerEntries) -> Wrong:
-    """The constants of the controller after a person has entered the values, less the nominal ones."""
     change = {field: np.zeros(6) for field in ("offset", "a", "alpha", "d")}
     for one in at.entries:
         if maker == "ur":

@@ -1,7 +1,3 @@
-"""Effect of the verdict on corrections: refused, or written with a remark if forced; u includes the unexplained
-error.
-"""
-
 from __future__ import annotations
 
 import csv

@@ -1,5 +1,3 @@
-"""Every kind of invalid table is rejected with line, column, problem and remedy."""
-
 from __future__ import annotations
 
 import re
@@ -24,7 +22,6 @@ from tests.support.written_runs import import_table
 
 
 def refusal(text: str, test: TestName, direction: Direction | None = None) -> list[str]:
-    """Return the error messages for a table, one line per mistake."""
     with pytest.raises(FileError) as caught:
         parse_csv(text.encode(), "t.csv", test, rig(), direction)
     assert all("\n" not in line for line in caught.value.lines())

@@ -1,5 +1,3 @@
-"""Columns that need more than their names: two places, signs of joints, units by column, few postures, wild rows."""
-
 from __future__ import annotations
 
 from dataclasses import replace

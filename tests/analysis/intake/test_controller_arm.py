@@ -1,5 +1,3 @@
-"""The arm in the controller: constants of a file or of poses, put into a rig."""
-
 from __future__ import annotations
 
 from pathlib import Path
@@ -24,7 +22,6 @@ def own_arm() -> Robot:
 
 
 def pendant(folder: Path, robot: Robot, count: int, decimals: int = 2) -> Path:
-    """A table of joints and flange poses as a pendant shows them, rounded."""
     low, high = [-160, -150, 20, -170, -100, -170], [160, -20, 140, 170, -20, 170]
     q = np.random.default_rng(4).uniform(low, high, (count, 6)).round(decimals)
     places = forward(arm_of(robot), np.radians(q))[:, :3, 3].round(2)

@@ -1,5 +1,3 @@
-"""Stops of the cube from places alone: known by where they lie and the order in which they come, or refused."""
-
 from __future__ import annotations
 
 import json

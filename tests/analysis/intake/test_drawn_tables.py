@@ -1,5 +1,3 @@
-"""Tables drawn by a seed as exporters write them, each with its truth: none is read wrongly in silence."""
-
 from __future__ import annotations
 
 from pathlib import Path

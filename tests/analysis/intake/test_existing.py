@@ -1,5 +1,3 @@
-"""Existing files: measurements are never overwritten; results are replaced if rig wrote them."""
-
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Tables as their instrument wrote them: imported, asked about or refused, and never wrong in silence."""
-
 from __future__ import annotations
 
 import io

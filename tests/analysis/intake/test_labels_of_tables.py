@@ -1,5 +1,3 @@
-"""Headers, commanded angles and lengths in metres: tables and rig files that say something else than they mean."""
-
 from __future__ import annotations
 
 from pathlib import Path

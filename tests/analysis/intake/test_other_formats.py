@@ -1,5 +1,3 @@
-"""Files that are no table are called what they are; text that a spreadsheet computes is written as text."""
-
 from __future__ import annotations
 
 import csv

@@ -1,5 +1,3 @@
-"""Readers of files with several streams are offered by packages, and found by the first bytes of a file."""
-
 from __future__ import annotations
 
 from collections.abc import Iterator

@@ -1,5 +1,3 @@
-"""Export of a recorded run as the table of measurement.md, and re-import of that table."""
-
 from __future__ import annotations
 
 import math

@@ -1,5 +1,3 @@
-"""The five tables go in, come out and come back the same; a run made of one is a run like any other."""
-
 from __future__ import annotations
 
 import csv

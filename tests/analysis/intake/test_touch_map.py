@@ -1,5 +1,3 @@
-"""Touches as a person writes them down: joints called J1 to J6, one socket for all rows."""
-
 from __future__ import annotations
 
 from pathlib import Path
@@ -17,7 +15,6 @@ JOINTS = [f"J{axis}" for axis in range(1, 7)]
 
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A rig file with two punch marks as sockets, and its touches beside it."""
     folder = tmp_path_factory.mktemp("touches")
     data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))
     data["tests"] = {"touch": {"sockets": ["A", "B"], "ball_mm": [0, 0, 90], "touches": 12}}

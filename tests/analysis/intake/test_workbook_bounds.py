@@ -1,5 +1,3 @@
-"""A small workbook cannot hold up who reads it: cells are counted while they are read, not after."""
-
 from __future__ import annotations
 
 import io

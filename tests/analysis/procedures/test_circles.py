@@ -41,7 +41,6 @@ def _distance(g_mm: np.ndarray) -> circularity.Circularity:
 
 
 def _said(result: CircleResult) -> tuple[str, ...]:
-    """Its notes, but for that a single lap makes."""
     return tuple(note for note in result.notes if not note.startswith("a single lap cannot show slow noise"))
 
 

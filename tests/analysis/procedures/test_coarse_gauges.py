@@ -1,5 +1,3 @@
-"""Targets read by a gauge whose steps are larger than the scatter: its figures hold the robot's own all the same."""
-
 import dataclasses
 
 import numpy as np

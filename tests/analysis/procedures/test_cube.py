@@ -1,5 +1,3 @@
-"""ISO 9283 of the cube: figures against the standard's formulas in loops, on an arm that is multiplied out apart."""
-
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,5 +1,3 @@
-"""The lag between gauges and robot from acw and cw circles, and the message if it cannot be determined."""
-
 from __future__ import annotations
 
 import json

@@ -1,5 +1,3 @@
-"""The largest size of a noisy curve: on a plateau, where the noise chooses the place, and on a peak."""
-
 from __future__ import annotations
 
 import numpy as np

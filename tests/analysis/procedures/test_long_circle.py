@@ -1,5 +1,3 @@
-"""Analysis of a long circle in parts gives the same result as a single pass."""
-
 from __future__ import annotations
 
 from pathlib import Path

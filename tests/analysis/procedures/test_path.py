@@ -1,5 +1,3 @@
-"""Paths of ISO 9283: AT, RT, CR, CO, F and D of recordings whose errors are planted, against the standard in loops."""
-
 from __future__ import annotations
 
 from dataclasses import dataclass, replace

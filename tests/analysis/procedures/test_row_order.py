@@ -1,5 +1,3 @@
-"""Tables without times say the same in any order of their rows."""
-
 from __future__ import annotations
 
 from dataclasses import replace

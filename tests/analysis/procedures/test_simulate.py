@@ -1,5 +1,3 @@
-"""Simulated circles of any length: memory and time grow with their readings, and no faster."""
-
 from __future__ import annotations
 
 import tracemalloc

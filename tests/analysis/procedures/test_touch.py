@@ -1,5 +1,3 @@
-"""Figures of touches, compared with a manual computation, and messages about insufficient touches."""
-
 from __future__ import annotations
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""The uncertainty of each row's time on its way from the stamps to the figures, and what is said of bad stamps."""
-
 from __future__ import annotations
 
 from pathlib import Path

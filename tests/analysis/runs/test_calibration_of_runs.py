@@ -1,5 +1,3 @@
-"""A run keeps the calibration that its rig file names, so that nobody needs the rig file to analyse it."""
-
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -30,7 +28,6 @@ def _nothing_remembered() -> Iterator[None]:
 
 
 def simulated(tmp_path: Path) -> Path:
-    """A simulated run of a cell with a calibration, whose rig file is gone afterwards."""
     rig_file, beside = written(tmp_path / "cell")
     run = analysis.save_run(analysis.simulate(rig_file, "yaw", "cw", seed=1), tmp_path / "run")
     rig_file.unlink()

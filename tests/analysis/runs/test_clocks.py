@@ -1,5 +1,3 @@
-"""An instrument's clock on the host's time line: through delay, drift, wrong stamps, restarts and wrap-around."""
-
 from __future__ import annotations
 
 from typing import Any

@@ -1,5 +1,3 @@
-"""What is made of the robot's condition in a run: stops, pauses, speeds and temperatures that were planted."""
-
 from __future__ import annotations
 
 import math

@@ -1,5 +1,3 @@
-"""Poses that a controller computed in a run show with which constants it computes."""
-
 from __future__ import annotations
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Which stands of a recorded program are visits of its targets."""
-
 from __future__ import annotations
 
 import dataclasses
@@ -18,7 +16,6 @@ RATE_HZ = 20.0
 
 
 def rig_of(visits: int = 2) -> Rig:
-    """Few targets, one orientation."""
     rig, _ = load("paper-errors")
     assert rig.tests.hemisphere is not None
     hemisphere = rig.tests.hemisphere.model_copy(update={"step_deg": 60.0, "orientations": 1, "visits": visits})
@@ -26,7 +23,6 @@ def rig_of(visits: int = 2) -> Rig:
 
 
 def driven(q: np.ndarray, dwell_s: float = 1.0) -> Aligned:
-    """A program that stops at q, its gauge with the number of the stop as reading."""
     t_s, path = stops(q, dwell_s=dwell_s)
     at = np.arange(0.0, t_s[-1], 1 / RATE_HZ)
     joints = np.stack([np.interp(at, t_s, joint) for joint in path.T], axis=1)

@@ -1,5 +1,3 @@
-"""The friction of joints by the currents of their motors, of an arm that another generator drives and weighs."""
-
 from __future__ import annotations
 
 import json

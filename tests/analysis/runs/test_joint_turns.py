@@ -1,5 +1,3 @@
-"""Joints that are counted whole turns further are counted back, and joints outside their limits are named."""
-
 from __future__ import annotations
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Registration of test kinds: rig's own by name, those of other packages as entry points."""
-
 from __future__ import annotations
 
 from collections.abc import Iterator

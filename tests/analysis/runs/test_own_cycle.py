@@ -1,5 +1,3 @@
-"""Ticks of a gauge's own cycle found from its readings: at rest, in steps, garbled, in step with requests, or none."""
-
 from __future__ import annotations
 
 import re

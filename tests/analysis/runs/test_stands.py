@@ -50,7 +50,6 @@ def test_stands_never_share_a_row(seed: int) -> None:
 
 
 def read_thrice(one: PoseTable, noise_mm: float = 0.005) -> PoseTable:
-    """Three readings at each stand."""
     rng = np.random.default_rng(4)
     rpy = None if one.rpy is None else np.repeat(one.rpy, 3, axis=0)
     xyz = np.repeat(one.xyz_mm, 3, axis=0)

@@ -1,5 +1,3 @@
-"""Messages of a steady pace without a clock: their numbers, held against counting them one by one."""
-
 from __future__ import annotations
 
 import math
@@ -19,7 +17,6 @@ AHEAD, EARLY = 32, 0.15
 
 
 def counted_one_by_one(host_ns: Array, period_ns: float) -> Array:
-    """Return the result of `numbered`, computed row by row."""
     along = np.arange(len(host_ns), dtype=np.int64)
     late = host_ns - along * period_ns
     least = np.lib.stride_tricks.sliding_window_view(late, AHEAD).min(axis=1)

@@ -1,5 +1,3 @@
-"""Columns of a run directory that nobody can have recorded: refused in one line, or left out and counted."""
-
 from __future__ import annotations
 
 from dataclasses import replace
@@ -27,7 +25,6 @@ def lap() -> Run:
 
 
 def with_column(stream: str, column: str, rows: Any, value: Any) -> Run:
-    """The lap with a value, or several, in these rows of a column."""
     run = lap()
     new = run.streams[stream][column].copy()
     new[rows] = value

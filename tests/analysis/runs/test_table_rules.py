@@ -1,5 +1,3 @@
-"""What holds of every table that is read: a run that was edited costs itself, and no other run."""
-
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,5 +1,3 @@
-"""Several new files in a directory: all of them, or none; tables in parts."""
-
 from __future__ import annotations
 
 import errno

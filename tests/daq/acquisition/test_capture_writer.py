@@ -1,5 +1,3 @@
-"""What `rigd --capture` keeps: every byte of every link, readable, whatever the disk does."""
-
 from __future__ import annotations
 
 import signal

@@ -1,5 +1,3 @@
-"""The computer's own clocks: the wall clock set, the computer asleep, and what a run keeps of it."""
-
 from __future__ import annotations
 
 from dataclasses import replace

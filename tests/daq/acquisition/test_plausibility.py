@@ -1,5 +1,3 @@
-"""Implausible readings: reported and unreported cases."""
-
 from __future__ import annotations
 
 import math

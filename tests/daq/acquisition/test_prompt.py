@@ -1,5 +1,3 @@
-"""What keeps readers from being held up by the rest of the process."""
-
 import gc
 import sys
 from collections.abc import Iterator

@@ -55,8 +55,6 @@ def _sees_what_is_wrong(path: Path) -> None:
 
 
 class _OneReading:
-    """A link that delivers a single sample."""
-
     def connected(self, now_ns: int) -> ConversationStep:
         return ConversationStep(items=(Sample((1.0,), 0, now_ns, now_ns, 1),), hang_up=True)
 
@@ -134,8 +132,6 @@ def test_outage_is_one_fault_with_each_reason_once(monkeypatch: pytest.MonkeyPat
 
 
 class _Breaking(Link):
-    """Brings so many pieces, and is lost."""
-
     def __init__(self, piece: bytes, count: int) -> None:
         super().__init__("g1", -1, lambda: None)
         self._pieces = [piece] * count

@@ -1,5 +1,3 @@
-"""What stood still is a fault with its length: one reader, or rigd and the computer under it; and floods."""
-
 from __future__ import annotations
 
 import re

@@ -1,5 +1,3 @@
-"""Whatever comes, in whatever pieces: the same result for every cut, never an exception, never a growing buffer."""
-
 from __future__ import annotations
 
 import struct
@@ -67,7 +65,6 @@ def _listening(feedback: Any) -> Callable[[], Script]:
 
 
 def _opened(feedback: Any) -> Script:
-    """A host whose WebSocket was accepted."""
     server = WSConnection(ConnectionType.SERVER)
     script = Script(daq.feedback.host(feedback))
     server.receive_data(script.sent)
@@ -189,7 +186,6 @@ def test_the_cut_makes_no_difference(name: str, examples: int) -> None:
 
 
 def _sides() -> dict[str, tuple[Callable[[], Conversation], list[bytes]]]:
-    """Every host and every device, each with good bytes of the other side."""
     sides: dict[str, tuple[Callable[[], Conversation], list[bytes]]] = {}
     replies = [reply for _, choices, _ in STREAMS.values() for reply in choices if len(reply) < LIMIT]
     replies += [EGM, PACKED, ROB, egm_robot(8), rob(123645634567), status(1), status(2)]

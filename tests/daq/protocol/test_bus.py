@@ -258,7 +258,6 @@ def test_two_probes_of_one_orbit_unit() -> None:
 
 
 def _wired(units: Sequence[ModbusMap], served: Sequence[ModbusMap], seconds: float) -> list[Item]:
-    """What the host makes of units on a pty at the pace of the line."""
     line, stop, items = PtyLine.open(LINE), Event(), list[Item]()
     device = daq.gauges.device(served, lambda now_ns: [unit.unit / 100 for unit in served])
     serve = Thread(target=run_conversation, args=(line, device, lambda _: None, stop.is_set))

@@ -1,5 +1,3 @@
-"""The condition of a robot as each controller sends it: bytes by hand, from the makers' documents and headers."""
-
 from __future__ import annotations
 
 import math
@@ -34,7 +32,6 @@ def _packet(kind: bytes, payload: bytes = b"") -> bytes:
 
 
 def _last(feedback: Feedback, script: Script) -> dict[str, float]:
-    """The columns of the last sample beside the joints."""
     sample = script.taken()[-1]
     assert isinstance(sample, Sample)
     columns = robot_stream(feedback).columns
@@ -43,7 +40,6 @@ def _last(feedback: Feedback, script: Script) -> dict[str, float]:
 
 
 def _of_rtde(program: int = 2, safety: int = 1, scaling: float = 1.0, slider: float = 1.0) -> dict[str, float]:
-    """What is made of a packet with these fields."""
     robot = rtde()
     script = Script(daq.feedback.host(robot))
     assert script.receive(_packet(b"V", b"\1")).send.endswith(",".join(FIELDS).encode())

@@ -1,5 +1,3 @@
-"""Every driver of a gauge and a robot against its own device side, found by walking the packages of the drivers."""
-
 from __future__ import annotations
 
 import math

@@ -1,5 +1,3 @@
-"""Scripted conversations of each protocol: received bytes, sent bytes, and faults."""
-
 from __future__ import annotations
 
 import math

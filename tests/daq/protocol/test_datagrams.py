@@ -1,5 +1,3 @@
-"""The interfaces that speak by datagrams: literal packets in, samples, faults and answers out."""
-
 from __future__ import annotations
 
 import math
@@ -223,7 +221,6 @@ def _capability(version: int, size: int = 28) -> bytes:
 
 
 def _status_of(version: int, number: int, angle_deg: float, stamp_ms: int) -> bytes:
-    """A status as FANUC's packets.hpp lays it out: by offsets, packed, big-endian."""
     packet = bytearray(388 if version == 3 else 416)
     struct.pack_into(">III", packet, 0, 202 if version == 3 else 204, version, number)
     struct.pack_into(">I", packet, 16, stamp_ms)

@@ -1,5 +1,3 @@
-"""The framers by themselves, where the conversations above them would hide a slip."""
-
 from __future__ import annotations
 
 from daq.protocol.conversation import Fault, FaultKind

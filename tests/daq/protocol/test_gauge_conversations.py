@@ -1,5 +1,3 @@
-"""Every gauge that answers a text: its request, and each reply of its manual with what becomes of it."""
-
 from __future__ import annotations
 
 import struct

@@ -33,8 +33,6 @@ def published(sec: int = 7, nanosec: int = 250_000_000, **changes: object) -> st
 
 
 class Server:
-    """The server's side of a WebSocket, driven by hand."""
-
     def __init__(self, **changes: object) -> None:
         self.script = Script(daq.feedback.host(joint_states(**changes)))
         self.socket = WSConnection(ConnectionType.SERVER)

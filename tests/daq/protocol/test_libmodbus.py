@@ -60,7 +60,6 @@ class _Mapping(ctypes.Structure):
 
 
 def _mapping(library: ctypes.CDLL, layout: str, value: float) -> ctypes.c_void_p:
-    """Input registers from `FIRST` on, the value in the first two."""
     made = ctypes.c_void_p(library.modbus_mapping_new_start_address(0, 0, 0, 0, 0, 0, FIRST, REGISTERS))
     registers = ctypes.cast(made, ctypes.POINTER(_Mapping)).contents.tab_input_registers
     getattr(library, f"modbus_set_float_{layout}")(ctypes.c_float(value), registers)
@@ -80,7 +79,6 @@ def _serve(library: ctypes.CDLL, context: ctypes.c_void_p, mapping: ctypes.c_voi
 
 @contextmanager
 def _rtu_unit(unit: int, layout: str, value: float) -> Iterator[str]:
-    """The port of a unit of libmodbus on a pty."""
     library = _library()
     master, slave = os.openpty()
     tty.setraw(slave)

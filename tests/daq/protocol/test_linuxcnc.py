@@ -1,5 +1,3 @@
-"""Lines as halsampler printed them, and the program that serves them."""
-
 from __future__ import annotations
 
 import os

@@ -1,5 +1,3 @@
-"""Numbers in Modbus registers: every type in every order, and numbers that no gauge reads."""
-
 from __future__ import annotations
 
 import math
@@ -32,7 +30,6 @@ ORDERS = [("big", "big"), ("big", "little"), ("little", "big"), ("little", "litt
 
 
 def _laid(number: float, kind: str, word_order: str, byte_order: str) -> list[int]:
-    """The registers of a number, by numpy."""
     name, bits = kind[:-2], int(kind[-2:])
     data = np.array([number], dtype=f">{NUMPY[name]}{bits // 8}").tobytes()
     words = [data[k : k + 2] for k in range(0, len(data), 2)]
@@ -74,7 +71,6 @@ def test_ranges_of_the_types(kind: str, most: float, too_much: float) -> None:
 
 
 def _read(gauge_: ModbusMap, registers: list[int]) -> Sample | Fault:
-    """What becomes of an answer with these registers."""
     script = asked(daq.gauges.host([gauge_]))
     content = struct.pack(f">BBB{len(registers)}H", 1, 4, 2 * len(registers), *registers)
     script.receive(struct.pack(">HHH", 1, 0, len(content)) + content)

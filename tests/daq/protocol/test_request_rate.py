@@ -1,5 +1,3 @@
-"""Request rate of instruments with a maximum rate."""
-
 from __future__ import annotations
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Samples as arrays are the same samples; a quick stream is read by arrays as it is message by message."""
-
 from __future__ import annotations
 
 import math

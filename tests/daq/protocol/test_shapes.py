@@ -1,5 +1,3 @@
-"""A text gauge whose line loses, doubles or changes characters: no reading that nobody sent, and in/mm is noticed."""
-
 from __future__ import annotations
 
 import math
@@ -50,8 +48,6 @@ def _wave(t_s: float) -> float:
 
 @dataclass
 class Outcome:
-    """What became of the replies."""
-
     damaged: int = 0
     right: int = 0
     false_mm: list[float] = field(default_factory=list)

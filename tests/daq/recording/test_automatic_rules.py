@@ -1,5 +1,3 @@
-"""Rules for automatic runs: valid rig files, and the rules that `rig automatic` derives from a recorded run."""
-
 from __future__ import annotations
 
 import math
@@ -28,7 +26,6 @@ SIGNAL = "  rate_hz: 500\n  signal: {outputs: [0, 1]}\n"
 
 
 def told(automatic: str, text: str = UR10E.replace("  rate_hz: 500\n", SIGNAL)) -> list[str]:
-    """What is wrong with a rig file of such rules, each with its place."""
     try:
         parse(f"{text}\n{automatic}\n", "cell.yaml")
     except RigFileError as error:

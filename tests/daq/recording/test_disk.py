@@ -1,5 +1,3 @@
-"""A disk that fills up, fails, turns read-only, vanishes or is slow: told, survived, and gone on with."""
-
 from __future__ import annotations
 
 import errno
@@ -50,14 +48,12 @@ class Written:
         )
 
     def deliver(self, count: int = 10) -> None:
-        """From every reader."""
         now = clock.now_ns()
         for buffer in self.buffers.values():
             buffer.deliver([Sample((float(self.delivered + i),), now, now, now, 8) for i in range(count)])
         self.delivered += count
 
     def round(self, count: int = 10) -> dict[str, Any]:
-        """Some readings, then the writer's turn; the state after it."""
         self.deliver(count)
         for _ in range(4):  # of a sync and of the closing of a chunk: begun, and what became of it
             # private _round, _io, _thread, _creator: the test takes the place of the recorder, waits for the disk
@@ -68,7 +64,6 @@ class Written:
 
     @property
     def writer(self) -> RunWriter:
-        """Return the writer of the current run."""
         # private _current, _writers: the writer of the run whose disk fails
         current = self.recorder._current
         assert current and current.writer
@@ -82,11 +77,9 @@ class Written:
         self.recorder._state = replace(state, phase=replace(state.phase, due_s=0.0))
 
     def begun(self) -> None:
-        """When the run that is to begin has begun, or was refused."""
         self.recorder._io._creator.submit(lambda: None).result()
 
     def until_it_goes_on(self) -> None:
-        """Rounds until another run has begun, then some more readings for it, and its end."""
         while self.round()["recording"] is None:
             pass
         self.round()

@@ -1,5 +1,3 @@
-"""More than two gauges: recorded, exported and shown; tests take g1 and g2."""
-
 from __future__ import annotations
 
 import json

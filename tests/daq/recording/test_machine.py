@@ -1,5 +1,3 @@
-"""The recorder's states: every sequence of events up to a length, each held to what must always be true."""
-
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -72,7 +70,6 @@ def events(world: World) -> Iterator[Event]:
 
 
 def follow(point: Point, event: Event) -> Point:
-    """Take a step, and hold it to the rules. Raises AssertionError."""
     before, world = point
     after, actions = step(before, event)
     world = _carried_out(_happened(world, event, after), actions)

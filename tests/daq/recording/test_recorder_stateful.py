@@ -53,7 +53,6 @@ class ByHand:
         return bool(self._work)
 
     def go_on(self) -> bool:
-        """Do one piece; return False if there was none."""
         if not self._work:
             return False
         future, work = self._work.popleft()

@@ -1,5 +1,3 @@
-"""What the unit's drop-in allows a rig to reach, by its rig file."""
-
 from __future__ import annotations
 
 import subprocess

@@ -1,5 +1,3 @@
-"""What a client makes of whatever answers on the socket, and of whose socket it is; and the place of the lock."""
-
 from __future__ import annotations
 
 import json

@@ -1,5 +1,3 @@
-"""The control socket's place, and what a client is told of a daemon that is there and slow."""
-
 from __future__ import annotations
 
 import errno

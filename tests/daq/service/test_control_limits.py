@@ -1,5 +1,3 @@
-"""No client exhausts the control socket: what each limit is for; and a recording that outlasts a thousand clients."""
-
 from __future__ import annotations
 
 import contextlib
@@ -159,7 +157,6 @@ def test_exhausted_descriptors_are_reported(
 
 
 def fill() -> list[int]:
-    """Take every descriptor that there is."""
     taken: list[int] = []
     with contextlib.suppress(OSError):
         while True:

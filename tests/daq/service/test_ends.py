@@ -1,5 +1,3 @@
-"""How things end: the last answers of the control socket, a port that takes long to open, Ctrl-C."""
-
 from __future__ import annotations
 
 import math
@@ -89,7 +87,6 @@ def test_a_port_that_takes_long_to_open_is_no_reader_that_hangs(monkeypatch: pyt
 
 
 def _lost(stream: Stream) -> Link:
-    """A link whose other end is gone already."""
     return Link(stream.name, -1, lambda: None)
 
 

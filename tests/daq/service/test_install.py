@@ -45,7 +45,6 @@ def _environment_of_the_lock(place: Path, python: str) -> None:
 
 
 def _people_s(root: Path) -> dict[Path, str]:
-    """What people made below a root."""
     files = {root / "etc/rig/cell.yaml": "name: cell\n", root / "var/lib/rigd-cell/runs/lap/manifest.json": "{}"}
     for path, text in files.items():
         path.parent.mkdir(parents=True)

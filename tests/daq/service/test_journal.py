@@ -1,5 +1,3 @@
-"""Messages in systemd's journal, and the output of `rig logs`."""
-
 from __future__ import annotations
 
 import json

@@ -1,5 +1,3 @@
-"""Metrics: the text format against a reader of its own, what a daemon tells, and the file that it leaves."""
-
 from __future__ import annotations
 
 import math

@@ -1,5 +1,3 @@
-"""The latest samples for a live view: numbered, thinned, bounded."""
-
 from __future__ import annotations
 
 import json

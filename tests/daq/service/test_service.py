@@ -1,5 +1,3 @@
-"""As a service: what systemd is told, the unit itself, and a command line that starts without its heavy parts."""
-
 from __future__ import annotations
 
 import os

@@ -1,5 +1,3 @@
-"""Who may control a daemon without a token, and who reads a gauge already."""
-
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Directories that are there whole or not at all, also after SIGKILL."""
-
 from __future__ import annotations
 
 import os

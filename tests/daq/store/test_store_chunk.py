@@ -1,5 +1,3 @@
-"""A recording chunk under every kind of damage: only true batches come back, and nothing is raised."""
-
 from __future__ import annotations
 
 import pytest
@@ -33,7 +31,6 @@ FILE = head(SCHEMA) + b"".join(FRAMES) + END
 
 
 def assert_true(data: bytes) -> int:
-    """Whatever is salvaged is what was written; the number of batches."""
     found = salvage(data, SCHEMA)
     for i, batch in enumerate(found.batches):
         assert batch.schema.equals(PLAIN)

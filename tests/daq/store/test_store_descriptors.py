@@ -1,5 +1,3 @@
-"""Exhausted file descriptors are reported as such, and not as a failing disk."""
-
 from __future__ import annotations
 
 import os

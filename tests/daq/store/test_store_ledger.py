@@ -1,5 +1,3 @@
-"""A run proves that it is whole: whatever is taken from it or changed in it is seen, and said in words."""
-
 from __future__ import annotations
 
 import errno

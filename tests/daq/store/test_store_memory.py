@@ -1,5 +1,3 @@
-"""Memory of written chunks is returned to the system: blocks mapped by glibc, measured in a separate process."""
-
 from __future__ import annotations
 
 import ctypes

@@ -1,5 +1,3 @@
-"""Runs that were not closed: kills, full disks and every window between two steps of closing a chunk."""
-
 from __future__ import annotations
 
 import errno
@@ -279,7 +277,6 @@ except CellError as error:
 
 
 def run_full(command: list[str]) -> tuple[Path, int, str]:
-    """Record until the disk refuses: the run, the rows synced before, what close said."""
     child = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, check=False)
     assert child.returncode == 0, child.stderr
     assert not child.stderr

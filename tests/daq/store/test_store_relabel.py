@@ -1,5 +1,3 @@
-"""A run under the wrong label gets the right one; its manifest keeps the old words, its data stay as they are."""
-
 from __future__ import annotations
 
 import errno

@@ -1,5 +1,3 @@
-"""Retention: deletable runs are deleted as needed, and no others."""
-
 from __future__ import annotations
 
 import os

@@ -1,5 +1,3 @@
-"""A disk that fills up, turns read-only or slow under a recording: what is stored, told, and gone on with."""
-
 from __future__ import annotations
 
 import math
@@ -20,7 +18,6 @@ from tests.support.store_cases import assert_holds, record, samples, start, sync
 
 
 def wild(count: int, width: int, random: Random) -> list[Sample]:
-    """Samples that nothing can compress."""
 
     def double() -> float:
         value: float = struct.unpack("<d", random.randbytes(8))[0]

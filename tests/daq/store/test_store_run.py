@@ -1,5 +1,3 @@
-"""A run from start to reading: stored data, rejected requests, and findings of verify."""
-
 from __future__ import annotations
 
 import json

@@ -1,5 +1,3 @@
-"""What another thread waits for the disk for, while rows go on coming."""
-
 from __future__ import annotations
 
 import os

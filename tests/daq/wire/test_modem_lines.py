@@ -1,5 +1,3 @@
-"""Cables that live on the modem lines of their port: a model of them, and what the system is asked to do."""
-
 from __future__ import annotations
 
 import fcntl
@@ -124,7 +122,6 @@ _LINES = {termios.TIOCM_DTR: "DTR", termios.TIOCM_RTS: "RTS"}
 
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """What strace would show of modem lines and of bytes written, on any port."""
     seen: list[str] = []
     ioctl, write = fcntl.ioctl, os.write
 

@@ -45,7 +45,6 @@ def _until(so: Callable[[], Any]) -> None:
 
 @contextlib.contextmanager
 def _reading(stream: Stream) -> Iterator[Callable[[str], int]]:
-    """A reader on its link; gives what counts its samples and faults."""
     buffer = StreamBuffer(stream.name, stream.columns)
     reader = StreamReader(stream, buffer, stream.open())
     reader.start()
@@ -158,7 +157,6 @@ def test_a_program_that_is_started_again_leaves_no_half_line_behind() -> None:
 
 
 def _connected(stream: Stream, sent: bytes) -> bool:
-    """Whether a program could connect; it sends and ends."""
     try:
         with _caller(stream) as program:
             program.sendall(sent)

@@ -1,5 +1,3 @@
-"""The loop that runs a conversation: stamps before anything else, and nothing lost with the link."""
-
 from __future__ import annotations
 
 import time
@@ -13,8 +11,6 @@ from daq.wire.links import LinkLost
 
 
 class Pieces:
-    """A link that brings these pieces, one a read, and is then lost."""
-
     def __init__(self, *pieces: bytes) -> None:
         self.pieces = list(pieces)
 

@@ -1,5 +1,3 @@
-"""The scorer on answers made by hand: every figure can be reached and can be missed."""
-
 from __future__ import annotations
 
 from typing import Any

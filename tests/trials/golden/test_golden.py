@@ -1,5 +1,3 @@
-"""The output of the fastest golden cases agrees with the stored answers, and a changed figure is detected."""
-
 from __future__ import annotations
 
 import copy

@@ -1,5 +1,3 @@
-"""The front page: its commands run as they stand there, and its figures are those that they print."""
-
 from __future__ import annotations
 
 import os

@@ -1,5 +1,3 @@
-"""The proving ground from end to end: tasks are made, answered and scored."""
-
 from __future__ import annotations
 
 import csv
@@ -57,7 +55,6 @@ def truths(ground: Path, answers: Path) -> None:
 
 
 def shares(found: Scores) -> list[tuple[float, int]]:
-    """Share and number of every row of faults that has cases."""
     return [(own["share"].value, own["share"].of) for own in found.values() if "share" in own and own["share"].of]
 
 

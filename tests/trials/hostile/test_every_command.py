@@ -44,7 +44,6 @@ def hostile_rig() -> str:
 
 
 def hostile_urdf(folder: Path) -> Path:
-    """An arm whose links and joints have names with all of EVIL that XML can carry."""
     chain = SOURCES["kuka-kr-6-r900-2"]["geometry"]
     assert isinstance(chain, Chain)
     carried = "".join(char for char in EVIL if char >= " " or char in "\n\r")
@@ -81,7 +80,6 @@ def ran(*arguments: str | Path, typed: str = "") -> tuple[int, str, str]:
 
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A directory of a hostile name that holds a hostile rig file and runs of it."""
     folder = tmp_path_factory.mktemp("hostile") / (EVIL.replace("/", "|") + BYTES)
     folder.mkdir()
     (folder / "rig.yaml").write_text(hostile_rig(), encoding="utf-8")
@@ -105,7 +103,6 @@ def runs(folder: Path) -> list[Path]:
 
 @pytest.fixture
 def peer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """A daemon's socket with hostile answers, and a journal with hostile entries."""
     from tests.support.hostile_peers import hostile_journal, hostile_peer  # noqa: PLC0415
 
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
@@ -298,7 +295,6 @@ def cases() -> dict[str, Case]:
 
 
 def _kept_session(directory: Path) -> Path:
-    """A directory with the state of a session that a hostile hand has edited."""
     directory.mkdir()
     text = json.dumps({"version": 1, "rig": EVIL, "rig_file": EVIL, "aim": EVIL, EVIL: [EVIL]})
     (directory / "session.yaml").write_text(text, encoding="utf-8")

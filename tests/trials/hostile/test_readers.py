@@ -1,5 +1,3 @@
-"""Files that are no files, have no end or stand for more than a memory holds: one line, soon, and nothing is spoilt."""
-
 from __future__ import annotations
 
 import os

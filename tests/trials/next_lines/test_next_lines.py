@@ -1,5 +1,3 @@
-"""Every hint works: each next line and each remedy is a command that comes to an end."""
-
 from __future__ import annotations
 
 from pathlib import Path

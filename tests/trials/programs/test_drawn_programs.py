@@ -44,7 +44,6 @@ def test_plain_programs_are_corrected(dialect: str) -> None:
 
 @pytest.fixture
 def controller(request: pytest.FixtureRequest) -> Iterator[str]:
-    """Constants that the controllers of all dialects have, and whether the rig file states them."""
     choose_controller(request.param)
     yield request.param
     choose_controller("data_sheet")
@@ -65,7 +64,6 @@ def test_controllers_with_own_constants_get_no_target_farther_off(dialect: str, 
 
 
 def _kinds(dialect: str, correction: Callable[[Draft], Corrected]) -> Counter[str]:
-    """Return the kinds of faults in plain programs under a correction."""
     drafts = [draw(dialect, seed, plain=True) for seed in range(6)]
     return Counter(fault.kind for draft in drafts for fault in judge(draft, correction).faults)
 

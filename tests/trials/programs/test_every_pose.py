@@ -1,5 +1,3 @@
-"""Every pose that a random program contains in numbers is corrected or listed, reached or not."""
-
 from __future__ import annotations
 
 import re

@@ -1,5 +1,3 @@
-"""Remarks in programs: they occupy separate lines and do not change the program."""
-
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Equal pose tables have equal answers: rows in another order, and a joint a whole turn further."""
-
 from __future__ import annotations
 
 import csv

@@ -1,5 +1,3 @@
-"""The judge of the unknown world, with answers written by hand."""
-
 from __future__ import annotations
 
 from dataclasses import replace

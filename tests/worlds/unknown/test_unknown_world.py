@@ -1,5 +1,3 @@
-"""Tests of the simulation of unknown causes: arms against textbooks, causes against physics, and import by rig."""
-
 from __future__ import annotations
 
 from dataclasses import replace

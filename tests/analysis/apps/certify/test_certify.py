@@ -1,5 +1,3 @@
-"""`rig certify`: features, their probabilities, verdicts, next readings, dates and bad input."""
-
 from __future__ import annotations
 
 import datetime as dt
@@ -37,7 +35,6 @@ RIPPLE: tuple[tuple[Effect, float], ...] = (
 
 
 def certified(directory: Path, terms: tuple[tuple[Effect, float], ...], *words: str) -> dict[str, Any]:
-    """Return the JSON of a certificate by a model that is known almost exactly."""
     count = len(terms) + 1
     written(directory, calibrated_model(terms, factor=packed_factor(1e-3 * np.eye(count))))
     (directory / "targets.csv").write_text(TARGETS)

@@ -1,5 +1,3 @@
-"""`rig circle fit` and `rig ball fit`: printed blocks, written files, refusals, and live motion."""
-
 from __future__ import annotations
 
 import json

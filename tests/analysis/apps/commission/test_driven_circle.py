@@ -30,13 +30,11 @@ def ur10e() -> Rig:
 
 
 def blank() -> Rig:
-    """The rig before anything is known of its circle."""
     rig = ur10e()
     return rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": None})})
 
 
 def sampled(t_s: Array, q: Array, seed: int = 0) -> RobotMotion:
-    """A motion as a controller reports it."""
     at = np.arange(0.0, t_s[-1], 1 / HZ)
     angles = np.stack([np.interp(at, t_s, joint) for joint in q.T], axis=1)
     return RobotMotion("run", at, angles + np.random.default_rng(seed).normal(0, NOISE_RAD, angles.shape))
@@ -63,7 +61,6 @@ def driven_along(q: Array, seconds: float = 10.0) -> RobotMotion:
 
 
 def joined(*motions: RobotMotion) -> RobotMotion:
-    """One after the other, with a way between that joints run straight."""
     t_s, q = motions[0].t_s, motions[0].q
     for motion in motions[1:]:
         way = np.linspace(q[-1], motion.q[0], int(2 * HZ))

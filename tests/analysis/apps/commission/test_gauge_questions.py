@@ -1,5 +1,3 @@
-"""The ports that rig init opens: those that a person names, and no other."""
-
 from __future__ import annotations
 
 import io
@@ -27,7 +25,6 @@ def options(*ports: str) -> Options:
 
 
 def asked(monkeypatch: pytest.MonkeyPatch, typed: str, *ports: str, terminal: bool = True) -> tuple[list[str], str]:
-    """The ports that are searched when this is typed, and what is said."""
     searched, said, screen = list[str](), list[str](), io.StringIO()
 
     def search(wanted: SearchOptions, progress: object) -> Sequence[PortReport]:

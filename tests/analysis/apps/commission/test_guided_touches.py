@@ -1,5 +1,3 @@
-"""A guided movement check follows a person: it proposes a posture, takes the touch at rest, and ends with a cause."""
-
 from __future__ import annotations
 
 import json

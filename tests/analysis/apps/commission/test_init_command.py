@@ -1,5 +1,3 @@
-"""`rig init` in a terminal of 80 columns, interrupted, without a terminal, and with wrong input."""
-
 from __future__ import annotations
 
 import contextlib

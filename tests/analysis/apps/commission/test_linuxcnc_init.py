@@ -1,5 +1,3 @@
-"""`rig init --robot linuxcnc://HOST` before the controller has its HAL lines."""
-
 from __future__ import annotations
 
 import ast

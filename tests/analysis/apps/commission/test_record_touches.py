@@ -1,5 +1,3 @@
-"""`rig record touch` follows a person by the daemon's samples and writes a run that the other commands read."""
-
 from __future__ import annotations
 
 from pathlib import Path
@@ -21,10 +19,7 @@ TEXT = f"name: cell\n{load_arm('ur5').text}tests: {{touch: {{sockets: [A, B], to
 
 
 class Served:
-    """A daemon whose robot was guided, with all its samples at hand."""
-
     def __init__(self, touches: int = 12, end: BaseException | None = None) -> None:
-        """end: exception after the last sample; None for the operator's Ctrl-C."""
         self._end = end or KeyboardInterrupt()
         planned = planned_touches(parse(TEXT, "cell.yaml"))
         assert planned.came_from is not None

@@ -1,5 +1,3 @@
-"""The text of a new rig file: what was answered, in a form that a person reads and rig check takes."""
-
 from __future__ import annotations
 
 import datetime as dt

@@ -1,5 +1,3 @@
-"""Regressions in noise that is white, slow, or absent: the stated covariance against the errors made."""
-
 from __future__ import annotations
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""The ball of a hemisphere from stands about it: held by a link with and without its gauge, or as a circle's centre."""
-
 from __future__ import annotations
 
 from dataclasses import replace

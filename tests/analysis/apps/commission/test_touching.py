@@ -1,5 +1,3 @@
-"""A person's touches are taken where the robot stands with its ball in the socket, once each, with the way it came."""
-
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,5 +1,3 @@
-"""Parameters entered at an emulated controller: each name changes what its maker says, and others are refused."""
-
 from __future__ import annotations
 
 from typing import Any

@@ -49,8 +49,6 @@ def found(**sd: float) -> EffectProvenance:
 
 @dataclass(frozen=True)
 class Cell:
-    """A rig with hidden effects, its programs, and the same effects for the independent arm."""
-
     hidden: Rig
     programs: Path
     wrong: Wrong

@@ -1,5 +1,3 @@
-"""Condition reported by the emulated robot: motion, and values set from the keyboard."""
-
 from __future__ import annotations
 
 import time
@@ -64,7 +62,6 @@ def at_deg(robot: EmulatedRobot) -> float:
 
 
 def state(robot: EmulatedRobot) -> tuple[str, float, float]:
-    """What its program does, the state that a controller shows of it, and the signal."""
     now_ns = clock.now_ns()
     return robot.state(now_ns), robot.condition(now_ns)["program_state"], robot.signal(now_ns)
 

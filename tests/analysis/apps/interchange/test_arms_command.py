@@ -1,5 +1,3 @@
-"""Command-line tests of `rig arms` and `rig import-urdf`."""
-
 from __future__ import annotations
 
 import json

@@ -1,5 +1,3 @@
-"""Defective bags: late messages, a second publisher, changed bits, a wrong index."""
-
 from __future__ import annotations
 
 import io

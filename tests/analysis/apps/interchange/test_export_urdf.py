@@ -1,5 +1,3 @@
-"""`rig export-urdf` as a person uses it."""
-
 from __future__ import annotations
 
 import re

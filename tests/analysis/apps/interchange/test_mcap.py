@@ -24,7 +24,6 @@ Messages = dict[str, list[tuple[int, int, dict[str, object]]]]
 
 
 def recorded(runs: Path) -> Run:
-    """A run of two streams that interleave in time, with faults, doubtful readings and nans."""
     writer = RunWriter.create(
         runs,
         new_manifest(

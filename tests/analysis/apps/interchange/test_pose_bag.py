@@ -1,5 +1,3 @@
-"""Bags of ROS 2 as poses: stops of an arm of another generator, written by the rosbags library in both its formats."""
-
 from __future__ import annotations
 
 import io

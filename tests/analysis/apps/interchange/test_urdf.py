@@ -1,5 +1,3 @@
-"""URDF files become the robot section of a rig file, or one line that says what to do."""
-
 from __future__ import annotations
 
 import re

@@ -1,5 +1,3 @@
-"""Keys of the live screen."""
-
 import pytest
 
 from analysis.apps.live.controls import Action, LiveControls, RecordingLabel, StartRecording

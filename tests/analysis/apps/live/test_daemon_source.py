@@ -1,5 +1,3 @@
-"""The daemon as a source: what it sends becomes rows, and it may go and come back."""
-
 from __future__ import annotations
 
 import json
@@ -37,8 +35,6 @@ STATUS: dict[str, Any] = {
 
 
 class FakeDaemon:
-    """Answers as rigd does, with samples of its own numbers."""
-
     def __init__(self, path: Path, rig_text: str | None = None) -> None:
         self.asked: list[dict[str, Any]] = []
         self.rig_text = find("ur10e").read_text() if rig_text is None else rig_text

@@ -1,5 +1,3 @@
-"""The sense of motion and the progress of a lap."""
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""`rig live` as a command: lines for scripts and screen readers, recorded runs, and what it refuses."""
-
 from __future__ import annotations
 
 import json

@@ -1,5 +1,3 @@
-"""Samples of three instruments as rows."""
-
 import numpy as np
 import pytest
 
@@ -7,7 +5,6 @@ from analysis.apps.live.live_rows import NO_ROWS, NO_TRACKS, Joiner, LiveRows, L
 
 
 def track(t_s: list[float], *values: float, columns: int = 1) -> LiveTrack:
-    """Values that grow with time, each column by one of the given slopes."""
     slopes = values or (1.0,) * columns
     return LiveTrack(np.array(t_s), np.outer(t_s, slopes))
 

@@ -1,5 +1,3 @@
-"""The live screen at all sizes: it has the size of the terminal, and no text is truncated."""
-
 from dataclasses import replace
 
 import pytest

@@ -1,5 +1,3 @@
-"""The screen in a terminal: keys through a pty, no old fragments after a change of size, everything put back."""
-
 from __future__ import annotations
 
 import io

@@ -1,5 +1,3 @@
-"""The model of the live screen on simulated laps, compared with the figures of `rig analyse`."""
-
 import json
 from dataclasses import replace
 from pathlib import Path

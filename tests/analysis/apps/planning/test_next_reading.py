@@ -1,5 +1,3 @@
-"""The next reading of a tracker, and the decision whether it is worth its time."""
-
 from __future__ import annotations
 
 import json

@@ -1,5 +1,3 @@
-"""The plan: similar effects remain similar in a fit, separating tests separate them, and all tests are possible."""
-
 from __future__ import annotations
 
 import io
@@ -47,7 +45,6 @@ def circle_alone() -> CapabilityOfTests:
 
 @cache
 def _expected(tests: tuple[TestName, ...], runs: int = 3) -> ExpectedPosterior:
-    """What runs of the paper's robot will tell of each name."""
     return expected_posterior(*planned_blocks(RIG, tests, runs))
 
 

@@ -1,5 +1,3 @@
-"""Planned poses: clear, seen, in order; they leave less than random ones, and their program and table are used."""
-
 from __future__ import annotations
 
 import csv

@@ -1,5 +1,3 @@
-"""The proposal: circles that the arm can drive, which show what the planned tests do not."""
-
 from __future__ import annotations
 
 import json
@@ -48,7 +46,6 @@ def _some(every: CircleCandidates, words: Sequence[str]) -> CircleCandidates:
 
 @made_once
 def _of_two_circles() -> CircleProposal:
-    """Each takes seconds to look at."""
     some = _some(circle_candidates(RIG, CIRCLE, 3), SEVERAL)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(proposals, "circle_candidates", lambda *_: some)

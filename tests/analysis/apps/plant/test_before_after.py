@@ -1,5 +1,3 @@
-"""Before and after a repair: a difference counts where the spread between runs does not explain it."""
-
 from __future__ import annotations
 
 from dataclasses import replace

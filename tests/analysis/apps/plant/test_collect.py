@@ -1,5 +1,3 @@
-"""From run directories to a history: each run once, broken ones named, and the file made again at any time."""
-
 from __future__ import annotations
 
 import json
@@ -39,7 +37,6 @@ def runs(simulated: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def evaluated(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The names of runs that are evaluated from here on."""
     names: list[str] = []
 
     def noted(path: Path, manifest: Manifest, fingerprint: str) -> RunRecord:

@@ -1,5 +1,3 @@
-"""`rig compare ARM ARM` as a person uses it."""
-
 from __future__ import annotations
 
 import json

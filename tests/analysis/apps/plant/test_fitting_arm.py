@@ -1,5 +1,3 @@
-"""Which of two arms fits runs: rig files and URDFs of one model that differ by 41 mm."""
-
 from __future__ import annotations
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""`rig fleet` as a person calls it: the table, the pages, the Parquet file, and what is wrong in one line."""
-
 from __future__ import annotations
 
 import json
@@ -179,7 +177,6 @@ def test_damaged_records_are_read_again(work: Path) -> None:
 
 
 def snippet(language: str) -> str:
-    """The one block of a language on the page."""
     (block,) = re.findall(rf"```{language}\n(.*?)```", PAGE, re.S)
     return str(block)
 

@@ -1,5 +1,3 @@
-"""From the directory of a plant to its robots: each run is read once, whatever happens to runs and catalogue."""
-
 from __future__ import annotations
 
 import hashlib
@@ -69,7 +67,6 @@ def runs_of(plant: Path, number: int) -> list[Path]:
 
 
 def content(plant: Path) -> str:
-    """A digest of everything below a directory."""
     found = hashlib.sha256()
     for path in sorted(plant.rglob("*")):
         status = path.stat()

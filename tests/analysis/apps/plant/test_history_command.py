@@ -1,5 +1,3 @@
-"""Command-line tests of `rig history` and `rig compare --against`."""
-
 from __future__ import annotations
 
 import csv

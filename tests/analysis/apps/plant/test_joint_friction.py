@@ -1,5 +1,3 @@
-"""The friction of a joint over months: a motor draws more from one day on, in the history and against a limit."""
-
 from __future__ import annotations
 
 import math

@@ -1,5 +1,3 @@
-"""The play of a joint comes out of one lap, whatever else the robot has."""
-
 from __future__ import annotations
 
 import pytest

@@ -1,5 +1,3 @@
-"""A figure beyond its limit is reported with the day on which it crossed, by runs whose days are known."""
-
 from __future__ import annotations
 
 import time

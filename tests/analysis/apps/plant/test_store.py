@@ -1,5 +1,3 @@
-"""The file of figures: records are restored, and damage is never fatal."""
-
 from __future__ import annotations
 
 import math

@@ -1,5 +1,3 @@
-"""What runs of one kind are called in a history."""
-
 from __future__ import annotations
 
 from dataclasses import replace

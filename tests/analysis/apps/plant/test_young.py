@@ -1,5 +1,3 @@
-"""The history of a young robot: one run, runs of one day, simulated runs; an axis is as wide as what is known."""
-
 from __future__ import annotations
 
 import re
@@ -30,7 +28,6 @@ def in_utc(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def runs_at(minutes: Sequence[float], *, simulated: int = 0) -> list[RunRecord]:
-    """Laps so many minutes after each other's begin, the first of them simulated."""
     figures = {"band_deg": Quantity(0.25, 0.001, "deg"), "play_j1_deg": Quantity(0.02, 0.0005, "deg")}
     return [
         RunRecord(f"lap-{k}", "f", "ur10e", (BEGAN + timedelta(minutes=at)).isoformat(), "yaw", "acw", "", "p",
@@ -45,7 +42,6 @@ def page_of(runs: Sequence[RunRecord], path: Path, limits: Limits | None = None)
 
 
 def axis_labels(html: str) -> list[str]:
-    """What is written along the axes of the first picture."""
     return re.findall(r">([^<>]+)</text>", html[html.index("<svg") : html.index("</svg>")])
 
 

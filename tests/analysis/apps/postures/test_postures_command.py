@@ -1,5 +1,3 @@
-"""The command `rig postures`: tables, files, the order of its output, and errors in one line."""
-
 from __future__ import annotations
 
 import csv

@@ -73,7 +73,6 @@ def _nominal(test: DrivenTest) -> tuple[MotionPlan, ...]:
 
 @lru_cache
 def _planned(test: DrivenTest, path: Path) -> tuple[MotionPlan, Demand]:
-    """The first corrected program of a test."""
     joints, poses = read_corrected_path(path)
     plan = compensated(_nominal(test), np.radians(joints.values), poses.poses(), joints.lines, str(path))[0]
     return plan, demand_of(plan)

@@ -1,5 +1,3 @@
-"""The files of a program: names and lines that a controller takes, and a command that writes all of them or none."""
-
 from __future__ import annotations
 
 import re
@@ -24,7 +22,6 @@ LONGEST: dict[MakerName, int] = {"ur": 60, "fanuc": 36, "kuka": 24, "abb": 32, "
 
 @pytest.fixture(scope="module")
 def planned() -> list[tuple[MotionPlan, Demand]]:
-    """Both directions of a circle, for a rig of the longest name."""
     rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8")) | {"name": LONG[:63]}
     return [(plan, demand_of(plan)) for plan in plans_of(parse(yaml.safe_dump(rig), "long"), "yaw", 3.0)]
 

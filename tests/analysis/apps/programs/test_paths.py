@@ -51,7 +51,6 @@ EXACT_MM, EXACT_RAD = 1e-6, 1e-7
 
 @lru_cache
 def programs(arm: str, test: DrivenTest, dialect: MakerName) -> tuple[dict[str, str], ...]:
-    """The files of each program of a test, lines ending as the controller's do."""
     newline = maker_by(dialect).writer.newline
     return tuple(
         {name: text.replace("\n", newline) for name, text in programs_of(dialect, [planned]).items()}
@@ -61,7 +60,6 @@ def programs(arm: str, test: DrivenTest, dialect: MakerName) -> tuple[dict[str, 
 
 @lru_cache
 def planned_for(arm: str, test: DrivenTest) -> tuple[tuple[MotionPlan, Demand], ...]:
-    """The plans of a test with what they ask of the arm."""
     return tuple((plan, demand_of(plan)) for plan in plans_of(rig_of(arm), test, DWELL_S))
 
 

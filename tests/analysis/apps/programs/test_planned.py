@@ -1,5 +1,3 @@
-"""The plan of a test: what is checked on it, and the signal and feedback of the rig file."""
-
 from __future__ import annotations
 
 import re

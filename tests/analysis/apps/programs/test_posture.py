@@ -1,5 +1,3 @@
-"""The words for a posture tell an arm's eight solutions apart."""
-
 from __future__ import annotations
 
 import numpy as np

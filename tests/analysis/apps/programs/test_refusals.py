@@ -1,5 +1,3 @@
-"""A slip of the pen fails: each interpreter refuses a program in which one mark or word is missing."""
-
 from __future__ import annotations
 
 import re

@@ -34,14 +34,12 @@ TOKEN = "a-token-of-some-letters"  # noqa: S105 - of the test
 
 
 def opened(one: Browser, address: str) -> None:
-    """Go to a page, and wait until it is there and makes nothing any more."""
     loaded(one, lambda: one.send("Page.navigate", url=address))
     while one.value(MAKES):
         loaded(one, lambda: None)
 
 
 def loaded(one: Browser, leads: Callable[[], object]) -> None:
-    """Trigger a navigation and wait for the next page."""
     before, end_s = len(one.named("Page.loadEventFired")), time.monotonic() + PATIENCE_S
     leads()
     while len(one.named("Page.loadEventFired")) == before:
@@ -52,7 +50,6 @@ def loaded(one: Browser, leads: Callable[[], object]) -> None:
 
 
 def sent(one: Browser, field: str, value: str) -> None:
-    """Fill a field in and send its form, as a person does."""
     element = f"document.getElementById({field!r})"
     one.value(f"{element}.value = {value!r}; setTimeout(() => {element}.form.submit(), 50); true")
 

@@ -1,5 +1,3 @@
-"""Access to the window: hosts, tokens, forms, and headers that restrict a page."""
-
 from __future__ import annotations
 
 from collections.abc import Iterator

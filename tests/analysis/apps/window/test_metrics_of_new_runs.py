@@ -1,5 +1,3 @@
-"""`/metrics` of runs that nobody has opened, and without a daemon."""
-
 from __future__ import annotations
 
 from pathlib import Path

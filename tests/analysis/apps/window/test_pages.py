@@ -1,5 +1,3 @@
-"""Runs, what is made of them, the session, and hostile names on every page."""
-
 from __future__ import annotations
 
 import asyncio
@@ -168,7 +166,6 @@ def test_session_is_shown_and_a_damaged_file_reported(tmp_path: Path) -> None:
 
 
 def _heard(window: Served, kind: str, is_so: Callable[[Any], object] = bool) -> Any:
-    """The first news of a kind that is so."""
     with window.raw(b"GET /events HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n") as sock:
         data = ""
         while True:

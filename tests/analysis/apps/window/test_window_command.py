@@ -1,5 +1,3 @@
-"""Command-line tests of `rig window`: output, rejected options, and exit."""
-
 from __future__ import annotations
 
 import os

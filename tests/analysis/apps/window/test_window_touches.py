@@ -1,5 +1,3 @@
-"""What moved in the window: a reference, proposed touches, odds that narrow, the answer, and the saved run."""
-
 from __future__ import annotations
 
 import json
@@ -90,8 +88,6 @@ def test_recorded_runs_are_compared_in_the_list(case: tuple[Case, Path]) -> None
 
 
 class _Daemon(Watcher):
-    """A watcher whose robot reports these rows."""
-
     def __init__(self, rows: list[list[float | None]]) -> None:
         super().__init__(no_daemon, None)
         self._robot = {"rows": rows, "columns": [f"q{k}_deg" for k in range(1, 7)], "newest": len(rows)}

@@ -1,5 +1,3 @@
-"""Displays that change plausible readings: lost signs, ends of range, sticking values, wrapping counters."""
-
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -1,5 +1,3 @@
-"""Poses that were not measured: left out and said; and what is no accident is not."""
-
 from __future__ import annotations
 
 from dataclasses import replace
@@ -17,7 +15,6 @@ SPREAD_MM = 0.08
 
 
 def table(count: int, seed: int = 1, turned: bool = False) -> PoseTable:
-    """Poses of the planted arm as a tracker sees them from afar."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(-2, 2, (count, 6))
     base = np.eye(4)

@@ -1,5 +1,3 @@
-"""A run whose gauges are exchanged is found among its repeats; a moved ball and a play are not taken for it."""
-
 from __future__ import annotations
 
 from collections.abc import Collection

@@ -1,5 +1,3 @@
-"""Places that the controller computed are no measurement; those of instruments are, wherever their frame is."""
-
 from __future__ import annotations
 
 from dataclasses import replace
@@ -24,7 +22,6 @@ TURNS = [f"r{row}{column}" for row in "123" for column in "123"]
 
 
 def _controller(rng: np.random.Generator, count: int) -> tuple[Array, Array, Array, Wrong]:
-    """Joints, places and turns as a controller computes them with the calibration of its maker."""
     own = none()
     own.offset[1:5] = np.radians(rng.uniform(-0.08, 0.08, 4))
     own.a[2:4], own.d[4:] = rng.uniform(-0.8, 0.8, 2), rng.uniform(-0.3, 0.3, 2)

@@ -1,5 +1,3 @@
-"""Messages about a broken convention: at import, with the figures, in rig check, and before a diagnosis."""
-
 from __future__ import annotations
 
 import json

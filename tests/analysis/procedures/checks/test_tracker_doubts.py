@@ -1,5 +1,3 @@
-"""Pose tables with places that were not measured, as they are imported and analysed."""
-
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,5 +1,3 @@
-"""Robots that drive on: joints turns apart between the ways and from lap to lap are the same postures."""
-
 from __future__ import annotations
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Wrong units and labels are reported if the data prove them, without false reports."""
-
 from __future__ import annotations
 
 import dataclasses
@@ -30,7 +28,6 @@ RADIANS = tuple(JOINTS)
 
 
 def found(rows: Rows, test: TestName, cell: Rig | None = None) -> list[Finding]:
-    """Findings about units, outliers, targets and times; the impossible ones alone if there are any."""
     cell = cell or rig()
     table = read(rows, test, cell)
     every = list(unit_findings(table, cell))
@@ -39,7 +36,6 @@ def found(rows: Rows, test: TestName, cell: Rig | None = None) -> list[Finding]:
 
 
 def units(rows: Rows, test: TestName, cell: Rig | None = None) -> list[tuple[tuple[str, ...], str]]:
-    """Columns in another unit, each with what they contain."""
     return [(one.columns, one.meant) for one in found(rows, test, cell) if one.strength == "impossible"]
 
 

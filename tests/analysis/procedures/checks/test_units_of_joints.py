@@ -1,5 +1,3 @@
-"""Impossible joint angles: degrees read as radians because of the map."""
-
 from __future__ import annotations
 
 import numpy as np

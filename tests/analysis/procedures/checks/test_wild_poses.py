@@ -1,5 +1,3 @@
-"""Wild readings of a tracker among those of an arm that errs: one, far or near, or the last rows slid by one."""
-
 from __future__ import annotations
 
 from dataclasses import replace

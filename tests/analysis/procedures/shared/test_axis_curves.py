@@ -1,5 +1,3 @@
-"""One axis at a time against arms of another generator: its curve by direction, and its play, within what is stated."""
-
 from __future__ import annotations
 
 import json

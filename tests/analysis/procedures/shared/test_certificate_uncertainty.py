@@ -1,5 +1,3 @@
-"""Gauges that are wrong by unknown waves: what certificates add to a figure's uncertainty covers its error."""
-
 from __future__ import annotations
 
 from dataclasses import replace

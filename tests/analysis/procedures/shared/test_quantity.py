@@ -1,5 +1,3 @@
-"""Rounding of figures for display."""
-
 from __future__ import annotations
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""The reduction of many rows: wild readings that come several in a row, and jumps that are none."""
-
 import dataclasses
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Axes as modified Denavit-Hartenberg constants, against a product of turns about the axes themselves."""
-
 from __future__ import annotations
 
 import numpy as np

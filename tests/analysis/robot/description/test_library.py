@@ -1,5 +1,3 @@
-"""Every arm of the library against what others publish of it, over 1000 random postures."""
-
 from __future__ import annotations
 
 import pytest

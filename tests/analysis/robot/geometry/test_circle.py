@@ -1,5 +1,3 @@
-"""The circle as the arm drives it: pose by pose, within limits and speeds, turning back where the paper's did."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Prominent peaks, compared with scipy's."""
-
 from __future__ import annotations
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Forward kinematics and Jacobian: against Craig's product, against differences, against py-opw-kinematics."""
-
 import dataclasses
 
 import numpy as np

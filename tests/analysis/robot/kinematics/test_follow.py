@@ -1,5 +1,3 @@
-"""Following a path: continuous, within the limits, and every refusal by name."""
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Arms of fewer than six axes: the place is taken, and no turn that the arm can have there is nearer."""
-
 from __future__ import annotations
 
 from dataclasses import replace

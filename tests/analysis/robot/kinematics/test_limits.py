@@ -1,5 +1,3 @@
-"""Turns within the joint limits: all of them, none outside, couplings included."""
-
 from dataclasses import replace
 from itertools import product
 
@@ -17,7 +15,6 @@ ANY = pytest.mark.parametrize("name", ARMS)
 
 
 def _by_trial(arm: Arm, q: np.ndarray, most: int) -> np.ndarray:
-    """All combinations of -most … most turns of theta, sifted one by one."""
     turns = np.array(list(product(range(-most, most + 1), repeat=6))) * 2 * np.pi
     turned = q + turns @ np.linalg.inv(arm.coupling).T
     return turned[((turned >= arm.limits[:, 0]) & (turned <= arm.limits[:, 1])).all(axis=1)]

@@ -1,5 +1,3 @@
-"""Newton's method on stacks: it reaches what is near, leaves alone what is not, and takes no step that is no number."""
-
 from __future__ import annotations
 
 import numpy as np

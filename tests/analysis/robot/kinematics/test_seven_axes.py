@@ -1,5 +1,3 @@
-"""Arms of other than six axes: the chain as others compute it, and limits of what a rig file may say of them."""
-
 from __future__ import annotations
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Errors of motors on arms whose displayed angles or mechanics are coupled, against the mechanics of another world."""
-
 from __future__ import annotations
 
 from dataclasses import replace

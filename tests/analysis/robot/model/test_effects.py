@@ -1,5 +1,3 @@
-"""Effects: signs of measurement.md, zero is the identity, and vocabulary and files match."""
-
 from __future__ import annotations
 
 import sys

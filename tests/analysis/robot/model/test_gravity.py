@@ -1,5 +1,3 @@
-"""Gravity by virtual work: the torque on a joint is the slope of the potential energy, by differences of frames."""
-
 from dataclasses import replace
 
 import numpy as np

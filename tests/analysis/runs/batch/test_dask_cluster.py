@@ -1,5 +1,3 @@
-"""The same outcomes from the workers of a Dask cluster, one of which dies; one line where there is no cluster."""
-
 from __future__ import annotations
 
 import os
@@ -32,7 +30,6 @@ def two_workers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 
 def held(item: tuple[Path, int]) -> int:
-    """Sign in and wait until released; one item is bad."""
     directory, number = item
     sign_in(directory)
     until((directory / "released").exists)

@@ -1,5 +1,3 @@
-"""`each`: the same outcomes in the same order from one process and from several, whatever befalls a process."""
-
 from __future__ import annotations
 
 import os
@@ -132,6 +130,5 @@ list(batch.each(here.waits, [pathlib.Path(sys.argv[1])] * 4, jobs=2))
 
 
 def waits(item: Path) -> None:
-    """Sign in, and wait until it is released."""
     sign_in(item)
     until((item / "released").exists, 600)

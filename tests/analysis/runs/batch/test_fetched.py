@@ -1,5 +1,3 @@
-"""A run elsewhere is a directory here for as long as it is worked on, and nothing of it stays."""
-
 from __future__ import annotations
 
 import os
@@ -35,7 +33,6 @@ def run(tmp_path: Path) -> Path:
 
 @pytest.fixture(autouse=True)
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The directory of temporary files, of this test alone."""
     place = tmp_path / "temporary"
     place.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(place))

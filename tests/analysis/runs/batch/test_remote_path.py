@@ -1,5 +1,3 @@
-"""A URL is passed through commands as a path with the text of the URL, and never shows secrets."""
-
 from __future__ import annotations
 
 import pickle

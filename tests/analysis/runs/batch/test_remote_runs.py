@@ -1,5 +1,3 @@
-"""The runs below a URL are those below the directory, in the same order, and no file is opened for that."""
-
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""A directory stands for the runs below it, in one order, each once; what cannot be read is not passed over."""
-
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Gauges with the errors stated by their certificates: readings are corrected, and the remaining error is part of u."""
-
 from __future__ import annotations
 
 import math
@@ -224,7 +222,6 @@ def _shown(rig: Rig, g_mm: np.ndarray) -> np.ndarray:
 
 
 def _at(t_s: np.ndarray, g_mm: np.ndarray, table: CircleTable) -> np.ndarray:
-    """Return noise-free readings at the rows of a table, with the clock offset that fits best."""
     begin = t_s[np.argmin(np.abs(g_mm[:, None, 0] - table.g_mm[None, :1, 0]))]
     shifts = begin + np.linspace(-0.05, 0.05, 2001)
     tries = [np.stack([np.interp(table.t_s + one, t_s, column) for column in g_mm.T], axis=1) for one in shifts]

@@ -1,5 +1,3 @@
-"""The step of a gauge is found in few readings as in many, and is not found in readings without a step."""
-
 import numpy as np
 import pytest
 

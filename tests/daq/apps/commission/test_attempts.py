@@ -1,5 +1,3 @@
-"""What is tried on a port: derived from the schemas, and never more than a read request."""
-
 from __future__ import annotations
 
 import pytest

@@ -1,5 +1,3 @@
-"""What `rig doctor` says of a robot's condition, from a conversation and from a daemon."""
-
 from __future__ import annotations
 
 import math
@@ -23,7 +21,6 @@ from tests.support.drivers import rtde
 
 @contextmanager
 def _robot(condition: Sequence[float]) -> Iterator[Stream]:
-    """The stream of an emulated controller that shows this after its joints."""
     robot, stop = rtde(rate_hz=125), threading.Event()
     port = TcpPort.open(lambda: daq.feedback.device(robot, lambda now_ns: [1.0] * 6 + [*condition]))
     thread = threading.Thread(target=port.serve, args=(stop,))

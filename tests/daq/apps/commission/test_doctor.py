@@ -1,5 +1,3 @@
-"""`rig doctor`: each finding on a system made for it, and whole cells with something wrong."""
-
 from __future__ import annotations
 
 import grp
@@ -39,7 +37,6 @@ OK, DOUBTFUL, WRONG = FindingVerdict.OK, FindingVerdict.DOUBTFUL, FindingVerdict
 
 @pytest.fixture
 def system(tmp_path: Path) -> Path:
-    """A computer with one FTDI adapter, and a process that sleeps."""
     (tmp_path / "dev/serial/by-id").mkdir(parents=True)
     (tmp_path / "dev/ttyUSB0").touch()
     (tmp_path / FTDI[1:]).symlink_to("../../ttyUSB0")
@@ -200,13 +197,11 @@ def test_uart_receives_bytes_only_at_equal_settings(text: str) -> None:
 
 
 def _all(end: ByteLink) -> bytes:
-    """Return all bytes received until the line is quiet."""
     return b"".join(iter(lambda: end.read(0.3), b""))
 
 
 def test_an_emulated_line_garbles_both_ways_at_another_baud() -> None:
     def exchanged(host: str) -> tuple[bytes, bytes]:
-        """What each end heard of the other."""
         far = PtyLine.open(Line.model_validate("4800 7E2"))
         link = open_link("g1", far.port, Line.model_validate(host))
         try:
@@ -225,7 +220,6 @@ def test_an_emulated_line_garbles_both_ways_at_another_baud() -> None:
 
 @contextmanager
 def _switched_on(text: str) -> Iterator[dict[str, Any]]:
-    """A cell; gives its rig file's data."""
     cell = emulated(parse(text, "bench"), ByHand())
     cell.start()
     try:
@@ -362,8 +356,6 @@ def test_a_controller_that_sends_over_udp() -> None:
 
 
 class _EverySecond:
-    """A unit that answers every second request with the exception that it is busy."""
-
     def __init__(self, device: Device) -> None:
         self.sent, self._device, self._requests = 0, device, 0
         self.connected, self.tick = device.connected, device.tick

@@ -1,5 +1,3 @@
-"""How sure a protocol is, and which gauge was pushed."""
-
 from __future__ import annotations
 
 import math

@@ -1,5 +1,3 @@
-"""What a program prints is understood from its lines, or not at all."""
-
 from __future__ import annotations
 
 from collections.abc import Callable

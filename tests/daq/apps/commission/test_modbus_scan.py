@@ -1,5 +1,3 @@
-"""`rig doctor --scan`: Modbus gauges that the rig file describes wrongly are found by reading them while they move."""
-
 from __future__ import annotations
 
 import math

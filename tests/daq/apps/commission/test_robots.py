@@ -1,5 +1,3 @@
-"""Robots that answer, call, print or are not there; and one that is in protective stop."""
-
 from __future__ import annotations
 
 import socket
@@ -80,8 +78,6 @@ def test_incomplete_opc_ua_server_names_the_missing_axes() -> None:
 
 
 class _Listener:
-    """A program that waits for input."""
-
     sent = 0
 
     def __init__(self) -> None:
@@ -158,7 +154,6 @@ def test_joints_of_a_robot_that_has_gone() -> None:
 
 @contextmanager
 def served(device: Callable[[], Device]) -> Iterator[str]:
-    """The address of a TCP port with this behind it."""
     port, stop = TcpPort.open(device), threading.Event()
     thread = threading.Thread(target=port.serve, args=(stop,))
     thread.start()

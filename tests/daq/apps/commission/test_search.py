@@ -1,5 +1,3 @@
-"""Ports that are searched: emulated instruments behind ptys, and everything that can be wrong with a port."""
-
 from __future__ import annotations
 
 import fcntl
@@ -61,7 +59,6 @@ class Simulated:
 
 @contextmanager
 def simulated(kind: str, *told: bytes) -> Iterator[Simulated]:
-    """told: bytes sent to each instrument before the search."""
     rig, made = parse(cell_text(kind, "ur"), "unknown"), Simulated({}, ByHand())
     devices = instruments_of(rig, made.hand)
     with ExitStack() as at_the_end:
@@ -83,7 +80,6 @@ def simulated(kind: str, *told: bytes) -> Iterator[Simulated]:
             line.serve(partial(switched_on, stream, word))
 
         def opened(name: str, port: str, line: Line, **_: object) -> Any:
-            """At another baud both ends hear nonsense."""
             cable = made.lines[port]
             end, send = cable.open(), None
             cable.change = lambda data: (data, 0)
@@ -143,7 +139,6 @@ def test_a_cable_that_was_left_streaming_is_only_listened_to() -> None:
 
 
 def of(interface: str, port: str) -> dict[str, list[Attempt]]:
-    """Return the attempts for an interface with unknown settings."""
     return {port: [attempt for attempt in attempts(port) if attempt.interface == interface]}
 
 

@@ -1,5 +1,3 @@
-"""What the emulators do to stamps: an adapter that holds bytes, a network that is late, a clock of its own rate."""
-
 from __future__ import annotations
 
 import random
@@ -96,8 +94,6 @@ def test_a_filter_shows_the_mean_and_is_late_by_its_group_delay() -> None:
 
 
 class _Kept:
-    """A link that keeps what is written."""
-
     def __init__(self) -> None:
         self.written: list[tuple[int, bytes]] = []
 

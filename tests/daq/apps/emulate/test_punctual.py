@@ -1,5 +1,3 @@
-"""Emulated instruments on serial lines keep their pace on a computer that wakes them late."""
-
 from __future__ import annotations
 
 import random
@@ -19,8 +17,6 @@ SYLVAC = GAUGES[CONTINUOUS]
 
 
 class _Counted:
-    """A line that keeps when each message set out; nothing passes through it."""
-
     def __init__(self, character_ns: int) -> None:
         self.character_ns = character_ns
         self.free_ns = 0

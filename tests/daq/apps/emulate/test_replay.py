@@ -1,5 +1,3 @@
-"""A lap that was captured and replayed has the figures of the original, or its run is marked and refused."""
-
 from __future__ import annotations
 
 import json
@@ -32,7 +30,6 @@ LATE_NS = 100_000_000
 
 
 def _captured(folder: Path, gauges: str, laps: int) -> tuple[str, Path]:
-    """Quick laps, recorded and captured: the rig file's text and its run."""
     data = yaml.safe_load(rig_text(gauges, timeout_s=0.5))
     data["tests"]["circle"] |= {"speed_mm_s": 60, "laps": laps}
     text = yaml.safe_dump(data)
@@ -49,7 +46,6 @@ def _captured(folder: Path, gauges: str, laps: int) -> tuple[str, Path]:
 
 
 def _replayed(folder: Path, text: str, log: Path) -> tuple[Path, Replay]:
-    """The same from the replay of a capture."""
     folder.mkdir()
     capture, marks = read_capture(log), folder / "out-of-step.txt"
     replay = Replay.open(parse(text, "quick"), capture, marks, opening=lambda _, devices, **__: devices)

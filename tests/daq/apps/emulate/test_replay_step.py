@@ -1,5 +1,3 @@
-"""A replay's one time: what is said when, on pieces made by hand; times in ns, the capture's from 0."""
-
 from __future__ import annotations
 
 import os
@@ -54,7 +52,6 @@ ROUNDS = [piece for k in range(5) for piece in (asked(10 * k, b"?\r"), came(10 *
 
 
 def answer_at(question_ms: float, kept: Steps) -> tuple[bytes, float]:
-    """What a question is answered, and when."""
     device = answering(ROUNDS, kept)
     step = device.received(b"?\r", round(question_ms * MS))
     assert not step.send and step.wake_ns is not None

@@ -1,5 +1,3 @@
-"""Error message for a robot interface that needs a missing package."""
-
 from __future__ import annotations
 
 import sys

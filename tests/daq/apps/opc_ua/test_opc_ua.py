@@ -48,7 +48,6 @@ def robot() -> Iterator[LibraryRobot]:
 def read_until(
     feedback: OPCUARobotics, enough: Callable[[list[Item]], object], drive: Callable[[], None]
 ) -> list[Item]:
-    """Read while the robot is driven, until there is enough."""
     items: list[Item] = []
     until_s = time.monotonic() + PATIENCE_S
     over = threading.Event()
@@ -153,7 +152,6 @@ def test_a_channel_is_renewed_in_time() -> None:
 
 
 def _space(**axes: int | None) -> Space:
-    """A robot with axes of these names, each with its unit."""
     space = Space()
     for axis, unit in axes.items():
         space.add(f"DeviceSet/Cell/MotionDevices/Robot/Axes/{axis}/ParameterSet/ActualPosition", "q1", unit)

@@ -1,5 +1,3 @@
-"""Messages of OPC UA read from bytes: what asyncua writes is read as asyncua does, and no claim fills the memory."""
-
 from __future__ import annotations
 
 import struct
@@ -32,7 +30,6 @@ MOST_BYTES = 1 << 20
 
 
 def variants() -> list[Any]:
-    """One value of each kind, and arrays of some."""
     plain = [True, -5, 2**40, 1.5, "text", b"bytes", T0, uuid.UUID(int=7), None]
     kinds = ("SByte", "Byte", "Int16", "UInt16", "UInt32", "UInt64", "Float")
     typed = [ua.Variant(3, ua.VariantType[kind]) for kind in kinds]

@@ -1,5 +1,3 @@
-"""OPC UA for Robotics: a server driven by hand, one message at a time; positions and the condition by themselves."""
-
 from __future__ import annotations
 
 import math
