@@ -16,6 +16,7 @@ from rigs.load import parse
 from tests.support.command_line import ran
 from tests.support.drawn_tables import Array, constants, seen_by_tracker
 from tests.support.foreign_tables import Poses, rows, text
+from tests.support.nightly import cases
 from tests.support.refusals import refused
 from tests.worlds.arms.independent_arm import flange, none
 
@@ -56,15 +57,14 @@ def axes_of(name: str) -> list[str]:
         ("staubli-tx2-60", "{}_ref", "{}_laser"),
     ],
 )
-@pytest.mark.parametrize("first", ["computed", "tracked"])
 def test_measured_place_is_used_and_the_pose_of_the_controller_kept(
-    arm: str, computed: str, tracked: str, first: str, tmp_path: Path
+    arm: str, computed: str, tracked: str, tmp_path: Path
 ) -> None:
     p = measured(arm, 1)
     xyz_mm, turn = by_controller(arm, p.q)
     angles = [computed.format(axis) for axis in ("RX", "RY", "RZ")]
     both = [([*axes_of(computed), *angles], xyz_mm, turn.as_euler("xyz", degrees=True)), (axes_of(tracked), p.xyz_mm)]
-    both = both if first == "computed" else both[::-1]
+    both = both if arm < "k" else both[::-1]
     header = [*JOINTS, *(name for names, *_ in both for name in names)]
     words = written(tmp_path, arm, header, np.degrees(p.q), *(value for _, *values in both for value in values))
     done = ran(*words, cwd=tmp_path)
@@ -96,17 +96,19 @@ def test_two_measured_places_are_a_question_and_a_typed_target_is_not_of_the_con
     assert proposal.table_map.place and proposal.table_map.place.columns == tuple(axes_of("{} ist"))
 
 
-@pytest.mark.parametrize("plain", [False, True])
 @pytest.mark.parametrize(
-    ("arm", "backwards"),
-    [
-        ("ur10e", (2, 4)),
-        ("fanuc-lr-mate-200id", (3, 5)),
-        ("abb-irb-120", (2, 3, 6)),
-        ("staubli-tx2-60", (1, 2, 4, 5)),
-        ("yaskawa-gp12", (2, 3, 4, 5, 6)),
-        ("doosan-m1013", (1, 3, 4, 5, 6)),
-    ],
+    ("arm", "backwards", "plain"),
+    cases(
+        [
+            ("ur10e", (2, 4), True),
+            ("fanuc-lr-mate-200id", (3, 5), False),
+            ("abb-irb-120", (2, 3, 6), True),
+            ("staubli-tx2-60", (1, 2, 4, 5), True),
+            ("yaskawa-gp12", (2, 3, 4, 5, 6), False),
+            ("doosan-m1013", (1, 3, 4, 5, 6), False),
+        ],
+        lambda case: len(case[1]) < 4,
+    ),
 )
 def test_several_axes_in_the_opposite_direction_are_named(
     arm: str, backwards: tuple[int, ...], plain: bool, tmp_path: Path
@@ -136,16 +138,15 @@ def test_an_answer_about_the_frame_settles_the_signs_of_the_joints(tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    ("angles", "lengths"),
+    ("angles", "lengths", "style"),
     [
-        ("rad deg deg deg deg deg", "mm mm m"),
-        ("deg deg deg rad rad rad", "cm mm mm"),
-        ("deg rad deg rad deg rad", "in in mm"),
-        ("rad rad rad rad rad deg", "m cm mm"),
-        ("deg deg deg deg deg deg", "mm in m"),
+        ("rad deg deg deg deg deg", "mm mm m", "{} [{}]"),
+        ("deg deg deg rad rad rad", "cm mm mm", "{} ({})"),
+        ("deg rad deg rad deg rad", "in in mm", "{}_{}"),
+        ("rad rad rad rad rad deg", "m cm mm", "a line"),
+        ("deg deg deg deg deg deg", "mm in m", "{}_{}"),
     ],
 )
-@pytest.mark.parametrize("style", ["{} [{}]", "{} ({})", "{}_{}", "a line"])
 def test_each_column_is_read_in_its_own_unit(angles: str, lengths: str, style: str, tmp_path: Path) -> None:
     p = measured("ur10e", 6, 20)
     units = [*angles.split(), *lengths.split()]
@@ -176,7 +177,7 @@ def test_a_table_of_few_postures_asks_for_others(count: int, postures: int, plai
     assert done.returncode == (0 if plain else 3) and "postures" in done.stderr
 
 
-@pytest.mark.parametrize(("count", "wild"), [(25, 6), (30, 4), (48, 9), (80, 20), (120, 14)])
+@pytest.mark.parametrize(("count", "wild"), [(25, 6), (30, 4), (80, 20)])
 def test_scattered_wild_rows_are_all_named_and_left_out(count: int, wild: int, tmp_path: Path) -> None:
     rng = np.random.default_rng(count)
     p = measured("ur10e", count, count)
@@ -213,8 +214,13 @@ def test_a_table_without_a_fitting_place_is_refused(tmp_path: Path) -> None:
         propose_map([tmp_path / "t.csv"], tmp_path / "arm.yaml")
 
 
-@pytest.mark.parametrize("joints_are", ["appended", "in another file", "first"])
-@pytest.mark.parametrize("extra", ["", "uncertainties", "numbered points", "times"])
+@pytest.mark.parametrize(
+    ("joints_are", "extra"),
+    [
+        ("appended", ""), ("first", "uncertainties"), ("in another file", "uncertainties"),
+        ("in another file", "numbered points"), ("first", "times"), ("appended", "times"),
+    ],
+)  # fmt: skip
 def test_points_of_a_report_without_a_header_are_found_among_other_numbers(
     joints_are: str, extra: str, tmp_path: Path
 ) -> None:
@@ -234,7 +240,7 @@ def test_points_of_a_report_without_a_header_are_found_among_other_numbers(
     assert np.abs(load_measured(tmp_path / "run").table.readings - p.xyz_mm).max() < 1e-5
 
 
-@pytest.mark.parametrize("rows_off", [(3, 7, 11), (2, 9), (1, 4, 8, 15, 16), (5, 6, 7), (12, 18, 19)])
+@pytest.mark.parametrize("rows_off", [(2, 9), (1, 4, 8, 15, 16)])
 def test_every_line_with_the_same_mistake_is_named(rows_off: tuple[int, ...], tmp_path: Path) -> None:
     p = measured("ur10e", 14, 20)
     words = written(tmp_path, "ur10e", [*JOINTS, *"xyz"], np.degrees(p.q), p.xyz_mm)
