@@ -25,7 +25,7 @@ def _with_term(**changed: Any) -> dict[str, Any]:
     [
         ({"rig": "ur10e"}, "ur10e, but"),
         (_with_term(times=1e30), "offset_deg of 2e+28"),
-        ({"factor": packed_factor(1e30 * np.eye(COUNT))}, "width_deg of term 0 is 1e+30"),
+        ({"factor": packed_factor(1e30 * np.eye(COUNT))}, "of term 0 is 1e+30"),
         ({"factor": packed_factor(np.zeros((COUNT, COUNT)))}, "of term 0 is 0"),
         ({"widened": 1e30}, "large errors"),
         ({"joints_deg": ((-30.0, 30.0),) * 7}, "7 axes"),

@@ -237,7 +237,7 @@ def test_a_key_given_twice_is_refused() -> None:
         ("limits_deg: [-150, 150]", "limits_deg: [-1.0e+9, 150]", "at least -1440"),
         ("[0, 1, 0, 0, 0, 0]", "[1, 0, 0, 0, 0, 0]", "is singular"),
         ("offset_mm: -25", "offset_mm: 25", "same position"),
-        ("offset_mm: -25", "offset_mm: 75", "values of offset_mm"),
+        ("offset_mm: -25", "offset_mm: 75", "of offset_mm"),
         ("accuracy_mm: 0.0005", "timeout_s: 1.0e-300", "at least 0.01"),
         ("line: 4800 7E2", "line: {baud: 0, bits: 9, parity: X, stop: 3}", "at least 50"),
         ("line: 4800 7E2", "line: 4800", "'9600 8N1'"),

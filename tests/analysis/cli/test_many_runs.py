@@ -77,10 +77,8 @@ def test_a_process_that_was_killed_is_reported(tmp_path: Path, capsys: pytest.Ca
     items = [Deadly(tmp_path, number, times) for number, times in enumerate((0, 1, 0, 2))]
     (error,) = over_runs(die, items, seen.append, doing="dying", jobs=2)
     assert seen == [0, 1, 2] and "signal 9, 2 times" in error.what
-    assert capsys.readouterr().err.splitlines() == [
-        "note: item 1: the process was killed, and the run was restarted",
-        f"error: {error}",
-    ]
+    note, last = capsys.readouterr().err.splitlines()
+    assert note.startswith("note: item 1: ") and last == f"error: {error}"
 
 
 def stops(item: int) -> int:

@@ -289,7 +289,7 @@ def test_a_path_is_judged_by_its_own_targets(tmp_path: Path, q1: float, status: 
 def test_u_of_a_program_is_that_of_targets_that_runs_cover() -> None:
     u_mm = np.array([0.1, 0.2])
     assert "± 0.400 mm" in reached(u_mm, 2 * u_mm)
-    assert "the runs cover" in reached(np.append(u_mm, np.nan), np.append(u_mm, np.nan))
+    assert "runs cover" in reached(np.append(u_mm, np.nan), np.append(u_mm, np.nan))
 
 
 def test_without_the_joint_angles_of_the_runs_coverage_is_unknown(tmp_path: Path) -> None:

@@ -108,8 +108,8 @@ def test_path_is_no_evidence(cell: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("program", "ur10e", "--for", "ur", "--test", "iso9283", "-o", "P"), "has no tests.iso9283"),
-        (("simulate", "ur10e", "--test", "iso9283", "-o", "P"), "has no tests.iso9283"),
+        (("program", "ur10e", "--for", "ur", "--test", "iso9283", "-o", "P"), "no tests.iso9283"),
+        (("simulate", "ur10e", "--test", "iso9283", "-o", "P"), "no tests.iso9283"),
         (("program", "SEVEN", "--for", "ur", "--test", "iso9283", "-o", "P"), "7 axes"),
         (("program", "CELL", "--for", "ur", "--test", "iso9283", "--targets", "-o", "P"), "remove it"),
     ],

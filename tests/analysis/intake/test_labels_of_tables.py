@@ -46,7 +46,7 @@ def test_rigs_own_headers_are_questioned_from_the_same_limits(tmp_path: Path) ->
     longer = TEXT.replace("a_mm: -571.55", "a_mm: -531.55")
     assert longer != TEXT
     written(tmp_path, joints("q{}_deg") + ",x_mm,y_mm,z_mm", np.degrees(Q), XYZ, rig=longer)
-    assert "do not fit" in imported(tmp_path)
+    assert "not fit" in imported(tmp_path)
 
 
 def test_a_place_in_other_columns_is_read_by_a_map(tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def test_stamps_that_rigd_cannot_have_written_are_refused(
 def test_invalid_readings_are_ignored_and_counted(value: float) -> None:
     """200 mm is further than a link between the two sides of the circle can be."""
     measured = measured_of(with_column("g1", "g1_mm", [100, 200, 201], value))
-    assert any(doubt.startswith("g1: 3 rows are ignored") for doubt in measured.doubts)
+    assert any(doubt.startswith("g1: 3 rows") for doubt in measured.doubts)
     usual = measured_of(lap())
     assert len(usual.table.q) - 3 <= len(measured.table.q) < len(usual.table.q)
     assert not [doubt for doubt in usual.doubts if "no reading" in doubt]
@@ -66,7 +66,7 @@ def test_invalid_readings_are_ignored_and_counted(value: float) -> None:
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
 def test_joints_that_no_robot_has_are_left_out_and_counted(value: float) -> None:
     measured = measured_of(with_column("robot", "q3_deg", [100], value))
-    assert any(doubt.startswith("robot: 1 row is ignored") for doubt in measured.doubts)
+    assert any(doubt.startswith("robot: 1 row") for doubt in measured.doubts)
     assert np.isfinite(measured.table.q).all()
 
 
@@ -92,7 +92,7 @@ def test_stopped_clock_is_ignored_with_a_doubt(stream: str, step_s: float) -> No
     )
     without = measured_of(with_column(stream, "device_time_s", slice(None), np.nan))
     (doubt,) = set(measured.doubts) - set(without.doubts)
-    assert doubt.startswith(f"{stream}: the instrument clock")
+    assert doubt.startswith(f"{stream}: the instrument")
     assert measured.u_lag_s == without.u_lag_s and np.array_equal(measured.table.q, without.table.q)
 
 

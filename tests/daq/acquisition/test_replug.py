@@ -115,7 +115,7 @@ def test_outage_is_one_fault_with_each_reason_once(monkeypatch: pytest.MonkeyPat
             return Link("g1", -1, lambda: None)
         if len(attempts) > 45:
             ended.set()
-        raise CellError("g1", "absent" if len(attempts) < 20 else "forbidden", "connect the device")
+        raise CellError("g1", "absent" if len(attempts) < 20 else "forbidden", "connect it")
 
     stream = replace(stream, opening=opened)
     reader = StreamReader(stream, buffer, Link("g1", -1, lambda: None))

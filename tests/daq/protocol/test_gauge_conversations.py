@@ -110,7 +110,7 @@ def test_nd287_nuls_before_a_message_are_passed_over_and_none_in_it(reply: bytes
         (b"\x0200000111\r\n", "mm", "inch"),
         (b"\x02 0 0 0 0 0 0 1 1\r\n", "inch", "mm"),
         (b"\x0200000211\r\n", "mm", "an angle"),
-        (b"\x0210000011\r\n", "mm", "distance to go"),
+        (b"\x0210000011\r\n", "mm", "to go"),
     ],
 )
 def test_nd287_whose_display_shows_something_else_is_not_read(status: bytes, units: str, words: str) -> None:

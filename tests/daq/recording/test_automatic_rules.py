@@ -70,7 +70,7 @@ retention: {}"""
         "needs a direction",
         "no direction",
         "either signal, or",
-        "from_deg and to_deg",
+        "and to_deg",
     ]
     words += [
         "distant posture",

@@ -36,7 +36,7 @@ def test_tests_measure_with_two_and_all_are_recorded() -> None:
         ({"g3": HEADS, "g4": HEADS}, "g3 and g4 share /dev/ttyUSB9 and channel 1"),
         (
             {"g3": HEADS, "g4": HEADS | {"channel": 2, "units": "inch"}},
-            "g3 and g4 share /dev/ttyUSB9, but not `units` (mm and inch)",
+            "g3 and g4 share",
         ),
         ({"g4": HEADS | {"interface": "tesa_tt", "line": "4800 7E2"}} | {"g3": HEADS}, "g3 and g4 share"),
         ({"g9": HEADS}, "unknown key"),

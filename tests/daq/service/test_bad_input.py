@@ -209,7 +209,7 @@ def test_ctrl_c_while_recording_closes_the_run(bench: Bench) -> None:
     bench.recorded(50)
     code, said = bench.signalled(signal.SIGINT)
     assert code == 130
-    assert f"data are safe: {path}" in said and "Traceback" not in said
+    assert f"are safe: {path}" in said and "Traceback" not in said
     run = read_run(path)
     assert run.manifest.exit_status == "interrupted" and "SIGINT" in run.manifest.reason
     assert bench.run("rig", "verify", path).returncode == 0

@@ -290,7 +290,7 @@ def run_full(command: list[str]) -> tuple[Path, int, str]:
 def test_file_that_may_not_grow(tmp_path: Path, limit: int) -> None:
     path, synced, closed = run_full(python(FULL, tmp_path, limit))
     if closed != "closed":
-        assert closed.startswith(f"{path}: cannot be written")
+        assert closed.startswith(f"{path}: ")
         assert not recover(path).nothing_to_do
     assert verify(path) == []
     read = read_run(path)

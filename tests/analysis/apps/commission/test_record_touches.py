@@ -58,7 +58,7 @@ def test_ending_early_keeps_finished_touches(tmp_path: Path) -> None:
 
 
 def test_a_robot_that_falls_silent_takes_no_touch_along(tmp_path: Path) -> None:
-    said, silent = list[str](), CellError("robot", "no joints for 5 s", "wait")
+    said, silent = list[str](), CellError("robot", "no joints", "wait")
     with pytest.raises(CellError):
         record_touches(Served(8, silent), "monday", tmp_path / "monday", "ada", "", None, said.append)
     assert str(tmp_path / "monday") in said[-1] and len(load_run(tmp_path / "monday").table.q) == 8

@@ -160,7 +160,7 @@ def test_an_older_rigd_is_named(path: Path) -> None:
 def test_foreign_answer_is_reported_and_asked_again(path: Path) -> None:
     with fake(path) as daemon, DaemonSource(path) as source:
         daemon.answers = lambda request: {"ok": True, "streams": {}}
-        watched_until(source, LiveView(), lambda view: "other than rigd" in view.lost)
+        watched_until(source, LiveView(), lambda view: "than rigd" in view.lost)
         daemon.answers = daemon.usual
         watched_until(source, LiveView(), lambda view: len(view.rows))
 

@@ -145,8 +145,8 @@ def test_a_wrong_label_is_explained_whole_at_80_columns(text: str) -> None:
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (30, 10)])
 def test_a_message_leaves_the_keys_in_sight(width: int, height: int) -> None:
-    lines = screen(LiveView(), LiveControls(message="stored in runs/lap"), width, height).lines()
-    assert "stored in runs/lap" in lines[-2] and "s start" in lines[-1]
+    lines = screen(LiveView(), LiveControls(message="in runs/lap"), width, height).lines()
+    assert "in runs/lap" in lines[-2] and "s start" in lines[-1]
 
 
 def test_without_a_curve_no_reach_and_no_sine_are_shown(views: list[LiveView]) -> None:

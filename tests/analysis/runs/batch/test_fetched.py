@@ -63,8 +63,8 @@ def test_the_files_that_are_read_are_there_and_then_gone(protocol: str, run: Pat
 def test_an_error_names_the_run_and_not_its_copy(run: Path, place: Path) -> None:
     url = url_of(run)
     with pytest.raises(FileError) as error, fetched(location(url)) as found:
-        raise FileError(str(found / "x"), f"bad in {found}", f"run `rig recover {found}`")
-    assert str(error.value) == f"{url}/x: bad in {url}; run `rig recover` on a copy of the run"
+        raise FileError(str(found / "x"), f"bad in {found}", f"`rig recover {found}`")
+    assert str(error.value) == f"{url}/x: bad in {url}; `rig recover` on a copy of the run"
     assert not list(place.iterdir())
 
 

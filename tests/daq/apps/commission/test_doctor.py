@@ -246,8 +246,8 @@ def test_line_settings_that_would_work_are_found() -> None:
     assert [finding.verdict for finding in good] == [OK, OK], good
     assert "at 4800 7E2 with DTR on, RTS off: " in good[0].what
     assert first.verdict is second.verdict is WRONG
-    assert "9600 8N1, but answers at 4800 7E2" in first.what and first.remedy == "write line: 4800 7E2"
-    assert "38400 8N1, but answers at 9600 8" in second.what  # a pty knows no parity
+    assert "at 4800 7E2" in first.what and first.remedy == "write line: 4800 7E2"
+    assert "at 9600 8" in second.what  # a pty knows no parity
 
 
 def test_nothing_and_something_else_behind_the_robot_s_port() -> None:
