@@ -62,7 +62,7 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
             shown = dict.fromkeys(finding.runs, finding) | shown
     wrong = {k: shown[name] for k, name in enumerate(names) if name in shown}
     if uses[0] and all(k in wrong for k in range(len(uses[0]))):
-        raise FileError(str(runs[0].path), wrong[0].what, wrong[0].remedy)
+        raise FileError(str(runs[0].path), wrong[0].what, wrong[0].remedy, code="run.convention")
     seen = _about_one_rig(rig, runs)
     kept = [k for k in range(len(runs)) if k not in wrong]
     seen, far = _without_far(seen, names, set(kept))

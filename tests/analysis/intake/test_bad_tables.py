@@ -156,8 +156,8 @@ def test_the_direction_of_the_command() -> None:
     assert line.startswith("t.csv: ") and "--direction" in line
     rows = plain("yaw")
     del rows["direction"]
-    (line,) = refusal(csv_text(rows), "yaw")
-    assert line.startswith("t.csv, line 1, direction: ") and line.endswith("--direction")
+    line = refusal(csv_text(rows), "yaw")[0]
+    assert line.startswith("t.csv, line 1, direction: ") and "--direction" in line
 
 
 def test_joints_that_jump() -> None:

@@ -21,12 +21,9 @@ def test_each_row_carries_its_own_uncertainty(tmp_path: Path) -> None:
     measured = measured_of(run)
     data = align.align(run.path, run, measured.rig)
     assert len(data.u_t_s) == len(data.t_s)
-    assert f"robot: {len(WRONG)} stamps " in measured.doubts
-    assert [doubt.split(": the computer")[0] for doubt in measured.doubts if "too uncertain" in doubt] == [
-        "g1: 1 row",
-        "g2: 1 row",
-        f"robot: {len(WRONG)} rows",
-    ]
+    assert any(doubt.startswith(f"robot: {len(WRONG)} stamps ") for doubt in measured.doubts)
+    ignored = [doubt.split(" is ")[0].split(" are ")[0] for doubt in measured.doubts if "too uncertain" in doubt]
+    assert ignored == ["g1: 1 row", "g2: 1 row", f"robot: {len(WRONG)} rows"]
     uncertain = np.flatnonzero(data.u_t_s > 1e-4)
     assert 1 <= len(uncertain) <= 3  # the slower answer, and those beside it
     assert data.u_t_s.max() == pytest.approx(3e-3 / np.sqrt(12), rel=0.1)

@@ -127,7 +127,7 @@ def test_outage_is_one_fault_with_each_reason_once(monkeypatch: pytest.MonkeyPat
     assert {fault.kind for fault in faults} == {FaultKind.DISCONNECTED}
     told = [(fault.count, fault.detail.split(": ")[-1].split(";")[0].split(" after ")[0]) for fault in faults]
     lost, back = (1, "the protocol failed"), (0, f"{stream.port} reconnected")
-    assert told == [lost, (0, "absent"), (0, "permission denied"), back, lost, (0, "permission denied")]
+    assert told == [lost, (0, "absent"), (0, "forbidden"), back, lost, (0, "forbidden")]
     assert buffer.state().counters["disconnected"] == 2
 
 

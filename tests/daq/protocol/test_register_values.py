@@ -104,7 +104,7 @@ def _swapped(value_mm: float) -> list[int]:
 def test_swapped_bytes_are_a_fault_that_names_the_order(value_mm: float) -> None:
     item = _read(_float_gauge(), _swapped(value_mm))
     assert isinstance(item, Fault) and item.kind is FaultKind.GARBLED
-    assert f"{value_mm:.4g} byte_order: little" in item.detail
+    assert f"{value_mm:.4g} mm" in item.detail and "byte_order: little" in item.detail
     good = _read(_float_gauge(byte_order="little"), _swapped(value_mm))
     assert isinstance(good, Sample) and good.values == pytest.approx((value_mm,))
 
@@ -155,7 +155,7 @@ def test_a_swapped_number_below_a_nanometre_is_a_fault_though_it_stays() -> None
     items = [_answered(script, _laid(0.731, "float32", "little", "big")) for _ in range(50)]
     first, *_ = items
     assert not any(isinstance(item, Sample) for item in items)
-    assert isinstance(first, Fault) and "word_order: little" in first.detail
+    assert isinstance(first, Fault) and "0.731 mm" in first.detail and "word_order: little" in first.detail
 
 
 @pytest.mark.parametrize("value_mm", [0.0, -1.96e-16, 3e-8])

@@ -285,22 +285,26 @@ def test_a_run_that_is_deleted_is_followed_by_another_and_counts_as_dropped(
 
 
 @pytest.mark.parametrize(
-    "end",
+    ("end", "code"),
     [
-        Recorder.stop_run,
-        lambda recorder: recorder.start_run(RecordingRequest(RunLabel(name="b", test="radial"))).result(),
+        (Recorder.stop_run, "recording.none"),
+        (
+            lambda recorder: recorder.start_run(RecordingRequest(RunLabel(name="b", test="radial"))).result(),
+            "disk.nearly_full",
+        ),
     ],
 )
 def test_stop_or_start_ends_the_waiting(
     written: Written,
     end: Callable[[Recorder], object],
+    code: str,
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     monkeypatch.setattr(durable, "free_bytes", lambda _: 0)
     written.round()
     written.round(7)
-    with refused("disk.nearly_full"):
+    with refused(code):
         end(written.recorder)
     assert "was abandoned, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
     monkeypatch.undo()

@@ -232,7 +232,7 @@ def lock(path: Path) -> None:
 
 def test_a_lock_spoils_nothing_that_it_finds(tmp_path: Path) -> None:
     notes, place = tmp_path / "notes.txt", tmp_path / "rigd" / "cell.lock"
-    notes.write_text("precious")
+    notes.write_text("precious" * 5)
     place.parent.mkdir(mode=0o700)
     made = (
         (lambda: place.symlink_to(notes), "is a symbolic link"),
@@ -246,7 +246,7 @@ def test_a_lock_spoils_nothing_that_it_finds(tmp_path: Path) -> None:
         before = place.read_text() if place.is_file() else ""
         with pytest.raises(RigError, match=says):
             lock(place)
-        assert notes.read_text() == "precious"
+        assert notes.read_text() == "precious" * 5
         assert before == (place.read_text() if place.is_file() else "")
         place.rmdir() if place.is_dir() else place.unlink()
     lock(place)

@@ -31,9 +31,9 @@ def no_descriptor(but: int = 0) -> Iterator[None]:
 
 @pytest.mark.parametrize("but", [0, 1, 2])
 def test_a_run_that_cannot_begin_asks_for_descriptors_and_begins_when_there_are_some(tmp_path: Path, but: int) -> None:
-    with no_descriptor(but), pytest.raises(CellError, match=REMEDY) as refused:
+    with no_descriptor(but), pytest.raises(CellError, match=REMEDY) as error:
         start(tmp_path)
-    assert "make room" not in str(refused.value)
+    assert "make room" not in str(error.value)
     assert not any(tmp_path.iterdir())  # no directory without a manifest is left
     start(tmp_path).close("complete", "", {})
 

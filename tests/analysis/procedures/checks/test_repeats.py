@@ -61,7 +61,7 @@ def test_the_others_are_diagnosed_and_the_run_is_named() -> None:
 def test_an_exchange_in_all_runs_is_refused_where_a_play_would_lead() -> None:
     """Repeats do not show it, and no effect explains it; a joint with play does."""
     runs = circles((PLAY,), seed=44)
-    with refused("run.impossible"):
+    with refused("run.convention"):
         found_in(_with_swaps(runs, range(len(runs))))
     assert not any("exchanged" in doubt for doubt in found_in(runs).doubts)
 

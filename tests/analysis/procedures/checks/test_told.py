@@ -37,7 +37,7 @@ def test_missing_coupling_is_reported_at_import_and_evaluation(tmp_path: Path) -
     measured = read_table(source, "ur10", "pose")
     assert any(doubt.startswith(said) for doubt in evaluate(measured).doubts)
     for judge in (diagnose, calibrate):
-        with refused("run.impossible"):
+        with refused("run.convention"):
             judge([measured])
 
 
@@ -83,7 +83,7 @@ def test_rig_check_of_a_sound_run_ends_well(tmp_path: Path) -> None:
 def test_gauges_that_both_count_the_other_way_are_refused_where_a_play_would_lead() -> None:
     runs = circles((PLAY,), seed=3)
     negated = [replace(run, table=replace(run.table, g_mm=-run.table.g_mm)) for run in runs]  # type: ignore[union-attr]
-    with refused("run.impossible"):
+    with refused("run.convention"):
         found_in(negated)
 
 
@@ -93,7 +93,7 @@ def test_gauges_that_contradict_the_effects_of_the_rig_file_are_refused() -> Non
     run = replace(run, rig=rig)
     assert isinstance(run.table, CircleTable)
     negated = replace(run, table=replace(run.table, g_mm=-run.table.g_mm))
-    with refused("run.impossible"):
+    with refused("run.convention"):
         found_in([negated], rig)
     assert findings_of([run]) == []
 

@@ -107,7 +107,7 @@ def test_held_out_residual_ignores_outliers(spoil: str) -> None:
     assert left_um[0] < 1.4 * left_um[1] < 100
 
 
-@pytest.mark.parametrize("which", ["about 31", "every other row"])
+@pytest.mark.parametrize("which", ["from about 31", "every other row"])
 def test_two_reflectors_in_one_run_are_detected(which: str) -> None:
     """Each row alone is close to an arm fitted to both reflectors."""
     seen = _seen(0)

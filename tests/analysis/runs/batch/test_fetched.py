@@ -64,7 +64,7 @@ def test_an_error_names_the_run_and_not_its_copy(run: Path, place: Path) -> None
     url = url_of(run)
     with pytest.raises(FileError) as error, fetched(location(url)) as found:
         raise FileError(str(found / "x"), f"bad in {found}", f"`rig recover {found}`")
-    assert str(error.value) == f"{url}/x: bad in {url}; `rig recover` on a copy of the run"
+    assert str(error.value) == f"{url}/x: bad in {url}; `rig recover {url}`"
     assert not list(place.iterdir())
 
 

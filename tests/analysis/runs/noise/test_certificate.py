@@ -137,7 +137,7 @@ def test_a_certificate_overdue_on_the_day_of_the_run_is_a_doubt(tmp_path: Path) 
     ball = PLAIN | {"date": "2020-01-31", "valid_until": "2100-01-01", "form_mm": 0.001}
     run = _lap(tmp_path, _text(g1=old, ball=ball, link=old | {"length_mm": 400}))
     (doubt,) = [doubt for doubt in measured_of(run).doubts if "certificate" in doubt]
-    assert re.match(r"g1: .*D-K-1 2025-17 .*2021-02-28.* \\d{4}-\\d\\d-\\d\\d;", doubt)
+    assert re.match(r"g1: .*D-K-1 2025-17 .*2021-02-28.* \d{4}-\d\d-\d\d;", doubt)
     (doubt,) = [doubt for doubt in measured_of(_edited(run, started="yesterday")).doubts if "day" in doubt]
     assert "'yesterday'" in doubt
 
@@ -146,7 +146,7 @@ def test_check_warns_of_a_certificate_that_is_overdue(tmp_path: Path) -> None:
     file = tmp_path / "cell.yaml"
     file.write_text(_text(g2=PLAIN | {"date": "2020-01-31", "valid_until": "2021-01-31"}))
     told = CliRunner().invoke(app, ["check", str(file)]).stdout
-    assert re.search("\\n  g2: .*D-K-1 2025-17 .*2021-01-31", told)
+    assert re.search(r"\n  g2: .*D-K-1 2025-17 .*2021-01-31", told)
 
 
 @pytest.mark.parametrize(("test", "direction", "of_link"), [("yaw", "acw", False), ("radial", None, True)])
