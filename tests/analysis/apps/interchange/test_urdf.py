@@ -260,18 +260,18 @@ def test_links_in_a_circle_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("base", "tip", "what"),
+    ("base", "tip", "code"),
     [
-        ("link_3", None, "3 turning joints"),
-        ("tool0", "base_link", "base tool0"),
-        ("stand", None, "base stand"),
-        ("flange", None, "link flange; .* base_link, link_1, link_2, link_3, link_4 "),
-        (None, "tool1", "link tool1"),
+        ("link_3", None, "urdf.axes"),
+        ("tool0", "base_link", "urdf.base_moves"),
+        ("stand", None, "urdf.base_moves"),
+        ("flange", None, "urdf.link_missing"),
+        (None, "tool1", "urdf.link_missing"),
     ],
 )
-def test_other_ends_have_other_joints(base: str | None, tip: str | None, what: str, tmp_path: Path) -> None:
+def test_other_ends_have_other_joints(base: str | None, tip: str | None, code: str, tmp_path: Path) -> None:
     text = GOOD.replace("</robot>", f"{SEVENTH}{MOVED_BASE}</robot>")
-    with pytest.raises(FileError, match=re.escape(what)):
+    with refused(code):
         import_urdf(urdf(tmp_path, text), base, tip)
 
 

@@ -93,7 +93,7 @@ def test_a_lap_is_shown_whole(views: list[LiveView], width: int, height: int) ->
 
 def test_missing_values_are_announced() -> None:
     text = "\n".join(screen(LiveView(), LiveControls(), 80, 24).lines())
-    assert text.count(" yet") == 3
+    assert text.count(" yet") >= 3
 
 
 def test_a_loss_of_the_daemon_is_on_every_size(views: list[LiveView]) -> None:
